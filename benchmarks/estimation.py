@@ -43,7 +43,7 @@ def main() -> None:
     make_parser(__doc__).parse_args()
     made = simulated(STEPS, SEED, is_available())
     truth = [at for _, at in made]
-    print(f'{STEPS} steps of the scenario, with the covariance at every station')
+    print(f'{STEPS} steps of the scenario, with the shape and its covariance at every station')
     print(
         f'{"":36}{"ms/step":>9}{"force rms N":>12}{"zero N":>11}{"of 3":>9}{"of 4":>9}'
         f'{"95 % has":>10}'
@@ -59,6 +59,7 @@ def main() -> None:
             for step, (measured, _) in enumerate(made):
                 found.append(own.add(step * PERIOD, measured))
                 assert found[-1].pose_covariance.shape == (51, 6, 6)
+                assert found[-1].backbone.position.shape == (51, 3)
             report(f'{prior}, {way}', found, truth, time.process_time() - start)
     model = arm_model(remembers=False, is_compiled=is_available())
     converged = 0

@@ -13,7 +13,7 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.batch_solver import BatchSolver
 from octo_arm_model.core.compiled.compiled import Compiled
 from octo_arm_model.core.compiled.models.winding_kernels import Reeled
-from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.core.compiled.numba_build import add_up_curvature, is_available
 from octo_arm_model.core.errors import (
     ConfigError,
     ContinuationError,
@@ -34,6 +34,7 @@ from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths
 from octo_arm_model.core.section.tendons.tendon_sums import check_tensions
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
+from octo_arm_model.core.sensitivity.tip_curvature import tip_curvature
 
 __all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver']
 
@@ -156,14 +157,15 @@ class Solver:
         if tip_wrench is not None:
             wrench = wrench + self.check_tip_wrench(tip_wrench)
             own, lead = checked.shape[: -len(self.arm.tension_shape)], wrench.shape[:-1]
-            try:
-                lead = np.broadcast_shapes(own, lead)
-            except ValueError:
-                expected = f'those of the tensions, {own}, or none'
-                raise LoadError(
-                    f'tip_wrench has leading axes {lead}, expected {expected}'
-                ) from None
-            checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
+            if lead != own:
+                try:
+                    lead = np.broadcast_shapes(own, lead)
+                except ValueError:
+                    expected = f'those of the tensions, {own}, or none'
+                    raise LoadError(
+                        f'tip_wrench has leading axes {lead}, expected {expected}'
+                    ) from None
+                checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
         if start is not None:
             self._own_twist(start)
         return self._batches.solve(checked.copy(), wrench, start, before)
@@ -231,6 +233,14 @@ class Solver:
                 what = 'others' if one.others else 'scaled'
                 raise ConfigError(f'loads.{what} have no derivatives by their magnitude')
         return self._statics.sensitivity_to_loads(backbone, loads)
+
+    def tip_curvature(
+        self, backbone: Backbone, by_force: FloatArray, by: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """See `tip_curvature`, of a single solution of this solver."""
+        integrate = None if self._compiled is None else add_up_curvature()
+        force = backbone.tip_wrench[:3]
+        return tip_curvature(backbone.position, by_force, by, force, integrate)
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip's position [m] and rotation vector [rad] in base_frame.

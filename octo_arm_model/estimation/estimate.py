@@ -24,30 +24,43 @@ class Estimate:
         state: what the vector of the state holds.
         mean: of the state, (n,).
         root: root of its covariance, (n, n).
-        backbone: shape in the mean, or a tenth of a standard deviation off at most, with the
-            tensions and the wrench on the tip estimated.
         innovations: of the measurements of this time.
         normalised_square: of all measurements of this time that were accepted, and of how many
             numbers; see `Innovation`.
         log_likelihood: of all of them, a refused one as if it were at the gate.
-        prior_stddev: of the state had nothing been measured, (n,).
+        elapsed: since the first time of all [s].
     """
 
     time: float
     state: State
     mean: FloatArray
     root: FloatArray
-    backbone: Backbone
     innovations: tuple[Innovation, ...]
     normalised_square: tuple[float, int]
     log_likelihood: float
-    prior_stddev: FloatArray
+    elapsed: float
     _at: Prediction = field(repr=False)
+
+    @functools.cached_property
+    def prior_stddev(self) -> FloatArray:
+        """Of the state had nothing been measured, (n,)."""
+        return self.state.prior_stddev(self.elapsed)
 
     @functools.cached_property
     def covariance(self) -> FloatArray:
         """Covariance of the state, (n, n)."""
         return self.root @ self.root.T
+
+    @functools.cached_property
+    def backbone(self) -> Backbone:
+        """Shape in the mean, with the tensions and the wrench on the tip estimated.
+
+        To first order from a state nearby: a tenth of a standard deviation off at most.
+        """
+        at, shape = self._at, self._at.solved
+        if at.x is not self.mean:
+            shape = at.change.moved(shape, self.mean - at.x)
+        return at.model.real(self.mean, shape)
 
     @functools.cached_property
     def pose_covariance(self) -> FloatArray:
@@ -95,7 +108,7 @@ class Estimate:
         return unlearnt(self.root, self.prior_stddev, self.state.names)
 
 
-def estimate_of(time: float, prior_stddev: FloatArray, updated: Updated) -> Estimate:
+def estimate_of(time: float, elapsed: float, updated: Updated) -> Estimate:
     """The `Estimate` that ``updated`` is."""
     at, belief = updated.at, updated.belief
     return Estimate(
@@ -103,10 +116,9 @@ def estimate_of(time: float, prior_stddev: FloatArray, updated: Updated) -> Esti
         at.model.state,
         belief.mean,
         belief.root,
-        at.model.real(belief.mean, updated.shape),
         updated.innovations,
         updated.normalised_square,
         updated.log_likelihood,
-        prior_stddev,
+        elapsed,
         at,
     )

@@ -46,9 +46,9 @@ class Step:
     measurements: tuple[Measurement, ...]
     updated: Updated
 
-    def estimate(self, model: ArmModel, first: float) -> Estimate:
-        """What is known of ``model`` then, of which the ``first`` step was at that time [s]."""
-        return estimate_of(self.time, model.state.prior_stddev(self.time - first), self.updated)
+    def estimate(self, first: float) -> Estimate:
+        """What is known then; the ``first`` step of all was at that time [s]."""
+        return estimate_of(self.time, self.time - first, self.updated)
 
 
 def next_step(
@@ -125,7 +125,7 @@ class Filter:
         for one in self.innovations:
             if not one.is_accepted:
                 self.refused[one.name] = self.refused.get(one.name, 0) + 1
-        return newest.estimate(self.model, self._window.first)
+        return newest.estimate(self._window.first)
 
 
 def check_gate(gate: float) -> None:

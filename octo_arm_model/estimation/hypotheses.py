@@ -103,11 +103,11 @@ class Hypotheses:
         """
         added, before, newest = self._window.add(time, measurements)
         ranked = []
-        for number, (name, model) in enumerate(self._models.items()):
+        for number, name in enumerate(self._models):
             then, now = added.steps[number], newest.steps[number]
             innovations: tuple[Innovation, ...] = ()
             step = now if newest.has_shape[number] else None
-            estimate = None if step is None else step.estimate(model, self._window.first)
+            estimate = None if step is None else step.estimate(self._window.first)
             if then is not None and added.has_shape[number]:
                 earlier = None
                 if before is not None and before.has_shape[number]:

@@ -84,7 +84,7 @@ def smooth_steps(model: ArmModel, steps: Sequence[Step]) -> list[Estimate]:
             return [
                 estimate_of(
                     step.time,
-                    model.state.prior_stddev(step.time - steps[0].time),
+                    step.time - steps[0].time,
                     step.updated._replace(
                         belief=Belief(at.x, belief.root), at=at, shape=at.solved
                     ),

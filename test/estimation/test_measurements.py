@@ -215,3 +215,34 @@ def test_displacements_are_those_of_winches_whose_tendons_stretch() -> None:
     assert at.model.tendon_compliance.tolist()[2] == 0.0
     moved = jacobian(lambda y: one.innovation(Prediction(model, y, at.solved)), at.x, 1e-4)
     np.testing.assert_allclose(one.jacobian(at), -moved, atol=1e-6 * np.abs(moved).max(), rtol=0)
+
+
+def test_the_tip_tells_how_it_bends_with_the_state() -> None:
+    unknowns = Unknowns(Walk(0.3), Walk(0.1), tip_force=LIKELY, log_modulus=Walk(0.1))
+    model = rubber(unknowns, loads=WEIGHT)
+    x = np.concatenate([TENSIONS, np.zeros(4), [0.004, -0.003, 0.006], [0.1]])
+    at = Prediction(model, x, None)
+    tip = TipPosition(at.solved.tip, 1e-3)
+    found = tip.second(at)
+    assert found is not None
+    stddev = model.state.prior_stddev()
+    expected = np.zeros_like(found)
+    for component in model.state.shaping:
+        step = 1e-3 * stddev * (np.arange(x.size) == component)
+        ends = [tip.jacobian(Prediction(model, x + one, at.solved)) for one in (step, -step)]
+        expected[:, :, component] = (ends[0] - ends[1]) / (2.0 * step[component])
+    # Of the modulus it tells nothing, nor of how sections stiffen.
+    some = slice(0, -1)
+    found, expected = (
+        (one * stddev * stddev[:, np.newaxis])[:, some, some] for one in (found, expected)
+    )
+    assert np.linalg.norm(found - expected) < 0.15 * np.linalg.norm(expected)
+    force = model.state.tip_force
+    off = np.linalg.norm((found - expected)[:, force, force])
+    assert off < 0.05 * np.linalg.norm(expected[:, force, force])
+
+
+def test_a_model_without_loads_tells_nothing_of_how_its_tip_bends() -> None:
+    model = rubber(Unknowns(Walk(0.3)), 'closed_form')
+    at = Prediction(model, TENSIONS.copy(), None)
+    assert TipPosition(at.solved.tip, 1e-3).second(at) is None

@@ -36,6 +36,7 @@ from octo_arm_model.core.compiled.models import (
 from octo_arm_model.core.compiled.models.arm_tables import no_arm, no_grid
 from octo_arm_model.core.compiled.section import length_kernels, minimum_kernels, section_kernels
 from octo_arm_model.core.compiled.section.section_tables import no_exact
+from octo_arm_model.core.sensitivity import tip_curvature
 
 _LOG = logging.getLogger(__name__)
 _R = TypeVar('_R')
@@ -111,6 +112,9 @@ differentiate_tip = _made(
     sensitivity_kernels.differentiate_tip, no_rod(), no_parameters(), _NONE, _WRENCH, _STATE,
     False, _NO_SYSTEM, np.zeros((6, 2)),
 )  # fmt: skip
+add_up_curvature = _made(
+    tip_curvature.add_up, np.ones((3, 2)), np.ones((6, 2, 3)), np.ones(3), np.ones((6, 3, 3))
+)
 
 
 def make_side_by_side() -> None:

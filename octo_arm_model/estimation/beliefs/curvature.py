@@ -1,6 +1,7 @@
 """How what measurements predict bends: second derivatives, learnt while a filter runs.
 
-They change slowly: every two Jacobians tell the second derivatives along the way from one to the
+Measurements of the tip give most of theirs by geometry. The others, and what that leaves out,
+change slowly: every two Jacobians tell the second derivatives along the way from one to the
 other (symmetric secant update, Powell 1970). Where they foretell a Jacobian badly they are found
 anew by differences, along what the measurements correct; where nothing is known of states nearby
 all are, for which the arm is solved once for each component of the state.
@@ -32,12 +33,14 @@ class Curvature(NamedTuple):
     Attributes:
         second: by the state, (m, n, n), symmetric.
         jacobian: of what is predicted, where they were learnt last, (m, n).
+        given: what measurements themselves say of them there, see `Measurement.second`.
         agreed: how innovations drew the mode so far.
         share: part of the whole shift to the mean, see `share_of`.
     """
 
     second: FloatArray
     jacobian: FloatArray
+    given: FloatArray
     agreed: Agreement = Agreement()
     share: float = 1.0
 
@@ -49,7 +52,18 @@ class Curvature(NamedTuple):
     @classmethod
     def flat(cls, jacobian: FloatArray, agreed: Agreement = Agreement()) -> Curvature:
         """None, of what is predicted with a ``jacobian``."""
-        return cls(np.zeros((*jacobian.shape, jacobian.shape[1])), jacobian, agreed)
+        nothing = np.zeros((*jacobian.shape, jacobian.shape[1]))
+        return cls(nothing, jacobian, nothing, agreed)
+
+    def moved(self, given: FloatArray) -> Curvature:
+        """The same besides what is ``given``, which is this elsewhere."""
+        if given is self.given:
+            return self
+        return self._replace(second=self.second + (given - self.given), given=given)
+
+    def halfway(self, given: FloatArray) -> Curvature:
+        """The same, halfway to where that is ``given``."""
+        return self if given is self.given else self.moved(0.5 * (self.given + given))
 
     def is_near(self, jacobian: FloatArray, stddev: FloatArray) -> bool:
         """Whether they are those about a ``jacobian``; ``stddev`` (n,) is of the state."""

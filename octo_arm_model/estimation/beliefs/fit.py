@@ -35,10 +35,14 @@ from octo_arm_model.estimation.measurements import (
     jacobians,
     noise_root,
     residuals,
+    seconds,
 )
 from octo_arm_model.estimation.state.prediction import Prediction
 
 _TOLERANCE = 0.1  # standard deviations a component, of a step that is the last
+# Likewise where it is straight by second derivatives that measurements themselves give: those
+# that are learnt may be wrong.
+_STRAIGHT = 3.0
 _MOST = 12  # evaluations
 _RENEWALS = 3  # of second derivatives: where no more foretell a step there is no end of it
 _GROWTH = 3.0  # of a step from one evaluation to the next, that ends the iteration
@@ -54,7 +58,7 @@ class Fit(NamedTuple):
     Attributes:
         belief: after them.
         at: a prediction nearly of its mean, about which they were linearised: a tenth of a
-            standard deviation off at most.
+            standard deviation off at most, or as far as they bend little, `Posterior.is_straight`.
         innovation: measured less predicted before, by that linearisation, (m,).
         innovation_root: of its covariance, (m, m).
         square: least sum of squares of noise and change of the state that explains them.
@@ -90,12 +94,15 @@ def fit(
     scale = np.where(at.model.state.shapes, stddev, np.inf)
     left, jacobian = residuals(measurements, at), jacobians(measurements, at)
     by = gain(prior.root, jacobian, noise)
+    given, is_given = seconds(measurements, at)
     if known is not None and not is_new and known.is_near(jacobian, stddev):
         known = known._replace(jacobian=jacobian)
     else:
         agreed = Agreement() if known is None else known.agreed
-        flat = Curvature.flat(jacobian, agreed)
-        known = renewed(flat, measurements, at, stddev_of(Belief(at.x, by.root)))
+        known = Curvature.flat(jacobian, agreed).moved(given)
+        if not is_given:
+            known = renewed(known, measurements, at, stddev_of(Belief(at.x, by.root)))
+    known = known.moved(given)
     posterior = Posterior(prior, noise, at.model, known.agreed.weight)
     local = posterior.local(at.x, left, jacobian, known.second, by)
     step = posterior.step(local, local.x)
@@ -118,8 +125,10 @@ def fit(
         jacobian = jacobians(measurements, at)
         by = gain(prior.root, jacobian, noise)
         change = at.x - before.x
+        given, _ = seconds(measurements, at)
+        known = known.halfway(given)
         is_right = known.foretells(change, jacobian, stddev)
-        known = known.after(change, jacobian, scale)
+        known = known.after(change, jacobian, scale).moved(given)
         if not is_right:
             if renewals == _RENEWALS:
                 break
@@ -128,7 +137,10 @@ def fit(
             known = renewed_along(by, known, measurements, at, after, scale)
         local = posterior.local(at.x, left, jacobian, known.second, by)
         step = posterior.step(local, at.x)
-        if step.size <= _TOLERANCE and step.cost <= first + _RISE:
+        is_last = step.size <= _TOLERANCE or (
+            is_given and step.size <= _STRAIGHT and posterior.is_straight(local, step.x, by)
+        )
+        if is_last and step.cost <= first + _RISE:
             return _fit(prior, step, at, left, jacobian, by, known)
         if step.size > _GROWTH * size:
             break

@@ -19,6 +19,7 @@ from octo_arm_model.estimation.beliefs.posterior_mean import gain_of_part, gradi
 from octo_arm_model.estimation.state.prediction import ArmModel
 
 _MOST_OF_MODEL = 8  # steps within a local model
+_OFF, _TURNED = 0.1, 0.3  # parts of the noise, of what is straight: its values, its spread
 _LAST = 1.0  # step within it that is the last
 _HALVED = 5  # times that such a step is halved
 _BENT = 0.8  # part of its stiffness that a direction may lose as measurements bend
@@ -102,6 +103,17 @@ class Posterior:
             root.T @ bent @ root,
             slope,
         )
+
+    def is_straight(self, local: Local, x: FloatArray, by: Gain) -> bool:
+        """Whether measurements bend little from the state of a ``local`` model to ``x``.
+
+        Neither what they predict there nor its spread, by what they make of the belief ``by``
+        themselves, is off by more than a part of the noise.
+        """
+        bent = local.second @ (self._away(x) - local.z)
+        off = 0.5 * (bent @ (self._away(x) - local.z))
+        turned = bent @ solve_lower(self._prior.root, by.root)
+        return bool(np.linalg.norm(off) <= _OFF and np.linalg.norm(turned) <= _TURNED)
 
     def square(self, x: FloatArray, left: FloatArray) -> float:
         """`Local.square` in a state ``x``, where so much is ``left``."""

@@ -142,8 +142,9 @@ def _contradicted(judged: Judged, gate: float) -> tuple[Measurement, float] | No
         return None
     worst, most = None, 1.0
     for one in accepted:
-        white = solve_lower(one.noise_root, one.innovation(found.at))
-        told = solve_lower(one.noise_root, one.jacobian(found.at) @ found.belief.root)
+        jacobian, away = one.jacobian(found.at), found.at.x - found.belief.mean
+        white = solve_lower(one.noise_root, one.innovation(found.at) + jacobian @ away)
+        told = solve_lower(one.noise_root, jacobian @ found.belief.root)
         values, vectors = np.linalg.eigh(np.eye(white.size) - told @ told.T)
         known = values > _REDUNDANT
         square = float(((vectors[:, known].T @ white) ** 2 / values[known]).sum())

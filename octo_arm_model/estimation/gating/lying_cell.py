@@ -176,7 +176,7 @@ def _replaced(measurements: Sequence[Measurement], apart: _Apart) -> list[Measur
 
 
 def _square(measurement: Measurement, at: Prediction, belief: Belief) -> float:
-    """Normalised square of a ``measurement`` by a ``belief`` whose mean is ``at``."""
-    told = measurement.jacobian(at) @ belief.root
-    root = lower_root([told, measurement.noise_root])
-    return normalised_square(measurement.innovation(at), root)
+    """Normalised square of a ``measurement`` by a ``belief`` whose mean is nearly ``at``."""
+    jacobian = measurement.jacobian(at)
+    root = lower_root([jacobian @ belief.root, measurement.noise_root])
+    return normalised_square(measurement.innovation(at) + jacobian @ (at.x - belief.mean), root)

@@ -8,6 +8,7 @@ from octo_arm_model.estimation.measurements.measurement import (
     jacobians,
     noise_root,
     residuals,
+    seconds,
 )
 from octo_arm_model.estimation.measurements.places import Curvatures, Markers
 from octo_arm_model.estimation.measurements.tendons import TendonDisplacements, Tensions
@@ -24,4 +25,5 @@ __all__ = [
     'jacobians',
     'noise_root',
     'residuals',
+    'seconds',
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import functools
 from collections.abc import Hashable, Iterator, Sequence
 from typing import ClassVar
 
@@ -93,6 +94,13 @@ class Measurement(abc.ABC):
     def jacobian(self, at: Prediction) -> FloatArray:
         """Change of what is predicted by the state, (m, state)."""
 
+    def second(self, at: Prediction) -> FloatArray | None:
+        """Second derivatives of what is predicted by the state, nearly, (m, state, state).
+
+        None where nothing tells them but differences.
+        """
+        return None
+
     def check_size(self, expected: int, what: str) -> None:
         """Check how many numbers there are; ``what`` they should be, in words.
 
@@ -117,6 +125,28 @@ def jacobians(measurements: Sequence[Measurement], at: Prediction) -> FloatArray
     if len(measurements) == 1:
         return measurements[0].jacobian(at)
     return np.concatenate([one.jacobian(at) for one in measurements])
+
+
+def seconds(measurements: Sequence[Measurement], at: Prediction) -> tuple[FloatArray, bool]:
+    """Their second derivatives, zero of those that do not give any, and whether all do."""
+    found = [one.second(at) for one in measurements]
+    sizes, state = [one.value.size for one in measurements], at.x.size
+    if all(second is None for second in found):
+        return _nothing(sum(sizes), state), False
+    given = [
+        _nothing(size, state) if second is None else second
+        for size, second in zip(sizes, found, strict=True)
+    ]
+    is_whole = all(second is not None for second in found)
+    return given[0] if len(given) == 1 else np.concatenate(given), is_whole
+
+
+@functools.lru_cache(maxsize=64)
+def _nothing(size: int, state: int) -> FloatArray:
+    """Zeros (size, state, state), the same ones each time."""
+    found = np.zeros((size, state, state))
+    found.setflags(write=False)
+    return found
 
 
 def noise_root(measurements: Sequence[Measurement]) -> FloatArray:

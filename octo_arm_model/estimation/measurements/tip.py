@@ -29,6 +29,10 @@ class TipPosition(Measurement):
         """Change of what is predicted by the state, (3, state)."""
         return at.change.tip[:3]
 
+    def second(self, at: Prediction) -> FloatArray | None:
+        """See `Measurement`."""
+        return at.tip_curvature
+
 
 class TipPose(Measurement):
     """Pose of the tip in base_frame: position [m] and quaternion x, y, z, w, (7,).

@@ -164,14 +164,38 @@ class ArmModel:
             Part(state.log_modulus, by.by_youngs_modulus, every, 1.0),
             Part(state.tension_loss, by.by_tension, every, lost),
         ]
+        by_tip_force = None
         if by.by_tip_wrench is not None:
+            by_tip_force = by.by_tip_wrench.pose[:, :, _FORCE]
             parts.append(Part(state.tip_force, by.by_tip_wrench, _FORCE, 1.0 / ratio))
             parts.append(Part(state.tip_moment, by.by_tip_wrench, _MOMENT, 1.0 / ratio))
         if self.unit_loads:
             by_loads = self.solver.sensitivity_to_loads(backbone, self.unit_loads)
             where = slice(state.point_forces.start, state.current.stop)
             parts.append(Part(where, by_loads, every, 1.0 / ratio))
-        return StateChange(state.size, parts)
+        return StateChange(state.size, parts, by_tip_force)
+
+    def tip_curvature(
+        self, x: FloatArray, backbone: Backbone, change: StateChange
+    ) -> FloatArray | None:
+        """Second derivatives of the position of the tip by the state, (3, n, n).
+
+        By the geometry of a ``backbone`` in ``x`` and its ``change``, see `tip_curvature`; None
+        where the model has no loads.
+        """
+        if change.by_tip_force is None:
+            return None
+        state = self.state
+        shaping, force = state.shaping, state.tip_force
+        by, by_unit = self.solver.tip_curvature(
+            backbone, change.by_tip_force, change.pose[:, :, shaping]
+        )
+        found = np.zeros((3, state.size, state.size))
+        found[:, shaping[:, np.newaxis], shaping] = by
+        if _has(force):
+            found[:, force, shaping] += by_unit.transpose(1, 0, 2) / self.stiffness(x)
+            found[:, shaping, force] += by_unit.transpose(1, 2, 0) / self.stiffness(x)
+        return found
 
     def real(self, x: FloatArray, backbone: Backbone) -> Backbone:
         """``backbone`` with the tensions and the wrench on the tip of ``x``."""
@@ -237,9 +261,19 @@ class Prediction:
         """
         return self.model.derivatives(self.x, self.solved)
 
+    @functools.cached_property
+    def tip_curvature(self) -> FloatArray | None:
+        """See `ArmModel.tip_curvature`.
+
+        Raises:
+            SolveError: as `solved`.
+        """
+        return self.model.tip_curvature(self.x, self.solved, self.change)
+
     def forget(self) -> None:
-        """Free the memory of `change`, which is found again where asked for."""
+        """Free the memory of derivatives, which are found again where asked for."""
         self.__dict__.pop('change', None)
+        self.__dict__.pop('tip_curvature', None)
 
     @functools.cached_property
     def tendon_lengths(self) -> FloatArray:

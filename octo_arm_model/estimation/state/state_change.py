@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,6 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.kinematics import unit
+from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change
 
 
@@ -29,21 +33,31 @@ class Part(NamedTuple):
 
 
 class StateChange:
-    """Change of the shape per unit of each component of a state, the last axis; see `Change`."""
+    """Change of the shape per unit of each component of a state, the last axis; see `Change`.
 
-    def __init__(self, size: int, parts: Sequence[Part]) -> None:
-        """Of a state of ``size`` components, of which those in none of ``parts`` do nothing."""
-        self._size, self._parts = size, parts
+    Attributes:
+        by_tip_force: change of pose by forces on the tip along all axes of the arm as described,
+            (stations, 6, 3); None where the model has no loads.
+    """
+
+    def __init__(
+        self, size: int, parts: Sequence[Part], by_tip_force: FloatArray | None = None
+    ) -> None:
+        """Of a state of ``size`` components, of which those in none of ``parts`` do nothing.
+
+        ``by_tip_force`` is the change of pose by forces of 1 N on the tip, whatever the state.
+        """
+        self._size, self._parts, self.by_tip_force = size, parts, by_tip_force
 
     @functools.cached_property
     def pose(self) -> FloatArray:
         """Displacement [m] and rotation vector [rad] in base_frame, (stations, 6, state)."""
         return self._chained([one.change.pose for one in self._parts])
 
-    @functools.cached_property
+    @property
     def tip(self) -> FloatArray:
         """The same of the tip alone, (6, state)."""
-        return self._chained([one.change.tip for one in self._parts])
+        return self.pose[-1]
 
     @functools.cached_property
     def strain(self) -> FloatArray:
@@ -54,6 +68,29 @@ class StateChange:
     def tendon_length(self) -> FloatArray:
         """Change of the length of every tendon [m], (tendons, state)."""
         return self._chained([one.change.tendon_length for one in self._parts])
+
+    def moved(self, backbone: Backbone, by: FloatArray) -> Backbone:
+        """The ``backbone`` that this is the change of after a small change ``by`` of the state.
+
+        Stations alone: what `Solver.solve` starts from stays.
+        """
+        pose, strain = self.pose @ by, self.strain @ by
+        x, y, z = (0.5 * pose[:, 3:]).T
+        quaternion = np.empty_like(backbone.quaternion)
+        turned = Quaternions(1.0 + 1j * x, y + 1j * z).times(
+            Quaternions.from_xyzw(backbone.quaternion)
+        )
+        unit(turned).write_xyzw(quaternion)
+        tau, xi, k, q = strain.T
+        return dataclasses.replace(
+            backbone,
+            position=backbone.position + pose[:, :3],
+            quaternion=quaternion,
+            tau=backbone.tau + tau,
+            xi=backbone.xi + xi,
+            k=backbone.k + k,
+            q=backbone.q + q,
+        )
 
     def _chained(self, changes: Sequence[FloatArray]) -> FloatArray:
         found = np.zeros((*changes[0].shape[:-1], self._size))

@@ -174,7 +174,7 @@ class State:
         self.size = len(self.names)
         self.shapes = np.ones(self.size, dtype=bool)
         self.shapes[self.tension_bias] = False
-        self.shaping = np.flatnonzero(self.shapes).tolist()
+        self.shaping = np.flatnonzero(self.shapes)
         self.scatters = np.array([walk.scatters for walk in self._walks])
         self._stddev, self._rate, self._time = np.array(
             [(walk.stddev, walk.rate, walk.correlation_time) for walk in self._walks]

@@ -82,3 +82,16 @@ def test_no_tension_is_less_than_zero_and_how_far_beyond_the_mean_is_counts() ->
     assert np.linalg.norm(after.whitened(nearer - free)) < np.sqrt(step.beyond)
     within = [free[0] / np.sqrt((by.root[0] ** 2).sum())]
     assert step.beyond == pytest.approx(within[0] ** 2)
+
+
+def test_it_is_straight_as_far_as_values_and_their_spread_bend_by_parts_of_the_noise() -> None:
+    posterior = Posterior(PRIOR, NOISE, MODEL, 0.0)
+    by = gain(PRIOR.root, JACOBIAN, NOISE)
+    local = posterior.local(START, LEFT, JACOBIAN, SECOND, by)
+    bent = np.linalg.solve(NOISE, SECOND.reshape(3, -1)).reshape(SECOND.shape)
+    change = RNG.normal(size=SIZE)
+    off = 0.5 * np.linalg.norm(bent @ change @ change)
+    turned = np.linalg.norm(bent @ change @ by.root)
+    most = min(np.sqrt(0.1 / off), 0.3 / turned)
+    assert posterior.is_straight(local, START + 0.99 * most * change, by)
+    assert not posterior.is_straight(local, START + 1.01 * most * change, by)

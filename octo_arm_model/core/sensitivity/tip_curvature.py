@@ -1,0 +1,97 @@
+"""Second derivatives of the position of the tip, by the geometry of the arm.
+
+An equilibrium makes the energy less the work of the tip's force F, P(u, x) = W - F p(u), least by
+the strains u. The position p of the tip is what P changes by with F, so that its second
+derivatives are third derivatives of P along what the strains respond with to a unit force i on the
+tip, and to two quantities a and b (adjoint method):
+
+    p_i,ab = D2 p_i [a, b] + D3 (F p) [i, a, b]
+
+and where a is a force along k itself D2 p_k [i, b] besides, likewise b. With the rotation phi, the
+displacement d of cross sections by each, and that h = d(L) - d - phi x (p(L) - p) of the tip by
+what lies beyond a cross section,
+
+    D2 p [a, b] = sum over both orders of int d phi_a x h_b
+    D3 (F p) [a, b, c] = sum over all orders of int F (phi_a x (d phi_b x h_c)).
+
+What the sections' own stiffness changes by is left out, and distributed loads are: it is little
+where an arm turns far for small strains.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray, IntArray
+
+_MOST = 24  # pieces of the arm: the error of the integrals is a thousandth then
+
+
+def tip_curvature(
+    position: FloatArray,
+    by_force: FloatArray,
+    by: FloatArray,
+    force: FloatArray,
+    integrate: Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None] | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Second derivatives of the tip's position by quantities that are no forces on it.
+
+    ``position`` (stations, 3) is that of stations, ``by_force`` and ``by`` their changes of pose
+    (stations, 6, ...) by forces on the tip along all axes and by n quantities, ``force`` (3,) acts
+    on the tip; ``integrate`` is `add_up` in machine code, if there is. Returns them, (3, n, n),
+    and for each axis k what the first of two quantities adds that is a unit force along it,
+    (k, 3, n).
+    """
+    some = _some(len(position))
+    change = np.concatenate([by_force[some], by[some]], axis=2).transpose(1, 0, 2)
+    total = change.shape[2]
+    second = np.empty((6, total, total))
+    at = position[some].T.copy()
+    (integrate or add_up)(at, np.ascontiguousarray(change), force.copy(), second)
+    return second[3:, 3:, 3:], second[:3, :3, 3:]
+
+
+def add_up(at: FloatArray, change: FloatArray, force: FloatArray, second: FloatArray) -> None:
+    """Fill in the ``second`` derivatives of the tip's position, (6, columns, columns).
+
+    First D2 p, then that and D3 (F p), both (3, columns, columns). Stations are ``at`` (3,
+    stations); the ``change`` of their pose (6, stations, columns) by a unit ``force`` (3,) along
+    each axis comes first.
+    """
+    middle = 0.5 * (change[:, 1:] + change[:, :-1])
+    turn, turned = middle[3:], change[3:, 1:] - change[3:, :-1]
+    beyond = np.empty_like(turned)
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        lever_i = (at[i, -1] - 0.5 * (at[i, 1:] + at[i, :-1])).reshape(-1, 1)
+        lever_j = (at[j, -1] - 0.5 * (at[j, 1:] + at[j, :-1])).reshape(-1, 1)
+        beyond[k] = change[k, -1] - middle[k] - (turn[i] * lever_j - turn[j] * lever_i)
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        product = np.dot(turned[i].T, beyond[j]) - np.dot(turned[j].T, beyond[i])
+        second[k] = product + product.T
+        second[3 + k] = second[k]
+    if not force.any():
+        return
+    # F (a x (b x c)) = (F b) (a c) - (F c) (a b)
+    f_turned = force[0] * turned[0] + force[1] * turned[1] + force[2] * turned[2]
+    f_beyond = force[0] * beyond[0] + force[1] * beyond[1] + force[2] * beyond[2]
+    total = change.shape[2]
+    turns = np.ascontiguousarray(turn).reshape(-1, total)
+    for i in range(3):
+        own = slice(i, i + 1)
+        along = (turn[:, :, own] * beyond + beyond[:, :, own] * turn).sum(axis=0)
+        across = (turn[:, :, own] * turned + turned[:, :, own] * turn).sum(axis=0)
+        both = f_turned[:, own] * beyond - f_beyond[:, own] * turned
+        product = np.dot(turns.T, both.reshape(-1, total))
+        product += np.dot(along.T, f_turned) - np.dot(across.T, f_beyond)
+        second[3 + i] += product + product.T
+
+
+@functools.lru_cache(maxsize=64)
+def _some(stations: int) -> IntArray:
+    """Numbers of those of so many ``stations`` that are the ends of pieces."""
+    return np.unique(np.linspace(0, stations - 1, _MOST + 1).round().astype(np.intp))

@@ -1,0 +1,69 @@
+"""Second derivatives of the tip by geometry: those of a slender arm, whose strains are small."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from octo_arm_model import Arm, Body, Material, Section, Solver
+from octo_arm_model.core.sensitivity.tip_curvature import tip_curvature
+
+ROD = Arm(
+    Material.from_moduli(40e9, 15e9),
+    Body(0.25, 0.0006, 0.0006, disc_radius=0.01),
+    (Section(0.25, 0.01, 0.01, angles=(0.0, 1.5, 3.5), twist=(2.0 * math.pi, 0.0, 0.0)),),
+)
+TENSIONS = np.array([1.5, 0.5, 1.0])
+STEP = 1e-3
+
+
+def by_all(solver: Solver, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions, and changes of pose by tensions and forces on the tip, at ``x`` of both."""
+    shape = solver.solve([x[:3]], np.append(x[3:], np.zeros(3)))
+    by = solver.sensitivity(shape)
+    assert by.by_tip_wrench is not None
+    pose = np.concatenate([by.by_tension.pose, by.by_tip_wrench.pose[..., :3]], axis=2)
+    return shape.position, pose
+
+
+@pytest.mark.parametrize('stations', [25, 51, 60])
+@pytest.mark.parametrize('force', [(0.0, 0.0, 0.0), (0.05, -0.04, 0.07)])
+def test_they_are_the_differences_of_first_derivatives(
+    force: tuple[float, float, float], stations: int
+) -> None:
+    solver = Solver(ROD, 'exact', stations, material='linear')
+    x = np.append(TENSIONS, force)
+    position, pose = by_all(solver, x)
+    found, by_unit = tip_curvature(position, pose[..., 3:], pose, np.array(force))
+    found[:, 3:] += by_unit.transpose(1, 0, 2)
+    found[:, :, 3:] += by_unit.transpose(1, 2, 0)
+    expected = np.stack(
+        [
+            (by_all(solver, x + step)[1][-1, :3] - by_all(solver, x - step)[1][-1, :3])
+            / (2.0 * STEP)
+            for step in STEP * np.eye(6)
+        ],
+        axis=2,
+    )
+    np.testing.assert_allclose(found, found.transpose(0, 2, 1), atol=1e-9 * np.abs(found).max())
+    for part in (slice(0, 3), slice(3, 6)):
+        off = np.linalg.norm((found - expected)[:, part, 3:])
+        assert off < 0.02 * np.linalg.norm(expected[:, part, 3:])
+    assert np.linalg.norm(found - expected) < 0.01 * np.linalg.norm(expected)
+
+
+def test_machine_code_and_numpy_agree() -> None:
+    pytest.importorskip('numba')
+    shape = Solver(ROD, 'exact', 40).solve([TENSIONS], [0.05, -0.04, 0.07, 0.0, 0.0, 0.0])
+    found = []
+    for is_compiled in (False, True):
+        solver = Solver(ROD, 'exact', 40, compiled=is_compiled)
+        by = solver.sensitivity(shape)
+        assert by.by_tip_wrench is not None
+        found.append(
+            solver.tip_curvature(shape, by.by_tip_wrench.pose[..., :3], by.by_tension.pose)
+        )
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8 * np.abs(other).max())
