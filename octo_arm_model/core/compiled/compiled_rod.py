@@ -86,7 +86,7 @@ class CompiledRod:
         # Output arrays of kernels that are not used.
         self._not_asked = np.empty((6, 6)), np.empty((4, rod.points, 6))
         self._spare: System | None = None  # room that the last kernel called has not used
-        self._nothing_known = KnownSystem(empty_system(self._tables), np.inf)
+        self._nothing_known = KnownSystem(empty_system(self._tables.elements), np.inf)
         self._no_readings = empty_readings(0, 0)
         # Whether the last equilibrium was differentiated: then the next is expected to be, too.
         self._is_differentiated = False
@@ -114,7 +114,7 @@ class CompiledRod:
         twist = np.zeros_like(turn)
         twist[:3] = angular
         turn[0] = 1.0
-        self._find_turn(self._tables, twist, DEFECTS, turn)
+        self._find_turn(self._tables.elements, twist, DEFECTS, turn)
         return quaternions_of(turn)
 
     def minimum(self, tensions: FloatArray) -> FloatArray:
@@ -268,7 +268,7 @@ class CompiledRod:
         spare, self._spare = self._spare, None
         if spare is None and (oldest := self._kept.take_oldest()):
             spare = self._unless_used(oldest.system)
-        return spare or empty_system(self._tables)
+        return spare or empty_system(self._tables.elements)
 
     def _unless_used(self, system: System) -> System | None:
         """The ``system``, unless any balance is kept with it, as several may be with one."""

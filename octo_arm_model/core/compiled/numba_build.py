@@ -91,7 +91,7 @@ evaluate_sections = _made(
     np.zeros((4, 4, 0)), _FOUR,
 )  # fmt: skip
 find_minima = _made(minimum_kernels.find_minima, no_exact().sections, _NONE, _FOUR)
-find_turn = _made(orientation_kernels.find_turn, no_rod(), _FOUR, 1.0, _FOUR)
+find_turn = _made(orientation_kernels.find_turn, no_rod().elements, _FOUR, 1.0, _FOUR)
 _NO_SYSTEM = system_kernels.system_of(0, 0)
 balance = _made(
     rod_kernels.balance, no_rod(), _NONE, _WRENCH, 1.0, 1.0, True, 0, False, _NO_SYSTEM, 0.0,

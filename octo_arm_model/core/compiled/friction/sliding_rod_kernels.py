@@ -150,17 +150,17 @@ def find_sliding_balance(
                 slip[pulled[place], : reach[place]] = slips[place, : reach[place]]
             at_stations = tables.station_sections.transmission
             at_stations[:] = 0.0
-            each = tables.weights.size
+            each = tables.elements.weights.size
             add_runs(tables.station_runs, tables.at_stations, each, along, at_stations)
             is_fine = resolves_tensions(friction, pulled)
             sign = sign if turned <= SAME else 0
             return residual, systems, sign, corrected, sticks, is_fine
         if is_slow:
             systems, turned, current = systems + 1, 0.0, system
-            sign = find_system(tables, state, system)
+            sign = find_system(tables.elements, state, system)
             if sign == 0:
                 break
-        find_step(tables, current, state.imbalance, step, turn)
+        find_step(tables.elements, current, state.imbalance, step, turn)
         new.twist[:] = state.twist + step
         if turning.offset.size:
             place_tendons(sections, new.twist, pulled, turning.offset, turning.place)
@@ -173,13 +173,13 @@ def find_sliding_balance(
         sticks = set_tensions(tensions, before, pulled, reach, part, kept, along, slips, change)
         follow_tensions(reach, turning.by_pull, change, new.twist)
         turn_by(turn, state.turn, new.turn)
-        find_turn(tables, new.twist, DEFECTS, new.turn)
+        find_turn(tables.elements, new.twist, DEFECTS, new.turn)
         found = find_state(tables, held, tip_wrench, factor, new)
         if not found <= max((STUCK if number else FIRST_PROGRESS) * residual, tolerance):
             break
         # A new system is asked for in the end anyway, to see whether the balance is stable.
         is_slow, residual = found > SLOW * residual or (is_known and number == 0), found
-        moved = turn_of(tables, new.twist - state.twist)
+        moved = turn_of(tables.elements.quadrature, new.twist - state.twist)
         copy_state(new, state)
         turned += moved
         if number:

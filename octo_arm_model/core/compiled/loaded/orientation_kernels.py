@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
+from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
 from octo_arm_model.core.hints import FloatArray
 
 MOST_SWEEPS = 60
@@ -31,7 +31,7 @@ def find_rate(twist: FloatArray, half: FloatArray, turn: FloatArray, rate: Float
 
 
 def solve_turn(
-    tables: RodTables, twist: FloatArray, half: FloatArray, first: int, turn: FloatArray
+    tables: ElementTables, twist: FloatArray, half: FloatArray, first: int, turn: FloatArray
 ) -> None:
     """Solve the equations of `find_turn` in the element whose first point is ``first``.
 
@@ -58,7 +58,9 @@ def solve_turn(
         turn[k, first:last] = found[k * s : k * s + s]
 
 
-def find_turn(tables: RodTables, twist: FloatArray, tolerance: float, turn: FloatArray) -> float:
+def find_turn(
+    tables: ElementTables, twist: FloatArray, tolerance: float, turn: FloatArray
+) -> float:
     """Fill in orientations ``turn`` (4, points) under ``twist``, as `kinematics.frames`.
 
     Relative to the start of an element they solve the collocated equations
@@ -121,7 +123,7 @@ def sum_of_squares(rows: FloatArray) -> float:
 
 
 def from_starts(
-    tables: RodTables, twist: FloatArray, half: FloatArray, turn: FloatArray, rate: FloatArray,
+    tables: ElementTables, twist: FloatArray, half: FloatArray, turn: FloatArray, rate: FloatArray,
     raw: FloatArray,
 ) -> None:  # fmt: skip
     """Fill in ``raw`` (4, points): ``turn`` relative to the starts of elements, approximately.
@@ -153,7 +155,7 @@ def turn_all(w: float, x: float, y: float, z: float, turn: FloatArray, out: Floa
         out[3, j] = w * d + x * c - y * b + z * a
 
 
-def chain(tables: RodTables, raw: FloatArray, rate: FloatArray, turn: FloatArray) -> None:
+def chain(tables: ElementTables, raw: FloatArray, rate: FloatArray, turn: FloatArray) -> None:
     """Fill in orientations ``turn`` (4, points) from ``raw``, those relative to element starts.
 
     The orientation at the end of an element follows by quadrature of ``rate``, normalised.

@@ -48,16 +48,16 @@ def read_rod(
     readings: Readings,
 ) -> None:  # fmt: skip
     """Fill in ``readings`` of an equilibrium ``state`` under all loads, as `loaded.read_out`."""
-    s, count = tables.weights.size, tables.station_node.size
+    s, count = tables.elements.weights.size, tables.station_node.size
     readings.twist[:] = 0.0
     add_runs(tables.node_runs, tables.to_nodes, s, state.twist, readings.twist)
     # Position, orientation and the moment of the forces.
     rate, total = np.empty((10, state.twist.shape[1])), np.empty(10)
-    set_rates(tables.lengths, state, rate)
-    total[:3], total[3:7], total[7:] = tables.position, tables.base, 0.0
+    set_rates(tables.elements.lengths, state, rate)
+    total[:3], total[3:7], total[7:] = tables.position, tables.elements.base, 0.0
     found, force, moment = np.empty((10, count)), np.zeros((3, count)), np.zeros((3, count))
     done, run = 0, 0
-    for element in range(tables.step.size):
+    for element in range(tables.elements.step.size):
         first = element * s
         while run < len(tables.station_runs) and tables.station_runs[run, 0] == element:
             start, stop = tables.station_runs[run, 1], tables.station_runs[run, 1]
@@ -76,7 +76,7 @@ def read_rod(
             run, done = run + 1, done + size
         for k in range(10):
             for i in range(s):
-                total[k] += tables.weights[i] * rate[k, first + i]
+                total[k] += tables.elements.weights[i] * rate[k, first + i]
     normalise(found[3:7])
     for k in range(3):
         beyond, out, lever = tip_wrench[3 + k] + total[7 + k], moment[k], found[7 + k]
@@ -153,14 +153,14 @@ def read_changes(
     From the ``change`` of twist (4, points, columns) and the rotation ``turn`` of the cross
     sections (3, points, columns) about a ``state``.
     """
-    s, columns, rotation = tables.weights.size, change.shape[2], state.rotation
+    s, columns, rotation = tables.elements.weights.size, change.shape[2], state.rotation
     rate, total = np.empty((s, 6, columns)), np.zeros(6 * columns)
     local, found = np.empty((s, 4, columns)), np.empty((tables.most, 4, columns))
     flat, flat_local = rate.reshape(s, 6 * columns), local.reshape(s, 4 * columns)
     flat_found, at_station = found.reshape(tables.most, 4 * columns), np.empty((4, tables.most))
     done, run = 0, 0
-    for element in range(tables.step.size):
-        first, h = element * s, tables.step[element]
+    for element in range(tables.elements.step.size):
+        first, h = element * s, tables.elements.step[element]
         for i in range(s):
             at = first + i
             local[i] = change[:, at]
@@ -201,6 +201,6 @@ def read_changes(
                         out[j] = over * (here[j] - omega * more[j])
             run, done = run + 1, done + s * count
         for i in range(s):
-            weight, rates = tables.weights[i], flat[i]
+            weight, rates = tables.elements.weights[i], flat[i]
             for j in range(total.size):
                 total[j] += weight * rates[j]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
+from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
 from octo_arm_model.core.compiled.loaded.state_kernels import RodState
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_columns
@@ -16,7 +16,11 @@ from octo_arm_model.core.hints import FloatArray
 
 
 def respond(
-    tables: RodTables, system: System, imbalance: FloatArray, change: FloatArray, turn: FloatArray
+    tables: ElementTables,
+    system: System,
+    imbalance: FloatArray,
+    change: FloatArray,
+    turn: FloatArray,
 ) -> None:
     """Fill in the ``change`` of twist (4, points, columns) under an ``imbalance`` likewise.
 
@@ -129,7 +133,7 @@ def add_three(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
             out[i, j] += a * rows[0, j] + b * rows[1, j] + c * rows[2, j]
 
 
-def tip_wrenches(tables: RodTables, state: RodState) -> FloatArray:
+def tip_wrenches(tables: ElementTables, state: RodState) -> FloatArray:
     """What unit wrenches on the tip do to all sections, (4, points, 6); moments over a length."""
     twist, rotation = state.twist, state.rotation
     points, count = tables.weights.size, twist.shape[1]

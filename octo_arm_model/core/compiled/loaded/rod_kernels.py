@@ -86,12 +86,12 @@ class Outcome(NamedTuple):
     is_read: bool
 
 
-def turn_of(tables: RodTables, change: FloatArray) -> float:
-    """How far a ``change`` (4, points) turns the arm [rad]."""
+def turn_of(quadrature: FloatArray, change: FloatArray) -> float:
+    """How far a ``change`` (4, points) turns the arm [rad], by the weights of its integral."""
     total = 0.0
     for i in range(change.shape[1]):
         square = change[0, i] ** 2 + change[1, i] ** 2 + change[2, i] ** 2
-        total += tables.quadrature[i] * np.sqrt(square)
+        total += quadrature[i] * np.sqrt(square)
     return total
 
 
@@ -125,16 +125,16 @@ def iterate(
     most = MOST_EXACT if is_exact else MOST_REUSED
     while residual > tolerance and iterations < MOST:
         if is_known:
-            find_step(tables, known, state.imbalance, step, turn)
+            find_step(tables.elements, known, state.imbalance, step, turn)
         elif not (sign and is_near):
-            sign = find_system(tables, state, system)
+            sign = find_system(tables.elements, state, system)
             if sign == 0:
                 return residual, iterations, corrected, 0.0, 0, False
             turned = 0.0
         if not is_known:
-            find_step(tables, system, state.imbalance, step, turn)
+            find_step(tables.elements, system, state.imbalance, step, turn)
         iterations += 1
-        before, angle = angle, turn_of(tables, step)
+        before, angle = angle, turn_of(tables.elements.quadrature, step)
         is_told = sign != 0 or (turned + angle <= reach and not is_exact)
         if may_bound and is_near and is_told and defects <= FEW_DEFECTS:
             left = SAFETY * residual * max(convergence, angle / before)
@@ -148,10 +148,10 @@ def iterate(
         turn_by(turn, state.turn, new.turn)
         # A step leaves about its square.
         settled = min(max(1e-3 * angle**4, DEFECTS), MOST_DEFECTS)
-        defects = find_turn(tables, new.twist, settled, new.turn)
+        defects = find_turn(tables.elements, new.twist, settled, new.turn)
         found = find_state(tables, tensions, tip_wrench, factor, new)
         if found <= tolerance and defects > DEFECTS:
-            find_turn(tables, new.twist, DEFECTS, new.turn)
+            find_turn(tables.elements, new.twist, DEFECTS, new.turn)
             found = find_state(tables, tensions, tip_wrench, factor, new)
         if is_known:
             if not found <= PREDICTED * residual:
@@ -176,7 +176,7 @@ def iterate(
     if sign == 0 and reach > 0.0 and turned <= reach and not is_exact:
         return residual, iterations, corrected, turned, 1, True
     if sign == 0 or turned > SAME:
-        sign, turned = find_system(tables, state, system), 0.0
+        sign, turned = find_system(tables.elements, state, system), 0.0
     return residual, iterations, corrected, turned, sign, False
 
 
@@ -233,6 +233,7 @@ def search(
     compliance: FloatArray, change: FloatArray, readings: Readings,
 ) -> Outcome:  # fmt: skip
     """As `balance`, from a ``state``; for its ``residual`` and ``sign`` see `iterate`."""
+    elements = tables.elements
     if wanted == READ_ONLY:
         read_rod(tables, tensions, tip_wrench, state, readings)
         return Outcome(residual, 0, 0.0, 0.0, 0, False, False, False, False, True)
@@ -247,7 +248,7 @@ def search(
     if (
         sign > 0 and wanted != BALANCE and corrected <= MOST_CORRECTED
         and (is_least or not has_energy)
-        and (wanted == ANY_READINGS or resolves_twist(tables.tail, tables.step, state.twist))
+        and (wanted == ANY_READINGS or resolves_twist(elements.tail, elements.step, state.twist))
         and has_fibres(tables.sections, state.twist)
     ):  # fmt: skip
         read_rod(tables, tensions, tip_wrench, state, readings)
@@ -266,14 +267,16 @@ def find_compliance(
 ) -> None:
     """Fill in the ``compliance`` (6, 6) of the tip and the ``change`` (4, points, 6) for it."""
     count = state.twist.shape[1]
-    wrench = tip_wrenches(tables, state)
-    respond(tables, system, wrench, change, np.empty((3, count, 6)))
+    wrench = tip_wrenches(tables.elements, state)
+    respond(tables.elements, system, wrench, change, np.empty((3, count, 6)))
     for row in range(6):
         for column in range(6):
             total = 0.0
             for k in range(4):
                 for i in range(count):
-                    total += tables.quadrature[i] * wrench[k, i, row] * change[k, i, column]
+                    total += (
+                        tables.elements.quadrature[i] * wrench[k, i, row] * change[k, i, column]
+                    )
             compliance[row, column] = total
 
 

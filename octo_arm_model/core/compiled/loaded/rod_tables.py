@@ -16,11 +16,13 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.rod import LoadedRod
 
 
-class RodTables(NamedTuple):
-    """A loaded rod, see `LoadedRod` and `Equilibrium`; elements have ``each`` points.
+class ElementTables(NamedTuple):
+    """The elements of a loaded rod, with ``each`` points, see `Collocation`.
+
+    What most kernels need of `RodTables`: to pass on a large tuple takes as long as a small kernel
+    does, since numba counts references to its arrays.
 
     Attributes:
-        sections: cross sections at the points of all elements.
         from_start: matrix of the integrals within an element from its start, (each, each).
         from_start_columns: its transpose.
         to_end_columns: transpose of the matrix of the integrals to its end.
@@ -31,10 +33,31 @@ class RodTables(NamedTuple):
         step: lengths of the elements [m], (elements,).
         lengths: length of the element of each point [m], (points,).
         quadrature: weights of the integral over the arm [m], (points,).
-        force: resultant of the loads beyond each point [N], (3, points).
-        moment: resultant of the free moments beyond each point [N m], likewise.
         base: orientation of the base w, x, y, z, (4,).
         length: of the arm [m].
+    """
+
+    from_start: FloatArray
+    from_start_columns: FloatArray
+    to_end_columns: FloatArray
+    twice: FloatArray
+    tail: FloatArray
+    weights: FloatArray
+    step: FloatArray
+    lengths: FloatArray
+    quadrature: FloatArray
+    base: FloatArray
+    length: float
+
+
+class RodTables(NamedTuple):
+    """A loaded rod, see `LoadedRod` and `Equilibrium`.
+
+    Attributes:
+        elements: the collocated elements.
+        sections: cross sections at the points of all elements.
+        force: resultant of the loads beyond each point [N], (3, points).
+        moment: resultant of the free moments beyond each point [N m], likewise.
         position: of the base [m], (3,).
         node_runs: element, first node and number of nodes of each run of nodes in one element,
             (runs, 3).
@@ -49,20 +72,10 @@ class RodTables(NamedTuple):
         station_node: node of each station, (stations,).
     """
 
+    elements: ElementTables
     sections: SectionTables
-    from_start: FloatArray
-    from_start_columns: FloatArray
-    to_end_columns: FloatArray
-    twice: FloatArray
-    tail: FloatArray
-    weights: FloatArray
-    step: FloatArray
-    lengths: FloatArray
-    quadrature: FloatArray
     force: FloatArray
     moment: FloatArray
-    base: FloatArray
-    length: float
     position: FloatArray
     node_runs: IntArray
     to_nodes: FloatArray
@@ -103,8 +116,7 @@ def rod_tables(rod: LoadedRod) -> RodTables:
     lengths = np.repeat(own.step, rule.points.size)
     station_runs, to_stations = runs_by_element(stations.element, within)
     _, at_stations = runs_by_element(stations.element, stations.values)
-    return RodTables(
-        sections=section_tables(problem.energy),
+    elements = ElementTables(
         from_start=rule.from_start,
         from_start_columns=rule.from_start.T,
         to_end_columns=rule.to_end.T,
@@ -114,10 +126,14 @@ def rod_tables(rod: LoadedRod) -> RodTables:
         step=own.step,
         lengths=lengths,
         quadrature=lengths * np.tile(rule.weights, own.step.size),
-        force=problem.loads.dead.force,
-        moment=problem.loads.dead.moment,
         base=np.array([a.real, a.imag, b.real, b.imag]),
         length=own.length,
+    )
+    return RodTables(
+        elements=elements,
+        sections=section_tables(problem.energy),
+        force=problem.loads.dead.force,
+        moment=problem.loads.dead.moment,
         position=rod.base.position,
         node_runs=node_runs,
         to_nodes=to_nodes,
@@ -146,14 +162,14 @@ def runs_by_element(element: IntArray, values: FloatArray) -> tuple[IntArray, Fl
 
 def no_rod() -> RodTables:
     """Empty tables of the types of `rod_tables`."""
-    none, table = np.zeros(0), np.zeros((0, 0))
-    nothing = np.zeros((3, 0))
+    none, table, nothing = np.zeros(0), np.zeros((0, 0)), np.zeros((3, 0))
     runs, sections = np.zeros((0, 3), np.int64), no_exact().sections
+    elements = ElementTables(
+        table, table, table, table, np.zeros((2, 0)), none, none, none, none, np.zeros(4), 1.0
+    )
     return RodTables(
-        sections, table, table, table, table, np.zeros((2, 0)), none, none, none, none, nothing,
-        nothing,
-        np.zeros(4), 1.0, np.zeros(3), runs, none, runs, none, none, 0, sections,
-        np.zeros(0, np.int64),
+        elements, sections, nothing, nothing, np.zeros(3), runs, none, runs, none, none, 0,
+        sections, np.zeros(0, np.int64),
     )  # fmt: skip
 
 

@@ -45,7 +45,7 @@ def find_imbalance(
     sections, tendons = tables.sections, tensions.size
     own[:] = 0.0
     for i in range(twist.shape[1]):
-        weight = tables.quadrature[i]
+        weight = tables.elements.quadrature[i]
         kappa_t, kappa_n, kappa_b, stretched = twist[0, i], twist[1, i], twist[2, i], twist[3, i]
         width, slope, _ = widening(sections.widens, stretched)
         t, n, b = width * kappa_t, width * kappa_n, width * kappa_b
@@ -114,7 +114,7 @@ def dead_wrenches(
     """
     found, tip = np.empty_like(state.twist), np.zeros(3)
     for load in range(len(force)):
-        find_wrench(tables, state, force[load], moment[load].copy(), tip, found)
+        find_wrench(tables.elements, state, force[load], moment[load].copy(), tip, found)
         wrench[:, :, load] = found
 
 
@@ -133,7 +133,7 @@ def linearise(
         find_rotation(state.turn, state.rotation)
         return 1
     find_state(tables, tensions, tip_wrench, 1.0, state)
-    return find_system(tables, state, system)
+    return find_system(tables.elements, state, system)
 
 
 def differentiate(
@@ -160,12 +160,12 @@ def differentiate(
         dead_wrenches(tables, state, force, moment, imbalance)
         others, first = np.empty((4, count, 2 * tendons + 2)), 0
     else:
-        wrench = tip_wrenches(tables, state)
-        wrench[:, :, 3:] /= tables.length
+        wrench = tip_wrenches(tables.elements, state)
+        wrench[:, :, 3:] /= tables.elements.length
         imbalance[:, :, :6] = wrench
     find_imbalance(tables, parameters, tensions, state.twist, stretch, others, first, own)
     change, turn = np.empty((4, count, columns)), np.empty((3, count, columns))
-    respond(tables, system, imbalance, change, turn)
+    respond(tables.elements, system, imbalance, change, turn)
     read_changes(tables, state, change, turn, pose, strain)
     weigh(tables, stretch)
     np.dot(stretch.reshape(tendons, 4 * count), change.reshape(4 * count, columns), length)
@@ -177,7 +177,7 @@ def differentiate(
 
 def weigh(tables: RodTables, values: FloatArray) -> None:
     """Multiply ``values`` (rows, 4, points) by the weights of the integral along the arm."""
-    weights = tables.quadrature
+    weights = tables.elements.quadrature
     for row in range(len(values)):
         for k in range(4):
             out = values[row, k]
@@ -200,14 +200,14 @@ def differentiate_tip(
     sign = linearise(tables, tensions, tip_wrench, state, is_known, system)
     if sign == 0:
         return 0
-    wrench = tip_wrenches(tables, state)
+    wrench = tip_wrenches(tables.elements, state)
     change = np.empty_like(wrench)
-    respond(tables, system, wrench, change, np.empty((3, count, 6)))
+    respond(tables.elements, system, wrench, change, np.empty((3, count, 6)))
     for i in range(count):
-        weight = tables.quadrature[i]
+        weight = tables.elements.quadrature[i]
         for k in range(4):
             for column in range(6):
-                unit = tables.length if column >= 3 else 1.0
+                unit = tables.elements.length if column >= 3 else 1.0
                 change[k, i, column] *= weight / unit
     stretch, left = np.empty((tendons, 4, count)), np.empty((4, count, tip.shape[1]))
     own = np.empty(tendons)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.compiled.loaded.orientation_kernels import find_rotation
-from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
+from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables, RodTables
 from octo_arm_model.core.compiled.section.section_kernels import evaluate_sections
 from octo_arm_model.core.hints import FloatArray
 
@@ -51,7 +51,7 @@ def copy_state(state: RodState, out: RodState) -> None:
 
 
 def find_wrench(
-    tables: RodTables, state: RodState, force: FloatArray, moment: FloatArray, tip: FloatArray,
+    tables: ElementTables, state: RodState, force: FloatArray, moment: FloatArray, tip: FloatArray,
     wrench: FloatArray,
 ) -> None:  # fmt: skip
     """Fill in the ``wrench`` (4, points) in the axes of the cross sections.
@@ -113,7 +113,7 @@ def find_state(
             force[i] = factor * dead_force[i] + on_tip
         for i in range(count):
             moment[i] = factor * dead_moment[i]
-    find_wrench(tables, state, state.force, state.moment, tip_wrench[3:], imbalance)
+    find_wrench(tables.elements, state, state.force, state.moment, tip_wrench[3:], imbalance)
     outside = largest_in_rows(imbalance)
     for k in range(4):
         left, inside, of, beyond = imbalance[k], gradient[k], scale[k], outside[k]

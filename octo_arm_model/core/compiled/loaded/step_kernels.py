@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
+from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_transposed
 from octo_arm_model.core.compiled.numerics.products import add_products
@@ -14,7 +14,11 @@ Three = tuple[float, float, float]
 
 
 def find_step(
-    tables: RodTables, system: System, imbalance: FloatArray, change: FloatArray, turn: FloatArray
+    tables: ElementTables,
+    system: System,
+    imbalance: FloatArray,
+    change: FloatArray,
+    turn: FloatArray,
 ) -> None:
     """Fill in the ``change`` of twist (4, points) under one ``imbalance`` likewise.
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
+from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
 from octo_arm_model.core.compiled.loaded.state_kernels import RodState
 from octo_arm_model.core.compiled.numerics.dense_kernels import (
     factorise,
@@ -49,7 +49,7 @@ class System(NamedTuple):
     rotation: FloatArray
 
 
-def empty_system(tables: RodTables) -> System:
+def empty_system(tables: ElementTables) -> System:
     """Room for a system."""
     return system_of(tables.step.size, tables.weights.size)
 
@@ -122,7 +122,7 @@ def find_terms(
         follow[n, m] -= moment[p]
 
 
-def find_system(tables: RodTables, state: RodState, system: System) -> int:
+def find_system(tables: ElementTables, state: RodState, system: System) -> int:
     """Fill in the linearised ``system`` about a ``state``.
 
     Returns:
@@ -169,31 +169,36 @@ def find_system(tables: RodTables, state: RodState, system: System) -> int:
                             + behind[j, i] * follows[p, q, element, i]
                         )  # fmt: skip
                     matrices[element, q, j, p, j] += local[p, q, element, j]
-        own = condense(tables, system, turns[:, :, element], element)
+        own = condense(
+            h, tables.weights, turns[:, :, element], system.factors[element],
+            system.pivots[element], system.bends[element], system.to_moment[element],
+            system.ends[element],
+        )  # fmt: skip
         if own == 0:
             return 0
         sign *= own
     return sign * link(system)
 
 
-def condense(tables: RodTables, system: System, turns: FloatArray, element: int) -> int:
-    """Factorise the matrix of an ``element`` and eliminate its bends.
+def condense(
+    h: float, weights: FloatArray, turns: FloatArray, matrix: FloatArray, pivots: IntArray,
+    bends: FloatArray, to_moment: FloatArray, ends: FloatArray,
+) -> int:  # fmt: skip
+    """Factorise the ``matrix`` of an element of length ``h`` and eliminate its ``bends``.
 
-    ``turns`` (3, 3, s) is what Phi does at its points, times its length and negative.
+    ``turns`` (3, 3, s) is what Phi does at its points, times its length and negative; the rest is
+    that of the element as `System` has it.
 
     Returns:
         The sign of the determinant, 0 where it is singular.
     """
-    s, h, weights = tables.weights.size, tables.step[element], tables.weights
-    matrix, sides = system.factors[element], system.bends[element]
-    sign = factorise(matrix, system.pivots[element])
+    s, sign = weights.size, factorise(matrix, pivots)
     if sign == 0:
         return 0
-    solve_transposed(matrix, system.pivots[element], sides)
-    ends, to_moment = system.ends[element], system.to_moment[element]
+    solve_transposed(matrix, pivots, bends)
     for column in range(6):
         # Sums side by side, since each waits for the one before.
-        side, last_0, last_1, last_2 = sides[column], 0.0, 0.0, 0.0
+        side, last_0, last_1, last_2 = bends[column], 0.0, 0.0, 0.0
         before_0, before_1, before_2 = 0.0, 0.0, 0.0
         for j in range(s):
             weight = h * weights[j]

@@ -23,7 +23,7 @@ def test_orientations_are_those_of_the_collocated_equations(size: float) -> None
     base = Quaternions.from_xyzw(np.array([0.5, -0.5, 0.5, 0.5]))
     twist = np.ones((4, own.s.size))
     twist[:3] = size * np.stack([np.cos(9.0 * own.s), np.sin(7.0 * own.s), 1.0 - own.s])
-    tables = no_rod()._replace(
+    tables = no_rod().elements._replace(
         from_start=own.rule.from_start, from_start_columns=own.rule.from_start.T.copy(),
         weights=own.rule.weights, step=own.step, lengths=np.repeat(own.step, own.rule.points.size),
         base=np.array([0.5, 0.5, -0.5, 0.5]),
