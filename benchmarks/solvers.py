@@ -284,11 +284,11 @@ def times_of(solver: Solver, tensions: np.ndarray) -> list[float]:
     batch = tensions * parts[: 3 if IS_BRIEF else 1000, np.newaxis, np.newaxis]
 
     def derivatives(work: Callable[[Backbone], object]) -> float:
-        """Of shapes that follow one another, each asked for once."""
-        shape, times = last, []
+        """Of the shapes of warm solves, each asked for once."""
+        times = []
         for _ in range(min(100, MOST_REPEATS)):
-            shape = solver.follow(next(moving) * tensions, shape)
-            times += _times(lambda: work(shape), 1)
+            shape = solver.solve(next(moving) * tensions, start=last)
+            times += _times(functools.partial(work, shape), 1)
         return min(times)
 
     return [

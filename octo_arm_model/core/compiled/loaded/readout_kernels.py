@@ -14,7 +14,12 @@ from octo_arm_model.core.compiled.loaded.orientation_kernels import (
 from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
 from octo_arm_model.core.compiled.loaded.state_kernels import RodState, into_axes
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_definite
-from octo_arm_model.core.compiled.numerics.products import add_products, add_runs, multiply
+from octo_arm_model.core.compiled.numerics.products import (
+    add_products,
+    add_run,
+    add_runs,
+    multiply,
+)
 from octo_arm_model.core.compiled.section.section_kernels import evaluate_sections
 from octo_arm_model.core.hints import FloatArray
 
@@ -60,20 +65,15 @@ def read_rod(
     for element in range(tables.elements.step.size):
         first = element * s
         while run < len(tables.station_runs) and tables.station_runs[run, 0] == element:
-            start, stop = tables.station_runs[run, 1], tables.station_runs[run, 1]
-            stop += tables.station_runs[run, 2]
-            size = s * (stop - start)
-            within = tables.to_stations[done : done + size].reshape(s, stop - start)
-            values = tables.at_stations[done : done + size].reshape(s, stop - start)
+            start, size = tables.station_runs[run, 1], tables.station_runs[run, 2]
             for k in range(10):
-                found[k, start:stop] = total[k]
-                add_products(rate[k, first : first + s], within, found[k, start:stop])
-            for k in range(3):
-                # Free moments, such as those of point loads.
-                others, forces = tables.moment[k, first : first + s], state.force[k]
-                add_products(others, values, moment[k, start:stop])
-                add_products(forces[first : first + s], values, force[k, start:stop])
-            run, done = run + 1, done + size
+                for i in range(start, start + size):
+                    found[k, i] = total[k]
+            add_run(tables.to_stations, done, s, size, rate, first, found, start)
+            # Free moments, such as those of point loads.
+            add_run(tables.at_stations, done, s, size, tables.moment, first, moment, start)
+            add_run(tables.at_stations, done, s, size, state.force, first, force, start)
+            run, done = run + 1, done + s * size
         for k in range(10):
             for i in range(s):
                 total[k] += tables.elements.weights[i] * rate[k, first + i]

@@ -7,7 +7,7 @@ import numpy as np
 from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_transposed
-from octo_arm_model.core.compiled.numerics.products import add_products
+from octo_arm_model.core.compiled.numerics.products import add_each
 from octo_arm_model.core.hints import FloatArray
 
 Three = tuple[float, float, float]
@@ -49,12 +49,12 @@ def find_step(
                 c[i] * given[2, i] - coupled[i] * (over[i] * force[i])
             )
     for element in range(elements):
-        own, alone = bends[element], ends[element]
         for p in range(3):
             for j in range(s):
                 k[element, p, j] = more[p, element, j]
-        solve_transposed(system.factors[element], system.pivots[element], own.reshape(1, 3 * s))
-        moments = system.to_moment[element]
+    solve_transposed(system.factors, system.pivots, bends.reshape(elements, 1, 3 * s))
+    for element in range(elements):
+        own, alone, moments = bends[element], ends[element], system.to_moment[element]
         # Sums side by side, since each waits for the one before.
         a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(s):
@@ -71,8 +71,8 @@ def find_step(
             d, e, f = d - moments[0, j] * bend, e - moments[1, j] * bend, f - moments[2, j] * bend
         alone[0], alone[1], alone[2], alone[3], alone[4], alone[5] = a, b, c, d, e, f
     link_step(system, ends)
+    add_each(ends, system.bends, bends)
     for element in range(elements):
-        add_products(ends[element], system.bends[element], bends[element])
         for p in range(3):
             for j in range(s):
                 carried[p, element, j] = k[element, p, j]

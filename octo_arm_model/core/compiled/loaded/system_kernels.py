@@ -195,7 +195,8 @@ def condense(
     s, sign = weights.size, factorise(matrix, pivots)
     if sign == 0:
         return 0
-    solve_transposed(matrix, pivots, bends)
+    n = 3 * s
+    solve_transposed(matrix.reshape(1, n, n), pivots.reshape(1, n), bends.reshape(1, 6, n))
     for column in range(6):
         # Sums side by side, since each waits for the one before.
         side, last_0, last_1, last_2 = bends[column], 0.0, 0.0, 0.0

@@ -41,7 +41,7 @@ def solve_some(
     over = np.abs(np.diag(system))  # 1 / pivots
     if n and not over.min() > SINGULAR * over.max():
         return False
-    solve_transposed(system, pivots, side)
+    solve_transposed(system.reshape(1, n, n), pivots.reshape(1, n), side.reshape(1, 1, n))
     for i in range(n):
         found[index[i]] = side[0, i]
     return True

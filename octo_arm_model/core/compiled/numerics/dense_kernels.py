@@ -61,57 +61,64 @@ def factorise(matrix: FloatArray, pivots: IntArray) -> int:
 
 
 def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
-    """Solve A^T x = b in place from the LU factors of A; b are the rows of ``right`` (columns, n).
+    """Solve A^T x = b in place from the LU factors of some A; b are the rows of ``right``.
 
-    Forward and back substitution run along rows of ``factors``, contiguous in memory, in groups of
-    four. The right-hand sides alternate, since the operations on each depend on one another.
+    ``factors`` (systems, n, n), ``pivots`` (systems, n), ``right`` (systems, columns, n). Forward
+    and back substitution run along rows of ``factors``, contiguous in memory, in groups of four.
+    The right-hand sides alternate, since the operations on each depend on one another. All systems
+    are solved in one call, as references are counted for every array that is passed on.
     """
-    n, columns = len(factors), len(right)
+    columns, n = right.shape[1:]
     whole = n - n % 4
-    for i in range(0, whole, 4):
-        one, two, three, four = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+    for system in range(len(factors)):
+        matrix, exchanged = factors[system], pivots[system]
+        for i in range(0, whole, 4):
+            one, two, three, four = matrix[i], matrix[i + 1], matrix[i + 2], matrix[i + 3]
+            for column in range(columns):
+                x = right[system, column]
+                a = x[i] * one[i]
+                b = (x[i + 1] - a * one[i + 1]) * two[i + 1]
+                c = (x[i + 2] - a * one[i + 2] - b * two[i + 2]) * three[i + 2]
+                d = (x[i + 3] - a * one[i + 3] - b * two[i + 3] - c * three[i + 3]) * four[i + 3]
+                x[i], x[i + 1], x[i + 2], x[i + 3] = a, b, c, d
+                for k in range(i + 4, n):
+                    x[k] -= (a * one[k] + b * two[k]) + (c * three[k] + d * four[k])
         for column in range(columns):
-            x = right[column]
-            a = x[i] * one[i]
-            b = (x[i + 1] - a * one[i + 1]) * two[i + 1]
-            c = (x[i + 2] - a * one[i + 2] - b * two[i + 2]) * three[i + 2]
-            d = (x[i + 3] - a * one[i + 3] - b * two[i + 3] - c * three[i + 3]) * four[i + 3]
-            x[i], x[i + 1], x[i + 2], x[i + 3] = a, b, c, d
-            for k in range(i + 4, n):
-                x[k] -= (a * one[k] + b * two[k]) + (c * three[k] + d * four[k])
-    for column in range(columns):
-        x = right[column]
-        for i in range(whole, n):
-            x[i] *= factors[i, i]
-            for k in range(i + 1, n):
-                x[k] -= x[i] * factors[i, k]
-        for i in range(n - 1, whole - 1, -1):
-            for k in range(i):
-                x[k] -= x[i] * factors[i, k]
-    for i in range(whole - 4, -1, -4):
-        one, two, three, four = factors[i], factors[i + 1], factors[i + 2], factors[i + 3]
+            x = right[system, column]
+            for i in range(whole, n):
+                x[i] *= matrix[i, i]
+                for k in range(i + 1, n):
+                    x[k] -= x[i] * matrix[i, k]
+            for i in range(n - 1, whole - 1, -1):
+                for k in range(i):
+                    x[k] -= x[i] * matrix[i, k]
+        for i in range(whole - 4, -1, -4):
+            one, two, three, four = matrix[i], matrix[i + 1], matrix[i + 2], matrix[i + 3]
+            for column in range(columns):
+                x = right[system, column]
+                d = x[i + 3]
+                c = x[i + 2] - d * four[i + 2]
+                b = x[i + 1] - d * four[i + 1] - c * three[i + 1]
+                a = x[i] - d * four[i] - c * three[i] - b * two[i]
+                x[i], x[i + 1], x[i + 2] = a, b, c
+                for k in range(i):
+                    x[k] -= (a * one[k] + b * two[k]) + (c * three[k] + d * four[k])
         for column in range(columns):
-            x = right[column]
-            d = x[i + 3]
-            c = x[i + 2] - d * four[i + 2]
-            b = x[i + 1] - d * four[i + 1] - c * three[i + 1]
-            a = x[i] - d * four[i] - c * three[i] - b * two[i]
-            x[i], x[i + 1], x[i + 2] = a, b, c
-            for k in range(i):
-                x[k] -= (a * one[k] + b * two[k]) + (c * three[k] + d * four[k])
-    for column in range(columns):
-        x = right[column]
-        for i in range(n - 1, -1, -1):
-            other = pivots[i]
-            x[i], x[other] = x[other], x[i]
+            x = right[system, column]
+            for i in range(n - 1, -1, -1):
+                other = exchanged[i]
+                x[i], x[other] = x[other], x[i]
 
 
 def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
-    """As `solve_transposed`, for ``right`` (n, columns) with b in its columns."""
+    """As `solve_transposed` of one system, for ``right`` (n, columns) with b in its columns."""
     n = len(factors)
     if right.shape[1] <= FEW:
         rows = right.T.copy()
-        solve_transposed(factors, pivots, rows)
+        columns = right.shape[1]
+        solve_transposed(
+            factors.reshape(1, n, n), pivots.reshape(1, n), rows.reshape(1, columns, n)
+        )
         right[:] = rows.T
         return
     # In groups of four rows, since few rows at a time are mostly loaded and stored.

@@ -25,6 +25,21 @@ def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
         i += 1
 
 
+def add_each(rows: FloatArray, matrices: FloatArray, out: FloatArray) -> None:
+    """Add the products of ``rows`` (k, n) with ``matrices`` (k, n, m) each to ``out`` (k, m)."""
+    n, m = matrices.shape[1:]
+    for k in range(len(rows)):
+        i = 0
+        while i + 2 <= n:
+            a, b = rows[k, i], rows[k, i + 1]
+            for j in range(m):
+                out[k, j] += a * matrices[k, i, j] + b * matrices[k, i + 1, j]
+            i += 2
+        if i < n:
+            for j in range(m):
+                out[k, j] += rows[k, i] * matrices[k, i, j]
+
+
 def add_runs(
     runs: IntArray, matrices: FloatArray, each: int, rows: FloatArray, out: FloatArray
 ) -> None:

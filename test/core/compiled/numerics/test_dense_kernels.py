@@ -25,7 +25,7 @@ def test_factors_solve_with_the_transposed_matrix_and_know_the_sign(size: int) -
         assert factorise(factors, pivots) == np.sign(np.linalg.det(matrix))
         right = random.normal(size=(3, size))
         found = right.copy()
-        solve_transposed(factors, pivots, found)
+        solve_transposed(factors[np.newaxis], pivots[np.newaxis], found[np.newaxis])
         np.testing.assert_allclose(found @ matrix, right, atol=1e-10)
 
 
@@ -38,6 +38,15 @@ def test_columns_that_come_last_are_solved_alike_however_many(columns: int) -> N
     found = right.copy()
     solve_columns(factors, pivots, found)
     np.testing.assert_allclose(matrix.T @ found, right, atol=1e-10)
+
+
+def test_several_systems_are_solved_by_their_own_factors() -> None:
+    random = np.random.default_rng(5)
+    matrices, right = random.normal(size=(4, 7, 7)), random.normal(size=(4, 2, 7))
+    factors, pivots, found = matrices.copy(), np.zeros((4, 7), np.int64), right.copy()
+    assert all(factorise(*one) for one in zip(factors, pivots))
+    solve_transposed(factors, pivots, found)
+    np.testing.assert_allclose(found @ matrices, right, atol=1e-10)
 
 
 def test_what_is_singular_or_no_number_has_no_sign() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from octo_arm_model.core.compiled.numerics.products import add_runs
+from octo_arm_model.core.compiled.numerics.products import add_each, add_runs, multiply
 
 
 @pytest.mark.parametrize('each', [3, 6, 8, 10])
@@ -20,3 +20,18 @@ def test_runs_are_interpolated_from_the_points_of_their_elements(each: int) -> N
     for (element, first, count), matrix in zip(runs, matrices):
         expected[:, first : first + count] += rows[:, element * each :][:, :each] @ matrix
     np.testing.assert_allclose(out, expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize('rows', [1, 5, 6, 8, 11, 24])
+@pytest.mark.parametrize('columns', [1, 2, 10])
+def test_small_products_are_those_of_numpy(rows: int, columns: int) -> None:
+    random = np.random.default_rng(rows)
+    matrix, other = random.normal(size=(rows, 7)), random.normal(size=(rows, columns))
+    out = np.full((7, columns), np.nan)
+    multiply(matrix, other, out)
+    np.testing.assert_allclose(out, matrix.T @ other, rtol=1e-12, atol=1e-14)
+    one, matrices = random.normal(size=(3, rows)), random.normal(size=(3, rows, columns))
+    found = np.ones((3, columns))
+    add_each(one, matrices, found)
+    expected = 1.0 + np.einsum('kn,knm->km', one, matrices)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
