@@ -62,12 +62,14 @@ class KnownSystem(NamedTuple):
         turned: sum of all bends of the arm from that state to the equilibrium [rad].
         changed: likewise of all changes of tensions and loads, as residuals.
         is_firm: whether the state is stable by a margin, see `stability_kernels.FIRM`.
+        is_shared: whether other balances may be kept with the same system.
     """
 
     system: System
     turned: float
     changed: float = 0.0
     is_firm: bool = False
+    is_shared: bool = False
 
 
 class CompiledRod:
@@ -209,7 +211,7 @@ class CompiledRod:
             self._spare = system
         elif not is_known:
             self._kept.keep(shape.twist, KnownSystem(system, 0.0, 0.0, kept.is_firm))
-            self._spare = self._unless_used(kept.system)
+            self._spare = self._unless_used(kept)
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """`Newton` of the rod."""
@@ -237,7 +239,8 @@ class CompiledRod:
     ) -> tuple[Outcome, RodState, Shape]:  # fmt: skip
         """Outcome of `rod_kernels.balance`, its final state, and the shape of that."""
         # Copied: the arrays of a `Backbone` are read-only.
-        orientation = np.array(shape.orientation)
+        orientation = np.empty((2, shape.twist.shape[1]), complex)
+        orientation[0], orientation[1] = shape.orientation
         is_used = wanted == BALANCE
         fields = empty_state(shape.twist.shape[1])[1:] if is_used else self._unused_fields
         state = RodState(np.array(shape.twist), *fields)
@@ -256,7 +259,10 @@ class CompiledRod:
         outcome, self._is_differentiated = Outcome(*found), False
         if outcome.is_reused:
             turned, changed = known.turned + outcome.turned, known.changed + changed
-            self._kept.keep(state.twist, KnownSystem(known.system, turned, changed, True))
+            if not known.is_shared:
+                known = known._replace(is_shared=True)
+                self._kept.keep(shape.twist, known)
+            self._kept.keep(state.twist, known._replace(turned=turned, changed=changed))
         elif outcome.sign:
             self._kept.keep(state.twist, KnownSystem(system, outcome.turned, 0.0, outcome.is_firm))
         if outcome.is_reused or not outcome.sign:
@@ -267,12 +273,15 @@ class CompiledRod:
         """Uninitialised system, in the arrays of the oldest one kept if there are enough."""
         spare, self._spare = self._spare, None
         if spare is None and (oldest := self._kept.take_oldest()):
-            spare = self._unless_used(oldest.system)
+            spare = self._unless_used(oldest)
         return spare or empty_system(self._tables.elements)
 
-    def _unless_used(self, system: System) -> System | None:
-        """The ``system``, unless any balance is kept with it, as several may be with one."""
-        return None if any(known.system is system for known in self._kept) else system
+    def _unless_used(self, dropped: KnownSystem) -> System | None:
+        """The system of what is no longer kept, unless other balances are kept with it."""
+        system = dropped.system
+        if dropped.is_shared and any(known.system is system for known in self._kept):
+            return None
+        return system
 
     def known_about(self, shape: Shape) -> KnownSystem | None:
         """The system kept with the equilibrium of this very ``shape``, if any."""

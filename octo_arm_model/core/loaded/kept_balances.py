@@ -37,7 +37,8 @@ class KeptBalances(Generic[_K]):
 
     def keep(self, array: FloatArray, known: _K) -> None:
         """Keep the data ``known`` of the equilibrium of this ``array``."""
-        self.take_oldest()
+        if id(array) not in self._kept:
+            self.take_oldest()
         self._kept[id(array)] = array, known
 
     def take_oldest(self) -> _K | None:
