@@ -1,1 +1,1 @@
-"""Tendons with friction in machine code, with and without loads. Imports the others."""
+"""Kernels for tendons with friction, with and without loads. Imports the other kernels."""

@@ -1,6 +1,8 @@
-"""How tendons with friction and cross sections answer each other: what `numba_build` compiles.
+"""Kernels for the coupling of tensions along tendons with friction and cross sections.
 
-As in `turning_kernels`, and as `sliding.sliding_balance` has it.
+They are the compiled counterpart of `Coupling` and `next_angle` of `sliding.sliding_balance`: they
+compute how the twist of cross sections in equilibrium changes with the tension of each tendon
+there, and improve the angles by which tendons have turned. Arrays are those of `turning_kernels`.
 """
 
 from __future__ import annotations
@@ -17,13 +19,17 @@ from octo_arm_model.core.section.formulas import (
     unscaled_gradient,
 )
 
-# Rows of the lower half of the Hessian by the twist, row by row.
+# Rows of the arrays ``hessian`` (`HESSIAN`, points): the lower half of the Hessian of the energy
+# by the twist, row by row.
 TT, NT, NN, BT, BN, BB, ST, SN, SB, SS = range(10)
 HESSIAN = 10
 
 
 def eliminate(hessian: FloatArray) -> None:
-    """Leave L D L^T of the Hessian (`HESSIAN`, points), the inverses of D on the diagonal."""
+    """Factorise the ``hessian`` (`HESSIAN`, points) in place as L D L^T.
+
+    L replaces the elements below the diagonal, the inverse of D those on the diagonal.
+    """
     for i in range(hessian.shape[1]):
         nt, bt, bn = hessian[NT, i], hessian[BT, i], hessian[BN, i]
         st, sn, sb = hessian[ST, i], hessian[SN, i], hessian[SB, i]
@@ -45,7 +51,11 @@ def set_forces(
     pulled: IntArray, reach: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray,
     strain: FloatArray, unit: FloatArray, force: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in the ``force`` (pulled, 4, points) per tension: less the gradient of |u|."""
+    """Fill in the ``force`` (pulled, 4, points) on cross sections per tension of each tendon.
+
+    It is the negative gradient by the scaled strain of |u|, the stretch of the tendon. ``place``
+    (2, pulled, points) and ``unit`` (3, pulled, points) are as in `TurningState`.
+    """
     for number in range(pulled.size):
         tendon = pulled[number]
         for i in range(reach[number]):
@@ -63,9 +73,10 @@ def add_yielding(
     pulled: IntArray, reach: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray,
     along: FloatArray, compliance: FloatArray, strain: FloatArray, force: FloatArray,
 ) -> None:  # fmt: skip
-    """Add to the ``force`` (pulled, 4, points) of tendons what their sheaths take from it.
+    """Add to the ``force`` (pulled, 4, points) what follows from tendons moving in their sheaths.
 
-    In which they are in balance under tensions ``along`` them, and move with these.
+    Tendons are in equilibrium in compliant sheaths under the tensions ``along`` (tendons, points).
+    With the tension the offset of a tendon changes, and with that the gradient of its stretch.
     """
     for number in range(pulled.size):
         tendon = pulled[number]
@@ -95,7 +106,10 @@ def add_yielding(
 
 
 def unscale(reach: IntArray, twist: FloatArray, strain: FloatArray, force: FloatArray) -> None:
-    """From the ``force`` (pulled, 4, points) by scaled strain to that by the ``twist``."""
+    """Convert the ``force`` (pulled, 4, points), in place, from scaled strain to twist.
+
+    It is a gradient by the scaled ``strain`` on entry, and by the ``twist`` (4, points) on return.
+    """
     for number in range(force.shape[0]):
         for i in range(reach[number]):
             f_t, f_n, f_b, f_s = unscaled_gradient(
@@ -110,7 +124,7 @@ def unscale(reach: IntArray, twist: FloatArray, strain: FloatArray, force: Float
 
 
 def substitute(reach: IntArray, factors: FloatArray, right: FloatArray) -> None:
-    """Solve for ``right`` (pulled, 4, points) in place, with what `eliminate` has left."""
+    """Solve for ``right`` (pulled, 4, points) in place, with the ``factors`` of `eliminate`."""
     for number in range(right.shape[0]):
         for i in range(reach[number]):
             t = right[number, 0, i]
@@ -136,7 +150,11 @@ def substitute(reach: IntArray, factors: FloatArray, right: FloatArray) -> None:
 def follow_tensions(
     reach: IntArray, by_pull: FloatArray, change: FloatArray, twist: FloatArray
 ) -> None:
-    """Move the ``twist`` (4, points) of sections in balance by the ``change`` of tensions."""
+    """Add to the ``twist`` (4, points) its linear change with the tensions along the tendons.
+
+    ``by_pull`` (pulled, 4, points) are the derivatives by the tensions and ``change`` (pulled,
+    points) the changes of the tensions [N].
+    """
     for number in range(by_pull.shape[0]):
         for k in range(4):
             for i in range(reach[number]):
@@ -148,19 +166,22 @@ def improve(
     quadrature: FloatArray, slip: FloatArray, across: FloatArray, by_pull: FloatArray,
     turned: FloatArray, few: FloatArray, angle: FloatArray,
 ) -> float:  # fmt: skip
-    """Bring the angles nearer, as `next_angle` does, but in one sweep from point to point.
+    """Improve ``angle`` (pulled, points), by which tendons have turned, in one Newton step.
 
-    With half of what a point adds to the integrals counted there, which is exact enough; ``few``
-    (2, pulled) are to work in.
+    The compiled counterpart of `next_angle`: it solves Volterra's equation of the module
+    `sliding_balance`, but in one sweep from the base to the tip. At each point half of its own
+    contribution to the integrals counts, which is accurate enough. ``turned`` are the angles in
+    the equilibrium under the tensions ``along``; ``few`` (2, pulled) is scratch space; the other
+    arrays are those of `TurningState`.
 
     Returns:
-        The largest part by which tensions change; NaN where it is none.
+        The largest relative change of the tensions; NaN where any change is not finite.
     """
     several, largest, sum_of_all = pulled.size, 0.0, 0.0
     for k in range(several):
         few[1, k] = 0.0
     for i in range(angle.shape[1]):
-        # How tensions there change with the angles, and the curvatures with these.
+        # The change of the curvatures with the tensions, and of these with the angles.
         t, n, b, weight = 0.0, 0.0, 0.0, quadrature[i]
         for k in range(several):
             if i < reach[k]:
@@ -181,5 +202,5 @@ def improve(
                 largest = max(largest, coefficient[pulled[k]] * abs(new - old))
     for k in range(several):
         sum_of_all += few[1, k]
-    # What is not a number at one point is none in the sum.
+    # The sum is not finite if the change at any point is not.
     return largest if np.isfinite(sum_of_all) else np.nan

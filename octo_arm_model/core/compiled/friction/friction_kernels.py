@@ -1,7 +1,8 @@
-"""Friction along tendons: what `numba_build` compiles, as `sliding.friction` has it.
+"""Kernels for tendons with friction along an arm: the compiled counterpart of `sliding.friction`.
 
-And how tendons turn together, as `sliding.sliding_balance`; of those under tension alone,
-``pulled``.
+They compute by which angles tendons turn under a twist of the cross sections and how the twist
+answers their tensions, as `sliding.sliding_balance` does. Only the tendons under tension, with the
+numbers ``pulled``, are considered.
 """
 
 from __future__ import annotations
@@ -37,34 +38,37 @@ from octo_arm_model.core.loaded.rod import RESOLVED_TENSIONS
 
 
 class TurningState(NamedTuple):
-    """How the tendons that are pulled turn; all (pulled, points) but for those of other axes.
+    """How the tendons under tension turn; arrays are (pulled, points) unless stated otherwise.
 
-    One tuple of all there is, as the compiler counts references of every array that is passed.
+    It is one tuple of all arrays of the iteration, since numba counts the references of every
+    array that is passed. The attributes from ``step`` to ``end_columns`` are those of
+    `FrictionTables`.
 
     Attributes:
-        angle: by which each has turned since the base, nearly [rad].
-        kept: what friction leaves of its tension after that angle.
-        by_pull: change of the twist with each tension at the same place, (pulled, 4, points).
-        across: change of ``rate`` with the angular twist, (3, pulled, points).
-        turned: by which it turns in the shape that follows from that angle [rad].
-        rate: derivative of ``turned`` [rad/m], without kinks.
-        slip: -1 where it is drawn in, 1 where it is let out and 0 where it sticks.
-        change: of its tension, when that was found last [N].
+        angle: current iterate of the angle by which each tendon has turned since the base [rad].
+        kept: part of its tension that friction leaves after that angle.
+        by_pull: derivative of the twist by the tension at the same point, (pulled, 4, points).
+        across: derivative of ``rate`` by the angular twist, (3, pulled, points).
+        turned: angle by which the tendon turns in the shape that follows from ``angle`` [rad].
+        rate: derivative of ``turned`` by arc length, without kinks [rad/m].
+        slip: -1 where the tendon is drawn in, 1 where it is let out and 0 where it sticks.
+        change: change of its tension when tensions were last computed [N].
         unit: its unit tangent in the axes of the cross sections, (3, pulled, points).
-        slope: derivative of this along an element over its length, likewise.
-        place: where it stands in the section along n and b [m], (2, pulled, points).
-        strain: of the sections, see `STRAIN`.
-        hessian: of their energy, see `HESSIAN`.
-        few: to work in, (2, pulled).
-        offset: of the tendons in their sheaths [m], see `placing_kernels`.
-        pulled: their numbers.
-        reach: how many points each acts at, (pulled,).
-        dx: as of `SectionTables`, of all tendons.
-        dy: likewise.
-        compliance: likewise, of their sheaths.
-        along: their tensions at the points [N].
-        coefficient: as of `FrictionTables`, and so are the others.
-        widens: as of `SectionTables`.
+        slope: derivative of ``unit`` by the coordinate within an element of length one, (3,
+            pulled, points).
+        place: position of the tendon in the cross section along n and b [m], (2, pulled, points).
+        strain: strains of the cross sections, see `STRAIN`, (`STRAIN`, points).
+        hessian: Hessian of their energy, see `HESSIAN`, (`HESSIAN`, points).
+        few: scratch space, (2, pulled).
+        offset: offsets of the tendons in their sheaths [m], see `placing_kernels`.
+        pulled: numbers of the tendons under tension, (pulled,).
+        reach: number of points up to the anchorage of each, (pulled,).
+        dx: slopes along n of all tendons as in `SectionTables`, (tendons, points).
+        dy: slopes along b, (tendons, points).
+        compliance: compliance of all sheaths as in `SectionTables`; empty if all are rigid.
+        along: tensions of all tendons at the points [N], (tendons, points).
+        coefficient: coefficients of friction of all tendons, (tendons,).
+        widens: whether cross sections widen, as in `SectionTables`.
     """
 
     angle: FloatArray
@@ -99,14 +103,19 @@ class TurningState(NamedTuple):
 
 
 def remembered(pulled: int) -> int:
-    """How many numbers at every point foretell another balance, see `state_in`."""
+    """Number of values at each point that are kept to predict another equilibrium.
+
+    They are the four rows of the twist and the arrays that `state_in` places after them.
+    """
     return 4 + 9 * pulled
 
 
 def state_in(tables: FrictionTables, pulled: IntArray, memory: FloatArray) -> TurningState:
-    """How ``pulled`` tendons turn, of which their paths alone are known.
+    """Make a `TurningState` of the tendons ``pulled``, with their places on their paths.
 
-    What foretells another balance lies in ``memory`` (`remembered`, points) after the twist.
+    The other arrays are not filled in. ``angle``, ``kept``, ``by_pull`` and ``across`` are views
+    of ``memory`` (`remembered`, points) after the four rows of the twist; they serve to predict
+    another equilibrium.
     """
     sections, points, p = tables.sections, memory.shape[1], pulled.size
     room, along = np.empty((4, p, points)), np.empty((2, 3, p, points))
@@ -125,7 +134,11 @@ def state_in(tables: FrictionTables, pulled: IntArray, memory: FloatArray) -> Tu
 
 
 def find_turnings(turning: TurningState, twist: FloatArray) -> None:
-    """Fill in how the tendons turn in their places under ``twist`` (4, points): see `Turning`."""
+    """Fill in the angles ``turned`` by which the tendons turn under ``twist`` (4, points).
+
+    The compiled counterpart of `Friction.turning`, with the tendons at the given ``place``. Also
+    fills in ``strain``, ``unit``, ``slope``, ``rate`` and ``across`` of `TurningState`.
+    """
     unit, slope, reach, rate = turning.unit, turning.slope, turning.reach, turning.rate
     ends, turned = turning.end_columns, turning.turned
     set_strain(turning.widens, twist, turning.strain)
@@ -138,16 +151,20 @@ def find_turnings(turning: TurningState, twist: FloatArray) -> None:
 
 
 def multiply_rows(rows: FloatArray, columns: FloatArray, out: FloatArray) -> None:
-    """Fill in the products of all elements of ``rows`` (..., points) with ``columns``."""
+    """Fill in ``out`` (..., points), for each element the product of its ``rows`` with a matrix.
+
+    ``rows`` is (..., points), and ``columns`` (each, each) the transpose of that matrix.
+    """
     s = len(columns)
     each = rows.size // s, s
     np.dot(rows.reshape(each), columns, out.reshape(each))
 
 
 def find_responses(turning: TurningState, twist: FloatArray) -> None:
-    """Fill in ``by_pull`` under ``twist`` (4, points), of which `find_turnings` has been found.
+    """Fill in ``by_pull``, the derivatives of the twist of cross sections by the tensions.
 
-    With the ``hessian``, which is lost.
+    `find_turnings` must have been called for the same ``twist`` (4, points), and ``hessian`` must
+    be that at this twist; it is overwritten by its factors.
     """
     pulled, reach, place, strain, by_pull = (
         turning.pulled, turning.reach, turning.place, turning.strain, turning.by_pull
@@ -162,9 +179,10 @@ def find_responses(turning: TurningState, twist: FloatArray) -> None:
 
 
 def resolves_tensions(tables: FrictionTables, pulled: IntArray) -> bool:
-    """Whether points resolve the tensions at them, of tendons that do not stick.
+    """Whether the elements resolve the tensions of the tendons ``pulled``, if none sticks.
 
-    As `LoadedRod.resolves_twist`.
+    The last two Legendre coefficients of each tension in every element must be within
+    `RESOLVED_TENSIONS` of the largest tension.
     """
     along = tables.sections.transmission
     most = RESOLVED_TENSIONS * along.max() if along.size else 0.0

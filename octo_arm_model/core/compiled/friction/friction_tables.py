@@ -1,4 +1,4 @@
-"""Tendons with friction, tabulated for the compiled kernels."""
+"""Tables of tendons with friction for the kernels."""
 
 from __future__ import annotations
 
@@ -18,31 +18,40 @@ from octo_arm_model.core.section.energy import SectionEnergy
 
 
 class FrictionTables(NamedTuple):
-    """A rod whose tendons have friction, as `Friction` has it.
+    """The data of a rod whose tendons have friction, with ``each`` points per element.
 
     Attributes:
-        sections: at the points of all elements; their ``transmission`` is overwritten by the
-            tensions at the points, so that a tendon's tension at its base counts as 1.
-        transmission: part of its tension that each tendon has at a point without friction,
-            (tendons, points).
-        reach: how many points each acts at, those up to its anchorage, (tendons,).
-        coefficient: mu of every tendon, (tendons,).
+        sections: cross sections at the points of all elements. The kernels overwrite their
+            ``transmission`` by the tensions at the points [N] and pass tensions of 1 at the base.
+        transmission: part of its tension at the base that each tendon has at a point without
+            friction, (tendons, points).
+        reach: number of points up to the anchorage of each tendon, (tendons,).
+        coefficient: coefficient of friction mu of each tendon, (tendons,).
         step: lengths of the elements [m], (elements,).
-        lengths: of those that the points lie in [m], (points,).
+        lengths: length of the element of each point [m], (points,).
         quadrature: weights of the integral along the arm [m], (points,).
-        from_start_columns: columns, as rows, of the integrals within an element from its start.
-        differentiate_columns: likewise of the derivatives, for an element of length one.
-        end_columns: columns, as rows, to values at both ends of an element, (each, 2).
-        tail: from them to the last two Legendre coefficients, (2, each).
-        node_paths: x, y, dx and dy as of `SectionTables` at the nodes of the grid, for the closed
-            form alone, (4, tendons, nodes).
-        node_stiffness: likewise axial, squared and torsion, (3, nodes).
-        runs: element, first node and number of nodes of ranges of nodes, (runs, 3).
-        to_nodes: matrices (each, nodes) from values at points to these, one after another.
-        station_runs: likewise of the stations.
-        to_stations: likewise.
-        is_exact: whether cross sections have least energy; else they are of the closed form.
-        is_finest: as of `LoadedRod`.
+        from_start_columns: transpose of the matrix of the integrals within an element of length
+            one from its start, (each, each).
+        differentiate_columns: transpose of the matrix of the derivatives at the points of an
+            element of length one, (each, each).
+        end_columns: transpose of the matrix from values at the points to those at both ends of an
+            element, (each, 2).
+        tail: matrix from values at the points to the last two Legendre coefficients, (2, each).
+        node_paths: x, y, dx and dy of `SectionTables` at the nodes of the grid, (4, tendons,
+            nodes); without nodes for exact sections.
+        node_stiffness: axial, squared and torsion of `SectionTables` at the nodes, (3, nodes);
+            without nodes for exact sections.
+        runs: element, first node and number of nodes of each run of nodes in one element, (runs,
+            3).
+        to_nodes: matrices (each, nodes) from values at points to those at the nodes of a run, one
+            after another.
+        station_runs: element, first station and number of stations of each run of stations in one
+            element, (runs, 3).
+        to_stations: matrices (each, stations) from values at points to those at the stations of a
+            run, one after another.
+        is_exact: whether cross sections minimise the energy; otherwise their twist is that of the
+            closed form.
+        is_finest: whether there are no finer elements, as in `LoadedRod`.
     """
 
     sections: SectionTables
@@ -67,7 +76,10 @@ class FrictionTables(NamedTuple):
 
 
 def friction_tables(rod: LoadedRod, at_nodes: SectionEnergy | None) -> FrictionTables:
-    """Of a ``rod`` with friction: by the closed form, with its sections ``at_nodes``, or exact."""
+    """Collect the `FrictionTables` of a ``rod`` whose tendons have friction.
+
+    ``at_nodes`` are the cross sections at the nodes for the closed form, None for exact sections.
+    """
     own, energy = rod.equilibrium.collocation, rod.equilibrium.energy
     friction, rule = rod.equilibrium.friction, own.rule
     assert friction is not None
@@ -102,7 +114,7 @@ def friction_tables(rod: LoadedRod, at_nodes: SectionEnergy | None) -> FrictionT
 
 
 def no_friction() -> FrictionTables:
-    """Of no arm."""
+    """Make empty `FrictionTables`, of the same types for the compiler as `friction_tables`."""
     none, table, sections = np.zeros(0), np.zeros((0, 0)), no_exact().sections
     runs = np.zeros((0, 3), np.int64)
     return FrictionTables(

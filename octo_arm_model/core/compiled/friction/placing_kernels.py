@@ -1,8 +1,9 @@
-"""Tendons with friction where they stand in their sheaths: what `numba_build` compiles.
+"""Kernels for the places of tendons with friction in compliant sheaths.
 
-As `sheaths.sheath` has it, at the tensions that the sections have for their ``transmission``.
-Offsets are of blocks of sections, (blocks, pulled, 2 `LANES`) as in `sheath_kernels`, and of no
-size where all sheaths are rigid.
+They are the compiled counterpart of `sheaths.sheath`, with the tensions at the points given as the
+``transmission`` of the sections. Offsets of the tendons from their paths are stored by blocks of
+sections, (blocks, pulled, 2 `LANES`) as in `sheath_kernels`, and have size 0 where all sheaths are
+rigid.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 
 
 def no_offsets(sections: SectionTables, pulled: int) -> FloatArray:
-    """Those of ``pulled`` tendons on their paths."""
+    """Make zero offsets of a number of ``pulled`` tendons, which stand on their paths."""
     each = 2 * LANES if sections.sheath_compliance.size else 0
     return np.zeros((len(sections.blocks), pulled, each))
 
@@ -30,9 +31,11 @@ def place_tendons(
     sections: SectionTables, twist: FloatArray, pulled: IntArray, offsets: FloatArray,
     place: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in the ``place`` (2, pulled, points) of tendons along n and b [m].
+    """Fill in the ``place`` (2, pulled, points) of tendons in compliant sheaths [m].
 
-    In balance in their sheaths, which give way, under ``twist`` (4, points).
+    It is the position along n and b at which a tendon is in equilibrium with its sheath under
+    ``twist`` (4, points). Newton's method for the ``offsets`` begins at the given ones and
+    overwrites them.
     """
     strain = np.empty((STRAIN, twist.shape[1]))
     set_strain(sections.widens, twist, strain)
@@ -62,7 +65,10 @@ def set_places(
     blocks: IntArray, x: FloatArray, y: FloatArray, pulled: IntArray, offsets: FloatArray,
     place: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in the ``place`` (2, pulled, points) of tendons ``offsets`` off their paths."""
+    """Fill in the ``place`` (2, pulled, points) of tendons along n and b [m].
+
+    It is the sum of the path ``x``, ``y`` (tendons, points) and the ``offsets`` from it.
+    """
     for number in range(pulled.size):
         tendon = pulled[number]
         for i in range(place.shape[2]):

@@ -1,6 +1,7 @@
-"""Arms without loads whose tendons have friction: what `numba_build` compiles.
+"""Kernels for the equilibrium of arms without loads whose tendons have friction.
 
-As `sliding.sliding_balance` and `models.sliding` have it, of the tendons under tension alone.
+They are the compiled counterpart of `sliding.sliding_balance` and `models.sliding`. Only the
+tendons under tension, ``pulled``, are considered.
 """
 
 from __future__ import annotations
@@ -51,12 +52,14 @@ from octo_arm_model.core.loaded.sliding.sliding_balance import CHANGED, MOST, ha
 from octo_arm_model.core.section.newton import TOLERANCE
 from octo_arm_model.core.section.paper_balance import mixed_curvatures, routed_torsion, stretch
 
-SECTION_STEPS = 2  # of Newton's method for cross sections, before tendons are turned anew
-# What is left of the balance, relative, before the last of these.
+# Most Newton steps for cross sections before the angles of the tendons are computed anew.
+SECTION_STEPS = 2
+# Relative residual before a step at which that step is the last of these, unless tensions have
+# converged.
 ROUGH = 1e-4
-NEAR = 1e-6  # what is left of the balance, relative, for tensions not to change any more
-SLOW = 2  # sweeps from a known balance after which its responses are found anew
-UNRESOLVED = -2  # instead of a number of iterations
+NEAR = 1e-6  # relative residual up to which converged tensions are not computed anew
+SLOW = 2  # number of the sweep from a known balance in which its derivatives are computed anew
+UNRESOLVED = -2  # value of ``iterations`` where the elements are too coarse
 
 
 def find_closed_form(
@@ -64,9 +67,10 @@ def find_closed_form(
     slope_y: FloatArray, axial: FloatArray, squared: FloatArray, torsion: FloatArray,
     pulled: IntArray, twist: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in the ``twist`` (4, sections) under tensions ``along``, as `ClosedForm` has it.
+    """Fill in the ``twist`` (4, sections) of the closed form under tensions ``along``.
 
-    The others are as of `SectionTables`.
+    The compiled counterpart of `ClosedForm`. ``along`` (tendons, sections) are the tensions at the
+    sections [N]; paths, slopes and stiffnesses are those of `SectionTables`.
     """
     for i in range(twist.shape[1]):
         pull, n, b, nn, bb, mixed, routing = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -86,16 +90,17 @@ def find_sections(
     sections: SectionTables, is_exact: bool, ones: FloatArray, pulled: IntArray, is_guess: bool,
     is_kept: bool, twist: FloatArray, offsets: FloatArray, hessian: FloatArray, rows: FloatArray,
 ) -> tuple[float, bool]:  # fmt: skip
-    """Take one step of Newton's method for the ``twist`` (4, points) under local tensions.
+    """Update the ``twist`` (4, points) of cross sections under the tensions at the points.
 
-    If ``is_guess`` the start of `set_start` takes its place; the closed form is evaluated where
-    the model is not exact. ``offsets`` of tendons in their sheaths are updated. If ``is_kept`` the
-    ``hessian`` (`HESSIAN`, points) at the twist before the step is filled in; ``rows`` is scratch
-    space.
+    The tensions are the ``transmission`` of the ``sections``, for tensions ``ones`` at the base.
+    For exact sections the twist is updated by one Newton step or, if ``is_guess``, replaced by the
+    initial estimate of `set_start`. For others it is evaluated in closed form. The ``offsets`` of
+    the tendons in their sheaths are updated as well. If ``is_kept`` the ``hessian`` (`HESSIAN`,
+    points) at the twist before the step is filled in; ``rows`` is scratch space.
 
     Returns:
-        Relative residual before the step, NaN where a state is impossible, and whether no fibre is
-        compressed to nothing, no tendon pressed out of the body and the energy a minimum.
+        Relative residual before the step, NaN where a state is impossible; and whether no fibre is
+        compressed to nothing, no tendon pressed out of the body and the energy at a minimum.
     """
     residual, is_possible = 0.0, True
     if not is_exact:
@@ -144,16 +149,21 @@ def slide(
     tables: FrictionTables, tensions: FloatArray, before: FloatArray, known: FloatArray,
     memory: FloatArray,
 ) -> tuple[float, int, bool]:  # fmt: skip
-    """Fill in the tensions at the points, and their twist as `memory[:4]`, as `balance` does.
+    """Find the tensions along tendons with friction and the twist of an arm without loads.
 
-    Every sweep is a step of Newton's method for cross sections and tensions along tendons
-    together. What ``memory`` (`remembered`, points) ends as foretells another balance from the
-    tensions that are found; if ``known`` has any size it is that of the tensions ``before``, which
-    is near.
+    The compiled counterpart of `sliding_balance.balance`. ``tensions`` (tendons,) are those at the
+    base and ``before`` (tendons, points) those along the tendons before [N]. Fills in the tensions
+    at the points as the ``transmission`` of the sections, and the twist as ``memory[:4]``. Each
+    sweep computes the tensions from the angles by which tendons have turned, takes Newton steps
+    for the cross sections and improves the angles.
+
+    On return ``memory`` (`remembered`, points) has the twist, the angles and their derivatives,
+    which predict the equilibrium under similar tensions. ``known`` is the memory of such an
+    equilibrium, with the tensions ``before``; size 0 for none.
 
     Returns:
-        What is left of the balance, relative, number of sweeps, -1 where there is no balance,
-        and whether any tendon sticks.
+        The relative residual of the cross sections; the number of sweeps, -1 where no equilibrium
+        was found; and whether any tendon sticks.
     """
     pulled, ones = np.flatnonzero(tensions), np.ones(tensions.size)
     sections, twist, is_known = tables.sections, memory[:4], known.size > 0
@@ -189,7 +199,7 @@ def slide(
                 sections, tables.is_exact, ones, pulled, True, False, twist, turning.offset,
                 turning.hessian, rows,
             )  # fmt: skip
-        # What is known hardly changes.
+        # The derivatives by the tensions hardly change, so that few sweeps compute them anew.
         responds = number == SLOW if is_known else number <= 1
         residual, is_possible = 0.0, True
         for _ in range(SECTION_STEPS):
@@ -226,7 +236,12 @@ def slide(
 
 
 def is_near(known: FloatArray, before: FloatArray, tensions: FloatArray, pulled: IntArray) -> bool:
-    """As `Slid.is_near`, of what is ``known`` of the balance with tensions ``before``."""
+    """Whether the ``known`` memory of `slide` predicts an equilibrium under ``tensions``.
+
+    The compiled counterpart of `Slid.is_near`: the tensions (tendons,) of the tendons ``pulled``
+    must be within `CHANGED` of those at the base before, and ``known`` must be of as many tendons.
+    ``before`` (tendons, points) are the tensions of the known equilibrium.
+    """
     if len(known) != remembered(pulled.size):
         return False
     for tendon in pulled:
@@ -237,7 +252,7 @@ def is_near(known: FloatArray, before: FloatArray, tensions: FloatArray, pulled:
 
 
 def resolves(tables: FrictionTables, pulled: IntArray, twist: FloatArray) -> bool:
-    """Whether points resolve ``twist`` and `resolves_tensions`, as `LoadedRod.resolves_twist`."""
+    """Whether the elements resolve the ``twist`` (4, points) and the tensions along tendons."""
     return resolves_tensions(tables, pulled) and resolves_twist(tables.tail, tables.step, twist)
 
 
@@ -247,12 +262,16 @@ def find_sliding_shapes(
     residual: FloatArray, iterations: IntArray, points: FloatArray, stations: FloatArray,
     known: FloatArray, memory: FloatArray,
 ) -> int:  # fmt: skip
-    """As `paper_kernels.find_shapes`, of tendons with friction.
+    """Fill in the shapes of arms without loads whose tendons have friction.
 
-    Fills in their tensions besides, at the ``points`` (tendons, points) of the last arm and at
-    the ``stations`` (batch, stations, tendons), zero at first; ``known`` and ``memory`` are those
-    of `slide`. Where there are finer elements for what these do not resolve ``iterations`` are
-    `UNRESOLVED`.
+    ``tensions`` (batch, tendons) are those at the base. The results of `paper_kernels.find_shapes`
+    are filled in, and the tensions at the ``points`` (tendons, points) of the last arm and at the
+    ``stations`` (batch, stations, tendons) [N]; the latter must be zero on entry. ``before``,
+    ``known`` and ``memory`` are those of `slide`. Where the elements do not resolve twist or
+    tensions and there are finer ones, ``iterations`` are `UNRESOLVED`.
+
+    Returns:
+        Number of arms without solution: their ``iterations`` are negative.
     """
     without, count = 0, tables.transmission.shape[1]
     s, nothing = len(tables.end_columns), np.zeros((0, 0))

@@ -1,7 +1,8 @@
-"""Loaded rods whose tendons have friction: what `numba_build` compiles.
+"""Kernels for the equilibrium of loaded rods whose tendons have friction.
 
-Steps of Newton's method at tensions that stay, each followed by those tensions along the tendons
-that the new shape leaves, and by what these change at the same place, as without loads.
+Each step is a Newton or chord step of the loaded rod at constant tensions along the tendons. After
+it the tensions are computed anew from the angles by which tendons turn in the new shape, and the
+twist is changed by its derivatives by the tensions at the same point, as without loads.
 """
 
 from __future__ import annotations
@@ -49,8 +50,11 @@ from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, SAME
 from octo_arm_model.core.loaded.sliding.sliding_balance import TOLERANCE
 
 MOST_STEPS = 30
-SLOW = 0.2  # part of the residual that a step must leave less than, else the system is found anew
-STUCK = 0.9  # likewise, else NumPy solves for shape and tensions at once
+# Largest part of the residual that a step may leave for the next to use the same system.
+SLOW = 0.2
+# Largest part of it that a step may leave at all; otherwise NumPy solves for shape and tensions at
+# once.
+STUCK = 0.9
 
 
 def slide_rod(
@@ -59,10 +63,12 @@ def slide_rod(
     is_known: bool, known: System, orientation: ComplexArray, state: RodState, slip: FloatArray,
     system: System, compliance: FloatArray, change: FloatArray, readings: Readings,
 ) -> tuple[float, int, float, float, int, bool, bool, bool, bool, bool]:  # fmt: skip
-    """`find_sliding_balance`, and what `rod_kernels.search` finds with tensions that stay.
+    """Find the equilibrium of a loaded rod with friction, test its stability and read it out.
 
-    Fills in the ``orientation`` (2, points) of the balance besides. It is not read out where
-    elements do not resolve tensions along tendons.
+    `find_sliding_balance` finds the equilibrium; `rod_kernels.search` then tests its stability at
+    constant tensions along the tendons and reads it out as ``wanted``. Also fills in the
+    ``orientation`` (2, points), the complex numbers of `Quaternions`. The result counts as not
+    read out where `READINGS` are wanted and the elements do not resolve the tensions.
 
     Returns:
         The fields of `Outcome`; an infinite residual where tensions are not found.
@@ -74,7 +80,7 @@ def slide_rod(
     if systems < 0:
         return np.inf, 0, corrected, 0.0, 0, False, False, False, False, False
     normalise(state.turn)
-    # Where a tendon begins to stick strains have a kink, which no elements resolve.
+    # The strains have a kink where a tendon begins to stick, which no elements resolve.
     kind = ANY_READINGS if sticks and wanted == READINGS else wanted
     found = search(
         tables, np.sign(tensions), tip_wrench, factor, tolerance, has_energy, kind, False, known,
@@ -85,7 +91,7 @@ def slide_rod(
     is_read = (
         found.is_read and corrected <= MOST_CORRECTED and (kind == ANY_READINGS or is_resolved)
     )
-    # Of a system that the tensions were found by it is not known how far.
+    # If the system comes from `find_sliding_balance` the angle turned since is not known.
     turned = np.inf if sign else found.turned
     return (
         found.residual, systems + found.iterations, corrected, turned, found.sign, found.is_least,
@@ -98,19 +104,24 @@ def find_sliding_balance(
     tip_wrench: FloatArray, factor: float, tolerance: float, is_known: bool, known: System,
     state: RodState, slip: FloatArray, system: System,
 ) -> tuple[float, int, int, float, bool, bool]:  # fmt: skip
-    """Balance the ``state``, of which twist and orientations are given, and its tendons.
+    """Find the equilibrium of a loaded rod and the tensions along its tendons with friction.
 
-    These have ``tensions`` at the base and ``before`` along them, as `find_tensions` takes them;
-    they end as the ``transmission`` of the sections, which both tables have in common, and of
-    those at the stations, with their ``slip`` (tendons, points). If ``is_known``, the ``known``
-    system of a balance nearby makes the first step; then one that is linearised anew does, which
-    ``system`` ends as, and the next for as long as these leave little.
+    Twist and orientations of ``state`` are given and are the start; all its fields are filled in.
+    ``tensions`` (tendons,) are those at the base and ``before`` (tendons, points) those along the
+    tendons before, without size for slack tendons. The new tensions along the tendons [N] are
+    filled in as the ``transmission`` of the sections at the points, which both tables share, and
+    at the stations, together with ``slip`` (tendons, points).
+
+    If ``is_known``, the first step is a chord step with the ``known`` system, linearised about an
+    equilibrium nearby. The second step uses a ``system`` linearised anew, which is filled in.
+    Further steps use the same system for as long as each reduces the residual enough.
 
     Returns:
-        The residual; how many systems it took, as iterations of Newton's method count, -1 where
-        there is no balance; the sign of the determinant of ``system``, 0 where it is not that of
-        nearly the balance; how far all steps but the first have turned the arm [rad]; whether any
-        tendon sticks; and whether elements are fine enough for the tensions.
+        The residual; the number of systems used, which counts as that of iterations, -1 where no
+        equilibrium was found; the sign of the determinant of ``system``, 0 where it is not
+        linearised about nearly the equilibrium; the angle by which all steps but the first have
+        turned the arm [rad]; whether any tendon sticks; and whether the elements resolve the
+        tensions.
     """
     count, corrected, systems = state.twist.shape[1], 0.0, int(is_known)
     turned, sign = 0.0, 0
@@ -127,7 +138,8 @@ def find_sliding_balance(
     along, changed = tables.sections.transmission, np.inf
     along[:] = 0.0
     if turning.offset.size:
-        # Tendons stand as tensions have it, nearly those without turning.
+        # Places of tendons in compliant sheaths depend on the tensions; those without friction
+        # are near enough to begin with.
         kept[:] = 1.0
         set_tensions(tensions, before, pulled, reach, part, kept, along, slips, change)
         place_tendons(sections, state.twist, pulled, turning.offset, turning.place)
@@ -177,7 +189,7 @@ def find_sliding_balance(
         found = find_state(tables, held, tip_wrench, factor, new)
         if not found <= max((STUCK if number else FIRST_PROGRESS) * residual, tolerance):
             break
-        # A new system is asked for in the end anyway, to see whether the balance is stable.
+        # After a chord step of the known system a new one is needed for the stability test anyway.
         is_slow, residual = found > SLOW * residual or (is_known and number == 0), found
         moved = turn_of(tables.elements.quadrature, new.twist - state.twist)
         copy_state(new, state)

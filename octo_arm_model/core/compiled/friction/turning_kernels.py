@@ -1,9 +1,9 @@
-"""How tendons with friction turn: what `numba_build` compiles, of whole arms.
+"""Kernels for the angles by which tendons with friction turn, and for their tensions.
 
-Functions of arrays alone, which neither allocate nor cut them: what the compiler counts
-references of takes longer than these loops. Of the tendons under tension alone, ``pulled``, each
-at the points up to its anchorage, ``reach`` (pulled,); strains and Hessians are rows over points,
-see `STRAIN`.
+The functions take arrays only and neither allocate nor slice them, since counting the references
+of arrays takes longer than these loops. They consider the tendons under tension, with the numbers
+``pulled`` (pulled,), each at the points up to its anchorage, of which there are ``reach``
+(pulled,).
 """
 
 from __future__ import annotations
@@ -16,13 +16,18 @@ from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.formulas import tendon_direction
 from octo_arm_model.core.section.tendons.tendon_tangents import curvature, kink_angle
 
-STRAIN = 6  # rows: scaled strain, widening and its slope
+# Rows of the arrays ``strain`` (`STRAIN`, points): the four scaled strains, the widening and its
+# derivative by the stretch.
+STRAIN = 6
 
 
 def set_kept(
     coefficient: FloatArray, pulled: IntArray, reach: IntArray, angle: FloatArray, kept: FloatArray
 ) -> None:
-    """Fill in what friction leaves of tensions after these angles, (pulled, points)."""
+    """Fill in ``kept`` (pulled, points), the part of its tension that friction leaves a tendon.
+
+    It is exp(-mu theta) after turning by the ``angle`` theta (pulled, points) [rad].
+    """
     for number in range(pulled.size):
         rate = coefficient[pulled[number]]
         for i in range(reach[number]):
@@ -33,10 +38,13 @@ def set_tensions(
     tensions: FloatArray, before: FloatArray, pulled: IntArray, reach: IntArray, part: FloatArray,
     kept: FloatArray, along: FloatArray, slip: FloatArray, change: FloatArray,
 ) -> bool:  # fmt: skip
-    """Fill in tensions ``along`` tendons, their ``change`` and ``slip``, of what is ``kept``.
+    """Fill in tensions ``along`` tendons, their ``change`` and ``slip``.
 
-    ``part`` (tendons, points) of that at the base is there without friction; ``before`` (tendons,
-    points) are those before, or (0, 0) for slack ones.
+    The compiled counterpart of `Friction.tensions`. ``tensions`` (tendons,) are those at the base
+    [N], ``part`` (tendons, points) is the part of them that reaches a point without friction and
+    ``kept`` (pulled, points) the part of that which friction leaves. ``before`` (tendons, points)
+    are the tensions along the tendons before [N], (0, 0) for slack tendons. ``along`` is (tendons,
+    points), ``change`` and ``slip`` are (pulled, points) as in `TurningState`.
 
     Returns:
         Whether any tendon sticks.
@@ -61,7 +69,7 @@ def set_tensions(
 
 
 def set_strain(widens: bool, twist: FloatArray, strain: FloatArray) -> None:
-    """Fill in the ``strain`` (`STRAIN`, points) under ``twist`` (4, points)."""
+    """Fill in the ``strain`` (`STRAIN`, points) of cross sections under ``twist`` (4, points)."""
     if widens:
         for i in range(twist.shape[1]):
             strain[4, i], strain[5, i], _ = incompressible_widening(twist[3, i])
@@ -78,7 +86,11 @@ def set_units(
     pulled: IntArray, reach: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray,
     strain: FloatArray, unit: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in the unit tangents of tendons that stand at ``place`` (2, pulled, points)."""
+    """Fill in ``unit`` (3, pulled, points), the unit tangents of tendons in the section axes.
+
+    The tendons are at ``place`` (2, pulled, points) with slopes ``dx`` and ``dy`` (tendons,
+    points), under ``strain`` (`STRAIN`, points).
+    """
     for number in range(pulled.size):
         tendon = pulled[number]
         for i in range(reach[number]):
@@ -96,7 +108,12 @@ def set_rates(
     reach: IntArray, twist: FloatArray, lengths: FloatArray, unit: FloatArray, slope: FloatArray,
     rate: FloatArray, across: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in the ``rate`` and ``across`` of `TurningState`."""
+    """Fill in the rates at which tendons turn and their derivatives by the curvatures.
+
+    ``rate`` (pulled, points) is |e' + kappa x e| [rad/m] with the unit tangent e, ``unit``. The
+    derivative of e within an element of length one is ``slope`` (3, pulled, points). ``across``
+    (3, pulled, points) is the derivative of the rate by the angular twist kappa.
+    """
     for number in range(rate.shape[0]):
         for i in range(reach[number]):
             over = 1.0 / lengths[i]
@@ -107,7 +124,7 @@ def set_rates(
             )  # fmt: skip
             turns = np.sqrt(c_t * c_t + c_n * c_n + c_b * c_b)
             rate[number, i] = turns
-            # |kappa x e| changes by this times a change of kappa.
+            # The derivative of |e' + kappa x e| by kappa.
             over = 1.0 / turns if turns > 0.0 else 0.0
             across[0, number, i] = over * (e_n * c_b - e_b * c_n)
             across[1, number, i] = over * (e_b * c_t - e_t * c_b)
@@ -115,7 +132,11 @@ def set_rates(
 
 
 def change_rates(reach: IntArray, across: FloatArray, moved: FloatArray, rate: FloatArray) -> None:
-    """Fill in how rates change where the twist has ``moved`` (4, points)."""
+    """Fill in ``rate`` (pulled, points), the linear change of rates with the twist [rad/m].
+
+    ``moved`` (4, points) is the change of the twist and ``across`` (3, pulled, points) the
+    derivative of the rates by its angular part.
+    """
     for number in range(rate.shape[0]):
         for i in range(reach[number]):
             rate[number, i] = (
@@ -128,7 +149,10 @@ def add_up(
     reach: IntArray, step: FloatArray, quadrature: FloatArray, rate: FloatArray,
     total: FloatArray,
 ) -> None:  # fmt: skip
-    """From integrals within elements of length one, ``total``, to those from the base."""
+    """Convert ``total`` (pulled, points), in place, to integrals of ``rate`` from the base.
+
+    On entry they are the integrals within elements of length one, from the start of the element.
+    """
     s = rate.shape[1] // step.size
     for number in range(rate.shape[0]):
         start = 0.0
@@ -141,7 +165,11 @@ def add_up(
 
 
 def add_kinks(reach: IntArray, ends: FloatArray, unit: FloatArray, turned: FloatArray) -> None:
-    """Add to how far tendons have ``turned`` the jumps of unit tangents between elements."""
+    """Add to the angles ``turned`` (pulled, points) the kinks of tendons between elements [rad].
+
+    A kink is the angle between the unit tangents ``unit`` extrapolated to the border of two
+    elements from both sides; ``ends`` (each, 2) is the matrix to both ends of an element.
+    """
     s = ends.shape[0]
     for number in range(turned.shape[0]):
         jumps = 0.0

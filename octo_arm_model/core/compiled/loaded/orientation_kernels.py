@@ -1,4 +1,7 @@
-"""Kernels for the orientations along a loaded rod, as in `loaded.kinematics`."""
+"""Kernels for the orientations along a loaded rod: the compiled counterpart of `kinematics`.
+
+They integrate unit quaternions w, x, y, z at the collocation points from the twist there.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,18 @@ from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
 from octo_arm_model.core.hints import FloatArray
 
 MOST_SWEEPS = 60
-# Sum of squares of the defects before the last sweep, which reduces them a millionfold.
+# Tolerance of the sum of squares of the defects before the last sweep, which reduces the defects
+# a millionfold.
 DEFECTS = 1e-17
-MOST_DEFECTS = 1e-6  # likewise, largest value for Newton iterates far from equilibrium
+MOST_DEFECTS = 1e-6  # largest such tolerance, for Newton iterates far from equilibrium
 
 
 def find_rate(twist: FloatArray, half: FloatArray, turn: FloatArray, rate: FloatArray) -> None:
-    """Fill in ``rate`` (4, n), the derivative of quaternions ``turn`` (4, n) over an element.
+    """Fill in ``rate`` (4, n), the derivatives of the quaternions ``turn`` (4, n).
 
-    With the angular rows w of ``twist`` and ``half`` (n,) of the element's length it is ``half``
-    Q w.
+    They are by the coordinate within an element of length one. With the angular rows w of
+    ``twist`` and with ``half`` (n,), half the length of the element of each point [m], the
+    derivative is the quaternion product Q w times ``half``.
     """
     a, b, c, d = turn[0], turn[1], turn[2], turn[3]
     kappa_t, kappa_n, kappa_b = twist[0], twist[1], twist[2]
@@ -33,9 +38,11 @@ def find_rate(twist: FloatArray, half: FloatArray, turn: FloatArray, rate: Float
 def solve_turn(
     tables: ElementTables, twist: FloatArray, half: FloatArray, first: int, turn: FloatArray
 ) -> None:
-    """Solve the equations of `find_turn` in the element whose first point is ``first``.
+    """Solve the collocated equations of `find_turn` directly in one element.
 
-    Fills in ``turn`` (4, points), relative to the orientation at the start of the element.
+    ``first`` is the number of its first point. Fills in the columns of this element in ``turn``
+    (4, points): quaternions relative to the orientation at the start of the element, NaN where the
+    ``twist`` is not finite.
     """
     s = tables.weights.size
     last = first + s
@@ -61,25 +68,29 @@ def solve_turn(
 def find_turn(
     tables: ElementTables, twist: FloatArray, tolerance: float, turn: FloatArray
 ) -> float:
-    """Fill in orientations ``turn`` (4, points) under ``twist``, as `kinematics.frames`.
+    """Fill in the quaternions ``turn`` (4, points) of a rod with ``twist`` (4, points).
 
-    Relative to the start of an element they solve the collocated equations
+    The compiled counterpart of `kinematics.frames`. The quaternions Q relative to the start of an
+    element solve the collocated equations
 
         Q = 1 + (integral of Q w / 2)
 
-    by sweeps from the given ``turn``. Each corrects the defect D of the equations, right-hand side
-    less Q, and its propagation along the element by
+    with the angular part w of the twist. The iteration begins at the given ``turn``. Each sweep
+    computes the defect D of the equations, right-hand side less Q, and adds the correction
 
         e = D + g Q    g' = (D w / 2) Q^-1,
 
-    which is exact but for the error of Q and of quadrature, so that few sweeps suffice. Where they
-    do not, for large twists, the linear equations are solved. Then the elements are chained.
+    in which g carries the defect along the element. The correction is exact but for the error of Q
+    and of quadrature, so that few sweeps suffice. Where the defects do not converge, for large
+    twists, `solve_turn` solves the linear equations. Then `chain` composes the quaternions of the
+    elements from the base to the tip.
 
-    Norms are 1 at the ends of elements only: points are not normalised, so that a solution given
-    as the start satisfies the equations.
+    Quaternions are normalised at the ends of elements only, not at the points, so that a solution
+    given as the start satisfies the equations.
 
     Returns:
-        Sum of squares of the defects before the last sweep, at most ``tolerance``.
+        Sum of squares of the defects before the last sweep, at most ``tolerance``; 0 where the
+        linear equations were solved.
     """
     s, elements, count = tables.weights.size, tables.step.size, turn.shape[1]
     half, size = 0.5 * tables.lengths, np.inf
@@ -114,7 +125,7 @@ def find_turn(
 
 def sum_of_squares(rows: FloatArray) -> float:
     """Sum of squares of all elements of ``rows`` (4, n)."""
-    # Four independent sums, since each addition waits for the one before.
+    # Four independent sums, since each addition to one sum waits for the previous addition.
     a, b, c, d = rows[0], rows[1], rows[2], rows[3]
     e, f, g, h = 0.0, 0.0, 0.0, 0.0
     for j in range(a.size):
@@ -126,10 +137,10 @@ def from_starts(
     tables: ElementTables, twist: FloatArray, half: FloatArray, turn: FloatArray, rate: FloatArray,
     raw: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in ``raw`` (4, points): ``turn`` relative to the starts of elements, approximately.
+    """Fill in ``raw`` (4, points), ``turn`` relative to the starts of elements, approximately.
 
-    The orientation at a start follows from that at the first point by quadrature of the ``rate``
-    of ``turn``, which is filled in.
+    The quaternion at the start of an element is that at its first point less the integral, by
+    quadrature, of the derivatives of ``turn``. These are filled in as ``rate`` (4, points).
     """
     s = tables.weights.size
     find_rate(twist, half, turn, rate)
@@ -146,7 +157,7 @@ def from_starts(
 
 
 def turn_all(w: float, x: float, y: float, z: float, turn: FloatArray, out: FloatArray) -> None:
-    """Fill in ``out``, the products of one quaternion w, x, y, z with each ``turn`` (4, n)."""
+    """Fill in ``out`` (4, n), the products of one quaternion w, x, y, z with each ``turn``."""
     for j in range(turn.shape[1]):
         a, b, c, d = turn[0, j], turn[1, j], turn[2, j], turn[3, j]
         out[0, j] = w * a - x * b - y * c - z * d
@@ -156,9 +167,10 @@ def turn_all(w: float, x: float, y: float, z: float, turn: FloatArray, out: Floa
 
 
 def chain(tables: ElementTables, raw: FloatArray, rate: FloatArray, turn: FloatArray) -> None:
-    """Fill in orientations ``turn`` (4, points) from ``raw``, those relative to element starts.
+    """Fill in quaternions ``turn`` (4, points) from ``raw``, those relative to element starts.
 
-    The orientation at the end of an element follows by quadrature of ``rate``, normalised.
+    The quaternion at the end of an element follows by quadrature of ``rate`` (4, points), the
+    derivatives of ``raw``. It is normalised and multiplies the quaternions of the next element.
     """
     s = tables.weights.size
     start, end = tables.base.copy().reshape(4, 1), np.empty((4, 1))
@@ -175,7 +187,7 @@ def chain(tables: ElementTables, raw: FloatArray, rate: FloatArray, turn: FloatA
 
 
 def normalise(turn: FloatArray) -> None:
-    """Divide quaternions (4, n) by their norm."""
+    """Divide each of the quaternions ``turn`` (4, n) by its norm, in place."""
     a, b, c, d = turn[0], turn[1], turn[2], turn[3]
     for j in range(a.size):
         over = 1.0 / np.sqrt(a[j] * a[j] + b[j] * b[j] + c[j] * c[j] + d[j] * d[j])
@@ -208,7 +220,11 @@ def add_product(one: FloatArray, other: FloatArray, out: FloatArray) -> None:
 
 
 def turn_by(angle: FloatArray, turn: FloatArray, out: FloatArray) -> None:
-    """Fill in orientations ``turn`` (4, n) turned by small angles (3, n) in base_frame [rad]."""
+    """Fill in ``out`` (4, n), quaternions ``turn`` (4, n) rotated by small angles.
+
+    ``angle`` (3, n) are the rotation vectors in base_frame [rad]. The products are divided by the
+    norm of the rotation, so that they keep the norm of ``turn``.
+    """
     for j in range(turn.shape[1]):
         b, c, d = 0.5 * angle[0, j], 0.5 * angle[1, j], 0.5 * angle[2, j]
         w, x, y, z = turn[0, j], turn[1, j], turn[2, j], turn[3, j]
@@ -220,7 +236,7 @@ def turn_by(angle: FloatArray, turn: FloatArray, out: FloatArray) -> None:
 
 
 def find_rotation(turn: FloatArray, rotation: FloatArray) -> None:
-    """Fill in the matrices (3, 3, points) of orientations, of any norm."""
+    """Fill in the matrices ``rotation`` (3, 3, points) of quaternions ``turn`` of any norm."""
     for i in range(turn.shape[1]):
         w, x, y, z = turn[0, i], turn[1, i], turn[2, i], turn[3, i]
         f = 2.0 / ((w * w + x * x) + (y * y + z * z))

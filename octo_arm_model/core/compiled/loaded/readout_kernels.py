@@ -1,4 +1,4 @@
-"""Kernels that evaluate a loaded rod at nodes and stations, from its state at the points."""
+"""Kernels that evaluate a loaded rod at nodes and stations from its collocation points."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ class Readings(NamedTuple):
     """Shape of a loaded rod at nodes and stations.
 
     Attributes:
-        twist: at the nodes, (4, nodes).
-        strains: at the stations, (4, stations), as `Results` has them.
-        position: of the stations [m], (stations, 3).
-        quaternion: their orientation x, y, z, w, (stations, 4).
+        twist: twist at the nodes, (4, nodes).
+        strains: strains at the stations as in `Results`: the curvatures over the stretch and the
+            stretch less 1, (4, stations).
+        position: position of the stations [m], (stations, 3).
+        quaternion: orientation x, y, z, w of the stations, (stations, 4).
     """
 
     twist: FloatArray
@@ -52,11 +53,16 @@ def read_rod(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
     readings: Readings,
 ) -> None:  # fmt: skip
-    """Fill in ``readings`` of an equilibrium ``state`` under all loads, as `loaded.read_out`."""
+    """Fill in the ``readings`` of an equilibrium ``state`` under all loads.
+
+    The compiled counterpart of `loaded.read_out`. Twist, forces and moments are interpolated from
+    the collocation points, positions and orientations integrated from the base. At the stations
+    the twist is then corrected by one Newton step, see `balance_stations`.
+    """
     s, count = tables.elements.weights.size, tables.station_node.size
     readings.twist[:] = 0.0
     add_runs(tables.node_runs, tables.to_nodes, s, state.twist, readings.twist)
-    # Position, orientation and the moment of the forces.
+    # Position, orientation and the moment of the forces, integrated from the base.
     rate, total = np.empty((10, state.twist.shape[1])), np.empty(10)
     set_rates(tables.elements.lengths, state, rate)
     total[:3], total[3:7], total[7:] = tables.position, tables.elements.base, 0.0
@@ -70,7 +76,7 @@ def read_rod(
                 for i in range(start, start + size):
                     found[k, i] = total[k]
             add_run(tables.to_stations, done, s, size, rate, first, found, start)
-            # Free moments, such as those of point loads.
+            # The free moments, such as those of point loads, have no levers to integrate.
             add_run(tables.at_stations, done, s, size, tables.moment, first, moment, start)
             add_run(tables.at_stations, done, s, size, state.force, first, force, start)
             run, done = run + 1, done + s * size
@@ -91,9 +97,11 @@ def read_rod(
 
 
 def set_rates(lengths: FloatArray, state: RodState, rate: FloatArray) -> None:
-    """Fill in ``rate`` (10, points): derivatives of position, orientation and moment of forces.
+    """Fill in ``rate`` (10, points), the derivatives of position, orientation and moment.
 
-    By s over ``lengths`` (points,), those of the elements; orientations are w, x, y, z.
+    Rows 0 to 2 belong to the position, 3 to 6 to the quaternion w, x, y, z and 7 to 9 to the
+    moment of the forces. Derivatives are by arc length, times ``lengths`` (points,), the length of
+    the element of each point.
     """
     twist, force, stretch = state.twist, state.force, state.twist[3]
     for k in range(3):
@@ -114,8 +122,9 @@ def balance_stations(
 ) -> None:  # fmt: skip
     """Fill in twist and strains at the stations by one Newton step from the interpolated twist.
 
-    For equilibrium with the ``force`` and ``moment`` (3, stations) of the loads in base_frame, on
-    cross sections of orientations ``turn`` (4, stations), as `loaded.read_out`.
+    The step solves the equilibrium of each cross section under the ``force`` and ``moment`` (3,
+    stations) of the loads beyond it, in base_frame. ``turn`` (4, stations) are the quaternions of
+    the cross sections. The corrected twist overwrites that of the stations' nodes in ``readings``.
     """
     count, nodes = tables.station_node.size, tables.station_node
     twist, left, gradient = np.empty((4, count)), np.empty((4, count)), np.empty((4, count))
@@ -150,8 +159,10 @@ def read_changes(
 ) -> None:  # fmt: skip
     """Fill in changes of ``pose`` (stations, 6, columns) and of ``strain`` (stations, 4, columns).
 
-    From the ``change`` of twist (4, points, columns) and the rotation ``turn`` of the cross
-    sections (3, points, columns) about a ``state``.
+    They follow, linearised about a ``state``, from the ``change`` of the twist (4, points,
+    columns) and the small rotations ``turn`` of the cross sections (3, points, columns) [rad]. The
+    first three rows of a pose are the displacement [m], the others the rotation [rad], both in
+    base_frame.
     """
     s, columns, rotation = tables.elements.weights.size, change.shape[2], state.rotation
     rate, total = np.empty((s, 6, columns)), np.zeros(6 * columns)

@@ -1,4 +1,4 @@
-"""Kernels that test whether elements resolve the twist, as `LoadedRod.resolves_twist`."""
+"""Kernels that test whether elements resolve the twist by their last Legendre coefficients."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from octo_arm_model.core.loaded.rod import MOST_TURN, RESOLVED, STRAIGHT
 
 
 def largest_tail(tail: FloatArray, values: FloatArray) -> float:
-    """Largest of the last Legendre coefficients of ``values`` (points,) within all elements.
+    """Largest magnitude of the last two Legendre coefficients of ``values`` in any element.
 
-    ``tail`` (2, each) is that of `GaussRule`.
+    ``values`` are those at the collocation points (points,); ``tail`` (2, each), from `GaussRule`,
+    is the matrix from the values of an element to its last two coefficients.
     """
     s, largest = tail.shape[1], 0.0
     for first in range(0, values.size, s):
@@ -26,7 +27,12 @@ def largest_tail(tail: FloatArray, values: FloatArray) -> float:
 
 
 def resolves_twist(tail: FloatArray, step: FloatArray, twist: FloatArray) -> bool:
-    """Whether elements of these lengths ``step`` [m] resolve a ``twist`` (4, points)."""
+    """Whether elements of lengths ``step`` (elements,) [m] resolve a ``twist`` (4, points).
+
+    The compiled counterpart of `LoadedRod.resolves_twist`. No element may turn by more than
+    `MOST_TURN`, and the last two Legendre coefficients of the twist in each element must be within
+    `RESOLVED` of the largest twist. ``tail`` is that of `largest_tail`.
+    """
     each = tail.shape[1]
     for point in range(twist.shape[1]):
         rate = math.sqrt(twist[0, point] ** 2 + twist[1, point] ** 2 + twist[2, point] ** 2)

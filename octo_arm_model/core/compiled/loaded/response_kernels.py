@@ -1,6 +1,7 @@
-"""How a loaded rod responds to small wrenches: what `numba_build` compiles.
+"""Kernels for the response of a loaded rod to several small wrenches, from its linearised system.
 
-Columns, one for each wrench, come last: what belongs to a point is a few numbers for all of them.
+Arrays have one column for each wrench. Columns are the last axis, so that the innermost loops run
+along contiguous memory.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ def respond(
     change: FloatArray,
     turn: FloatArray,
 ) -> None:
-    """Fill in the ``change`` of twist (4, points, columns) under an ``imbalance`` likewise.
+    """Fill in the ``change`` of the twist (4, points, columns) under a small ``imbalance``.
 
-    And the rotation ``turn`` of the cross sections, (3, points, columns) in base_frame [rad].
+    The compiled counterpart of `Linearised.solve`: it solves the linearised ``system`` for the
+    wrenches ``imbalance`` (4, points, columns) in the axes of the cross sections. Also fills in
+    the rotations ``turn`` of the cross sections, (3, points, columns) in base_frame [rad].
     """
     s, elements, columns = tables.weights.size, tables.step.size, imbalance.shape[2]
     own, ends = np.empty((elements, 3 * s, columns)), np.empty((elements, 6, columns))
@@ -93,10 +96,12 @@ def respond(
 
 
 def link_changes(system: System, ends: FloatArray) -> None:
-    """From what each element does alone to what all do together, at the ``ends`` of each.
+    """Solve for the rotations Phi and changes of moment d m at the ``ends`` of all elements.
 
-    (elements, 6, columns): first changes of Phi at the last and of d m at the first end; what
-    comes out is Phi at the first and d m at the last end.
+    ``ends`` (elements, 6, columns) is overwritten. On entry it has Phi at the last end and d m at
+    the first end of each element by itself, for Phi = 0 at its first and d m = 0 at its last end.
+    On return it has Phi at the first and d m at the last end of each element within the arm. The
+    elements are eliminated from the tip to the base and substituted from the base to the tip.
     """
     elements, _, columns = ends.shape
     following, start = np.empty((3, columns)), np.zeros((3, columns))
@@ -125,16 +130,20 @@ def link_changes(system: System, ends: FloatArray) -> None:
 
 
 def add_three(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
-    """Add the product of ``matrix`` (3, 3) with ``rows`` (3, columns) to ``out`` likewise."""
+    """Add the product of ``matrix`` (3, 3) with ``rows`` (3, columns) to ``out`` (3, columns)."""
     for i in range(3):
         a, b, c = matrix[i, 0], matrix[i, 1], matrix[i, 2]
-        # Without views of rows, which take longer to be made than one column does.
+        # Elements are indexed, since views of the rows take longer to make than one column.
         for j in range(out.shape[1]):
             out[i, j] += a * rows[0, j] + b * rows[1, j] + c * rows[2, j]
 
 
 def tip_wrenches(tables: ElementTables, state: RodState) -> FloatArray:
-    """What unit wrenches on the tip do to all sections, (4, points, 6); moments over a length."""
+    """Wrenches on all cross sections that unit wrenches on the tip make, (4, points, 6).
+
+    Each is in the axes of its cross section. Columns 0 to 2 belong to unit forces along the axes
+    of base_frame, 3 to 5 to moments about them of a unit force times the length of the arm.
+    """
     twist, rotation = state.twist, state.rotation
     points, count = tables.weights.size, twist.shape[1]
     wrench = np.zeros((4, count, 6))
@@ -154,7 +163,7 @@ def tip_wrenches(tables: ElementTables, state: RodState) -> FloatArray:
                 at = first + i
                 wrench[3, at, column] = rotation[column, 0, at]
                 for k in range(3):
-                    # The lever times the unit vector.
+                    # The moment of the unit force: the lever times the unit vector.
                     wrench[k, at, column] = (
                         rotation[n, k, at] * to_tip[m, i] - rotation[m, k, at] * to_tip[n, i]
                     )

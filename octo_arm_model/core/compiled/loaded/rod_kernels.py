@@ -1,7 +1,7 @@
-"""Balances of a loaded rod: what `numba_build` compiles.
+"""Kernels that find the equilibrium of a loaded rod by Newton's method.
 
-As `loaded.newton`, with cross sections as in `section_kernels` and the linearised equilibrium of
-`system_kernels`, and as `LoadedRod.settle`.
+They are the compiled counterpart of `loaded.newton` and of `LoadedRod.settle`. Cross sections are
+evaluated by `section_kernels` and the equilibrium is linearised by `system_kernels`.
 """
 
 from __future__ import annotations
@@ -47,31 +47,36 @@ from octo_arm_model.core.loaded.newton import (
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
-# What is wanted: a balance; one that is read out if it is stable and resolved, or whether resolved
-# or not; what is given read out.
+# Values of ``wanted``: find an equilibrium only; read it out as well if it is stable and resolved;
+# read it out if it is stable, whether resolved or not; read out the given state without a search.
 BALANCE, READINGS, ANY_READINGS, READ_ONLY = 0, 1, 2, 3
-# A step with the same system leaves about the same part of residual and turn as the one before; by
-# how many times more is allowed for where the residual is not evaluated.
+# A chord step, with the same system as the step before, leaves about the same part of the residual
+# and of the turn as that step. Where the residual is not evaluated its estimate has this factor.
 SAFETY = 10.0
-# Sum of squares of the defects of orientations before the last sweep, likewise.
+# Largest sum of squares of the defects of orientations before their last sweep at which the
+# residual may be estimated so.
 FEW_DEFECTS = 1e-12
-MOST_EXACT, MOST_REUSED = 5, 3  # see `iterate`
+# Most chord steps of the known system after its first step, if ``is_exact`` and if not.
+MOST_EXACT, MOST_REUSED = 5, 3
 
 
 class Outcome(NamedTuple):
-    """What became of a search for balance.
+    """Result of a search for equilibrium.
 
     Attributes:
-        residual: of the state it ended in, or a bound of it.
-        iterations: made.
-        corrected: how far all but the first have turned the arm [rad].
-        turned: how far it has turned since the state that the system is linearised about [rad].
-        sign: of the determinant of the system, 0 where there is no balance.
-        is_least: whether it is seen to be one of least energy.
-        is_firm: whether it is by a margin, see `stability_kernels.FIRM`.
-        is_reused: whether that is by the system known before, which also made all steps.
-        is_definite: otherwise, of a balance alone, whether the compliance of the tip is definite.
-        is_read: whether it was read out.
+        residual: residual of the last state, or an upper bound of it.
+        iterations: number of Newton and chord steps.
+        corrected: angle by which all steps but the first have turned the arm [rad].
+        turned: angle by which the arm has turned since the state that the system is linearised
+            about [rad].
+        sign: sign of the determinant of the system, 0 where no equilibrium was found.
+        is_least: whether the test of `is_minimum` shows a minimum of the energy.
+        is_firm: whether that test holds with the margin `stability_kernels.FIRM`.
+        is_reused: whether the known system made all steps, so that the stability known of its
+            equilibrium is taken over without a test.
+        is_definite: whether the compliance of the tip is positive definite; computed only where an
+            equilibrium alone is wanted and ``is_least`` is False.
+        is_read: whether the state was read out.
     """
 
     residual: float
@@ -87,7 +92,11 @@ class Outcome(NamedTuple):
 
 
 def turn_of(quadrature: FloatArray, change: FloatArray) -> float:
-    """How far a ``change`` (4, points) turns the arm [rad], by the weights of its integral."""
+    """Angle by which a ``change`` of twist (4, points) turns the arm [rad].
+
+    It is the integral along the arm of the norm of the angular part; ``quadrature`` (points,) are
+    the weights.
+    """
     total = 0.0
     for i in range(change.shape[1]):
         square = change[0, i] ** 2 + change[1, i] ** 2 + change[2, i] ** 2
@@ -100,28 +109,35 @@ def iterate(
     tolerance: float, is_known: bool, known: System, reach: float, is_exact: bool, may_bound: bool,
     residual: float, sign: int, state: RodState, system: System,
 ) -> tuple[float, int, float, float, int, bool]:  # fmt: skip
-    """Newton's method from a ``state`` of this ``residual``, as `loaded.newton`.
+    """Iterate from a ``state`` with this ``residual`` to equilibrium by Newton's method.
 
-    Fills in the state it ends in and, where that is balanced, the ``system`` linearised about
-    nearly the same, unless its ``sign`` says that it is that already. If ``is_known``, the
-    ``known`` system of a balance nearby makes the first step, as long as that leaves a small part
-    of the residual. It makes the next as well where few more will do, if the arm turns by no more
-    than ``reach`` [rad], within which the known system is good for what ``system`` is, or if
-    ``is_exact``: then ``system`` is that of the balance itself, which its derivatives need. If
-    ``may_bound``, the residual after the last step may be a bound by how the steps before have
-    converged; then forces and stiffnesses of the ``state`` are those before that step.
+    The compiled counterpart of `loaded.newton`. Fills in the ``state`` after the last step and,
+    where it is an equilibrium, the ``system`` linearised about nearly that state. A ``sign`` other
+    than 0 says that ``system`` is already linearised about the given state.
+
+    If ``is_known``, the first step is a chord step with the ``known`` system, linearised about an
+    equilibrium nearby. It is discarded unless it leaves a small part of the residual. The known
+    system makes more chord steps where a few will reach the tolerance and one of two conditions
+    holds. Either the arm turns by no more than ``reach`` [rad] in all: then the known system
+    stands in for that of the new equilibrium. Or ``is_exact``: then ``system`` is linearised at
+    the equilibrium itself in the end, as its derivatives require.
+
+    If ``may_bound``, the residual after the last step may be estimated from the convergence of
+    the steps before instead of evaluated; forces and stiffnesses of ``state`` are then those
+    before that step.
 
     Returns:
-        Residual, number of iterations, how far all but the first have turned the arm [rad], how
-        far it has turned since the state that the system is linearised about or, for the known
-        one, in all [rad], the sign of the determinant of the system, 0 where there is no balance,
-        and whether that system is the known one.
+        The residual; the number of iterations; the angle by which all steps but the first have
+        turned the arm [rad]; the angle by which it has turned since the state that the system is
+        linearised about or, if the known system is used, in all [rad]; the sign of the determinant
+        of the system, 0 where no equilibrium was found; and whether the known system is used in
+        place of ``system``.
     """
     count = state.twist.shape[1]
     new, step, turn = empty_state(count), np.empty((4, count)), np.empty((3, count))
     corrected, turned, iterations, is_first, is_near = 0.0, 0.0, 0, True, False
     angle, convergence, defects = np.inf, np.inf, np.inf
-    # Steps that the known system makes after the first: they take less time than another system.
+    # Chord steps of the known system after its first take less time than a new factorisation.
     most = MOST_EXACT if is_exact else MOST_REUSED
     while residual > tolerance and iterations < MOST:
         if is_known:
@@ -146,7 +162,7 @@ def iterate(
                 return left, iterations, corrected, turned, max(sign, 1), sign == 0
         new.twist[:] = state.twist + step
         turn_by(turn, state.turn, new.turn)
-        # A step leaves about its square.
+        # A Newton step leaves an error of about its square.
         settled = min(max(1e-3 * angle**4, DEFECTS), MOST_DEFECTS)
         defects = find_turn(tables.elements, new.twist, settled, new.turn)
         found = find_state(tables, tensions, tip_wrench, factor, new)
@@ -157,7 +173,7 @@ def iterate(
             if not found <= PREDICTED * residual:
                 is_known = False
                 continue
-            # Steps with the same system leave twice the part that the first does.
+            # Later chord steps leave about twice the part of the residual that the first leaves.
             left = (2.0 if is_first else 1.0) * found / residual
             is_wanted = is_exact or turned + angle < reach
             is_known = most > 0 and is_wanted and found * left**most <= tolerance
@@ -186,19 +202,23 @@ def balance(
     limit: float, is_exact: bool, orientation: ComplexArray, state: RodState, system: System,
     compliance: FloatArray, change: FloatArray, readings: Readings,
 ) -> tuple[float, int, float, float, int, bool, bool, bool, bool, bool, float]:  # fmt: skip
-    """Find balance from the twist of ``state`` and ``orientation``, and fill in that it ends in.
+    """Find the equilibrium from the twist of ``state`` and ``orientation``, and fill in both.
 
-    ``orientation`` (2, points) is that of `Quaternions`. Where a balance alone is ``wanted`` and
-    the state is not seen to be one of least energy, which takes that the loads have an energy, the
-    ``compliance`` (6, 6) of the tip and the ``change`` (4, points, 6) that unit wrenches on it
-    make are filled in, see `TipAnswer`; the ``readings`` as ``wanted``. As to the systems see
-    `iterate`; nothing is in ``reach`` of the known one where the residual at first is above the
-    ``limit``.
+    ``orientation`` (2, points) are the complex numbers of `Quaternions`. ``tensions`` (tendons,),
+    ``tip_wrench`` (6,) and ``factor``, which multiplies the dead loads, state the loads;
+    ``has_energy`` says whether these have a potential. ``wanted`` is one of `BALANCE`, `READINGS`,
+    `ANY_READINGS` and `READ_ONLY`; the ``readings`` are filled in accordingly. Where an
+    equilibrium alone is wanted and `is_minimum` does not show a minimum of the energy, the
+    ``compliance`` (6, 6) of the tip and the ``change`` of the twist (4, points, 6) under unit
+    wrenches on the tip are filled in, see `TipAnswer`.
+
+    The ``known`` system makes chord steps and ``system`` is filled in as `iterate` describes;
+    ``reach`` counts as zero where the first residual is above ``limit``.
 
     Returns:
-        The fields of `Outcome`, and the residual at first. To make one numba would call Python,
-        which takes signals then, and a handler that raises would leave numba with none, which it
-        does not look for.
+        The fields of `Outcome`, and the first residual. They are a plain tuple, since numba would
+        call Python to make an `Outcome`. Python then handles signals, and numba does not check
+        whether a signal handler has raised an exception.
     """
     turn = state.turn
     for i in range(turn.shape[1]):
@@ -219,7 +239,10 @@ def balance(
 
 
 def leave(turn: FloatArray, orientation: ComplexArray) -> None:
-    """Make ``turn`` (4, points) of norm one, and fill in ``orientation`` (2, points) by it."""
+    """Normalise the quaternions ``turn`` (4, points) and copy them to ``orientation``.
+
+    ``orientation`` (2, points) has the complex numbers of `Quaternions`.
+    """
     normalise(turn)
     for i in range(turn.shape[1]):
         orientation[0, i] = complex(turn[0, i], turn[1, i])
@@ -232,7 +255,12 @@ def search(
     is_exact: bool, residual: float, sign: int, state: RodState, system: System,
     compliance: FloatArray, change: FloatArray, readings: Readings,
 ) -> Outcome:  # fmt: skip
-    """As `balance`, from a ``state``; for its ``residual`` and ``sign`` see `iterate`."""
+    """Find the equilibrium from a ``state``, test its stability and read it out as ``wanted``.
+
+    The ``state`` has all its fields; ``residual`` is that of the state. A ``sign`` other than 0 is
+    that of the determinant of ``system``, which is then already linearised about the state. The
+    other arguments are those of `balance`.
+    """
     elements = tables.elements
     if wanted == READ_ONLY:
         read_rod(tables, tensions, tip_wrench, state, readings)
@@ -244,7 +272,7 @@ def search(
     is_firm = is_reused or (has_energy and sign > 0 and is_minimum(system, FIRM))
     is_least = is_firm or (has_energy and sign > 0 and is_minimum(system, 0.0))
     is_read, is_tip_stable = False, False
-    # Under moments without an energy the sign is all that is known.
+    # Under moments without an energy only the sign of the determinant is known.
     if (
         sign > 0 and wanted != BALANCE and corrected <= MOST_CORRECTED
         and (is_least or not has_energy)
@@ -265,7 +293,12 @@ def search(
 def find_compliance(
     tables: RodTables, state: RodState, system: System, compliance: FloatArray, change: FloatArray
 ) -> None:
-    """Fill in the ``compliance`` (6, 6) of the tip and the ``change`` (4, points, 6) for it."""
+    """Fill in the ``compliance`` (6, 6) of the tip from the linearised ``system``.
+
+    ``state`` is the equilibrium. Also fills in the ``change`` (4, points, 6) of the twist under
+    unit wrenches on the tip, see `tip_wrenches`. The compliance is the work of each such wrench on
+    the change that each makes.
+    """
     count = state.twist.shape[1]
     wrench = tip_wrenches(tables.elements, state)
     respond(tables.elements, system, wrench, change, np.empty((3, count, 6)))
@@ -281,7 +314,10 @@ def find_compliance(
 
 
 def has_fibres(sections: SectionTables, twist: FloatArray) -> bool:
-    """Whether no fibre is compressed to nothing under ``twist`` (4, points)."""
+    """Whether all fibres keep more than the length `SHORTEST_FIBRE` under ``twist`` (4, points).
+
+    The length is relative. Always True for sections that do not widen, whose law is linear.
+    """
     if sections.widens:
         for i in range(twist.shape[1]):
             stretch = twist[3, i]

@@ -17,24 +17,26 @@ from octo_arm_model.core.loaded.rod import LoadedRod
 
 
 class ElementTables(NamedTuple):
-    """The elements of a loaded rod, with ``each`` points, see `Collocation`.
+    """The elements of a loaded rod, with ``each`` collocation points per element.
 
-    What most kernels need of `RodTables`: to pass on a large tuple takes as long as a small kernel
-    does, since numba counts references to its arrays.
+    Most kernels need this part of `RodTables` only. It is a tuple of its own, since numba counts
+    the references of every array that is passed, which takes as long as a small kernel.
 
     Attributes:
         from_start: matrix of the integrals within an element from its start, (each, each).
         from_start_columns: its transpose.
-        to_end_columns: transpose of the matrix of the integrals to its end.
+        to_end_columns: transpose of the matrix of the integrals from a point to the end of the
+            element, (each, each).
         twice: from values f at the points to the integrals, from each point to the end, of f times
             the integral of another g from the start: (each of f, each of g x lower limits).
-        tail: from values at the points to the last two Legendre coefficients, (2, each).
-        weights: of the integral over an element of length one, (each,).
+        tail: matrix from the values at the points to the last two Legendre coefficients, (2,
+            each).
+        weights: weights of the integral over an element of length one, (each,).
         step: lengths of the elements [m], (elements,).
         lengths: length of the element of each point [m], (points,).
         quadrature: weights of the integral over the arm [m], (points,).
-        base: orientation of the base w, x, y, z, (4,).
-        length: of the arm [m].
+        base: orientation of the base as a quaternion w, x, y, z, (4,).
+        length: length of the arm [m].
     """
 
     from_start: FloatArray
@@ -51,22 +53,24 @@ class ElementTables(NamedTuple):
 
 
 class RodTables(NamedTuple):
-    """A loaded rod, see `LoadedRod` and `Equilibrium`.
+    """The data of a `LoadedRod` and its `Equilibrium` that the kernels use.
 
     Attributes:
         elements: the collocated elements.
         sections: cross sections at the points of all elements.
         force: resultant of the loads beyond each point [N], (3, points).
-        moment: resultant of the free moments beyond each point [N m], likewise.
-        position: of the base [m], (3,).
+        moment: resultant of the free moments beyond each point [N m], (3, points).
+        position: position of the base [m], (3,).
         node_runs: element, first node and number of nodes of each run of nodes in one element,
             (runs, 3).
         to_nodes: matrices (each, nodes) from values at points to those at the nodes of a run, one
             after another.
-        station_runs: likewise of the stations.
-        to_stations: matrices to integrals from the start of the element, of length one, to the
-            stations.
-        at_stations: matrices to values at the stations.
+        station_runs: element, first station and number of stations of each run of stations in one
+            element, (runs, 3).
+        to_stations: matrices (each, stations) from values at points to their integrals from the
+            start of the element, of length one, to the stations of a run, one after another.
+        at_stations: matrices (each, stations) from values at points to those at the stations of a
+            run, one after another.
         most: largest number of stations in one run.
         station_sections: cross sections at the stations.
         station_node: node of each station, (stations,).
@@ -88,13 +92,13 @@ class RodTables(NamedTuple):
 
 
 class ParameterTables(NamedTuple):
-    """`ParameterDerivatives` at the points of a rod.
+    """Derivatives of cross sections by parameters at the points: tables of `ParameterDerivatives`.
 
     Attributes:
         x: component along n of the unit vector from the midline to each tendon, (tendons, points).
-        y: component along b, likewise.
-        dx: slope of ``x`` [1/m], likewise.
-        dy: slope of ``y`` [1/m], likewise.
+        y: component along b of that vector, (tendons, points).
+        dx: derivative of ``x`` by arc length [1/m], (tendons, points).
+        dy: derivative of ``y`` by arc length [1/m], (tendons, points).
         torsion_by_poisson: derivative of G I by Poisson's ratio [N m^2], (points,).
     """
 
@@ -106,7 +110,7 @@ class ParameterTables(NamedTuple):
 
 
 def rod_tables(rod: LoadedRod) -> RodTables:
-    """Tables of ``rod``."""
+    """Collect the `RodTables` of ``rod``."""
     problem = rod.equilibrium
     own, rule = problem.collocation, problem.collocation.rule
     a, b = problem.base.a.item(), problem.base.b.item()
@@ -147,13 +151,21 @@ def rod_tables(rod: LoadedRod) -> RodTables:
 
 
 def parameter_tables(rod: LoadedRod) -> ParameterTables:
-    """Tables of the parameters of ``rod``."""
+    """Collect the `ParameterTables` of ``rod``."""
     x, y, dx, dy = (table[:, 0] for table in rod.parameters.outwards)
     return ParameterTables(x, y, dx, dy, rod.parameters.torsion_by_poisson[0])
 
 
 def runs_by_element(element: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Runs of places in one ``element`` (n,) each, and their matrices of ``values`` (n, each)."""
+    """Cut places into runs of which each lies in one element, and gather their matrices.
+
+    ``element`` (n,) is the number of the element of each place, ``values`` (n, each) the weights
+    of the element's points for it.
+
+    Returns:
+        Element, first place and number of places of each run, (runs, 3); and the transposed
+        ``values`` of each run, (each, number), flattened one after another.
+    """
     edges = [0, *(np.flatnonzero(np.diff(element)) + 1), element.size]
     runs = [(element[i], i, j - i) for i, j in itertools.pairwise(edges)]
     matrices = [values[i:j].T.ravel() for i, j in itertools.pairwise(edges)]
@@ -161,7 +173,7 @@ def runs_by_element(element: IntArray, values: FloatArray) -> tuple[IntArray, Fl
 
 
 def no_rod() -> RodTables:
-    """Empty tables of the types of `rod_tables`."""
+    """Make empty `RodTables`, of the same types for the compiler as those of `rod_tables`."""
     none, table, nothing = np.zeros(0), np.zeros((0, 0)), np.zeros((3, 0))
     runs, sections = np.zeros((0, 3), np.int64), no_exact().sections
     elements = ElementTables(
@@ -174,6 +186,6 @@ def no_rod() -> RodTables:
 
 
 def no_parameters() -> ParameterTables:
-    """Empty tables of the types of `parameter_tables`."""
+    """Make empty `ParameterTables`, of the same types for the compiler as `parameter_tables`."""
     table = np.zeros((0, 0))
     return ParameterTables(table, table, table, table, np.zeros(0))

@@ -1,4 +1,8 @@
-"""First derivatives of a loaded rod: what `numba_build` compiles, as `sensitivity` has them."""
+"""Kernels for the first derivatives of a loaded rod: the compiled counterpart of `sensitivity`.
+
+They compute the changes of an equilibrium with the loads, tensions and parameters of the arm, by
+solving the linearised system for the wrenches that these leave unbalanced.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +32,10 @@ from octo_arm_model.core.section.formulas import (
 
 
 def widening(widens: bool, stretch: float) -> tuple[float, float, float]:
-    """Widening of a section and its derivatives."""
+    """Widening of a section at ``stretch`` and its first two derivatives by the stretch.
+
+    Sections that do not widen have 1, 0 and 0.
+    """
     return incompressible_widening(stretch) if widens else (1.0, 0.0, 0.0)
 
 
@@ -36,11 +43,13 @@ def find_imbalance(
     tables: RodTables, parameters: ParameterTables, tensions: FloatArray, twist: FloatArray,
     stretch: FloatArray, left: FloatArray, first: int, own: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in what is ``left`` unbalanced per unit of each parameter, (4, points, columns).
+    """Fill in ``left`` (4, points, columns), the imbalance per unit of each parameter.
 
-    From the column ``first`` on these are the tensions, E (relative), nu, and the offsets of the
-    tendons; ``own`` (tendons,) is what each offset changes of its tendon's length while the twist
-    stays, and ``stretch`` (tendons, 4, points) the gradient of their stretch by the twist.
+    It is the negative derivative of the section wrench by the parameter at the given ``twist`` (4,
+    points). From column ``first`` on the parameters are the tensions, Young's modulus E
+    (relative), Poisson's ratio nu and the offsets of the tendons. Also fills in ``own``
+    (tendons,), the derivative of each tendon's length by its own offset at constant twist, and
+    ``stretch`` (tendons, 4, points), the gradient by the twist of each tendon's stretch.
     """
     sections, tendons = tables.sections, tensions.size
     own[:] = 0.0
@@ -69,7 +78,7 @@ def find_imbalance(
             left[k, i, first + tendons + 1] = -poisson[k]
         for tendon in range(tendons):
             part, column = sections.transmission[tendon, i], first + tendons + 2 + tendon
-            # One that ends before has no transmission, and nothing to shorten.
+            # A tendon that ends before this point has no tension and no length here.
             if part == 0.0:
                 for k in range(4):
                     stretch[tendon, k, i] = 0.0
@@ -107,10 +116,10 @@ def find_imbalance(
 def dead_wrenches(
     tables: RodTables, state: RodState, force: FloatArray, moment: FloatArray, wrench: FloatArray
 ) -> None:
-    """Fill in the ``wrench`` (4, points, loads) of dead loads, in the axes of all sections.
+    """Fill in the ``wrench`` (4, points, loads) of dead loads in the axes of the cross sections.
 
-    ``force`` and ``moment`` (loads, 3, points) are the resultants of what lies beyond each point,
-    the latter without the levers of the former, in base_frame.
+    ``force`` and ``moment`` (loads, 3, points) are the resultants, in base_frame, of the forces
+    and of the free moments beyond each point. The moments of the forces are added here.
     """
     found, tip = np.empty_like(state.twist), np.zeros(3)
     for load in range(len(force)):
@@ -122,12 +131,13 @@ def linearise(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
     is_known: bool, system: System,
 ) -> int:  # fmt: skip
-    """Linearise about a balanced ``state``, of which twist and orientations are given.
+    """Linearise about an equilibrium ``state``, of which twist and orientations are given.
 
-    Fills in the rotation matrices of the state and, unless it ``is_known``, the ``system``.
+    Fills in the rotation matrices of the state and, unless ``is_known`` says that it is given, the
+    ``system``, together with the other fields of the state.
 
     Returns:
-        The sign of its determinant, 1 for a known one; 0 where it is singular.
+        The sign of the determinant of the system; 1 for a given one, 0 where it is singular.
     """
     if is_known:
         find_rotation(state.turn, state.rotation)
@@ -141,11 +151,14 @@ def differentiate(
     state: RodState, is_known: bool, system: System, force: FloatArray, moment: FloatArray,
     pose: FloatArray, strain: FloatArray, length: FloatArray,
 ) -> int:  # fmt: skip
-    """Fill in the changes of a balanced ``state`` of twist and orientations, as `derivatives`.
+    """Fill in the derivatives of an equilibrium ``state``, given by twist and orientations.
 
-    ``pose`` (stations, 6, columns), ``strain`` (stations, 4, columns) and ``length`` (tendons,
-    columns). Columns are those of dead loads, see `dead_wrenches`; without these, the wrench on
-    the tip and then those of `find_imbalance`. As to the ``system`` see `linearise`.
+    The compiled counterpart of `derivatives`. Fills in the changes of ``pose`` (stations, 6,
+    columns) and ``strain`` (stations, 4, columns) at the stations and of the tendons' ``length``
+    (tendons, columns). If dead loads are given by ``force`` and ``moment``, as in `dead_wrenches`,
+    there is one column for each. Otherwise the first six columns belong to the wrench on the tip
+    and the others to the parameters of `find_imbalance`. The ``system`` is given or filled in as
+    in `linearise`.
 
     Returns:
         The sign of the determinant of the system; 0 where it is singular.
@@ -189,9 +202,12 @@ def differentiate_tip(
     tables: RodTables, parameters: ParameterTables, tensions: FloatArray, tip_wrench: FloatArray,
     state: RodState, is_known: bool, system: System, tip: FloatArray,
 ) -> int:  # fmt: skip
-    """Fill in the change of the ``tip`` (6, columns) by reciprocity, as `tip_derivatives`.
+    """Fill in the derivatives of the pose of the ``tip`` (6, columns).
 
-    Columns are those of `find_imbalance`; ``state`` is a balanced one of twist and orientations.
+    The compiled counterpart of `tip_derivatives`. By reciprocity they are the work of the
+    imbalance of each parameter on the changes that unit wrenches on the tip make, so that the
+    system is solved for six columns only. Columns of ``tip`` are those of `find_imbalance`;
+    ``state`` is an equilibrium, given by twist and orientations.
 
     Returns:
         The sign of the determinant of the system; 0 where it is singular.

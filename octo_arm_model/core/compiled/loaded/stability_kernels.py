@@ -7,32 +7,33 @@ import numpy as np
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import is_definite
 
-# Part of what unstable parts beyond an element have left of its stiffness: where as much is left,
-# a small change of shape and loads does not take an equilibrium to where it is no longer stable.
+# Part of an element's stiffness that has to remain after the destabilising stiffness of the arm
+# beyond it is subtracted. An equilibrium with this margin stays stable under small changes of
+# shape and loads.
 FIRM = 0.2
 
 
 def is_minimum(system: System, margin: float) -> bool:
     """Whether an equilibrium is a minimum of the energy, from a ``system`` linearised about it.
 
-    For loads with a potential. The second variation of the energy is a quadratic form of the bends
-    k of all elements. It is positive definite if, element by element from the tip, that of the
-    element is: with its start clamped and the rest of the arm beyond as a spring S = -P at its end
-    (d m = P Phi), the form of its bends
+    The test applies to loads with a potential. The second variation of the energy is a quadratic
+    form of the bends k of all elements. It is positive definite if the form of each element is,
+    taken from the tip to the base. The element has its start clamped; the arm beyond acts on its
+    end as a spring of stiffness S = -P, with d m = P Phi there. The form of its bends
 
         M = K + U S U^T    with    Phi = U^T k at its end
 
     has to be positive definite (eliminated from the tip, these M are the pivots of the whole form;
-    inertia is additive, Haynsworth 1968). Where K is, M is if and only if C + C S C is, with the
-    flexibility C = U^T K^-1 U: both have as many negative eigenvalues as 1 + K^-1/2 U S U^T K^-1/2
-    has. K is, if the pivots of its factors are positive without row exchange (Sylvester), its rows
-    being those of the symmetric form but for positive weights. The stretch, eliminated before,
-    requires positive axial stiffness.
+    inertia is additive, Haynsworth 1968). Where K is positive definite, M is so if and only if
+    C + C S C is, with the flexibility C = U^T K^-1 U: both have as many negative eigenvalues as
+    1 + K^-1/2 U S U^T K^-1/2. K is positive definite if the pivots of its factors are positive
+    without row exchanges (Sylvester), since its rows are those of the symmetric form but for
+    positive weights. The stretch, eliminated before, requires positive axial stiffness.
 
-    With a ``margin``, C (1 - margin) + C S C has to be.
+    With a ``margin``, C (1 - margin) + C S C has to be positive definite instead.
 
-    Also False where an element by itself, with its end free, is unstable or rows were exchanged:
-    stability is then decided by other criteria.
+    The result is also False where an element by itself, with its end free, is unstable or where
+    rows were exchanged. Other criteria then decide whether the equilibrium is stable.
     """
     axial = system.at_points[9]
     for i in range(axial.size):

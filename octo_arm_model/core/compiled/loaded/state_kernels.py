@@ -1,4 +1,8 @@
-"""The balance of a loaded rod: what `numba_build` compiles, as `Equilibrium` has it."""
+"""Kernels for the equations of equilibrium of a loaded rod: counterpart of `Equilibrium`.
+
+They compute the forces and moments of the loads on all cross sections and what these leave
+unbalanced, from the twist and the orientations at the collocation points.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +17,16 @@ from octo_arm_model.core.hints import FloatArray
 
 
 class RodState(NamedTuple):
-    """A loaded rod as `State` has it.
+    """State of a loaded rod at its collocation points, in equilibrium or not.
 
     Attributes:
-        twist: (4, points).
-        turn: orientation w, x, y, z of the points, (4, points).
-        rotation: the same as matrices, (3, 3, points).
-        force: of what lies beyond, in base_frame, (3, points) [N].
-        moment: likewise [N m].
-        imbalance: in the axes of the cross sections, (4, points).
-        hessian: of the energy by the twist, (4, 4, points).
+        twist: angular rates by arc length [1/m] and stretch, (4, points).
+        turn: orientation of the cross sections as quaternions w, x, y, z, (4, points).
+        rotation: orientation of the cross sections as matrices, (3, 3, points).
+        force: resultant of the loads beyond each point, in base_frame [N], (3, points).
+        moment: moment of the loads beyond each point, in base_frame [N m], (3, points).
+        imbalance: wrench of the loads less that of the cross section, in its axes, (4, points).
+        hessian: second derivatives of the energy by the twist, (4, 4, points).
     """
 
     twist: FloatArray
@@ -35,7 +39,7 @@ class RodState(NamedTuple):
 
 
 def empty_state(count: int) -> RodState:
-    """Room for a state of ``count`` points."""
+    """Allocate an uninitialised `RodState` of ``count`` points."""
     return RodState(
         np.empty((4, count)), np.empty((4, count)), np.empty((3, 3, count)),
         np.empty((3, count)), np.empty((3, count)), np.empty((4, count)),
@@ -44,7 +48,7 @@ def empty_state(count: int) -> RodState:
 
 
 def copy_state(state: RodState, out: RodState) -> None:
-    """Copy ``state`` to ``out``."""
+    """Copy all arrays of ``state`` into those of ``out``."""
     out.twist[:], out.turn[:], out.rotation[:] = state.twist, state.turn, state.rotation
     out.force[:], out.moment[:] = state.force, state.moment
     out.imbalance[:], out.hessian[:] = state.imbalance, state.hessian
@@ -54,10 +58,11 @@ def find_wrench(
     tables: ElementTables, state: RodState, force: FloatArray, moment: FloatArray, tip: FloatArray,
     wrench: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in the ``wrench`` (4, points) in the axes of the cross sections.
+    """Fill in the ``wrench`` (4, points) of the loads in the axes of the cross sections.
 
-    From the ``force`` beyond them and the ``moment`` (3, points) without its levers, which are
-    added to it together with the moment at the ``tip`` (3,).
+    ``force`` and ``moment`` (3, points) are the resultants of the forces and free moments beyond
+    each point, in base_frame. The moments of the forces about each point and the moment at the
+    ``tip`` (3,) are added to ``moment``, in place.
     """
     s, elements, rotation = tables.weights.size, tables.step.size, state.rotation
     carried, levers, stretch = np.empty(force.shape), np.empty(force.shape), state.twist[3]
@@ -84,9 +89,13 @@ def find_wrench(
 def into_axes(
     rotation: FloatArray, force: FloatArray, moment: FloatArray, wrench: FloatArray
 ) -> None:
-    """Fill in the ``wrench`` (4, n) on cross sections of orientations ``rotation`` (3, 3, n)."""
+    """Fill in the ``wrench`` (4, n) in the axes of cross sections from vectors in base_frame.
+
+    Rows 0 to 2 are the components of ``moment`` (3, n), row 3 is that of ``force`` (3, n) along
+    the tangent; ``rotation`` (3, 3, n) are the orientations.
+    """
     for k in range(4):
-        # The moment about each axis, and the force along the tangent.
+        # The moment about each of the three axes, then the force along the tangent.
         axis, vector, row = k % 3, moment if k < 3 else force, wrench[k]
         a, b, c = rotation[0, axis], rotation[1, axis], rotation[2, axis]
         v_0, v_1, v_2 = vector[0], vector[1], vector[2]
@@ -97,10 +106,14 @@ def into_axes(
 def find_state(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float, state: RodState
 ) -> float:
-    """Fill in what follows from twist and orientations as `Equilibrium.state` does.
+    """Fill in all fields of ``state`` that follow from its twist and orientations.
+
+    The compiled counterpart of `Equilibrium.state`: it evaluates the cross sections under
+    ``tensions`` (tendons,), the wrench of the loads and the imbalance. ``tip_wrench`` (6,) is the
+    force and the moment on the tip in base_frame; ``factor`` multiplies the dead loads.
 
     Returns:
-        The residual.
+        The residual: the largest imbalance relative to the sizes of its terms.
     """
     count, imbalance = state.twist.shape[1], state.imbalance
     find_rotation(state.turn, state.rotation)
@@ -126,7 +139,7 @@ def find_state(
 
 def largest_in_rows(rows: FloatArray) -> tuple[float, float, float, float]:
     """The largest magnitude in each row of ``rows`` (4, n); NaN where one is NaN or infinite."""
-    # Rows side by side, since each comparison waits for the one before.
+    # All rows in one loop, since comparisons of one row wait for each other.
     a, b, c, d = rows[0], rows[1], rows[2], rows[3]
     e, f, g, h = 0.0, 0.0, 0.0, 0.0
     p, q, r, s = 0.0, 0.0, 0.0, 0.0

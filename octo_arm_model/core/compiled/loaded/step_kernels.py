@@ -1,4 +1,4 @@
-"""Newton's step of a loaded rod: what `numba_build` compiles."""
+"""Kernels for a Newton or chord step of a loaded rod: one solution of the linearised system."""
 
 from __future__ import annotations
 
@@ -20,16 +20,18 @@ def find_step(
     change: FloatArray,
     turn: FloatArray,
 ) -> None:
-    """Fill in the ``change`` of twist (4, points) under one ``imbalance`` likewise.
+    """Fill in the ``change`` of the twist (4, points) that removes a small ``imbalance``.
 
-    And the rotation ``turn`` of the cross sections, (3, points) in base_frame [rad]. What
-    `response_kernels.respond` does for many, with loops along the points.
+    It solves the linearised ``system`` for one wrench ``imbalance`` (4, points) in the axes of the
+    cross sections. Also fills in the rotations ``turn`` of the cross sections, (3, points) in
+    base_frame [rad]. `response_kernels.respond` does the same for several wrenches; here the
+    innermost loops run along the points.
     """
     s, elements, count = tables.weights.size, tables.step.size, imbalance.shape[1]
     given, found, weights, lengths = imbalance, change, tables.weights, tables.lengths
     local, rotation, over = system.at_points, system.rotation, 1.0 / system.at_points[9]
     bends, ends = np.empty((elements, 3 * s)), np.empty((elements, 6))
-    # Along all points, and by element.
+    # The same arrays along all points, and by element.
     rows, sums = np.empty((3, count)), np.empty((3, count))
     each = 3 * elements, s
     flat, summed = rows.reshape(each), sums.reshape(each)
@@ -55,7 +57,7 @@ def find_step(
     solve_transposed(system.factors, system.pivots, bends.reshape(elements, 1, 3 * s))
     for element in range(elements):
         own, alone, moments = bends[element], ends[element], system.to_moment[element]
-        # Sums side by side, since each waits for the one before.
+        # Six sums in one loop, since additions to one sum wait for each other.
         a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(s):
             weight, turning = weights[j], tables.step[element] * weights[j]
@@ -104,7 +106,12 @@ def find_step(
 
 
 def link_step(system: System, ends: FloatArray) -> None:
-    """`response_kernels.link_changes` of one column, ``ends`` (elements, 6)."""
+    """Solve for the rotations Phi and changes of moment d m at the ``ends`` of all elements.
+
+    ``ends`` (elements, 6) is overwritten. On entry it has Phi at the last end and d m at the first
+    end of each element by itself; on return Phi at the first and d m at the last end within the
+    arm. `response_kernels.link_changes` does the same for several columns.
+    """
     moment = 0.0, 0.0, 0.0
     for element in range(len(ends) - 1, -1, -1):
         own, both, here = ends[element], system.ends[element], system.by_turn[element + 1]
@@ -126,7 +133,7 @@ def link_step(system: System, ends: FloatArray) -> None:
 
 
 def plus_three(matrix: FloatArray, row: Three, more: Three) -> Three:
-    """The product of a ``matrix`` (3, 3) with ``row``, plus ``more``."""
+    """Return the product of a ``matrix`` (3, 3) with ``row`` plus ``more``."""
     a, b, c = row
     return (
         more[0] + (matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2] * c),

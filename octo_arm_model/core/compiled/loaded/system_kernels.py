@@ -1,7 +1,10 @@
-"""The linearised equilibrium of a loaded rod: what `numba_build` compiles.
+"""Kernels that linearise the equilibrium of a loaded rod and factorise the linear system.
 
-As `loaded.linearised`, element by element and without shear. Elements are linked from the tip to
-the base by d m = P Phi + p. Unknowns of an element are component by component, points in order.
+They are the compiled counterpart of `loaded.linearised`, for rods without shear. As there, Phi are
+small rotations of the cross sections, k = Phi' their derivatives and d m changes of the moment,
+all in base_frame. Instead of a banded system, the elements are eliminated one by one from the tip
+to the base, with d m = P Phi + p at the last end of each. The unknowns k of an element are ordered
+by component first and by point second.
 """
 
 from __future__ import annotations
@@ -24,17 +27,22 @@ class System(NamedTuple):
     """The linearised equilibrium of elements with s points each.
 
     Attributes:
-        factors: of the transposed matrices of all elements, (elements, 3 s, 3 s).
-        pivots: exchanges of their rows, (elements, 3 s).
-        bends: k by Phi at the first and d m at the last end of each, (elements, 6, 3 s).
-        ends: from these to Phi at the last and d m at the first end, (elements, 6, 6).
-        to_moment: from k to the change of moment along each, negative, (elements, 3, 3 s).
-        inverse: of what links Phi at the last end to that at the first, (elements, 3, 3).
-        on: from Phi at the first to that at the last end, (elements, 3, 3).
+        factors: LU factors of the transposed matrices of all elements, (elements, 3 s, 3 s).
+        pivots: row exchanges of these factors, (elements, 3 s).
+        bends: derivatives of k by Phi at the first end (rows 0 to 2) and by d m at the last end
+            (rows 3 to 5) of each element, (elements, 6, 3 s).
+        ends: matrices from Phi at the first and d m at the last end of each element to Phi at the
+            last and d m at the first end, (elements, 6, 6).
+        to_moment: matrices from k, with Phi = 0 at the first end, to d m at the last end less d m
+            at the first end, (elements, 3, 3 s).
+        inverse: inverse of 1 - E P with P at the last end and E the block of ``ends`` from d m at
+            the last end to Phi there, (elements, 3, 3).
+        on: matrices from Phi at the first end to Phi at the last end, (elements, 3, 3).
         by_turn: P at the ends of all elements, (elements + 1, 3, 3).
-        at_points: t x n, n x t over the axial stiffness, what couples it to curvatures in
-            base_frame, and the axial stiffness, (10, points).
-        rotation: orientations that it is linearised about, (3, 3, points).
+        at_points: t x n (rows 0 to 2), n x t over the axial stiffness (3 to 5), the coupling of
+            the axial force to the curvatures in base_frame (6 to 8), and the axial stiffness (9),
+            with the tangent t and the force n, (10, points).
+        rotation: orientations of the state that the system is linearised about, (3, 3, points).
     """
 
     factors: FloatArray
@@ -50,12 +58,12 @@ class System(NamedTuple):
 
 
 def empty_system(tables: ElementTables) -> System:
-    """Room for a system."""
+    """Allocate an uninitialised `System` for the elements of ``tables``."""
     return system_of(tables.step.size, tables.weights.size)
 
 
 def system_of(elements: int, s: int) -> System:
-    """Room for a system of so many elements with s points each."""
+    """Allocate an uninitialised `System` for a number of ``elements`` with ``s`` points each."""
     return System(
         np.empty((elements, 3 * s, 3 * s)), np.empty((elements, 3 * s), np.int64),
         np.empty((elements, 6, 3 * s)), np.empty((elements, 6, 6)),
@@ -69,7 +77,14 @@ def find_terms(
     state: RodState, at_points: FloatArray, by_turn: FloatArray, by_bend: FloatArray,
     follow: FloatArray, bending: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill in what Phi and k do at all points, each (3, 3, points)."""
+    """Fill in the coefficients of Phi and k in the linearised equations, each (3, 3, points).
+
+    With the change of stretch eliminated, the equations at a point are
+
+        d m' = ``by_turn`` Phi - ``by_bend`` k    ``bending`` k = d m + ``follow`` Phi + ...
+
+    ``at_points`` (10, points) is filled in as well, see `System`.
+    """
     rotation, force, moment, hessian = state.rotation, state.force, state.moment, state.hessian
     stretch, count = state.twist[3], state.twist.shape[1]
     over, along = np.empty(count), np.empty(count)
@@ -123,17 +138,17 @@ def find_terms(
 
 
 def find_system(tables: ElementTables, state: RodState, system: System) -> int:
-    """Fill in the linearised ``system`` about a ``state``.
+    """Fill in the ``system``, the equilibrium linearised about a ``state`` and factorised.
 
     Returns:
-        The sign of its determinant, 1 or -1; 0 where it is singular.
+        The sign of the determinant of the system, 1 or -1; 0 where it is singular.
     """
     s, elements, count = tables.weights.size, tables.step.size, state.twist.shape[1]
     by_turn, follow = np.empty((3, 3, count)), np.empty((3, 3, count))
     by_bend, bending = np.empty((3, 3, count)), np.empty((3, 3, count))
     find_terms(state, system.at_points, by_turn, by_bend, follow, bending)
     system.rotation[:] = state.rotation
-    # From here on by p, q, element, and point of it.
+    # From here on the axes are row, column, element and point of the element.
     turns, bends = by_turn.reshape(3, 3, elements, s), by_bend.reshape(3, 3, elements, s)
     follows, local = follow.reshape(3, 3, elements, s), bending.reshape(3, 3, elements, s)
     for p in range(3):
@@ -186,8 +201,10 @@ def condense(
 ) -> int:  # fmt: skip
     """Factorise the ``matrix`` of an element of length ``h`` and eliminate its ``bends``.
 
-    ``turns`` (3, 3, s) is what Phi does at its points, times its length and negative; the rest is
-    that of the element as `System` has it.
+    ``turns`` (3, 3, s) is the coefficient of Phi in d m' at its points, times minus its length.
+    ``matrix``, ``pivots``, ``bends``, ``to_moment`` and ``ends`` are the arrays of `System` for
+    this element: ``matrix`` is overwritten by its factors, ``bends`` by the solutions for the
+    right-hand sides that it has on entry, and ``ends`` is filled in.
 
     Returns:
         The sign of the determinant, 0 where it is singular.
@@ -198,7 +215,7 @@ def condense(
     n = 3 * s
     solve_transposed(matrix.reshape(1, n, n), pivots.reshape(1, n), bends.reshape(1, 6, n))
     for column in range(6):
-        # Sums side by side, since each waits for the one before.
+        # Six sums in one loop, since additions to one sum wait for each other.
         side, last_0, last_1, last_2 = bends[column], 0.0, 0.0, 0.0
         before_0, before_1, before_2 = 0.0, 0.0, 0.0
         for j in range(s):
@@ -221,10 +238,13 @@ def condense(
 
 
 def link(system: System) -> int:
-    """Link the elements, from the tip: d m = P Phi + p at the last end of each.
+    """Eliminate the elements from the tip to the base, with d m = P Phi + p at each last end.
+
+    Fills in ``inverse``, ``on`` and ``by_turn`` of the ``system`` from its ``ends``.
 
     Returns:
-        The sign of the determinant, 0 where it is singular.
+        The sign of the product of the determinants of the eliminated matrices, 0 where one of them
+        is singular.
     """
     sign, linked, beyond = 1, np.empty((3, 3)), np.empty((3, 3))
     system.by_turn[-1] = 0.0

@@ -1,1 +1,1 @@
-"""Linear algebra of the kernels: dense systems and products. Imports nothing of them."""
+"""Linear algebra for the kernels: dense systems and products. Imports no other kernels."""

@@ -6,11 +6,11 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray, IntArray
 
-FEW = 8  # right-hand sides that take less time one by one
+FEW = 8  # largest number of right-hand sides that take less time row by row than all at once
 
 
 def factorise(matrix: FloatArray, pivots: IntArray) -> int:
-    """LU factors of ``matrix`` (n, n), in place, with the row exchanges ``pivots`` (n,).
+    """Factorise ``matrix`` (n, n) as L U in place, and fill in the row exchanges ``pivots`` (n,).
 
     The diagonal of U is stored inverted, which saves divisions. Columns are eliminated in groups
     of four, so that the rest of a row is loaded and stored once per group.
@@ -61,12 +61,13 @@ def factorise(matrix: FloatArray, pivots: IntArray) -> int:
 
 
 def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
-    """Solve A^T x = b in place from the LU factors of some A; b are the rows of ``right``.
+    """Solve A^T x = b in place for several matrices A, from their factors by `factorise`.
 
-    ``factors`` (systems, n, n), ``pivots`` (systems, n), ``right`` (systems, columns, n). Forward
-    and back substitution run along rows of ``factors``, contiguous in memory, in groups of four.
-    The right-hand sides alternate, since the operations on each depend on one another. All systems
-    are solved in one call, as references are counted for every array that is passed on.
+    ``factors`` are (systems, n, n) and ``pivots`` (systems, n). The rows of ``right`` (systems,
+    columns, n) are the right-hand sides b, and the solutions x on return. Forward and back
+    substitution run along rows of ``factors``, contiguous in memory, in groups of four. The
+    right-hand sides alternate, since the operations on each depend on one another. All systems are
+    solved in one call, since numba counts the references of every array that is passed.
     """
     columns, n = right.shape[1:]
     whole = n - n % 4
@@ -111,7 +112,11 @@ def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -
 
 
 def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
-    """As `solve_transposed` of one system, for ``right`` (n, columns) with b in its columns."""
+    """Solve A^T x = b in place for one matrix A, from its ``factors`` by `factorise`.
+
+    The columns of ``right`` (n, columns) are the right-hand sides b, and the solutions x on
+    return. `solve_transposed` does the same for right-hand sides in rows.
+    """
     n = len(factors)
     if right.shape[1] <= FEW:
         rows = right.T.copy()
@@ -121,7 +126,8 @@ def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> N
         )
         right[:] = rows.T
         return
-    # In groups of four rows, since few rows at a time are mostly loaded and stored.
+    # Rows go in groups of four, since with fewer at a time most of the time goes into loads and
+    # stores.
     for first in range(0, n, 4):
         last = min(first + 4, n)
         for i in range(first, last):
@@ -140,7 +146,10 @@ def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> N
 
 
 def solve_upper(factors: FloatArray, right: FloatArray, first: int, last: int) -> None:
-    """Forward substitution of the rows of ``right`` from ``first`` to ``last``, four at most."""
+    """Substitute forwards in rows ``first`` to ``last`` of ``right`` (n, columns), in place.
+
+    There are four rows at most; the rows before ``first`` are already subtracted.
+    """
     if last - first < 4:
         for i in range(first, last):
             subtract_rows(right, factors[first:i, i], first, i)
@@ -159,7 +168,10 @@ def solve_upper(factors: FloatArray, right: FloatArray, first: int, last: int) -
 
 
 def solve_lower(factors: FloatArray, right: FloatArray, first: int, last: int) -> None:
-    """Back substitution of the rows of ``right`` from ``first`` to ``last``, four at most."""
+    """Substitute backwards in rows ``first`` to ``last`` of ``right`` (n, columns), in place.
+
+    There are four rows at most; the rows from ``last`` on are already subtracted.
+    """
     if last - first < 4:
         for i in range(last - 1, first - 1, -1):
             subtract_rows(right, factors[i + 1 : last, i], i + 1, i)
@@ -203,7 +215,7 @@ def subtract_rows(rows: FloatArray, factors: FloatArray, first: int, target: int
 
 
 def invert_three(matrix: FloatArray, inverse: FloatArray) -> float:
-    """Fill in the ``inverse`` (3, 3); returns the determinant."""
+    """Fill in the ``inverse`` (3, 3) of a ``matrix`` (3, 3) and return its determinant."""
     for i in range(3):
         n, m = (i + 1) % 3, (i + 2) % 3
         for j in range(3):
@@ -220,7 +232,10 @@ def invert_three(matrix: FloatArray, inverse: FloatArray) -> float:
 
 
 def is_definite(matrix: FloatArray) -> bool:
-    """Whether the symmetric part of ``matrix`` (n, n) is positive definite (Cholesky)."""
+    """Whether the symmetric part of ``matrix`` (n, n) is positive definite.
+
+    It is if all pivots of its symmetric elimination are positive.
+    """
     n = len(matrix)
     lower = 0.5 * (matrix + matrix.T)
     for j in range(n):
@@ -234,15 +249,19 @@ def is_definite(matrix: FloatArray) -> bool:
 
 
 def solve_definite(matrix: FloatArray, right: FloatArray) -> None:
-    """Factorise definite matrices (n, n, count) and solve for ``right`` (n, count), in place."""
+    """Solve for ``right`` (n, count) in place, with definite matrices (n, n, count).
+
+    The lower halves of ``matrix`` are overwritten by the factors of `eliminate_definite`.
+    """
     eliminate_definite(matrix)
     substitute_definite(matrix, right)
 
 
 def eliminate_definite(matrix: FloatArray) -> None:
-    """Factorise definite matrices (n, n, count) in place, in their lower halves.
+    """Factorise definite matrices (n, n, count) in place as L D L^T, in their lower halves.
 
-    The L D L^T of `batched_ldlt`, stored as L D below the diagonal and the inverse of D on it.
+    L D is stored below the diagonal and the inverse of D on it, whereas the NumPy
+    counterpart `batched_ldlt.factorise` stores L and D.
     """
     n, factor = len(matrix), np.empty(matrix.shape[2])
     for j in range(n):

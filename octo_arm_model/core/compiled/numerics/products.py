@@ -10,7 +10,7 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
     """Add the product of ``row`` (n,) with ``matrix`` (n, m) to ``out`` (m,)."""
     i = 0
-    # In groups of four, so that `out` is loaded and stored less often.
+    # Rows of the matrix go in groups of four, so that `out` is loaded and stored less often.
     while i + 4 <= row.size:
         a, b, c, d = row[i], row[i + 1], row[i + 2], row[i + 3]
         for j in range(out.size):
@@ -26,7 +26,10 @@ def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
 
 
 def add_each(rows: FloatArray, matrices: FloatArray, out: FloatArray) -> None:
-    """Add the products of ``rows`` (k, n) with ``matrices`` (k, n, m) each to ``out`` (k, m)."""
+    """Add to each row of ``out`` (k, m) the product of a row of ``rows`` (k, n) with its matrix.
+
+    ``matrices`` is (k, n, m), one matrix for each row.
+    """
     n, m = matrices.shape[1:]
     for k in range(len(rows)):
         i = 0
@@ -45,9 +48,10 @@ def add_runs(
 ) -> None:
     """Add to ``out`` (k, n) the interpolated values of ``rows`` (k, points).
 
-    Each of ``runs`` has the number of an element, of ``each`` points, and the first and the number
-    of the places in ``out`` that lie in it; ``matrices`` has the matrices (each, number) from the
-    points to these places, one after another.
+    The columns of ``out`` are places along the arm. Each row of ``runs`` (runs, 3) has the number
+    of an element, the number of the first place in it and the number of places in it. ``matrices``
+    has, one after another, the matrices (each, places) from the values at the ``each`` points of
+    an element to those at the places of a run.
     """
     done = 0
     for run in range(len(runs)):
@@ -60,11 +64,13 @@ def add_run(
     matrices: FloatArray, done: int, each: int, count: int, rows: FloatArray, start: int,
     out: FloatArray, first: int,
 ) -> None:  # fmt: skip
-    """`add_runs` of one run: of ``rows`` from ``start`` on, to ``out`` from ``first`` on.
+    """Add to ``out`` (k, n) the interpolated values of ``rows`` (k, points) at places of one run.
 
-    Without cutting arrays, references of which are counted for every row.
+    The matrix (each, count) of the run begins at ``done`` in ``matrices``, the points of its
+    element at ``start`` in ``rows`` and its places at ``first`` in ``out``. Arrays are indexed
+    rather than sliced, since numba would count the references of a slice for every row.
     """
-    # Of unsigned numbers the compiler knows that they do not count from the end.
+    # With unsigned indices the compiler need not handle negative ones, which count from the end.
     size, target = np.uint64(count), np.uint64(first)
     for k in range(len(rows)):
         place, point, i = np.uint64(done), np.uint64(start), 0
@@ -91,12 +97,12 @@ def add_run(
 def multiply(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
     """Fill in ``out`` (m, columns), the transposed ``matrix`` (n, m) times ``rows`` (n, columns).
 
-    For matrices so small that a call of BLAS would take longer.
+    It serves for matrices so small that a call of BLAS would take longer.
     """
     n, (many, columns) = len(matrix), out.shape
     out[:] = 0.0
     if columns == 1:
-        # C-contiguous, so that loops go along the one column.
+        # The arrays are C-contiguous, so that both reshape to one dimension.
         add_products(rows.reshape(rows.size), matrix, out.reshape(out.size))
         return
     for j in range(many):
