@@ -180,7 +180,7 @@ class Results:
                 along_tendons = along_tendons.reshape(*lead, *along_tendons.shape[-2:])
         if along_tendons is not None and self._grid.s[0] == 0.0:
             # Given there, and interpolated from points beyond.
-            along_tendons[..., 0, :] = tensions.reshape(*lead, -1) * reach[0]
+            along_tendons[..., 0, :] = tensions.reshape(*lead, reach.shape[-1]) * reach[0]
         for array in (
             position, quaternion, strains, residual, iterations, tensions, tip_wrench, twist,
             along_tendons, self._point_tensions,
