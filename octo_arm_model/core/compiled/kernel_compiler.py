@@ -104,7 +104,8 @@ def _scopes(numba: Any, modules: list[str]) -> dict[str, dict[str, Any]]:
             if value not in _MADE:
                 seen = _SCOPES[value.__module__]
                 plain = types.FunctionType(value.__code__, seen, value.__name__)
-                _MADE[value] = numba.njit(plain, **_OPTIONS)
+                counts = not hasattr(value, 'borrows')
+                _MADE[value] = numba.njit(plain, _nrt=counts, **_OPTIONS)
             scope[key] = _MADE[value]
     return {name: _SCOPES[name] for name in modules}
 

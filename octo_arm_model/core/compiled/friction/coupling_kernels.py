@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.section.formulas import (
     sheath_inverse,
@@ -25,6 +26,7 @@ TT, NT, NN, BT, BN, BB, ST, SN, SB, SS = range(10)
 HESSIAN = 10
 
 
+@borrows
 def eliminate(hessian: FloatArray) -> None:
     """Factorise the ``hessian`` (`HESSIAN`, points) in place as L D L^T.
 
@@ -47,6 +49,7 @@ def eliminate(hessian: FloatArray) -> None:
         hessian[SS, i] = 1.0 / (hessian[SS, i] - f_s * st - h_s * sn - k_s * sb)
 
 
+@borrows
 def set_forces(
     pulled: IntArray, reach: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray,
     strain: FloatArray, unit: FloatArray, force: FloatArray,
@@ -69,6 +72,7 @@ def set_forces(
             force[number, 3, i] = g_s
 
 
+@borrows
 def add_yielding(
     pulled: IntArray, reach: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray,
     along: FloatArray, compliance: FloatArray, strain: FloatArray, force: FloatArray,
@@ -105,6 +109,7 @@ def add_yielding(
             force[number, 3, i] += m_s * off_n + c_s * off_b
 
 
+@borrows
 def unscale(reach: IntArray, twist: FloatArray, strain: FloatArray, force: FloatArray) -> None:
     """Convert the ``force`` (pulled, 4, points), in place, from scaled strain to twist.
 
@@ -123,6 +128,7 @@ def unscale(reach: IntArray, twist: FloatArray, strain: FloatArray, force: Float
             force[number, 3, i] = f_s
 
 
+@borrows
 def substitute(reach: IntArray, factors: FloatArray, right: FloatArray) -> None:
     """Solve for ``right`` (pulled, 4, points) in place, with the ``factors`` of `eliminate`."""
     for number in range(right.shape[0]):
@@ -147,6 +153,7 @@ def substitute(reach: IntArray, factors: FloatArray, right: FloatArray) -> None:
             right[number, 3, i] = s
 
 
+@borrows
 def follow_tensions(
     reach: IntArray, by_pull: FloatArray, change: FloatArray, twist: FloatArray
 ) -> None:
@@ -161,6 +168,7 @@ def follow_tensions(
                 twist[k, i] += by_pull[number, k, i] * change[number, i]
 
 
+@borrows
 def improve(
     coefficient: FloatArray, pulled: IntArray, reach: IntArray, along: FloatArray,
     quadrature: FloatArray, slip: FloatArray, across: FloatArray, by_pull: FloatArray,

@@ -33,6 +33,7 @@ from octo_arm_model.core.compiled.friction.turning_kernels import (
     set_units,
 )
 from octo_arm_model.core.compiled.loaded.resolution_kernels import largest_tail
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.rod import RESOLVED_TENSIONS
 
@@ -133,6 +134,7 @@ def state_in(tables: FrictionTables, pulled: IntArray, memory: FloatArray) -> Tu
     )  # fmt: skip
 
 
+@borrows
 def find_turnings(turning: TurningState, twist: FloatArray) -> None:
     """Fill in the angles ``turned`` by which the tendons turn under ``twist`` (4, points).
 
@@ -160,6 +162,7 @@ def multiply_rows(rows: FloatArray, columns: FloatArray, out: FloatArray) -> Non
     np.dot(rows.reshape(each), columns, out.reshape(each))
 
 
+@borrows
 def find_responses(turning: TurningState, twist: FloatArray) -> None:
     """Fill in ``by_pull``, the derivatives of the twist of cross sections by the tensions.
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.friction.turning_kernels import STRAIN, set_strain
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.compiled.section.section_rows import FREE, WIDTH, T
 from octo_arm_model.core.compiled.section.section_tables import LANES, SectionTables
 from octo_arm_model.core.compiled.section.sheath_kernels import (
@@ -61,6 +62,7 @@ def place_tendons(
     set_places(sections.blocks, sections.x, sections.y, pulled, offsets, place)
 
 
+@borrows
 def set_places(
     blocks: IntArray, x: FloatArray, y: FloatArray, pulled: IntArray, offsets: FloatArray,
     place: FloatArray,

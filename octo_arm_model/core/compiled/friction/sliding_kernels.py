@@ -33,6 +33,7 @@ from octo_arm_model.core.compiled.loaded.resolution_kernels import resolves_twis
 from octo_arm_model.core.compiled.models.arm_tables import GridTables
 from octo_arm_model.core.compiled.models.frame_kernels import read_out
 from octo_arm_model.core.compiled.numerics.products import add_runs
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.compiled.section.minimum_kernels import (
     LEFT,
     NEXT_T,
@@ -62,6 +63,7 @@ SLOW = 2  # number of the sweep from a known balance in which its derivatives ar
 UNRESOLVED = -2  # value of ``iterations`` where the elements are too coarse
 
 
+@borrows
 def find_closed_form(
     along: FloatArray, path_x: FloatArray, path_y: FloatArray, slope_x: FloatArray,
     slope_y: FloatArray, axial: FloatArray, squared: FloatArray, torsion: FloatArray,
@@ -86,6 +88,7 @@ def find_closed_form(
         twist[3, i] = stretched
 
 
+@borrows
 def find_sections(
     sections: SectionTables, is_exact: bool, ones: FloatArray, pulled: IntArray, is_guess: bool,
     is_kept: bool, twist: FloatArray, offsets: FloatArray, hessian: FloatArray, rows: FloatArray,
@@ -235,6 +238,7 @@ def slide(
     return np.inf, -1, False
 
 
+@borrows
 def is_near(known: FloatArray, before: FloatArray, tensions: FloatArray, pulled: IntArray) -> bool:
     """Whether the ``known`` memory of `slide` predicts an equilibrium under ``tensions``.
 
@@ -251,6 +255,7 @@ def is_near(known: FloatArray, before: FloatArray, tensions: FloatArray, pulled:
     return True
 
 
+@borrows
 def resolves(tables: FrictionTables, pulled: IntArray, twist: FloatArray) -> bool:
     """Whether the elements resolve the ``twist`` (4, points) and the tensions along tendons."""
     return resolves_tensions(tables, pulled) and resolves_twist(tables.tail, tables.step, twist)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.sliding.friction import SAME
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
@@ -21,6 +22,7 @@ from octo_arm_model.core.section.tendons.tendon_tangents import curvature, kink_
 STRAIN = 6
 
 
+@borrows
 def set_kept(
     coefficient: FloatArray, pulled: IntArray, reach: IntArray, angle: FloatArray, kept: FloatArray
 ) -> None:
@@ -34,6 +36,7 @@ def set_kept(
             kept[number, i] = np.exp(-rate * angle[number, i])
 
 
+@borrows
 def set_tensions(
     tensions: FloatArray, before: FloatArray, pulled: IntArray, reach: IntArray, part: FloatArray,
     kept: FloatArray, along: FloatArray, slip: FloatArray, change: FloatArray,
@@ -68,6 +71,7 @@ def set_tensions(
     return stuck > 0
 
 
+@borrows
 def set_strain(widens: bool, twist: FloatArray, strain: FloatArray) -> None:
     """Fill in the ``strain`` (`STRAIN`, points) of cross sections under ``twist`` (4, points)."""
     if widens:
@@ -82,6 +86,7 @@ def set_strain(widens: bool, twist: FloatArray, strain: FloatArray) -> None:
         strain[2, i], strain[3, i] = width * twist[2, i], twist[3, i]
 
 
+@borrows
 def set_units(
     pulled: IntArray, reach: IntArray, place: FloatArray, dx: FloatArray, dy: FloatArray,
     strain: FloatArray, unit: FloatArray,
@@ -104,6 +109,7 @@ def set_units(
             unit[2, number, i] = over * u_b
 
 
+@borrows
 def set_rates(
     reach: IntArray, twist: FloatArray, lengths: FloatArray, unit: FloatArray, slope: FloatArray,
     rate: FloatArray, across: FloatArray,
@@ -131,6 +137,7 @@ def set_rates(
             across[2, number, i] = over * (e_t * c_n - e_n * c_t)
 
 
+@borrows
 def change_rates(reach: IntArray, across: FloatArray, moved: FloatArray, rate: FloatArray) -> None:
     """Fill in ``rate`` (pulled, points), the linear change of rates with the twist [rad/m].
 
@@ -145,6 +152,7 @@ def change_rates(reach: IntArray, across: FloatArray, moved: FloatArray, rate: F
             )  # fmt: skip
 
 
+@borrows
 def add_up(
     reach: IntArray, step: FloatArray, quadrature: FloatArray, rate: FloatArray,
     total: FloatArray,
@@ -164,6 +172,7 @@ def add_up(
             start += whole
 
 
+@borrows
 def add_kinks(reach: IntArray, ends: FloatArray, unit: FloatArray, turned: FloatArray) -> None:
     """Add to the angles ``turned`` (pulled, points) the kinks of tendons between elements [rad].
 

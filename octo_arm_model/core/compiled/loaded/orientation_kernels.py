@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
 
 MOST_SWEEPS = 60
@@ -17,6 +18,7 @@ DEFECTS = 1e-17
 MOST_DEFECTS = 1e-6  # largest such tolerance, for Newton iterates far from equilibrium
 
 
+@borrows
 def find_rate(twist: FloatArray, half: FloatArray, turn: FloatArray, rate: FloatArray) -> None:
     """Fill in ``rate`` (4, n), the derivatives of the quaternions ``turn`` (4, n).
 
@@ -123,6 +125,7 @@ def find_turn(
     return size
 
 
+@borrows
 def sum_of_squares(rows: FloatArray) -> float:
     """Sum of squares of all elements of ``rows`` (4, n)."""
     # Four independent sums, since each addition to one sum waits for the previous addition.
@@ -133,6 +136,7 @@ def sum_of_squares(rows: FloatArray) -> float:
     return (e + f) + (g + h)
 
 
+@borrows
 def from_starts(
     tables: ElementTables, twist: FloatArray, half: FloatArray, turn: FloatArray, rate: FloatArray,
     raw: FloatArray,
@@ -156,6 +160,7 @@ def from_starts(
         turn_all(w, -x, -y, -z, turn[:, first : first + s], raw[:, first : first + s])
 
 
+@borrows
 def turn_all(w: float, x: float, y: float, z: float, turn: FloatArray, out: FloatArray) -> None:
     """Fill in ``out`` (4, n), the products of one quaternion w, x, y, z with each ``turn``."""
     for j in range(turn.shape[1]):
@@ -186,6 +191,7 @@ def chain(tables: ElementTables, raw: FloatArray, rate: FloatArray, turn: FloatA
         normalise(start)
 
 
+@borrows
 def normalise(turn: FloatArray) -> None:
     """Divide each of the quaternions ``turn`` (4, n) by its norm, in place."""
     a, b, c, d = turn[0], turn[1], turn[2], turn[3]
@@ -194,6 +200,7 @@ def normalise(turn: FloatArray) -> None:
         a[j], b[j], c[j], d[j] = over * a[j], over * b[j], over * c[j], over * d[j]
 
 
+@borrows
 def times_inverse(one: FloatArray, other: FloatArray, out: FloatArray) -> None:
     """Fill in ``out``: quaternions ``one`` times the conjugates of ``other``, (4, n) each."""
     a, b, c, d = one[0], one[1], one[2], one[3]
@@ -207,6 +214,7 @@ def times_inverse(one: FloatArray, other: FloatArray, out: FloatArray) -> None:
         o_3[j] = h * w[j] - e * z[j] - f * y[j] + g * x[j]
 
 
+@borrows
 def add_product(one: FloatArray, other: FloatArray, out: FloatArray) -> None:
     """Add to ``out`` the products of quaternions ``one`` and ``other``, (4, n) each."""
     a, b, c, d = one[0], one[1], one[2], one[3]
@@ -219,6 +227,7 @@ def add_product(one: FloatArray, other: FloatArray, out: FloatArray) -> None:
         o_3[j] += a[j] * z[j] + b[j] * y[j] - c[j] * x[j] + d[j] * w[j]
 
 
+@borrows
 def turn_by(angle: FloatArray, turn: FloatArray, out: FloatArray) -> None:
     """Fill in ``out`` (4, n), quaternions ``turn`` (4, n) rotated by small angles.
 
@@ -235,6 +244,7 @@ def turn_by(angle: FloatArray, turn: FloatArray, out: FloatArray) -> None:
         out[3, j] = over * (z + b * y - c * x + d * w)
 
 
+@borrows
 def find_rotation(turn: FloatArray, rotation: FloatArray) -> None:
     """Fill in the matrices ``rotation`` (3, 3, points) of quaternions ``turn`` of any norm."""
     for i in range(turn.shape[1]):

@@ -6,10 +6,12 @@ import math
 
 import numpy as np
 
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.rod import MOST_TURN, RESOLVED, STRAIGHT
 
 
+@borrows
 def largest_tail(tail: FloatArray, values: FloatArray) -> float:
     """Largest magnitude of the last two Legendre coefficients of ``values`` in any element.
 

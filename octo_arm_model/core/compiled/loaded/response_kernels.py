@@ -13,6 +13,7 @@ from octo_arm_model.core.compiled.loaded.state_kernels import RodState
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_columns
 from octo_arm_model.core.compiled.numerics.products import add_products, multiply
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
 
 
@@ -129,6 +130,7 @@ def link_changes(system: System, ends: FloatArray) -> None:
         add_three(system.by_turn[element + 1], following, moment)
 
 
+@borrows
 def add_three(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
     """Add the product of ``matrix`` (3, 3) with ``rows`` (3, columns) to ``out`` (3, columns)."""
     for i in range(3):

@@ -32,6 +32,7 @@ from octo_arm_model.core.compiled.loaded.state_kernels import (
 from octo_arm_model.core.compiled.loaded.step_kernels import find_step
 from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
 from octo_arm_model.core.compiled.numerics.dense_kernels import is_definite
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.compiled.section.section_tables import SectionTables
 from octo_arm_model.core.hints import ComplexArray, FloatArray
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
@@ -91,6 +92,7 @@ class Outcome(NamedTuple):
     is_read: bool
 
 
+@borrows
 def turn_of(quadrature: FloatArray, change: FloatArray) -> float:
     """Angle by which a ``change`` of twist (4, points) turns the arm [rad].
 
@@ -238,6 +240,7 @@ def balance(
     )  # fmt: skip
 
 
+@borrows
 def leave(turn: FloatArray, orientation: ComplexArray) -> None:
     """Normalise the quaternions ``turn`` (4, points) and copy them to ``orientation``.
 
@@ -313,6 +316,7 @@ def find_compliance(
             compliance[row, column] = total
 
 
+@borrows
 def has_fibres(sections: SectionTables, twist: FloatArray) -> bool:
     """Whether all fibres keep more than the length `SHORTEST_FIBRE` under ``twist`` (4, points).
 

@@ -14,6 +14,7 @@ from octo_arm_model.core.compiled.loaded.response_kernels import respond, tip_wr
 from octo_arm_model.core.compiled.loaded.rod_tables import ParameterTables, RodTables
 from octo_arm_model.core.compiled.loaded.state_kernels import RodState, find_state, find_wrench
 from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.elastic_laws import (
     incompressible_widening,
@@ -31,6 +32,7 @@ from octo_arm_model.core.section.formulas import (
 )
 
 
+@borrows
 def widening(widens: bool, stretch: float) -> tuple[float, float, float]:
     """Widening of a section at ``stretch`` and its first two derivatives by the stretch.
 
@@ -39,6 +41,7 @@ def widening(widens: bool, stretch: float) -> tuple[float, float, float]:
     return incompressible_widening(stretch) if widens else (1.0, 0.0, 0.0)
 
 
+@borrows
 def find_imbalance(
     tables: RodTables, parameters: ParameterTables, tensions: FloatArray, twist: FloatArray,
     stretch: FloatArray, left: FloatArray, first: int, own: FloatArray,
@@ -127,6 +130,7 @@ def dead_wrenches(
         wrench[:, :, load] = found
 
 
+@borrows
 def linearise(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
     is_known: bool, system: System,
@@ -188,6 +192,7 @@ def differentiate(
     return sign
 
 
+@borrows
 def weigh(tables: RodTables, values: FloatArray) -> None:
     """Multiply ``values`` (rows, 4, points) by the weights of the integral along the arm."""
     weights = tables.elements.quadrature

@@ -12,6 +12,7 @@ import numpy as np
 
 from octo_arm_model.core.compiled.loaded.orientation_kernels import find_rotation
 from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables, RodTables
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.compiled.section.section_kernels import evaluate_sections
 from octo_arm_model.core.hints import FloatArray
 
@@ -86,6 +87,7 @@ def find_wrench(
     into_axes(rotation, force, moment, wrench)
 
 
+@borrows
 def into_axes(
     rotation: FloatArray, force: FloatArray, moment: FloatArray, wrench: FloatArray
 ) -> None:
@@ -137,6 +139,7 @@ def find_state(
     return max(max(residuals[0], residuals[1]), max(residuals[2], residuals[3]))
 
 
+@borrows
 def largest_in_rows(rows: FloatArray) -> tuple[float, float, float, float]:
     """The largest magnitude in each row of ``rows`` (4, n); NaN where one is NaN or infinite."""
     # All rows in one loop, since comparisons of one row wait for each other.

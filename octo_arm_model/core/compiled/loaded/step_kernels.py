@@ -8,6 +8,7 @@ from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_transposed
 from octo_arm_model.core.compiled.numerics.products import add_each
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
 
 Three = tuple[float, float, float]
@@ -105,6 +106,7 @@ def find_step(
         stretched[i] *= over[i]
 
 
+@borrows
 def link_step(system: System, ends: FloatArray) -> None:
     """Solve for the rotations Phi and changes of moment d m at the ``ends`` of all elements.
 

@@ -20,6 +20,7 @@ from octo_arm_model.core.compiled.numerics.dense_kernels import (
     invert_three,
     solve_transposed,
 )
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray, IntArray
 
 
@@ -195,6 +196,7 @@ def find_system(tables: ElementTables, state: RodState, system: System) -> int:
     return sign * link(system)
 
 
+@borrows
 def condense(
     h: float, weights: FloatArray, turns: FloatArray, matrix: FloatArray, pivots: IntArray,
     bends: FloatArray, to_moment: FloatArray, ends: FloatArray,

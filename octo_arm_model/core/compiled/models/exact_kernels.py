@@ -7,12 +7,14 @@ import numpy as np
 from octo_arm_model.core.compiled.models.arm_tables import GridTables
 from octo_arm_model.core.compiled.models.frame_kernels import read_out
 from octo_arm_model.core.compiled.numerics.products import add_runs
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.compiled.section.minimum_kernels import find_some_minima
 from octo_arm_model.core.compiled.section.section_tables import ExactTables
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.unloaded_exact import RESOLVED
 
 
+@borrows
 def find_tails(tables: ExactTables, twist: FloatArray, tail: FloatArray, size: FloatArray) -> None:
     """Fill in ``tail`` (4, panels), the larger of the last two Chebyshev coefficients in a panel.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.models.arm_tables import GridTables
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import displacement, product
 from octo_arm_model.core.rod.kinematics import (
@@ -53,6 +54,7 @@ def integrate_twist(
             station += 1
 
 
+@borrows
 def read_out(
     grid: GridTables, twist: FloatArray, strains: FloatArray, position: FloatArray,
     quaternion: FloatArray,

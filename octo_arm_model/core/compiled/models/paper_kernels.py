@@ -16,6 +16,7 @@ from octo_arm_model.core.compiled.models.arm_tables import (
 )
 from octo_arm_model.core.compiled.models.frame_kernels import read_out
 from octo_arm_model.core.compiled.numerics.products import add_products
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.picard import (
     MAX_SWEEPS,
@@ -46,6 +47,7 @@ def sums_of(weights: Weights, tensions: FloatArray) -> FloatArray:
     return sums
 
 
+@borrows
 def largest_change(p: FloatArray, previous: FloatArray, limit: float) -> float:
     """Largest of |p - previous|; infinity if it exceeds ``limit`` or an element is NaN."""
     beyond, total = 0, 0.0

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray, IntArray
 
 FEW = 8  # largest number of right-hand sides that take less time row by row than all at once
 
 
+@borrows
 def factorise(matrix: FloatArray, pivots: IntArray) -> int:
     """Factorise ``matrix`` (n, n) as L U in place, and fill in the row exchanges ``pivots`` (n,).
 
@@ -60,6 +62,7 @@ def factorise(matrix: FloatArray, pivots: IntArray) -> int:
     return sign
 
 
+@borrows
 def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
     """Solve A^T x = b in place for several matrices A, from their factors by `factorise`.
 
@@ -167,6 +170,7 @@ def solve_upper(factors: FloatArray, right: FloatArray, first: int, last: int) -
         one[k], two[k], three[k], four[k] = a, b, c, d
 
 
+@borrows
 def solve_lower(factors: FloatArray, right: FloatArray, first: int, last: int) -> None:
     """Substitute backwards in rows ``first`` to ``last`` of ``right`` (n, columns), in place.
 
@@ -187,6 +191,7 @@ def solve_lower(factors: FloatArray, right: FloatArray, first: int, last: int) -
         two[k], three[k] = b, c
 
 
+@borrows
 def subtract_rows(rows: FloatArray, factors: FloatArray, first: int, target: int) -> None:
     """Subtract from the row ``target`` of ``rows`` those from ``first`` on, times ``factors``."""
     i, out = 0, rows[target]
@@ -214,6 +219,7 @@ def subtract_rows(rows: FloatArray, factors: FloatArray, first: int, target: int
         i += 1
 
 
+@borrows
 def invert_three(matrix: FloatArray, inverse: FloatArray) -> float:
     """Fill in the ``inverse`` (3, 3) of a ``matrix`` (3, 3) and return its determinant."""
     for i in range(3):
@@ -248,6 +254,7 @@ def is_definite(matrix: FloatArray) -> bool:
     return True
 
 
+@borrows
 def solve_definite(matrix: FloatArray, right: FloatArray) -> None:
     """Solve for ``right`` (n, count) in place, with definite matrices (n, n, count).
 
@@ -275,6 +282,7 @@ def eliminate_definite(matrix: FloatArray) -> None:
                     matrix[i, k, p] -= factor[p] * matrix[k, j, p]
 
 
+@borrows
 def substitute_definite(matrix: FloatArray, right: FloatArray) -> None:
     """Solve in place for ``right`` (n, count), from the factors of `eliminate_definite`."""
     n, count = right.shape

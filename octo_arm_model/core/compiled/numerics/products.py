@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray, IntArray
 
 
+@borrows
 def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
     """Add the product of ``row`` (n,) with ``matrix`` (n, m) to ``out`` (m,)."""
     i = 0
@@ -25,6 +27,7 @@ def add_products(row: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
         i += 1
 
 
+@borrows
 def add_each(rows: FloatArray, matrices: FloatArray, out: FloatArray) -> None:
     """Add to each row of ``out`` (k, m) the product of a row of ``rows`` (k, n) with its matrix.
 
@@ -43,6 +46,7 @@ def add_each(rows: FloatArray, matrices: FloatArray, out: FloatArray) -> None:
                 out[k, j] += rows[k, i] * matrices[k, i, j]
 
 
+@borrows
 def add_runs(
     runs: IntArray, matrices: FloatArray, each: int, rows: FloatArray, out: FloatArray
 ) -> None:
@@ -60,6 +64,7 @@ def add_runs(
         done += each * count
 
 
+@borrows
 def add_run(
     matrices: FloatArray, done: int, each: int, count: int, rows: FloatArray, start: int,
     out: FloatArray, first: int,
@@ -94,6 +99,7 @@ def add_run(
             place, point, i = place + size, point + np.uint64(1), i + 1
 
 
+@borrows
 def multiply(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
     """Fill in ``out`` (m, columns), the transposed ``matrix`` (n, m) times ``rows`` (n, columns).
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.compiled.section.section_kernels import set_balance, set_scales
 from octo_arm_model.core.compiled.section.section_rows import (
     BB,
@@ -48,6 +49,7 @@ DESCENT, LEFT, PIVOT = FREE + 8 * LANES, FREE + 9 * LANES, FREE + 10 * LANES
 ROWS = FREE + 11 * LANES
 
 
+@borrows
 def set_next(count: int, rows: FloatArray) -> None:
     """Fill in the next Newton step by L D L^T, the least pivot and the relative residual."""
     for i in range(count):
@@ -78,6 +80,7 @@ def set_next(count: int, rows: FloatArray) -> None:
         rows[PIVOT + i] = min(min(tt, nn), min(bb, ss))
 
 
+@borrows
 def find_next(
     tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray,
     offsets: FloatArray,
@@ -92,6 +95,7 @@ def find_next(
     set_next(count, rows)
 
 
+@borrows
 def take_step(count: int, rows: FloatArray) -> None:
     """Take the next step, or take back half of the last one where that was too long."""
     for i in range(count):
@@ -115,6 +119,7 @@ def take_step(count: int, rows: FloatArray) -> None:
         rows[STEP_B + i], rows[STEP_S + i] = sign * b, sign * s
 
 
+@borrows
 def minimise_block(
     tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray,
     offsets: FloatArray,
@@ -147,6 +152,7 @@ def minimise_block(
     return np.inf, -1
 
 
+@borrows
 def is_least(count: int, rows: FloatArray) -> bool:
     """Whether the equilibria of a block are minima of the energy, as `check_stable` requires."""
     for i in range(count):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.compiled.section.section_rows import (
     BB,
     BEND,
@@ -60,6 +61,7 @@ from octo_arm_model.core.section.formulas import (
 )
 
 
+@borrows
 def set_scales(
     tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray
 ) -> None:
@@ -76,6 +78,7 @@ def set_scales(
         rows[OF_MOMENT + i] = rows[OF_FORCE + i] * lever[i]
 
 
+@borrows
 def set_material(tables: SectionTables, block: int, rows: FloatArray) -> None:
     """Fill in the widening, and gradient and Hessian of the elastic energy."""
     first, count = tables.blocks[block]
@@ -100,6 +103,7 @@ def set_material(tables: SectionTables, block: int, rows: FloatArray) -> None:
         rows[NT + i], rows[BT + i], rows[ST + i], rows[OFFSET_LEFT + i] = 0.0, 0.0, 0.0, 0.0
 
 
+@borrows
 def add_tendon(
     count: int, tension: float, part: FloatArray, path_x: FloatArray, path_y: FloatArray,
     slope_x: FloatArray, slope_y: FloatArray, rows: FloatArray,
@@ -119,6 +123,7 @@ def add_tendon(
         add_terms(i, local, l_t, l_n, l_b, l_s, local * over, h, rows)
 
 
+@borrows
 def set_balance(
     tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray,
     offsets: FloatArray, offset_steps: int,
@@ -182,6 +187,7 @@ def evaluate_sections(
                 place += LANES
 
 
+@borrows
 def unscale(count: int, t: FloatArray, n: FloatArray, b: FloatArray, rows: FloatArray) -> None:
     """Convert gradient and Hessian by the scaled strain to those by the twist."""
     for i in range(count):

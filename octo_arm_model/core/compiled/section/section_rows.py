@@ -6,6 +6,7 @@ compiler then knows that they do not overlap, and vectorises over the sections.
 
 from __future__ import annotations
 
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.compiled.section.section_tables import LANES
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
@@ -22,6 +23,7 @@ OF_MOMENT, OF_FORCE, OFFSET_LEFT, ITS_LEFT = 21 * LANES, 22 * LANES, 23 * LANES,
 FREE = 25 * LANES  # rows from here on are those of the caller
 
 
+@borrows
 def set_strain(
     widens: bool, t: FloatArray, n: FloatArray, b: FloatArray, s: FloatArray, rows: FloatArray
 ) -> None:
@@ -32,6 +34,7 @@ def set_strain(
         rows[S + i] = s[i]
 
 
+@borrows
 def add_terms(
     i: int, tension: float, l_t: float, l_n: float, l_b: float, l_s: float, weight: float,
     h: tuple[float, ...], rows: FloatArray,

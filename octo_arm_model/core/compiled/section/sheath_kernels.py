@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.compiled.section.section_rows import (
     BEND,
     ITS_LEFT,
@@ -30,6 +31,7 @@ OFFSET_TOLERANCE = 1e-9  # residual of an offset over the lever arm: its square 
 MOST_OFFSET_STEPS = 30  # of Newton's method for offsets at a given strain
 
 
+@borrows
 def step_offset(
     count: int, tension: float, part: FloatArray, path_x: FloatArray, path_y: FloatArray,
     slope_x: FloatArray, slope_y: FloatArray, compliance: FloatArray, lever: FloatArray,
@@ -60,6 +62,7 @@ def step_offset(
     return worst
 
 
+@borrows
 def add_sheathed_tendon(
     count: int, tension: float, part: FloatArray, path_x: FloatArray, path_y: FloatArray,
     slope_x: FloatArray, slope_y: FloatArray, compliance: FloatArray, lever: FloatArray,
@@ -100,6 +103,7 @@ def add_sheathed_tendon(
         rows[OFFSET_LEFT + i] = max(rows[OFFSET_LEFT + i], (abs(left_n) + abs(left_b)) / lever[i])
 
 
+@borrows
 def are_inside(tables: SectionTables, block: int, pulled: IntArray, offsets: FloatArray) -> bool:
     """Whether tendons in sheaths stay in the body, as `check_tendons` requires."""
     first = tables.blocks[block, 0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.compiled.section.section_rows import (
     G_B,
     G_N,
@@ -21,6 +22,7 @@ from octo_arm_model.core.section.formulas import planar_start, planar_step
 from octo_arm_model.core.section.sheaths.sheath import MOST_SOFTENED
 
 
+@borrows
 def set_start(
     tables: SectionTables, block: int, tensions: FloatArray, pulled: IntArray, rows: FloatArray
 ) -> None:
@@ -66,6 +68,7 @@ def set_start(
         rows[S + i] = stretch if can_be else straight
 
 
+@borrows
 def can_be(tables: SectionTables, block: int, rows: FloatArray) -> bool:
     """Whether all fibres and tendons of the sections of a ``block`` have positive length."""
     first, count = tables.blocks[block]
