@@ -17,13 +17,13 @@ from octo_arm_model.core.arm.loads import Tangent
 from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray, Number
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.loaded.kinematics import frames, matrix_of
+from octo_arm_model.core.loaded.kinematics import frames, matrix_of, unit
 from octo_arm_model.core.loaded.linearised import Linearised, Response, System
 from octo_arm_model.core.loaded.loading.load_resultants import LoadTable
 from octo_arm_model.core.loaded.loading.load_tangents import RodPoints, WithTangents
 from octo_arm_model.core.loaded.sliding.friction import Friction
 from octo_arm_model.core.loaded.state import Condition, State
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.numerics.quaternion import Quaternions, product
 from octo_arm_model.core.numerics.vectors import cross, skew
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.energy import SectionEnergy
@@ -104,7 +104,7 @@ class Equilibrium:
         self, condition: Condition, shape: Shape, is_to_be_linearised: bool = False
     ) -> State:
         """Evaluate the balance of ``shape``, with the Hessian if it ``is_to_be_linearised``."""
-        twist, orientation = shape
+        twist = shape.twist
         sliding, hessian = None, None
         if self.evaluate is not None and self.friction is None:
             gradient, hessian, scale = self.evaluate(condition.tensions, twist)
@@ -124,24 +124,46 @@ class Equilibrium:
             else:
                 gradient = gradient_by_twist(energy, batch, local_tensions)
             gradient, scale = gradient.reshape(twist.shape), scale.reshape(twist.shape)
-        rotation = orientation.matrix()
-        if len(twist) == 4:
-            tangent = rotation[:, 0] * twist[3]
-        else:
-            tangent = np.einsum('ik...,k...->i...', rotation, twist[3:])
-        both = self._resultants(condition, orientation).copy()
-        moment, force = both
-        moment += self.collocation.integrate_from_tip(cross(tangent, force))
+        rotation, tangent, both = self._loaded(condition, shape)
         wrench = np.einsum('ji...,kj...->ki...', rotation, both)
-        wrench = wrench.reshape(6, *tangent.shape[1:])[: len(twist)]
+        wrench = wrench.reshape(6, *twist.shape[1:])[: len(twist)]
         imbalance = wrench - gradient
         scale = scale + np.maximum.reduce(np.abs(wrench), axis=-1, keepdims=True)
         # NaN where a strain is impossible.
         residual = (np.abs(imbalance) / scale).max(axis=(0, -1))
         return State(
-            condition, shape, rotation, tangent, moment, force, imbalance, residual, sliding,
+            condition, shape, rotation, tangent, both[0], both[1], imbalance, residual, sliding,
             hessian,
         )  # fmt: skip
+
+    def last_state(self, state: State, change: Response, residual: Number) -> State:
+        """The ``state`` under dead loads after the last ``change`` of a search for balance.
+
+        The change is so small that orientations follow to first order, and the ``residual`` that
+        it leaves is known. The imbalance is the one before it.
+        """
+        t, n, b = 0.5 * change.turn[:, 0]
+        orientation = unit(
+            Quaternions(*product(1.0 + 1j * t, n + 1j * b, *state.shape.orientation))
+        )
+        shape = Shape(state.shape.twist + change.twist[:, 0], orientation)
+        rotation, tangent, both = self._loaded(state.condition, shape)
+        return State(
+            state.condition, shape, rotation, tangent, both[0], both[1], state.imbalance, residual
+        )
+
+    def _loaded(
+        self, condition: Condition, shape: Shape
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Rotation and tangent of `State`, and its moment and force, (2, 3, ..., points)."""
+        twist, rotation = shape.twist, shape.orientation.matrix()
+        if len(twist) == 4:
+            tangent = rotation[:, 0] * twist[3]
+        else:
+            tangent = np.einsum('ik...,k...->i...', rotation, twist[3:])
+        both = self._resultants(condition, shape.orientation).copy()
+        both[0] += self.collocation.integrate_from_tip(cross(tangent, both[1]))
+        return rotation, tangent, both
 
     def _resultants(self, condition: Condition, orientation: Quaternions) -> FloatArray:
         """Moment, without what forces have of it, and force of all loads, (2, 3, ..., points)."""

@@ -22,6 +22,9 @@ FIRST_PROGRESS = 3.0  # likewise the first, which takes up the change of the loa
 # A factorised system is used for another step where the one before left this residual and part of
 # it, and for judging stability where no more than this has been turned since [rad].
 NEAR, QUICK, SAME = 2e-5, 0.02, 0.1
+# A step with the same system leaves about the same part of residual and turn as the step before.
+# Where the residual is not evaluated its estimate has this factor.
+SAFETY, _TINY = 10.0, 1e-300
 PREDICTED = 0.1  # part of the residual that a step with a system known before may leave
 
 
@@ -62,6 +65,8 @@ class _Progress(NamedTuple):
         iterations: made.
         corrected: as of `Iterate`, (...) [rad].
         turned: how far the arm has turned since the system was linearised, (...) [rad].
+        angle: how far the last step has turned it, (...) [rad].
+        convergence: part of the residual that this step has left, (...).
     """
 
     state: State
@@ -72,6 +77,8 @@ class _Progress(NamedTuple):
     iterations: int
     corrected: Number
     turned: Number
+    angle: Number
+    convergence: Number
 
     @property
     def last_system(self) -> System | None:
@@ -86,6 +93,8 @@ class _Progress(NamedTuple):
             system=system.of(arms) if isinstance(system, Linearised) else None,
             corrected=self.corrected[arms],
             turned=self.turned[arms],
+            angle=self.angle[arms],
+            convergence=self.convergence[arms],
         )
 
 
@@ -140,7 +149,7 @@ def newton_of_all(
         system = now.last_system if verdict == _BALANCED else None
         if verdict not in (_STUCK, _BALANCED) and now.iterations < MOST:
             try:
-                after = _iterate(problem, now)
+                after = _iterate(problem, now, tolerance)
                 residuals = zip(now.state.residual.tolist(), after.state.residual.tolist())
                 verdicts = [_verdict(problem, now, *both, tolerance) for both in residuals]
                 groups += _groups(arms, verdicts, now, after)
@@ -157,11 +166,13 @@ def _begin(
     is_known = known is not None
     state = problem.state(condition, shape, is_to_be_linearised=not is_known)
     nothing = np.zeros_like(state.residual)
-    return _Progress(state, known, is_known, is_known, True, 0, nothing, nothing)
+    return _Progress(state, known, is_known, is_known, True, 0, nothing, nothing, nothing, nothing)
 
 
-def _iterate(problem: Equilibrium, now: _Progress) -> _Progress:
+def _iterate(problem: Equilibrium, now: _Progress, enough: float = 0.0) -> _Progress:
     """After another step, that uses its system again.
+
+    The residual that it leaves is estimated, not evaluated, where it is ``enough`` for all arms.
 
     Raises:
         ConvergenceError: if there is none.
@@ -170,12 +181,21 @@ def _iterate(problem: Equilibrium, now: _Progress) -> _Progress:
     if system is None or not now.again:
         system, turned = problem.linearised(state), 0.0
     step = newton_step(problem, system, state)
-    # Newton's method leaves about the square of a residual; what is not near is linearised next.
-    is_far = now.is_known or float(state.residual.max()) ** 2 > NEAR
-    new = problem.state(state.condition, problem.moved(state.shape, step), is_far)
-    turn = problem.turn(step)
-    corrected = now.corrected + (0.0 if now.is_first else turn)
-    return _Progress(new, system, True, False, False, now.iterations + 1, corrected, turned + turn)
+    turn, old = problem.turn(step), state.residual
+    # Where the step before was made with the same system.
+    left = np.inf
+    if now.again and not now.is_known:
+        left = SAFETY * old * np.maximum(now.convergence, turn / np.maximum(now.angle, _TINY))
+    if np.all(left <= enough):
+        new = problem.last_state(state, step, left)
+    else:
+        # Newton's method leaves about the square of a residual; what is not near is linearised.
+        is_far = now.is_known or float(old.max()) ** 2 > NEAR
+        new = problem.state(state.condition, problem.moved(state.shape, step), is_far)
+    return _Progress(
+        new, system, True, False, False, now.iterations + 1,
+        now.corrected + (0.0 if now.is_first else turn), turned + turn, turn, new.residual / old,
+    )  # fmt: skip
 
 
 def _verdict(

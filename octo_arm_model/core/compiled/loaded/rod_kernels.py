@@ -43,6 +43,7 @@ from octo_arm_model.core.loaded.newton import (
     PREDICTED,
     PROGRESS,
     QUICK,
+    SAFETY,
     SAME,
 )
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
@@ -51,11 +52,8 @@ from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 # Values of ``wanted``: find an equilibrium only; read it out as well if it is stable and resolved;
 # read it out if it is stable, whether resolved or not; read out the given state without a search.
 BALANCE, READINGS, ANY_READINGS, READ_ONLY = 0, 1, 2, 3
-# A chord step, with the same system as the step before, leaves about the same part of the residual
-# and of the turn as that step. Where the residual is not evaluated its estimate has this factor.
-SAFETY = 10.0
 # Largest sum of squares of the defects of orientations before their last sweep at which the
-# residual may be estimated so.
+# residual may be estimated by `SAFETY`.
 FEW_DEFECTS = 1e-12
 # Most chord steps of the known system after its first step, if ``is_exact`` and if not.
 MOST_EXACT, MOST_REUSED = 5, 3
