@@ -142,11 +142,13 @@ class Equilibrium:
         The change is so small that orientations follow to first order, and the ``residual`` that
         it leaves is known. The imbalance is the one before it.
         """
-        t, n, b = 0.5 * change.turn[:, 0]
+        twist = change.twist[:, 0]
+        bends = np.einsum('ik...,k...->i...', state.rotation, twist[:3])
+        t, n, b = self.collocation.integrate_from_base(0.5 * bends)
         orientation = unit(
             Quaternions(*product(1.0 + 1j * t, n + 1j * b, *state.shape.orientation))
         )
-        shape = Shape(state.shape.twist + change.twist[:, 0], orientation)
+        shape = Shape(state.shape.twist + twist, orientation)
         rotation, tangent, both = self._loaded(state.condition, shape)
         return State(
             state.condition, shape, rotation, tangent, both[0], both[1], state.imbalance, residual

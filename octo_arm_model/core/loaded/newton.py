@@ -24,7 +24,9 @@ FIRST_PROGRESS = 3.0  # likewise the first, which takes up the change of the loa
 NEAR, QUICK, SAME = 2e-5, 0.02, 0.1
 # A step with the same system leaves about the same part of residual and turn as the step before.
 # Where the residual is not evaluated its estimate has this factor.
-SAFETY, _TINY = 10.0, 1e-300
+SAFETY = 10.0
+# Steps that turn the arm by no more, whose square is rounding, need not be evaluated [rad].
+_SMALL, _TINY = 3e-7, 1e-300
 PREDICTED = 0.1  # part of the residual that a step with a system known before may leave
 
 
@@ -186,7 +188,7 @@ def _iterate(problem: Equilibrium, now: _Progress, enough: float = 0.0) -> _Prog
     left = np.inf
     if now.again and not now.is_known:
         left = SAFETY * old * np.maximum(now.convergence, turn / np.maximum(now.angle, _TINY))
-    if np.all(left <= enough):
+    if np.all((left <= enough) & (turn <= _SMALL)):
         new = problem.last_state(state, step, left)
     else:
         # Newton's method leaves about the square of a residual; what is not near is linearised.

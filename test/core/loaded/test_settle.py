@@ -9,8 +9,11 @@ import pytest
 from helical_arm import HELICAL
 
 from octo_arm_model import Arm, Backbone, Config, Loads, PointLoad, SolveError, Solver
+from octo_arm_model.core.hints import Number
+from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.settle import Settling
-from octo_arm_model.core.loaded.state import Condition
+from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.rod.solution import Solution
 
@@ -55,6 +58,36 @@ def test_an_arm_is_the_same_alone_and_in_a_batch(
         settled = solver._statics._loaded.settle_all(batch.reshape(20, 12), wrenches, start)
     if is_warm:
         assert sum(isinstance(one, Solution) for one in settled) > 10
+
+
+@pytest.mark.parametrize('loads', [AIR, WATER, MOMENT], ids=['air', 'water', 'moment'])
+def test_an_estimated_residual_is_no_less_than_the_evaluated_one(
+    table4: Config, loads: Loads, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    last_state, found = Equilibrium.last_state, []
+
+    def evaluated(self: Equilibrium, state: State, change: Response, residual: Number) -> State:
+        estimated = last_state(self, state, change, residual)
+        # With orientations that follow from the twist alone.
+        found.append((estimated, self.state(state.condition, self.moved(state.shape, change))))
+        return estimated
+
+    monkeypatch.setattr(Equilibrium, 'last_state', evaluated)
+    solver = Solver(table4.arm.with_density(1080.0), 'exact', 31, table4.base, loads=loads)
+    random = np.random.default_rng(9)
+    for size in np.geomspace(1e-6, 0.1, 60):
+        tensions = 0.5 * HIGHEST * random.uniform(size=(3, 4)) * np.array([1.0, 0.0, 0.0, 1.0])
+        start = solver.solve(tensions)
+        solver.solve(tensions + size * HIGHEST * random.uniform(size=(3, 4)), start=start)
+    assert len(found) > 5
+    for estimated, expected in found:
+        # Rounding alone leaves about 1e-14.
+        assert (expected.residual <= estimated.residual + 1e-13).all()
+        for name in ('rotation', 'tangent', 'force'):
+            a, b = getattr(estimated, name), getattr(expected, name)
+            np.testing.assert_allclose(a, b, atol=1e-12 * max(1.0, np.abs(b).max()))
+        scale = np.abs(expected.moment).max()
+        np.testing.assert_allclose(estimated.moment, expected.moment, atol=1e-12 * scale)
 
 
 def test_wrenches_of_each_arm_are_its_own() -> None:
