@@ -305,6 +305,10 @@ def test_an_impossible_change_is_refused_as_a_whole(controller, values, reason) 
 
 def test_the_simulator_plays_a_profile_until_a_command_comes(controller) -> None:
     expected = find_profile('fetching', CONFIG.arm)
+    # Neither a command nor a reading of the test before is on its way when the profile begins.
+    controller.reach(0.0 * PLANE)
+    controller.measured.clear()
+    controller.wait(lambda: len(controller.measured) > 30, 'readings')
     looped = {'profile__name': 'fetching', 'profile__speed': 20.0, 'profile__loop': True}
     assert controller.change(**looped) == (True, '')
     for _ in range(2):
