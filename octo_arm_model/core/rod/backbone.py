@@ -70,7 +70,7 @@ class Backbone:
             return self.slid_tensions
         assert self.reach is not None
         lead = self.position.shape[:-2]
-        return self.tensions.reshape(*lead, 1, -1) * self.reach
+        return self.tensions.reshape(*lead, 1, self.reach.shape[-1]) * self.reach
 
     @property
     def tip(self) -> FloatArray:

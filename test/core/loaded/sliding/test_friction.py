@@ -341,6 +341,13 @@ def test_a_batch_is_its_arms_one_by_one() -> None:
                 )
 
 
+def test_a_batch_may_be_empty() -> None:
+    for model, loads in (('closed_form', Loads()), ('exact', Loads()), ('exact', GRAVITY)):
+        solver = Solver(helical(), model, loads=loads)
+        found = solver.solve(np.stack([PULL])[:0])
+        assert found.tendon_tensions.shape == (0, solver.solve(PULL).s.size, 6)
+
+
 # Derivatives ------------------------------------------------------------------------------------
 
 
