@@ -25,6 +25,7 @@ from octo_arm_model.core.compiled.kernel_cache import (
     one_at_a_time,
     write_checksums,
 )
+from octo_arm_model.core.compiled.numerics.references import BORROWING
 
 # Divisions by zero give infinity as in NumPy; the results are checked for it.
 _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
@@ -104,8 +105,7 @@ def _scopes(numba: Any, modules: list[str]) -> dict[str, dict[str, Any]]:
             if value not in _MADE:
                 seen = _SCOPES[value.__module__]
                 plain = types.FunctionType(value.__code__, seen, value.__name__)
-                counts = not hasattr(value, 'borrows')
-                _MADE[value] = numba.njit(plain, _nrt=counts, **_OPTIONS)
+                _MADE[value] = numba.njit(plain, _nrt=value not in BORROWING, **_OPTIONS)
             scope[key] = _MADE[value]
     return {name: _SCOPES[name] for name in modules}
 

@@ -26,7 +26,8 @@ NEAR, QUICK, SAME = 2e-5, 0.02, 0.1
 # Where the residual is not evaluated its estimate has this factor.
 SAFETY = 10.0
 # Steps that turn the arm by no more, whose square is rounding, need not be evaluated [rad].
-_SMALL, _TINY = 3e-7, 1e-300
+_SMALL = 3e-7
+_TINY = 1e-300  # instead of the angle of a step that turns nothing, to divide by [rad]
 PREDICTED = 0.1  # part of the residual that a step with a system known before may leave
 
 

@@ -16,7 +16,8 @@ from octo_arm_model import Loads, Solver, Uncertainty, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.compiled import kernel_compiler, numba_build
-from octo_arm_model.core.compiled.numerics.references import borrows
+from octo_arm_model.core.compiled.kernel_compiler import _MADE
+from octo_arm_model.core.compiled.numerics.references import BORROWING
 
 numba = pytest.importorskip('numba')
 
@@ -39,7 +40,7 @@ def returned(kernel: types.FunctionType) -> set[str]:
 def test_what_borrows_neither_returns_nor_receives_arrays() -> None:
     """A returned array would be freed too early, a received one never."""
     scalars = {'None', 'bool', 'int', 'float', 'tuple', 'Three'}
-    borrowing = [kernel for kernel in kernels() if hasattr(kernel, 'borrows')]
+    borrowing = [kernel for kernel in kernels() if kernel in BORROWING]
     assert len(borrowing) > 50
     for kernel in borrowing:
         scope = vars(sys.modules[kernel.__module__])
@@ -49,14 +50,21 @@ def test_what_borrows_neither_returns_nor_receives_arrays() -> None:
             assert returned(one) <= scalars, (kernel.__name__, one.__name__)
 
 
+def test_references_are_counted_in_all_kernels_but_those() -> None:
+    numba_build.find_shapes()
+    made = {kernel: machine.targetoptions['_nrt'] for kernel, machine in _MADE.items()}
+    assert made == {kernel: kernel not in BORROWING for kernel in made}
+    assert set(made.values()) == {True, False}
+
+
 def doubled(row: Any) -> float:
-    """Sum of an array that the kernel makes itself."""
+    """Twice an element, by an array that the kernel makes itself."""
     twice = 2.0 * row
     return float(twice[0])
 
 
 def test_what_borrows_and_makes_an_array_is_refused() -> None:
-    machine = numba.njit(doubled, _nrt=not hasattr(borrows(doubled), 'borrows'))
+    machine = numba.njit(doubled, _nrt=False)
     with pytest.raises(numba.core.errors.NumbaError, match='NRT required but not enabled'):
         machine(np.ones(2))
 

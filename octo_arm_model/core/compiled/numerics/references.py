@@ -6,6 +6,8 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 _Kernel = TypeVar('_Kernel', bound=Callable[..., Any])
+# The kernels that `borrows` marks.
+BORROWING: set[Callable[..., Any]] = set()
 
 
 def borrows(kernel: _Kernel) -> _Kernel:
@@ -16,5 +18,5 @@ def borrows(kernel: _Kernel) -> _Kernel:
     the caller holds these arrays. Such a kernel that makes an array, also by arithmetic of whole
     arrays, is refused when it is compiled ("NRT required but not enabled").
     """
-    setattr(kernel, 'borrows', True)  # noqa: B010 - functions have no such attribute for mypy
+    BORROWING.add(kernel)
     return kernel
