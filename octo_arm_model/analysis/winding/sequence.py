@@ -20,10 +20,10 @@ from octo_arm_model.core.solver import Solver
 
 
 class Answer(NamedTuple):
-    """A shape, and the covariance (6, 6) of its tip."""
+    """A shape, and the covariance (6, 6) of its tip; None where it was not asked for."""
 
     backbone: Backbone
-    covariance: FloatArray
+    covariance: FloatArray | None
 
 
 class WoundSequence:
@@ -58,10 +58,13 @@ class WoundSequence:
         time_ns: int,
         tensions: FloatArray | None = None,
         displacements: dict[str, float] | None = None,
+        *,
+        has_covariance: bool = True,
     ) -> Answer:
         """The shape that holds new ``tensions`` or ``displacements`` beside what is known.
 
-        They are known from then on; ``time_ns`` is their stamp [ns].
+        They are known from then on; ``time_ns`` is their stamp [ns]. The covariance of the tip is
+        found only if it ``has_covariance``.
 
         Raises:
             OctoArmError: if there is none; what is known stays.
@@ -74,7 +77,7 @@ class WoundSequence:
         if displacements is not None:
             self.displacements = displacements
         try:
-            return self._answer(solver, config, tip_wrench)
+            return self._answer(solver, config, tip_wrench, has_covariance)
         except OctoArmError:
             self.tensions, self.displacements = before
             raise
@@ -87,13 +90,17 @@ class WoundSequence:
         backbone = self._memory.recall(last.backbone, time_ns, seconds, source)
         return backbone and dataclasses.replace(last, backbone=backbone)
 
-    def _answer(self, solver: Solver, config: Config, tip_wrench: FloatArray | None) -> Answer:
+    def _answer(
+        self, solver: Solver, config: Config, tip_wrench: FloatArray | None, has_covariance: bool
+    ) -> Answer:
         arm, uncertainty = config.arm, config.uncertainty
         tensions = self.tensions if self.tensions is not None else np.zeros(arm.tension_shape)
         if not self.displacements:
             last = self._last.backbone if isinstance(self._last, Wound) else self._last
             backbone = solver.follow(tensions, last, tip_wrench)
             self._last = backbone
+            if not has_covariance:
+                return Answer(backbone, None)
             return Answer(backbone, solver.tip_covariance(backbone, uncertainty))
         given = {
             name: float(tension)
@@ -102,6 +109,8 @@ class WoundSequence:
         }
         wound = solve_displacements(solver, self.displacements, given, self._last, tip_wrench)
         self._last = wound
+        if not has_covariance:
+            return Answer(wound.backbone, None)
         covariance = np.zeros((6, 6))
         if uncertainty.is_any:
             covariance = wound_sensitivity(solver, wound).tip_covariance(uncertainty)

@@ -93,7 +93,9 @@ class Uncertainty:
         Raises:
             ConfigError: if there is no derivative by something that is uncertain.
         """
-        covariance = np.diag(np.repeat((self.model_position, self.model_rotation), 3) ** 2)
+        covariance = np.zeros((6, 6))
+        covariance.flat[:21:7] = self.model_position**2
+        covariance.flat[21::7] = self.model_rotation**2
         for name, deviation, quantity in (
             ('tension', self.tension, 'tension'),
             ("Young's modulus", self.youngs_modulus, 'youngs_modulus'),

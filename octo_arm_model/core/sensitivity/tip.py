@@ -33,9 +33,12 @@ def tip_derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> TipBy
     """
     if rod.differentiate_tip is not None:
         tip, tendons = rod.differentiate_tip(condition, shape), condition.tensions.size
-        parts = np.split(tip, [tendons, tendons + 1, tendons + 2], axis=1)
-        quantities = 'tension', 'youngs_modulus', 'poisson_ratio', 'offset'
-        return dict(zip(quantities, parts, strict=True)).get
+        return {
+            'tension': tip[:, :tendons],
+            'youngs_modulus': tip[:, tendons : tendons + 1],
+            'poisson_ratio': tip[:, tendons + 1 : tendons + 2],
+            'offset': tip[:, tendons + 2 :],
+        }.get
     problem = rod.equilibrium
     energy, own = problem.energy, problem.collocation
     local_tensions = energy.local_tensions(condition.tensions[np.newaxis])

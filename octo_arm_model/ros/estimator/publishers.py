@@ -47,9 +47,9 @@ class EstimatePublishers(BackbonePublishers):
                 known.s, known.wrench[:3], known.covariance[:3, :3], *stamp,
             )  # fmt: skip
 
-        self.publish(backbone, covariance[-1], stamp, markers)
+        self.publish(backbone, covariance[-1] if self.is_tip_heard else None, stamp, markers)
         self.publish_tensions(backbone, stamp)
-        unheard = () if self._besides[COVARIANCE].get_subscription_count() else (COVARIANCE,)
+        unheard = tuple(topic for topic, output in self._besides.items() if not output.is_heard)
         messages = self._estimate_writer.write(estimate, contact, stamp, unheard)
         for topic, data in messages.items():
             self._besides[topic].publish(data)

@@ -108,8 +108,9 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         if readings is not None:
             tensions = config.load_cells.tensions(config.arm, readings)
         answer = winding.answer(
-            self._arm.solver, config, self._tip_wrench.value, at.ns, tensions, displacements
-        )
+            self._arm.solver, config, self._tip_wrench.value, at.ns, tensions, displacements,
+            has_covariance=outbox.is_tip_heard,
+        )  # fmt: skip
         duration = time.perf_counter() - began
         outbox.publish(answer.backbone, answer.covariance, at)
         if winding.displacements:

@@ -25,6 +25,7 @@ class WorkQueue:
         self._node = node
         self._due: collections.deque[Piece] = collections.deque()
         self._is_queued = False
+        self._do = interruptible(self._do_next)
 
     def add(self, piece: Piece) -> None:
         """Do ``piece`` in its turn, and again behind all others as long as it returns True."""
@@ -39,7 +40,7 @@ class WorkQueue:
         executor = self._node.executor
         if self._due and not self._is_queued and executor is not None:
             self._is_queued = True
-            executor.create_task(interruptible(self._do_next))
+            executor.create_task(self._do)
 
     def _do_next(self) -> None:
         self._is_queued = False

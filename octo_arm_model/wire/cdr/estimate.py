@@ -67,15 +67,15 @@ class EstimateWriter:
             ConfigError: if it is of another arm, or a ROS stamp cannot hold the time.
         """
         messages = {}
-        if contact is not None:
-            topic = TIP_WRENCH if contact.is_at_tip else CONTACT
+        topic = TIP_WRENCH if contact is not None and contact.is_at_tip else CONTACT
+        if contact is not None and topic not in without:
             messages[topic] = self.wrench(contact.wrench, *stamp)
         if COVARIANCE not in without:
             known = contact or NO_CONTACT
             messages[COVARIANCE] = self._covariance.write(
                 estimate.pose_covariance, known.s, known.covariance, *stamp
             )
-        if estimate.tension_bias.size:
+        if estimate.tension_bias.size and BIAS not in without:
             messages[BIAS] = self.tension_bias(estimate.tension_bias, *stamp)
         return messages
 

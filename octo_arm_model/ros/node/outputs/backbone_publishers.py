@@ -7,7 +7,6 @@ from typing import Any
 
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
@@ -20,7 +19,7 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.outputs.markers import MARKERS_TOPIC, MarkerPublisher
-from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.ros.node.outputs.output import Output
 from octo_arm_model.wire.cdr.backbone import (
     BACKBONE_TOPICS,
     TENDON_LENGTHS,
@@ -44,7 +43,7 @@ TF_QOS = QoSProfile(depth=100)
 
 
 class BackbonePublishers:
-    """Publishes solved backbones on all topics of one node."""
+    """Publishes solved backbones on all topics of one node that somebody receives."""
 
     def __init__(self, node: Node) -> None:
         """Create the publishers on ``node``.
@@ -53,10 +52,10 @@ class BackbonePublishers:
             ConfigError: if an override of a QoS policy cannot be; then there are none.
         """
         self._node = node
-        self._opened: list[Publisher] = []
-        self._publishers = [
+        self._opened: list[Output] = []
+        self._path, self._poses, self._strains, self._tip = (
             self._open(message_class(kind), topic) for topic, kind in BACKBONE_TOPICS.items()
-        ]
+        )
         self._lengths = self._open(JointState, TENDON_LENGTHS)
         self._estimates = self._open(TendonTensions, TENSION_ESTIMATES)
         self._profiles = self._open(PointCloud2, TENSION_PROFILES)
@@ -66,15 +65,15 @@ class BackbonePublishers:
         self._transforms = None if kind is None else self._open(kind, TF_TOPIC, TF_QOS)
         self._solver: Solver | None = None  # until `describe`, as all writers
 
-    def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Any:
+    def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Output:
         """Create a publisher; a bad QoS override is a ConfigError, and leaves no publishers."""
         try:
-            publisher = create_publisher(self._node, kind, topic, qos)
+            output = Output(self._node, kind, topic, qos)
         except ConfigError:
             self._destroy()
             raise
-        self._opened.append(publisher)
-        return publisher
+        self._opened.append(output)
+        return output
 
     def close(self) -> None:
         """Destroy the publishers."""
@@ -82,8 +81,8 @@ class BackbonePublishers:
         self._destroy()
 
     def _destroy(self) -> None:
-        for publisher in self._opened:
-            self._node.destroy_publisher(publisher)
+        for output in self._opened:
+            self._node.destroy_publisher(output.publisher)
 
     def pause(self) -> None:
         """Drop the backbone that waits for the markers' timer."""
@@ -103,34 +102,46 @@ class BackbonePublishers:
         """Publish ``description``, the arm as a ROS parameter file."""
         self._description.publish(String(data=description))
 
+    @property
+    def is_tip_heard(self) -> bool:
+        """Whether somebody receives the pose of the tip, with its covariance."""
+        return self._tip.is_heard
+
     def publish(
         self,
         backbone: Backbone,
-        covariance: FloatArray,
+        covariance: FloatArray | None,
         stamp: Stamp,
         more: Callable[[], bytes] | None = None,
     ) -> None:
-        """Publish one backbone; what is of tendons, and markers, only if someone subscribed.
+        """Publish one backbone.
 
-        ``covariance`` (6, 6) is that of the tip; ``more`` makes a message of further markers.
+        ``covariance`` (6, 6) is that of the tip; None where `is_tip_heard` has said that it need
+        not be known. ``more`` makes a message of further markers.
         """
         assert self._solver is not None
         writer = self._writer
-        # Published before the next one is serialised, for the least latency of each.
-        for publisher, data in zip(self._publishers, writer.all(backbone, covariance, *stamp)):
-            publisher.publish(data)
-        if self._transforms is not None:
+        # Published before the next one is written, for the least latency of each.
+        if self._path.is_heard:
+            self._path.publish(writer.path(backbone, *stamp))
+        if self._poses.is_heard:
+            self._poses.publish(writer.poses(backbone, *stamp))
+        if self._strains.is_heard:
+            self._strains.publish(writer.strains(backbone, *stamp))
+        if covariance is not None:
+            self._tip.publish(writer.tip_pose(backbone, covariance, *stamp))
+        if self._transforms is not None and self._transforms.is_heard:
             self._transforms.publish(self._frames.write(backbone, *stamp))
-        if self._lengths.get_subscription_count():
+        if self._lengths.is_heard:
             lengths = self._solver.tendon_lengths(backbone)
             self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
-        if self._profiles.get_subscription_count():
+        if self._profiles.is_heard:
             self._profiles.publish(self._profiles_writer.write(backbone, *stamp))
         self._drawing.publish(backbone, stamp, more)
 
     def publish_tensions(self, backbone: Backbone, stamp: Stamp) -> None:
         """Publish the tensions that hold the tendons driven by length, and those of the others."""
-        if self._estimates.get_subscription_count():
+        if self._estimates.is_heard:
             self._estimates.publish(self._writer.tensions(backbone.tensions, *stamp))
 
 

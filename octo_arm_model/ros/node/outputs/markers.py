@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.ros.node.outputs.output import Output
 from octo_arm_model.ros.work.interruption import until_shutdown
 from octo_arm_model.wire.cdr.drawing import MarkersWriter
 from octo_arm_model.wire.stamp import Stamp
@@ -29,9 +29,9 @@ class _StampedBackbone(NamedTuple):
 class MarkerPublisher:
     """Publishes markers of the newest backbone at a limited rate, while somebody subscribes."""
 
-    def __init__(self, node: Node, publisher: Publisher) -> None:
-        """Publish with ``publisher`` of ``node``."""
-        self._node, self._publisher = node, publisher
+    def __init__(self, node: Node, output: Output) -> None:
+        """Publish with ``output`` of ``node``."""
+        self._node, self._output = node, output
         self._writer: MarkersWriter | None = None
         self._timer: Timer | None = None
         self._waiting: _StampedBackbone | None = None
@@ -80,7 +80,7 @@ class MarkerPublisher:
 
         ``more`` makes a message of further markers that go with it.
         """
-        if not self._publisher.get_subscription_count():
+        if not self._output.is_heard:
             self.forget()
             return
         stamped = _StampedBackbone(backbone, stamp, more)
@@ -107,11 +107,11 @@ class MarkerPublisher:
             return
         if not self._is_clean:
             # Markers of the arm before may still be shown.
-            self._publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+            self._output.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
             self._is_clean = True
         # Red is the largest tension so far: colours stay comparable over time.
         self._largest = max(self._largest, float(stamped.backbone.tensions.max()))
         data = self._writer.write(stamped.backbone, *stamped.stamp, self._largest or None)
-        self._publisher.publish(data)
+        self._output.publish(data)
         if stamped.more is not None:
-            self._publisher.publish(stamped.more())
+            self._output.publish(stamped.more())

@@ -11,6 +11,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.ros.node.outputs.markers import MarkerPublisher
+from octo_arm_model.ros.node.outputs.output import Output
 from octo_arm_model.wire.cdr.drawing import MarkersWriter
 from octo_arm_model.wire.stamp import Stamp
 
@@ -82,8 +83,8 @@ def test_markers_of_the_same_arm_are_replaced_and_those_of_another_deleted(make_
     node.create_subscription(
         MarkerArray, 'markers', lambda message: actions.append(message.markers[0].action), 100
     )
-    publisher = node.create_publisher(MarkerArray, 'markers', 100)
-    markers = MarkerPublisher(node, publisher)
+    output = Output(node, MarkerArray, 'markers', QoSProfile(depth=100))
+    markers = MarkerPublisher(node, output)
 
     def draw(config):
         solver, arm = config.solver(compiled=None), config.arm
@@ -93,7 +94,7 @@ def test_markers_of_the_same_arm_are_replaced_and_those_of_another_deleted(make_
         spin_until(node.executor, lambda: actions and actions[-1] == Marker.ADD)
         return list(actions)
 
-    spin_until(node.executor, publisher.get_subscription_count)
+    spin_until(node.executor, lambda: output.is_heard)
     assert draw(CONFIG) == [Marker.DELETEALL, Marker.ADD]
     assert draw(CONFIG) == [Marker.ADD]
     assert draw(load_config(CONFIG_FILE)) == [Marker.DELETEALL, Marker.ADD]

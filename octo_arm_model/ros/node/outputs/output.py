@@ -1,0 +1,39 @@
+"""A publisher whose messages need only be made where somebody receives them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from octo_arm_model.ros.qos import create_publisher
+
+
+class Output:
+    """A publisher of a node, and whether what it publishes reaches anybody.
+
+    Attributes:
+        publisher: the publisher.
+    """
+
+    def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile) -> None:
+        """Publish messages of type ``kind`` on ``topic``, see `create_publisher`.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be.
+        """
+        self.publisher: Publisher = create_publisher(node, kind, topic, qos)
+        durability = self.publisher.qos_profile.durability
+        # What it keeps, a later subscriber receives as well.
+        self._keeps = durability == DurabilityPolicy.TRANSIENT_LOCAL
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether a message published now will be received."""
+        return self._keeps or self.publisher.get_subscription_count() > 0
+
+    def publish(self, message: Any) -> None:
+        """Publish a ``message``, or the bytes of one."""
+        self.publisher.publish(message)
