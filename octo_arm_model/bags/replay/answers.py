@@ -99,6 +99,7 @@ class Answers:
         except OctoArmError as error:
             # Displacements may be those of tendons that the arm does not have.
             return Answer((), str(error), is_failure=isinstance(error, SolveError))
+        assert covariance is not None
         writer, stamp = self._writer, reading.stamp
         messages = list(writer.all(backbone, covariance, *stamp))
         if TENDON_LENGTHS in self.topics:

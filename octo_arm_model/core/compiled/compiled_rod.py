@@ -34,7 +34,7 @@ from octo_arm_model.core.compiled.numba_build import (
     find_turn,
 )
 from octo_arm_model.core.errors import ConvergenceError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import ComplexArray, FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.kept_balances import KeptBalances
@@ -44,7 +44,7 @@ from octo_arm_model.core.loaded.newton import SAME, Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.solution import Shape, Solution
+from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
 from octo_arm_model.core.section.sheaths.sheath import SheathedSections
 from octo_arm_model.core.section.strain_measures import to_scaled
 
@@ -159,8 +159,12 @@ class CompiledRod:
             energy.check_tendons(strain, self._tensions_along(wanted.tensions))
         return Solution(
             readings.twist, outcome.residual, spending.iterations, found,
-            (readings.position, readings.quaternion), None, readings.strains,
+            (readings.position, readings.quaternion), self._tendon_tensions(), readings.strains,
         )  # fmt: skip
+
+    def _tendon_tensions(self) -> TendonTensions | None:
+        """Tensions along tendons with friction in the last equilibrium; None without friction."""
+        return None
 
     def _tensions_along(self, tensions: FloatArray) -> FloatArray:
         """Local tensions in the last equilibrium, (tendons, 1, points) [N]."""
@@ -238,17 +242,10 @@ class CompiledRod:
         readings: Readings, compliance: FloatArray, change: FloatArray,
     ) -> tuple[Outcome, RodState, Shape]:  # fmt: skip
         """Outcome of `rod_kernels.balance`, its final state, and the shape of that."""
-        # Copied: the arrays of a `Backbone` are read-only.
-        orientation = np.empty((2, shape.twist.shape[1]), complex)
-        orientation[0], orientation[1] = shape.orientation
-        is_used = wanted == BALANCE
-        fields = empty_state(shape.twist.shape[1])[1:] if is_used else self._unused_fields
-        state = RodState(np.array(shape.twist), *fields)
+        state, orientation = self._start(shape, wanted)
         tip_wrench = own(condition.tip_wrench)
-        known, reach = self.known_about(shape) or self._nothing_known, 0.0
-        has_energy = self._loads.has_energy(tip_wrench)
-        if known.is_firm and has_energy and wanted == READINGS:
-            reach = SAME - known.turned
+        known, has_energy = self._known_near(shape), self._loads.has_energy(tip_wrench)
+        reach = reach_of(known) if has_energy and wanted == READINGS else 0.0
         system = self._room_for_system()
         *found, changed = self._kernel(
             self.tables, own(condition.tensions), tip_wrench, float(condition.factor),
@@ -257,17 +254,44 @@ class CompiledRod:
             compliance, change, readings,
         )  # fmt: skip
         outcome, self._is_differentiated = Outcome(*found), False
+        self._keep(shape, state, outcome, known, system, changed)
+        return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
+
+    def _start(self, shape: Shape, wanted: int) -> tuple[RodState, ComplexArray]:
+        """State and orientations of ``shape``, copied, for a kernel to overwrite.
+
+        Of the other fields of the state only a `BALANCE` is used afterwards.
+        """
+        # Copied: the arrays of a `Backbone` are read-only.
+        orientation = np.empty((2, shape.twist.shape[1]), complex)
+        orientation[0], orientation[1] = shape.orientation
+        is_used = wanted == BALANCE
+        fields = empty_state(shape.twist.shape[1])[1:] if is_used else self._unused_fields
+        return RodState(np.array(shape.twist), *fields), orientation
+
+    def _keep(
+        self, start: Shape, state: RodState, outcome: Outcome, known: KnownSystem, system: System,
+        changed: float,
+    ) -> None:  # fmt: skip
+        """Keep the system that an equilibrium ``state``, found from ``start``, is known by.
+
+        ``known`` is the one kept with ``start``, ``system`` has that made by the kernel and
+        ``changed`` is its first residual.
+        """
         if outcome.is_reused:
             turned, changed = known.turned + outcome.turned, known.changed + changed
             if not known.is_shared:
                 known = known._replace(is_shared=True)
-                self._kept.keep(shape.twist, known)
+                self._kept.keep(start.twist, known)
             self._kept.keep(state.twist, known._replace(turned=turned, changed=changed))
         elif outcome.sign:
             self._kept.keep(state.twist, KnownSystem(system, outcome.turned, 0.0, outcome.is_firm))
         if outcome.is_reused or not outcome.sign:
             self._spare = system
-        return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
+
+    def _known_near(self, shape: Shape) -> KnownSystem:
+        """What is known of the equilibrium of this very ``shape``; `_nothing_known` else."""
+        return self.known_about(shape) or self._nothing_known
 
     def _room_for_system(self) -> System:
         """Uninitialised system, in the arrays of the oldest one kept if there are enough."""
@@ -286,6 +310,14 @@ class CompiledRod:
     def known_about(self, shape: Shape) -> KnownSystem | None:
         """The system kept with the equilibrium of this very ``shape``, if any."""
         return self._kept.about(shape.twist)
+
+
+def reach_of(known: KnownSystem) -> float:
+    """Angle by which the arm may turn while the ``known`` system stands in for a new one [rad].
+
+    Zero where the stability of its equilibrium has no margin.
+    """
+    return SAME - known.turned if known.is_firm else 0.0
 
 
 def state_of(shape: Shape) -> RodState:

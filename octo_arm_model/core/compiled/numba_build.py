@@ -100,8 +100,8 @@ balance = _made(
 )  # fmt: skip
 slide_rod = _made(
     sliding_rod_kernels.slide_rod, no_rod(), no_friction(), _NONE, _TABLE, _WRENCH, 1.0, 1.0, True,
-    0, False, _NO_SYSTEM, np.zeros((2, 0), complex), _STATE, _TABLE, _NO_SYSTEM, np.zeros((6, 6)),
-    np.zeros((4, 0, 6)), readout_kernels.empty_readings(0, 0),
+    0, False, _NO_SYSTEM, 0.0, 0.0, np.zeros((2, 0), complex), _STATE, _TABLE, _NO_SYSTEM,
+    np.zeros((6, 6)), np.zeros((4, 0, 6)), readout_kernels.empty_readings(0, 0),
 )  # fmt: skip
 # An arm without tendons has 8 columns in the one, and 2 in the other.
 differentiate = _made(

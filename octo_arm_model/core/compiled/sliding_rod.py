@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.compiled_rod import CompiledRod, KnownSystem
+from octo_arm_model.core.compiled.compiled_rod import SAME_LOADS, CompiledRod, reach_of
 from octo_arm_model.core.compiled.friction.friction_kernels import remembered
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, empty_readings
-from octo_arm_model.core.compiled.loaded.rod_kernels import BALANCE, READ_ONLY, Outcome
-from octo_arm_model.core.compiled.loaded.state_kernels import RodState, empty_state
+from octo_arm_model.core.compiled.loaded.rod_kernels import READ_ONLY, READINGS, Outcome
+from octo_arm_model.core.compiled.loaded.state_kernels import RodState
 from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import slide, slide_rod
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding.friction import Sliding
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
+from octo_arm_model.core.rod.solution import Shape, TendonTensions
 
 _NOTHING = np.zeros((0, 0))
 
@@ -62,16 +61,10 @@ class SlidingRod(CompiledRod):
         sliding = Sliding(along, self._slip[:, np.newaxis].copy())
         return found._replace(state=found.state._replace(sliding=sliding))
 
-    def settle(
-        self, wanted: Condition, shape: Shape, spending: Spending
-    ) -> Solution | Shape | None:
-        """`Settle` of the rod."""
-        solution = super().settle(wanted, shape, spending)
-        if not isinstance(solution, Solution):
-            return solution
+    def _tendon_tensions(self) -> TendonTensions:
+        """Tensions along the tendons in the last equilibrium, copied."""
         along, stations = self._tables.sections, self._tables.station_sections
-        tendons = TendonTensions(along.transmission.copy(), stations.transmission.copy())
-        return solution._replace(tendons=tendons)
+        return TendonTensions(along.transmission.copy(), stations.transmission.copy())
 
     def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`ReadOut` of the rod."""
@@ -97,26 +90,19 @@ class SlidingRod(CompiledRod):
         before = _NOTHING if condition.before is None else np.ascontiguousarray(condition.before)
         tensions = np.ascontiguousarray(condition.tensions)
         tip_wrench = np.ascontiguousarray(condition.tip_wrench)
-        orientation = np.empty((2, self._rod.points), complex)
-        is_used = wanted == BALANCE
-        fields = empty_state(self._rod.points)[1:] if is_used else self._unused_fields
-        near, nothing = self.known_about(shape), self._nothing_known
-        system = self._room_for_system()
-        for known in (nothing,) if near is None else (near, nothing):
-            state = RodState(np.array(shape.twist), *fields)
-            a, b = shape.orientation
-            state.turn[0], state.turn[1], state.turn[2], state.turn[3] = (
-                a.real, a.imag, b.real, b.imag
-            )  # fmt: skip
-            found = self._slide_rod(
+        near, has_energy = self._known_near(shape), self._loads.has_energy(tip_wrench)
+        reach = reach_of(near) if has_energy and wanted == READINGS else 0.0
+        system, nothing = self._room_for_system(), self._nothing_known
+        for known in (nothing,) if near is nothing else (near, nothing):
+            state, orientation = self._start(shape, wanted)
+            *found, changed = self._slide_rod(
                 self.tables, self._friction, tensions, before, tip_wrench,
-                float(condition.factor), tolerance, self._loads.has_energy(tip_wrench), wanted,
-                known is not nothing, known.system, orientation, state, self._slip, system,
-                compliance, change, readings,
+                float(condition.factor), tolerance, has_energy, wanted, known is not nothing,
+                known.system, reach, SAME_LOADS - known.changed, orientation, state, self._slip,
+                system, compliance, change, readings,
             )  # fmt: skip
             outcome = Outcome(*found)
             if outcome.residual < np.inf:
                 break
-        if outcome.sign:
-            self._kept.keep(state.twist, KnownSystem(system, outcome.turned))
+        self._keep(shape, state, outcome, known, system, changed)
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))

@@ -127,12 +127,15 @@ class Results:
 
     def _add_tendons(self, part: slice | tuple[()], tendons: TendonTensions) -> None:
         """Store the tensions along the tendons of the arms ``part``."""
+        self._point_tensions = tendons.points
         # Does the same as np.moveaxis, in less time.
         at_stations = tendons.stations.transpose(*range(1, tendons.stations.ndim), 0)
+        if self.is_one:
+            self._station_tensions = at_stations
+            return
         if self._station_tensions is None:
             self._station_tensions = np.empty((*self._lead, *at_stations.shape[-2:]))
         self._station_tensions[part] = at_stations
-        self._point_tensions = tendons.points
 
     def _read_all(self, read_out: ReadOut, part: slice | tuple[()], twist: FloatArray) -> None:
         """Store the arms ``part`` by one call of ``read_out`` each."""
@@ -178,9 +181,10 @@ class Results:
             residual, iterations = residual.reshape(lead), iterations.reshape(lead)
             if along_tendons is not None:
                 along_tendons = along_tendons.reshape(*lead, *along_tendons.shape[-2:])
-        if along_tendons is not None and self._grid.s[0] == 0.0:
-            # Given there, and interpolated from points beyond.
-            along_tendons[..., 0, :] = tensions.reshape(*lead, reach.shape[-1]) * reach[0]
+        if along_tendons is not None:
+            # At the base they are given, not interpolated from points beyond.
+            at_base = along_tendons[..., 0, :] if lead else along_tendons[0]
+            at_base[:] = tensions.reshape(*lead, reach.shape[-1]) * reach[0]
         for array in (
             position, quaternion, strains, residual, iterations, tensions, tip_wrench, twist,
             along_tendons, self._point_tensions,

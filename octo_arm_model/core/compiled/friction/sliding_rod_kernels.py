@@ -22,6 +22,8 @@ from octo_arm_model.core.compiled.friction.placing_kernels import place_tendons
 from octo_arm_model.core.compiled.friction.turning_kernels import set_kept, set_tensions
 from octo_arm_model.core.compiled.loaded.orientation_kernels import (
     DEFECTS,
+    MOST_DEFECTS,
+    find_rotation,
     find_turn,
     normalise,
     turn_by,
@@ -29,7 +31,10 @@ from octo_arm_model.core.compiled.loaded.orientation_kernels import (
 from octo_arm_model.core.compiled.loaded.readout_kernels import Readings
 from octo_arm_model.core.compiled.loaded.rod_kernels import (
     ANY_READINGS,
+    BALANCE,
+    MOST_REUSED,
     READINGS,
+    enter,
     leave,
     search,
     turn_of,
@@ -44,7 +49,7 @@ from octo_arm_model.core.compiled.loaded.state_kernels import (
 from octo_arm_model.core.compiled.loaded.step_kernels import find_step
 from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
 from octo_arm_model.core.compiled.numerics.products import add_runs
-from octo_arm_model.core.hints import ComplexArray, FloatArray
+from octo_arm_model.core.hints import ComplexArray, FloatArray, IntArray
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
 from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, SAME
 from octo_arm_model.core.loaded.sliding.sliding_balance import TOLERANCE
@@ -55,55 +60,64 @@ SLOW = 0.2
 # Largest part of it that a step may leave at all; otherwise NumPy solves for shape and tensions at
 # once.
 STUCK = 0.9
+# Over the larger part of the residual that one of the last two steps has left, a bound of what
+# the next leaves: with tensions computed in turns with the shape, steps converge linearly.
+MARGIN = 5.0
 
 
 def slide_rod(
     tables: RodTables, friction: FrictionTables, tensions: FloatArray, before: FloatArray,
     tip_wrench: FloatArray, factor: float, tolerance: float, has_energy: bool, wanted: int,
-    is_known: bool, known: System, orientation: ComplexArray, state: RodState, slip: FloatArray,
-    system: System, compliance: FloatArray, change: FloatArray, readings: Readings,
-) -> tuple[float, int, float, float, int, bool, bool, bool, bool, bool]:  # fmt: skip
+    is_known: bool, known: System, reach: float, limit: float, orientation: ComplexArray,
+    state: RodState, slip: FloatArray, system: System, compliance: FloatArray, change: FloatArray,
+    readings: Readings,
+) -> tuple[float, int, float, float, int, bool, bool, bool, bool, bool, float]:  # fmt: skip
     """Find the equilibrium of a loaded rod with friction, test its stability and read it out.
 
-    `find_sliding_balance` finds the equilibrium; `rod_kernels.search` then tests its stability at
-    constant tensions along the tendons and reads it out as ``wanted``. Also fills in the
-    ``orientation`` (2, points), the complex numbers of `Quaternions`. The result counts as not
-    read out where `READINGS` are wanted and the elements do not resolve the tensions.
+    `find_sliding_balance` finds the equilibrium from the twist of ``state`` and ``orientation``
+    (2, points), the complex numbers of `Quaternions`, and both are filled in. Then
+    `rod_kernels.search` tests its stability at constant tensions along the tendons and reads it
+    out as ``wanted``. The result counts as not read out where `READINGS` are wanted and the
+    elements do not resolve the tensions.
 
     Returns:
-        The fields of `Outcome`; an infinite residual where tensions are not found.
+        The fields of `Outcome`, with an infinite residual where tensions are not found; and the
+        first residual.
     """
-    residual, systems, sign, corrected, sticks, is_resolved = find_sliding_balance(
-        tables, friction, tensions, before, tip_wrench, factor, tolerance, is_known, known, state,
-        slip, system,
+    enter(orientation, state.turn)
+    residual, systems, sign, corrected, turned, changed, is_reused, sticks, is_resolved = (
+        find_sliding_balance(
+            tables, friction, tensions, before, tip_wrench, factor, tolerance, wanted != BALANCE,
+            is_known, known, reach, limit, state, slip, system,
+        )
     )  # fmt: skip
     if systems < 0:
-        return np.inf, 0, corrected, 0.0, 0, False, False, False, False, False
+        return np.inf, 0, corrected, 0.0, 0, False, False, False, False, False, changed
     normalise(state.turn)
     # The strains have a kink where a tendon begins to stick, which no elements resolve.
     kind = ANY_READINGS if sticks and wanted == READINGS else wanted
     found = search(
         tables, np.sign(tensions), tip_wrench, factor, tolerance, has_energy, kind, False, known,
-        0.0, False, residual, sign, state, system, compliance, change, readings,
+        reach if is_reused else 0.0, False, residual, sign, state, system, compliance, change,
+        readings,
     )  # fmt: skip
     leave(state.turn, orientation)
     corrected += found.corrected
     is_read = (
         found.is_read and corrected <= MOST_CORRECTED and (kind == ANY_READINGS or is_resolved)
     )
-    # If the system comes from `find_sliding_balance` the angle turned since is not known.
-    turned = np.inf if sign else found.turned
     return (
-        found.residual, systems + found.iterations, corrected, turned, found.sign, found.is_least,
-        found.is_firm, False, found.is_definite, is_read,
+        found.residual, systems + found.iterations, corrected,
+        turned if is_reused or sign else found.turned, found.sign, found.is_least, found.is_firm,
+        found.is_reused, found.is_definite, is_read, changed,
     )  # fmt: skip
 
 
 def find_sliding_balance(
     tables: RodTables, friction: FrictionTables, tensions: FloatArray, before: FloatArray,
-    tip_wrench: FloatArray, factor: float, tolerance: float, is_known: bool, known: System,
-    state: RodState, slip: FloatArray, system: System,
-) -> tuple[float, int, int, float, bool, bool]:  # fmt: skip
+    tip_wrench: FloatArray, factor: float, tolerance: float, may_bound: bool, is_known: bool,
+    known: System, reach: float, limit: float, state: RodState, slip: FloatArray, system: System,
+) -> tuple[float, int, int, float, float, float, bool, bool, bool]:  # fmt: skip
     """Find the equilibrium of a loaded rod and the tensions along its tendons with friction.
 
     Twist and orientations of ``state`` are given and are the start; all its fields are filled in.
@@ -113,25 +127,34 @@ def find_sliding_balance(
     at the stations, together with ``slip`` (tendons, points).
 
     If ``is_known``, the first step is a chord step with the ``known`` system, linearised about an
-    equilibrium nearby. The second step uses a ``system`` linearised anew, which is filled in.
-    Further steps use the same system for as long as each reduces the residual enough.
+    equilibrium nearby. That makes all steps if a few will reach the tolerance, the first residual
+    is at most ``limit`` and the arm turns by no more than ``reach`` [rad]. Otherwise the second
+    step uses a ``system`` linearised anew, which is filled in. Further steps use the same system
+    for as long as each reduces the residual enough.
+
+    If ``may_bound``, the residual after the last step may be estimated from those before, see
+    `rod_kernels.iterate`.
 
     Returns:
         The residual; the number of systems used, which counts as that of iterations, -1 where no
         equilibrium was found; the sign of the determinant of ``system``, 0 where it is not
         linearised about nearly the equilibrium; the angle by which all steps but the first have
-        turned the arm [rad]; whether any tendon sticks; and whether the elements resolve the
-        tensions.
+        turned the arm [rad]; the angle by which it has turned since the state that ``system`` is
+        linearised about or, if the known one makes all steps, in all; the first residual; whether
+        the known system makes all steps; whether any tendon sticks; and whether the elements
+        resolve the tensions.
     """
     count, corrected, systems = state.twist.shape[1], 0.0, int(is_known)
     turned, sign = 0.0, 0
     pulled = np.flatnonzero(tensions)
-    memory = np.zeros((remembered(pulled.size), count))
+    memory = np.empty((remembered(pulled.size), count))
     turning = state_in(friction, pulled, memory)
     sections, part, coefficient = friction.sections, friction.transmission, friction.coefficient
     angle, kept, slips, change = turning.angle, turning.kept, turning.slip, turning.change
-    reach = turning.reach
-    new, current = empty_state(count), known
+    reach_of = turning.reach
+    # The state after each step takes the place of the one before it; copying takes as long as
+    # an evaluation of the loads.
+    here, there, is_elsewhere, current = state, empty_state(count), False, known
     step, turn = np.empty((4, count)), np.empty((3, count))
     held = np.zeros(tensions.size)
     held[pulled] = 1.0
@@ -141,59 +164,87 @@ def find_sliding_balance(
         # Places of tendons in compliant sheaths depend on the tensions; those without friction
         # are near enough to begin with.
         kept[:] = 1.0
-        set_tensions(tensions, before, pulled, reach, part, kept, along, slips, change)
+        set_tensions(tensions, before, pulled, reach_of, part, kept, along, slips, change)
         place_tendons(sections, state.twist, pulled, turning.offset, turning.place)
     find_turnings(turning, state.twist)
     angle[:] = turning.turned
-    set_kept(coefficient, pulled, reach, angle, kept)
-    sticks = set_tensions(tensions, before, pulled, reach, part, kept, along, slips, change)
-    residual = find_state(tables, held, tip_wrench, factor, state)
+    set_kept(coefficient, pulled, reach_of, angle, kept)
+    sticks = set_tensions(tensions, before, pulled, reach_of, part, kept, along, slips, change)
+    first = residual = find_state(tables, held, tip_wrench, factor, state)
+    is_reused = is_known and reach > 0.0 and first <= limit
     row = 0
     for k in range(4):
         for m in range(k + 1):
             turning.hessian[row] = state.hessian[k, m]
             row += 1
     find_responses(turning, state.twist)
-    is_slow = not is_known
+    is_slow, uses_known, older, left = not is_known, is_known, np.inf, np.inf
     for number in range(MOST_STEPS):
         if residual <= tolerance and changed <= TOLERANCE:
+            if is_elsewhere:
+                copy_state(here, state)
             slip[:] = -1.0
             for place in range(pulled.size):
-                slip[pulled[place], : reach[place]] = slips[place, : reach[place]]
-            at_stations = tables.station_sections.transmission
-            at_stations[:] = 0.0
-            each = tables.elements.weights.size
-            add_runs(tables.station_runs, tables.at_stations, each, along, at_stations)
+                slip[pulled[place], : reach_of[place]] = slips[place, : reach_of[place]]
+            interpolate(tables, pulled, along)
             is_fine = resolves_tensions(friction, pulled)
             sign = sign if turned <= SAME else 0
-            return residual, systems, sign, corrected, sticks, is_fine
+            return residual, systems, sign, corrected, turned, first, is_reused, sticks, is_fine
         if is_slow:
             systems, turned, current = systems + 1, 0.0, system
-            sign = find_system(tables.elements, state, system)
+            older, left, uses_known, is_reused = np.inf, np.inf, False, False
+            sign = find_system(tables.elements, here, system)
             if sign == 0:
                 break
-        find_step(tables.elements, current, state.imbalance, step, turn)
-        new.twist[:] = state.twist + step
+        find_step(tables.elements, current, here.imbalance, step, turn)
+        there.twist[:] = here.twist + step
         if turning.offset.size:
-            place_tendons(sections, new.twist, pulled, turning.offset, turning.place)
-        find_turnings(turning, new.twist)
+            place_tendons(sections, there.twist, pulled, turning.offset, turning.place)
+        find_turnings(turning, there.twist)
         changed = improve(
-            coefficient, pulled, reach, along, turning.quadrature, slips, turning.across,
+            coefficient, pulled, reach_of, along, turning.quadrature, slips, turning.across,
             turning.by_pull, turning.turned, turning.few, angle,
         )  # fmt: skip
-        set_kept(coefficient, pulled, reach, angle, kept)
-        sticks = set_tensions(tensions, before, pulled, reach, part, kept, along, slips, change)
-        follow_tensions(reach, turning.by_pull, change, new.twist)
-        turn_by(turn, state.turn, new.turn)
-        find_turn(tables.elements, new.twist, DEFECTS, new.turn)
-        found = find_state(tables, held, tip_wrench, factor, new)
-        if not found <= max((STUCK if number else FIRST_PROGRESS) * residual, tolerance):
-            break
-        # After a chord step of the known system a new one is needed for the stability test anyway.
-        is_slow, residual = found > SLOW * residual or (is_known and number == 0), found
-        moved = turn_of(tables.elements.quadrature, new.twist - state.twist)
-        copy_state(new, state)
+        set_kept(coefficient, pulled, reach_of, angle, kept)
+        sticks = set_tensions(tensions, before, pulled, reach_of, part, kept, along, slips, change)
+        follow_tensions(reach_of, turning.by_pull, change, there.twist)
+        turn_by(turn, here.turn, there.turn)
+        step[:] = there.twist - here.twist
+        moved = turn_of(tables.elements.quadrature, step)
         turned += moved
         if number:
             corrected += moved
-    return residual, -1, 0, corrected, False, False
+        bound = MARGIN * residual * max(older, left)
+        if may_bound and changed <= TOLERANCE and bound <= tolerance:
+            find_turn(tables.elements, there.twist, DEFECTS, there.turn)
+            here.twist[:], here.turn[:], residual = there.twist, there.turn, bound
+            find_rotation(here.turn, here.rotation)
+            continue
+        settled = min(max(1e-3 * moved**4, DEFECTS), MOST_DEFECTS)
+        defects = find_turn(tables.elements, there.twist, settled, there.turn)
+        found = find_state(tables, held, tip_wrench, factor, there)
+        if found <= tolerance and defects > DEFECTS:
+            find_turn(tables.elements, there.twist, DEFECTS, there.turn)
+            found = find_state(tables, held, tip_wrench, factor, there)
+        if not found <= max((STUCK if number else FIRST_PROGRESS) * residual, tolerance):
+            break
+        older, left, residual = left, found / residual, found
+        here, there, is_elsewhere = there, here, not is_elsewhere
+        if number == 0:
+            is_reused = is_reused and found * (2.0 * left) ** MOST_REUSED <= tolerance
+        is_reused = is_reused and turned <= reach
+        # Where the known system is not reused the stability test needs a new one anyway.
+        is_slow = left > SLOW or (uses_known and not is_reused)
+    return residual, -1, 0, corrected, 0.0, first, False, False, False
+
+
+def interpolate(tables: RodTables, pulled: IntArray, along: FloatArray) -> None:
+    """Fill in the tensions at the stations from those ``along`` (tendons, points) the tendons.
+
+    Only the tendons ``pulled`` have any. They are the ``transmission`` of the sections there.
+    """
+    at_stations, each = tables.station_sections.transmission, tables.elements.weights.size
+    at_stations[:] = 0.0
+    for tendon in pulled:
+        only = slice(tendon, tendon + 1)
+        add_runs(tables.station_runs, tables.at_stations, each, along[only], at_stations[only])

@@ -220,22 +220,27 @@ def balance(
         call Python to make an `Outcome`. Python then handles signals, and numba does not check
         whether a signal handler has raised an exception.
     """
-    turn = state.turn
-    for i in range(turn.shape[1]):
-        a, b = orientation[0, i], orientation[1, i]
-        turn[0, i], turn[1, i], turn[2, i], turn[3, i] = a.real, a.imag, b.real, b.imag
+    enter(orientation, state.turn)
     residual = find_state(tables, tensions, tip_wrench, factor, state)
     outcome = search(
         tables, tensions, tip_wrench, factor, tolerance, has_energy, wanted, is_known, known,
         reach if residual <= limit else 0.0, is_exact, residual, 0, state, system, compliance,
         change, readings,
     )  # fmt: skip
-    leave(turn, orientation)
+    leave(state.turn, orientation)
     return (
         outcome.residual, outcome.iterations, outcome.corrected, outcome.turned, outcome.sign,
         outcome.is_least, outcome.is_firm, outcome.is_reused, outcome.is_definite, outcome.is_read,
         residual,
     )  # fmt: skip
+
+
+@borrows
+def enter(orientation: ComplexArray, turn: FloatArray) -> None:
+    """Fill in the quaternions ``turn`` (4, points) from ``orientation``, see `leave`."""
+    for i in range(turn.shape[1]):
+        a, b = orientation[0, i], orientation[1, i]
+        turn[0, i], turn[1, i], turn[2, i], turn[3, i] = a.real, a.imag, b.real, b.imag
 
 
 @borrows

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
+import types
 
 import numpy as np
 import pytest
@@ -25,6 +27,8 @@ from octo_arm_model import (
     Solver,
 )
 from octo_arm_model.config.presets import find_config
+from octo_arm_model.core.compiled.compiled_rod import state_of
+from octo_arm_model.core.compiled.loaded.state_kernels import find_state
 from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.loaded.continuation import TOLERANCE
 from octo_arm_model.core.loaded.read_out import read_out
@@ -196,6 +200,50 @@ def test_a_movement_under_loads_is_followed_without_numpy(monkeypatch: pytest.Mo
         assert_same(one, other, arm.length)
         assert one.residual <= 1e-11
         assert one.iterations <= 3
+
+
+@pytest.mark.parametrize('sheath', [(), (3e5,)])
+def test_residuals_of_steps_that_are_not_evaluated_are_bounded(sheath: tuple[float, ...]) -> None:
+    arm = helical_arm(friction=(0.2,), sheath_stiffness=sheath)
+    solver, wrench = Solver(arm, 'exact', 41, compiled=True), np.zeros(6)
+    wrench[1:3] = 0.01
+    last, random = solver.solve(PULL, wrench), np.random.default_rng(3)
+    assert isinstance(solver._statics, Exact) and last.shape is not None
+    rod = solver._statics._rod(solver._statics.rods.level_of(last.shape.twist))
+    assert isinstance(rod.settle, types.MethodType)
+    tables, bounded = rod.settle.__self__.tables, 0
+    for size in np.geomspace(1e-6, 0.05, 60):
+        tensions = PULL * (1.0 + size * random.uniform(-1.0, 1.0, PULL.shape))
+        last = solver.follow(tensions, last, wrench)
+        assert last.shape is not None and last.point_tensions is not None
+        tables.sections.transmission[:] = last.point_tensions
+        evaluated = find_state(
+            tables, np.sign(tensions.ravel()), wrench, 1.0, state_of(last.shape)
+        )
+        # Rounding alone leaves about 1e-14.
+        assert evaluated <= last.residual + 1e-13
+        bounded += evaluated < 0.9 * last.residual
+    assert bounded > 5
+
+
+def test_small_movements_are_made_by_the_system_before_until_they_add_up() -> None:
+    arm = dataclasses.replace(find_config('renda2012_prototype').arm, friction=(0.1,))
+    pull, wrench = np.array([[2.0, 0.5, 0.0, 0.0]]), [0.005, 0.0, 0.0, 0.0, 0.0, 0.0]
+    solver = Solver(arm, 'exact', 41, compiled=True)
+    found = solver.solve(pull, wrench)
+    assert isinstance(solver._statics, Exact) and found.shape is not None
+    rod = solver._statics._rod(solver._statics.rods.level_of(found.shape.twist))
+    assert isinstance(rod.settle, types.MethodType)
+    systems = []
+    for part in np.linspace(1.0, 1.1, 400):
+        found = solver.follow(part * pull, found, wrench)
+        assert found.shape is not None
+        known = rod.settle.__self__.known_about(found.shape)
+        assert known.turned <= 0.1 and known.changed <= 0.02
+        systems.append(known.system)
+    new = np.count_nonzero([a is not b for a, b in itertools.pairwise(systems)])
+    assert 3 <= new < 200
+    assert_same(found, Solver(arm, 'exact', 41).solve(1.1 * pull, wrench), arm.length)
 
 
 @settings(max_examples=15, deadline=None)

@@ -6,6 +6,7 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from live_nodes import CONFIG, CONFIG_FILE, spin_until
+from rclpy.qos import QoSProfile
 from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model import load_config
