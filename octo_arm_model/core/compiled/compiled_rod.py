@@ -294,10 +294,10 @@ class CompiledRod:
         return self.known_about(shape) or self._nothing_known
 
     def _room_for_system(self) -> System:
-        """Uninitialised system, in the arrays of the oldest one kept if there are enough."""
+        """Uninitialised system, in the arrays of one that is no longer used if there is any."""
         spare, self._spare = self._spare, None
-        if spare is None and (oldest := self._kept.take_oldest()):
-            spare = self._unless_used(oldest)
+        if spare is None and (unused := self._kept.take_unused()):
+            spare = self._unless_used(unused)
         return spare or empty_system(self._tables.elements)
 
     def _unless_used(self, dropped: KnownSystem) -> System | None:
