@@ -65,8 +65,7 @@ class BatchSolver:
         for part in parts:
             one = 0 if results.is_one else part
             try:
-                with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-                    solution = self._statics.solve(flat[one], flat_wrenches[one], start, before)
+                solution = self._statics.solve(flat[one], flat_wrenches[one], start, before)
                 results.add(() if results.is_one else part, solution)
             except SolveError as error:
                 if batch > 1:

@@ -243,12 +243,12 @@ class CompiledRod:
     ) -> tuple[Outcome, RodState, Shape]:  # fmt: skip
         """Outcome of `rod_kernels.balance`, its final state, and the shape of that."""
         state, orientation = self._start(shape, wanted)
-        tip_wrench = own(condition.tip_wrench)
+        tip_wrench = condition.tip_wrench.copy()
         known, has_energy = self._known_near(shape), self._loads.has_energy(tip_wrench)
         reach = reach_of(known) if has_energy and wanted == READINGS else 0.0
         system = self._room_for_system()
         *found, changed = self._kernel(
-            self.tables, own(condition.tensions), tip_wrench, float(condition.factor),
+            self.tables, condition.tensions.copy(), tip_wrench, float(condition.factor),
             tolerance, has_energy, wanted, known is not self._nothing_known, known.system, reach,
             SAME_LOADS - known.changed, self._is_differentiated, orientation, state, system,
             compliance, change, readings,

@@ -16,6 +16,7 @@ from octo_arm_model.core.loaded.linearised import Linearised
 from octo_arm_model.core.loaded.newton import Iterate, newton, newton_of_all
 from octo_arm_model.core.loaded.stability import are_least
 from octo_arm_model.core.loaded.state import Condition, State
+from octo_arm_model.core.numerics.floating_point import silenced
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.strain_measures import have_fibres, to_scaled
@@ -64,7 +65,8 @@ class Settling:
         condition = wanted._replace(
             tensions=wanted.tensions[np.newaxis], tip_wrench=wanted.tip_wrench[np.newaxis]
         )
-        found = self._settle(condition, shape)[0]
+        with silenced():
+            found = self._settle(condition, shape)[0]
         spending.add(found.iterations, 0.0, found.residual, found.twist)
         if isinstance(found.outcome, Solution):
             return found.outcome._replace(iterations=spending.iterations)

@@ -23,6 +23,7 @@ from octo_arm_model.core.models.loaded_exact import LoadedExact
 from octo_arm_model.core.models.sliding import Rods
 from octo_arm_model.core.models.statics import Setup
 from octo_arm_model.core.models.unloaded_exact import UnloadedExact
+from octo_arm_model.core.numerics.floating_point import silenced
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Shape, Solution, stacked
 from octo_arm_model.core.section.energy import SectionEnergy
@@ -103,9 +104,20 @@ class Exact:
         Raises:
             SolveError: if there is no trustworthy answer; its number is that in the batch.
         """
-        is_loaded, is_one = self.is_loaded(tip_wrench), tensions.ndim == 1
-        if is_loaded and is_one:
+        if tensions.ndim == 1 and self.is_loaded(tip_wrench):
             return self._loaded.solve(tensions, tip_wrench, start, before)
+        with silenced():
+            return self._solve(tensions, tip_wrench, start, before)
+
+    def _solve(
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Backbone | None,
+        before: FloatArray | None,
+    ) -> Solution:
+        """As `solve`, of several arms or of one without loads."""
+        is_loaded, is_one = self.is_loaded(tip_wrench), tensions.ndim == 1
         if self.slides and not is_loaded:
             return self.rods.slide(_sections, tensions, before)
         rows = tensions[np.newaxis] if is_one else tensions

@@ -15,6 +15,7 @@ from octo_arm_model.core.loaded.settle import Settling
 from octo_arm_model.core.loaded.stability import stability_of
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.sliding import Rods
+from octo_arm_model.core.numerics.floating_point import silenced
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled
@@ -73,12 +74,36 @@ class LoadedExact:
         level = self._level_of(start)
         wanted = Condition(tensions, tip_wrench, 1.0, self._rods.at_level(before, level))
         spending, rod = Spending(self._budget), self._rod(level)
-        shape, found = None if start is None else _shape_of(start, rod, wanted.before), None
-        if rod.settle is not None:
+        shape, found = None if start is None else start.shape, None
+        if shape is not None and rod.settle is not None:
+            settled = rod.settle(wanted, shape, spending)
+            if isinstance(settled, Solution):
+                return settled
+            found = settled
+        with silenced():
+            return self._solve(level, wanted, start, before, found, spending)
+
+    def _solve(
+        self,
+        level: int,
+        wanted: Condition,
+        start: Backbone | None,
+        before: FloatArray | None,
+        found: Shape | None,
+        spending: Spending,
+    ) -> Solution:
+        """As `solve`, where the shape of ``start`` has not led there.
+
+        Or to the shape ``found``, which the rod of this ``level`` does not resolve.
+        """
+        rod, tensions = self._rod(level), wanted.tensions
+        shape = None if start is None else _shape_of(start, rod, wanted.before)
+        if rod.settle is not None and (start is None or start.shape is None):
             begin = shape or rod.near_unloaded(tensions, wanted.before)
-            found = rod.settle(wanted, begin, spending)
-        if isinstance(found, Solution):
-            return found
+            settled = rod.settle(wanted, begin, spending)
+            if isinstance(settled, Solution):
+                return settled
+            found = settled
         if found is not None:
             known, shape = wanted, found
         elif start is None or shape is None:

@@ -12,6 +12,7 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models.statics import Setup
+from octo_arm_model.core.numerics.floating_point import silenced
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.kinematics import node_frames
@@ -69,7 +70,8 @@ class UnloadedStatics(abc.ABC):
         Raises:
             ConvergenceError: if the equations were not solved.
         """
-        return self._solve(tensions, before)
+        with silenced():
+            return self._solve(tensions, before)
 
     @abc.abstractmethod
     def _solve(self, tensions: FloatArray, before: FloatArray | None) -> Solution:
