@@ -150,6 +150,8 @@ def real_numbers(value: object) -> FloatArray | None:
 
 def _holds_bool(value: list[Any] | tuple[Any, ...]) -> bool:
     """Whether nested lists, which NumPy converts to an array of numbers, contain a boolean."""
+    if _NUMBERS.issuperset(map(type, value)):
+        return False
     elements = np.array(value, dtype=object).ravel().tolist()
     if _NUMBERS.issuperset(map(type, elements)):
         return False  # The usual case, for which the check of each element takes too long.

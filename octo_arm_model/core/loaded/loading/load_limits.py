@@ -93,17 +93,23 @@ def tip_wrench_of(given: ArrayLike) -> FloatArray:
         LoadError: if it is not six finite numbers.
     """
     array = real_numbers(given)
-    if array is None or array.shape[-1:] != (6,) or not np.isfinite(array).all():
+    if array is None or array.shape[-1:] != (6,) or not _are_finite(array):
         raise LoadError(
             f'tip_wrench is {shown(given)}, expected force and moment: (..., 6) finite numbers'
         )
     return array.copy()
 
 
+def _are_finite(array: FloatArray) -> bool:
+    if array.ndim == 1:  # as in `_largest`
+        return all(map(math.isfinite, array.tolist()))
+    return bool(np.isfinite(array).all())
+
+
 def _largest(vectors: FloatArray | tuple[float, ...]) -> float:
     """The largest norm of ``vectors`` (..., 3); infinite where a number is none."""
     if np.ndim(vectors) == 1:  # one, as of one arm: the common case, and NumPy is slow with it
-        norm = math.hypot(*vectors)
+        norm = math.hypot(*(vectors.tolist() if isinstance(vectors, np.ndarray) else vectors))
         return math.inf if math.isnan(norm) else norm
     with np.errstate(over='ignore', invalid='ignore'):
         norms = np.linalg.norm(vectors, axis=-1)
