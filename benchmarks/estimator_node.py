@@ -21,12 +21,13 @@ import numpy as np
 from brief import IS_BRIEF, make_parser
 from geometry_msgs.msg import Point, Pose, PoseArray, PoseWithCovarianceStamped, WrenchStamped
 from node import Participant, processor_time, running
-from octo_arm_msgs.msg import BackboneCovariance, TendonTensions
+from octo_arm_msgs.msg import TendonTensions
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.messages import pose_message
+from octo_arm_model.ros.messages import message_class, pose_message
+from octo_arm_model.wire.cdr.estimate import ESTIMATES
 
 FILE = preset_path('renda2012_prototype')
 CONFIG = load_config(FILE)
@@ -67,8 +68,10 @@ class Client(Participant):
         self._answers: list[bytes] = []
         self._node.create_subscription(PoseArray, 'backbone/poses', self._answers.append, 100,
                                        raw=True)  # fmt: skip
-        self._node.create_subscription(BackboneCovariance, 'backbone/covariance',
-                                       lambda message: None, 100, raw=True)  # fmt: skip
+        # What nobody hears is not made.
+        for topic, kind in ESTIMATES.items():
+            self._node.create_subscription(message_class(kind), topic, lambda message: None, 100,
+                                           raw=True)  # fmt: skip
         self._solver = CONFIG.solver('exact', STATIONS)
         self._random, self._number = np.random.default_rng(1), 0
 

@@ -5,15 +5,16 @@ Every node is a process of its own, asked over DDS by the same client, one after
 * floor: answers with messages made beforehand, what rclpy and DDS take at least;
 * plain: the same with rclpy's own executor, as `rclpy.spin` has it;
 * naive: solves and builds message objects under rclpy's own executor, as one would write it;
-* ours: `octo_arm_node`, which publishes the pose of the tip and the tendon lengths as well;
+* ours: `octo_arm_node`;
 * air: the same arm under its weight, `exact`;
-* air, cov: with the covariance of its tip as well.
+* air, cov: with the pose of its tip and the covariance of that as well.
 
 All are asked on ``tendon_tensions`` and heard on ``backbone/path``, ``backbone/poses`` and
-``strains``. One by one, an answer is there when all three are; as many as they come, those on
-``backbone/poses`` are counted. They take turns, and of every node its best turn counts, so
-that whatever else the machine does is no node's own. What the processor spends on an answer, one
-by one, depends least on that; it holds the threads of DDS as well.
+``strains``, the last one on ``tip_pose`` as well: what nobody hears is not made. One by one, an
+answer is there when all are; as many as they come, those on ``backbone/poses`` are counted. They
+take turns, and of every node its best turn counts, so that whatever else the machine does is no
+node's own. What the processor spends on an answer, one by one, depends least on that; it holds the
+threads of DDS as well.
 
     python benchmarks/node.py [--brief]
 """
@@ -26,13 +27,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import rclpy
 from brief import IS_BRIEF, make_parser
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains, TendonTensions
 from rclpy.executors import Executor, SingleThreadedExecutor
@@ -73,6 +74,7 @@ BURST = 0.2 if IS_BRIEF else 1.0  # [s] at each rate
 RISE = 1.03  # what one of the next two higher rates has to bring for more to be tried
 DEADLINE = 120.0  # [s] for a node to start or answer, as it may on a busy machine
 OUTPUTS = {'backbone/path': Path, 'backbone/poses': PoseArray, 'strains': SectionStrains}
+MORE: dict[str, dict[str, Any]] = {'air, cov': {'tip_pose': PoseWithCovarianceStamped}}
 INPUT_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -199,8 +201,8 @@ class Participant:
 class Client(Participant):
     """Asks a node."""
 
-    def __init__(self, domain: int) -> None:
-        """Wait until a node is there and answers."""
+    def __init__(self, domain: int, more: Mapping[str, Any] = {}) -> None:
+        """Wait until a node is there and answers, on ``more`` topics than the usual ones."""
         super().__init__(domain)
         # In bursts nothing is taken from this subscription: it costs the client only transport.
         self._unread = Node('unread', context=self._context)
@@ -211,7 +213,8 @@ class Client(Participant):
         )
         self._others = [
             self._unread.create_subscription(kind, topic, print, 1, raw=True)
-            for kind, topic in ((Path, 'backbone/path'), (SectionStrains, 'strains'))
+            for topic, kind in {**OUTPUTS, **more}.items()
+            if kind is not PoseArray
         ]
 
         self.wait(
@@ -248,7 +251,7 @@ class Client(Participant):
                 answers.append(answer)
             latencies.append(time.perf_counter() - start)
             stamps = [stamp_of(answer) for answer in (*self._answers, *answers)]
-            if stamped and stamps != [number] * len(OUTPUTS):
+            if stamped and stamps != [number] * len(stamps):
                 raise SystemExit(f'question {number} was answered with another stamp')
         return np.array(latencies)
 
@@ -317,7 +320,10 @@ def running(arguments: Sequence[str], domain: int) -> Iterator[subprocess.Popen[
 
 def measure(kind: str, domain: int) -> Measured:
     """Start the node ``kind``, ask it and stop it."""
-    with running(COMMANDS[kind], domain) as process, contextlib.closing(Client(domain)) as client:
+    with (
+        running(COMMANDS[kind], domain) as process,
+        contextlib.closing(Client(domain, MORE.get(kind, {}))) as client,
+    ):
         before = processor_time(process.pid)
         latencies = client.one_by_one(stamped=kind not in ('floor', 'plain'))
         spent = (processor_time(process.pid) - before) / latencies.size
