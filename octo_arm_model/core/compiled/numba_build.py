@@ -34,6 +34,7 @@ from octo_arm_model.core.compiled.models import (
     winding_kernels,
 )
 from octo_arm_model.core.compiled.models.arm_tables import no_arm, no_grid
+from octo_arm_model.core.compiled.numerics import least_squares_kernels
 from octo_arm_model.core.compiled.section import length_kernels, minimum_kernels, section_kernels
 from octo_arm_model.core.compiled.section.section_tables import no_exact
 from octo_arm_model.core.sensitivity import tip_curvature
@@ -114,6 +115,38 @@ differentiate_tip = _made(
 )  # fmt: skip
 add_up_curvature = _made(
     tip_curvature.add_up, np.ones((3, 2)), np.ones((6, 2, 3)), np.ones(3), np.ones((6, 3, 3))
+)
+_SQUARE, _SECOND = np.zeros((1, 1)), np.zeros((1, 1, 1))
+_ONE = np.ones(1)
+whiten_residuals = _made(
+    least_squares_kernels.whiten_residuals,
+    _ONE,
+    np.ones((1, 1)),
+    _SQUARE,
+    _ONE,
+    _ONE,
+    _SQUARE,
+    _SECOND,
+    np.ones((1, 1)),
+    np.ones((1, 1)),
+    np.ones(1),
+    np.ones(1),
+    np.ones((1, 1)),
+    np.ones((1, 1, 1)),
+)
+second_order_step = _made(
+    least_squares_kernels.second_order_step,
+    _ONE,
+    np.ones((1, 1)),
+    _ONE,
+    _ONE,
+    _ONE,
+    _SQUARE,
+    _SECOND,
+    _ONE,
+    0.5,
+    1,
+    np.ones(1),
 )
 
 

@@ -13,6 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dposv, dpotrf
 
+from octo_arm_model.core.compiled.kernel_compiler import entry_point
+from octo_arm_model.core.compiled.models.arm_tables import own
+from octo_arm_model.core.compiled.numba_build import second_order_step, whiten_residuals
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief, Gain, solve_lower
 from octo_arm_model.estimation.beliefs.posterior_mean import gain_of_part, gradient
@@ -83,18 +86,34 @@ class Posterior:
         """
         self._prior, self._model, self._weight = prior, model, weight
         self._per_noise = solve_lower(noise, np.eye(len(noise)))
+        self._is_compiled = model.solver.is_compiled
+        if self._is_compiled:
+            self._whiten, self._step = (
+                entry_point(kernel()) for kernel in (whiten_residuals, second_order_step)
+            )
+            self._known = own(prior.mean), own(prior.root)
+            self._per_noise = own(self._per_noise)
 
     def local(
         self, x: FloatArray, left: FloatArray, jacobian: FloatArray, second: FloatArray, by: Gain
     ) -> Local:
         """Of derivatives in their own units, see `Local`, and what they make ``by`` themselves."""
         root, (m, n) = self._prior.root, jacobian.shape
-        # By products: with this many columns BLAS's dtrsm lets threads wait for each other.
-        bent = (self._per_noise @ second.reshape(m, n * n)).reshape(m, n, n)
         slope = np.zeros(n)
         if self._weight:
             part = gain_of_part(self._prior.scattered, jacobian, by)
             slope = self._weight * (gradient(part, second) @ root)
+        if self._is_compiled:
+            local = Local(
+                x, np.empty(n), np.empty(m), np.empty((m, n)), np.empty((m, n, n)), slope
+            )
+            self._whiten(
+                *self._known, self._per_noise, own(x), own(left), own(jacobian), own(second),
+                np.empty((n, n)), np.empty((n, n)), *local[1:5],
+            )  # fmt: skip
+            return local
+        # By products: with this many columns BLAS's dtrsm lets threads wait for each other.
+        bent = (self._per_noise @ second.reshape(m, n * n)).reshape(m, n, n)
         return Local(
             x,
             self._away(x),
@@ -139,6 +158,15 @@ class Posterior:
 
     def step(self, local: Local, x: FloatArray) -> Step:
         """Newton's step from ``x`` to the mean by a ``local`` model."""
+        if self._is_compiled:
+            wanted = np.empty(x.size)
+            size, cost = self._step(
+                *self._known, own(x), local.z, local.left, local.jacobian, local.second,
+                local.slope, _BENT, _MOST_BENT, wanted,
+            )  # fmt: skip
+            # Where a tension would be below zero what is nearest is looked for below.
+            if not wanted[self._model.state.tension].min() < 0.0:
+                return Step(x, wanted, size, 0.0, cost)
         m, n = local.jacobian.shape
         z, left, jacobian = local.z, local.left, local.jacobian
         if x is not local.x:

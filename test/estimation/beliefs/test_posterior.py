@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from estimation_arms import rubber
+from estimation_arms import RUBBER, rubber
 
+from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.estimation.beliefs.belief import Belief, gain
 from octo_arm_model.estimation.beliefs.posterior import Posterior, Step
+from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
 
 MODEL = rubber(Unknowns(Walk(1.0), tip_force=Walk(0.01)))
@@ -95,3 +97,32 @@ def test_it_is_straight_as_far_as_values_and_their_spread_bend_by_parts_of_the_n
     most = min(np.sqrt(0.1 / off), 0.3 / turned)
     assert posterior.is_straight(local, START + 0.99 * most * change, by)
     assert not posterior.is_straight(local, START + 1.01 * most * change, by)
+
+
+@pytest.mark.skipif(not is_available(), reason='numba is not installed')
+@pytest.mark.parametrize(
+    # What bends by a million times its noise leaves a step that rounding alone changes.
+    ('bent', 'exact'),
+    [(0.0, 1.0), (0.05, 1.0), (1.0, 1.0), (30.0, 1.0), (0.0, 1e-6), (0.05, 1e-6)],
+)
+def test_machine_code_takes_the_same_steps(bent: float, exact: float) -> None:
+    unknowns = Unknowns(Walk(1.0), tip_force=Walk(0.01))
+    machine = ArmModel(RUBBER, unknowns, 'exact', stations=31, compiled=True)
+    noise = NOISE + np.tril(RNG.normal(size=(3, 3)), -1)
+    noise[2] *= exact
+    by = gain(PRIOR.root, JACOBIAN, noise)
+    plain, quick = (Posterior(PRIOR, noise, model, 0.7) for model in (MODEL, machine))
+    # As BLAS leaves them, along columns.
+    given = LEFT, np.asfortranarray(JACOBIAN), np.asfortranarray(bent * SECOND)
+    expected, found = (one.local(START, *given, by) for one in (plain, quick))
+    for one, other in zip(found, expected):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-13 * np.abs(other).max())
+    for x in (found.x, START + RNG.normal(size=SIZE)):
+        one, other = quick.step(found, x), plain.step(expected, x)
+        np.testing.assert_allclose(
+            PRIOR.whitened(one.x - x), PRIOR.whitened(other.x - x), rtol=0.0,
+            atol=1e-9 * max(1.0, other.size),
+        )  # fmt: skip
+        assert one.size == pytest.approx(other.size, rel=1e-9)
+        assert one.cost == pytest.approx(other.cost, rel=1e-11)
+        assert one.beyond == pytest.approx(other.beyond, rel=1e-9)
