@@ -36,17 +36,18 @@ class EstimatePublishers(BackbonePublishers):
     def publish_estimate(self, estimate: Estimate, stamp: Stamp) -> None:
         """Publish an ``estimate`` of the arm that was described."""
         assert self._solver is not None
-        backbone, covariance = estimate.backbone, estimate.pose_covariance
+        backbone = estimate.backbone
         contact = contact_of(estimate, self._solver.arm)
         known = contact or NO_CONTACT
 
         def markers() -> bytes:
             return self._tube.write(
-                backbone.position, backbone.quaternion, covariance[:, :3, :3],
+                backbone.position, backbone.quaternion, estimate.pose_covariance[:, :3, :3],
                 known.s, known.wrench[:3], known.covariance[:3, :3], *stamp,
             )  # fmt: skip
 
-        self.publish(backbone, covariance[-1] if self.is_tip_heard else None, stamp, markers)
+        of_tip = estimate.pose_covariance[-1] if self.is_tip_heard else None
+        self.publish(backbone, of_tip, stamp, markers)
         self.publish_tensions(backbone, stamp)
         unheard = tuple(topic for topic, output in self._besides.items() if not output.is_heard)
         messages = self._estimate_writer.write(estimate, contact, stamp, unheard)
