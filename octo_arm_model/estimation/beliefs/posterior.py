@@ -97,8 +97,16 @@ class Posterior:
     def local(
         self, x: FloatArray, left: FloatArray, jacobian: FloatArray, second: FloatArray, by: Gain
     ) -> Local:
-        """Of derivatives in their own units, see `Local`, and what they make ``by`` themselves."""
+        """Of derivatives in their own units, see `Local`, and what they make ``by`` themselves.
+
+        Raises:
+            ValueError: if residuals and derivatives are not of the same measurements and state.
+        """
         root, (m, n) = self._prior.root, jacobian.shape
+        shapes = len(root), len(self._per_noise), left.shape, second.shape
+        if shapes != (n, m, (m,), (m, n, n)):
+            # Machine code does not check them.
+            raise ValueError(f'{shapes} do not go with a Jacobian of shape {(m, n)}')
         slope = np.zeros(n)
         if self._weight:
             part = gain_of_part(self._prior.scattered, jacobian, by)
@@ -108,7 +116,8 @@ class Posterior:
                 x, np.empty(n), np.empty(m), np.empty((m, n)), np.empty((m, n, n)), slope
             )
             self._whiten(
-                *self._known, self._per_noise, own(x), own(left), own(jacobian), own(second),
+                *self._known, self._per_noise,
+                *(np.array(given, np.float64, order='C') for given in (x, left, jacobian, second)),
                 np.empty((n, n)), np.empty((n, n)), *local[1:5],
             )  # fmt: skip
             return local

@@ -126,3 +126,10 @@ def test_machine_code_takes_the_same_steps(bent: float, exact: float) -> None:
         assert one.size == pytest.approx(other.size, rel=1e-9)
         assert one.cost == pytest.approx(other.cost, rel=1e-11)
         assert one.beyond == pytest.approx(other.beyond, rel=1e-9)
+
+
+def test_what_does_not_go_together_is_refused() -> None:
+    posterior, by = Posterior(PRIOR, NOISE, MODEL, 0.0), gain(PRIOR.root, JACOBIAN, NOISE)
+    for left, second in ((LEFT[:2], SECOND), (LEFT, SECOND[:2]), (LEFT, SECOND[:, :3])):
+        with pytest.raises(ValueError, match='do not go with'):
+            posterior.local(START, left, JACOBIAN, second, by)
