@@ -116,28 +116,27 @@ differentiate_tip = _made(
 add_up_curvature = _made(
     tip_curvature.add_up, np.ones((3, 2)), np.ones((6, 2, 3)), np.ones(3), np.ones((6, 3, 3))
 )
-_SQUARE, _SECOND = np.zeros((1, 1)), np.zeros((1, 1, 1))
-_ONE = np.ones(1)
+_ONE, _SQUARE, _SECOND = np.ones(1), np.ones((1, 1)), np.ones((1, 1, 1))
 whiten_residuals = _made(
     least_squares_kernels.whiten_residuals,
     _ONE,
-    np.ones((1, 1)),
+    _SQUARE,
     _SQUARE,
     _ONE,
     _ONE,
     _SQUARE,
     _SECOND,
-    np.ones((1, 1)),
-    np.ones((1, 1)),
-    np.ones(1),
-    np.ones(1),
-    np.ones((1, 1)),
-    np.ones((1, 1, 1)),
+    _SQUARE,
+    _SQUARE,
+    _ONE,
+    _ONE,
+    _SQUARE,
+    _SECOND,
 )
 second_order_step = _made(
     least_squares_kernels.second_order_step,
     _ONE,
-    np.ones((1, 1)),
+    _SQUARE,
     _ONE,
     _ONE,
     _ONE,
@@ -146,7 +145,7 @@ second_order_step = _made(
     _ONE,
     0.5,
     1,
-    np.ones(1),
+    _ONE,
 )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.numerics.dense_kernels import is_definite, solve_definite
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
 
@@ -93,7 +94,7 @@ def second_order_step(
     """
     m, n = jacobian.shape
     z, array, bent = np.empty(n), np.zeros((m + n, n + 1)), np.zeros((n, n))
-    change, half, factors = np.empty(n), np.empty((n, n)), np.empty((n, n))
+    change, half = np.empty(n), np.empty((n, n))
     find_away(mean, root, x, z)
     cost = 0.0
     for k in range(m):
@@ -127,7 +128,7 @@ def second_order_step(
     divide_transposed(array, slope, change)
     for i in range(n):
         change[i] = array[i, n] - change[i]
-    stiffen(bent, most_bent, halvings, factors, change)
+    stiffen(bent, most_bent, halvings, change)
     size = 0.0
     for i in range(n):
         size += change[i] * change[i]
@@ -183,14 +184,11 @@ def divide_transposed(upper: FloatArray, right: FloatArray, out: FloatArray) -> 
         out[i] = value / upper[i, i]
 
 
-@borrows
-def stiffen(
-    bent: FloatArray, most: float, halvings: int, factors: FloatArray, change: FloatArray
-) -> None:
+def stiffen(bent: FloatArray, most: float, halvings: int, change: FloatArray) -> None:
     """Divide ``change`` (n,) by 1 - ``bent`` (n, n), in place.
 
     While a part of ``bent`` is above ``most`` it is halved, ``halvings`` times at most; ``change``
-    stays where that does not suffice. ``factors`` (n, n) is scratch space.
+    stays where that does not suffice.
     """
     n = change.size
     for _ in range(halvings):
@@ -199,36 +197,7 @@ def stiffen(
             for j in range(n):
                 square += bent[i, j] * bent[i, j]
         # No part is above the root of the sum of all squares.
-        if square <= most * most or factorise_less(bent, most, factors):
-            factorise_less(bent, 1.0, factors)
-            for i in range(n):
-                value = change[i]
-                for j in range(i):
-                    value -= factors[i, j] * change[j]
-                change[i] = value / factors[i, i]
-            for i in range(n - 1, -1, -1):
-                value = change[i]
-                for j in range(i + 1, n):
-                    value -= factors[j, i] * change[j]
-                change[i] = value / factors[i, i]
+        if square <= most * most or is_definite(most * np.eye(n) - bent):
+            solve_definite((np.eye(n) - bent).reshape(n, n, 1), change.reshape(n, 1))
             return
-        for i in range(n):
-            for j in range(n):
-                bent[i, j] *= 0.5
-
-
-@borrows
-def factorise_less(bent: FloatArray, most: float, factors: FloatArray) -> bool:
-    """Whether ``most`` - ``bent`` (n, n) is positive definite; fills in its factor of Cholesky."""
-    for i in range(len(bent)):
-        for j in range(i + 1):
-            value = (most if i == j else 0.0) - bent[i, j]
-            for k in range(j):
-                value -= factors[i, k] * factors[j, k]
-            if i > j:
-                factors[i, j] = value / factors[j, j]
-            elif value > 0.0:
-                factors[i, i] = np.sqrt(value)
-            else:
-                return False
-    return True
+        bent *= 0.5
