@@ -133,7 +133,10 @@ class CompiledRod:
     def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`ReadOut` of the rod."""
         readings = empty_readings(self._nodes, self._stations)
-        self._balance(state.condition, state.shape, np.inf, READ_ONLY, readings, *self._not_asked)
+        self._balance(
+            state.condition, state.shape, self._nothing_known, np.inf, READ_ONLY, readings,
+            *self._not_asked,
+        )  # fmt: skip
         return readings.twist, readings.position, readings.quaternion
 
     def settle(
@@ -146,8 +149,10 @@ class CompiledRod:
         """
         readings = empty_readings(self._nodes, self._stations)
         kind = ANY_READINGS if self._rod.is_finest else READINGS
+        known = self._known_near(shape)
+        tolerance = TOLERANCE if known is self._nothing_known else spending.residual
         outcome, _, found = self._balance(
-            wanted, shape, TOLERANCE, kind, readings, *self._not_asked
+            wanted, shape, known, tolerance, kind, readings, *self._not_asked
         )
         spending.add(outcome.iterations, 0.0, outcome.residual, found.twist)
         if not outcome.is_read:
@@ -221,8 +226,9 @@ class CompiledRod:
         """`Newton` of the rod."""
         compliance, change = np.empty((6, 6)), np.empty((*shape.twist.shape, 6))
         outcome, state, found = self._balance(
-            condition, shape, tolerance, BALANCE, self._no_readings, compliance, change
-        )
+            condition, shape, self._known_near(shape), tolerance, BALANCE, self._no_readings,
+            compliance, change,
+        )  # fmt: skip
         answer: Stability | TipAnswer | None = None
         if outcome.is_least:
             answer = Stability(True, outcome.sign, None)
@@ -238,13 +244,16 @@ class CompiledRod:
         return Iterate(balanced, outcome.iterations, outcome.corrected, answer)
 
     def _balance(
-        self, condition: Condition, shape: Shape, tolerance: float, wanted: int,
-        readings: Readings, compliance: FloatArray, change: FloatArray,
+        self, condition: Condition, shape: Shape, known: KnownSystem, tolerance: float,
+        wanted: int, readings: Readings, compliance: FloatArray, change: FloatArray,
     ) -> tuple[Outcome, RodState, Shape]:  # fmt: skip
-        """Outcome of `rod_kernels.balance`, its final state, and the shape of that."""
+        """Outcome of `rod_kernels.balance`, its final state, and the shape of that.
+
+        ``known`` is what is kept with the equilibrium of this ``shape``.
+        """
         state, orientation = self._start(shape, wanted)
         tip_wrench = condition.tip_wrench.copy()
-        known, has_energy = self._known_near(shape), self._loads.has_energy(tip_wrench)
+        has_energy = self._loads.has_energy(tip_wrench)
         reach = reach_of(known) if has_energy and wanted == READINGS else 0.0
         system = self._room_for_system()
         *found, changed = self._kernel(

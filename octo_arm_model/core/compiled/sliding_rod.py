@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.compiled_rod import SAME_LOADS, CompiledRod, reach_of
+from octo_arm_model.core.compiled.compiled_rod import (
+    SAME_LOADS,
+    CompiledRod,
+    KnownSystem,
+    reach_of,
+)
 from octo_arm_model.core.compiled.friction.friction_kernels import remembered
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
@@ -74,7 +79,10 @@ class SlidingRod(CompiledRod):
         self._tables.station_sections.transmission[:] = self._rod.stations.interpolate(along)
         readings = empty_readings(self._nodes, self._stations)
         held = condition._replace(tensions=np.sign(condition.tensions))
-        super()._balance(held, state.shape, np.inf, READ_ONLY, readings, *self._not_asked)
+        super()._balance(
+            held, state.shape, self._nothing_known, np.inf, READ_ONLY, readings,
+            *self._not_asked,
+        )  # fmt: skip
         return readings.twist, readings.position, readings.quaternion
 
     def _tensions_along(self, tensions: FloatArray) -> FloatArray:
@@ -82,27 +90,27 @@ class SlidingRod(CompiledRod):
         return self._tables.sections.transmission[:, np.newaxis]
 
     def _balance(
-        self, condition: Condition, shape: Shape, tolerance: float, wanted: int,
-        readings: Readings, compliance: FloatArray, change: FloatArray,
+        self, condition: Condition, shape: Shape, known: KnownSystem, tolerance: float,
+        wanted: int, readings: Readings, compliance: FloatArray, change: FloatArray,
     ) -> tuple[Outcome, RodState, Shape]:  # fmt: skip
         """`sliding_rod_kernels.slide_rod`, as that of `CompiledRod`."""
         # Which the kernel only reads.
         before = _NOTHING if condition.before is None else np.ascontiguousarray(condition.before)
         tensions = np.ascontiguousarray(condition.tensions)
         tip_wrench = np.ascontiguousarray(condition.tip_wrench)
-        near, has_energy = self._known_near(shape), self._loads.has_energy(tip_wrench)
-        reach = reach_of(near) if has_energy and wanted == READINGS else 0.0
+        has_energy = self._loads.has_energy(tip_wrench)
+        reach = reach_of(known) if has_energy and wanted == READINGS else 0.0
         system, nothing = self._room_for_system(), self._nothing_known
-        for known in (nothing,) if near is nothing else (near, nothing):
+        for near in (nothing,) if known is nothing else (known, nothing):
             state, orientation = self._start(shape, wanted)
             *found, changed = self._slide_rod(
                 self.tables, self._friction, tensions, before, tip_wrench,
-                float(condition.factor), tolerance, has_energy, wanted, known is not nothing,
-                known.system, reach, SAME_LOADS - known.changed, orientation, state, self._slip,
+                float(condition.factor), tolerance, has_energy, wanted, near is not nothing,
+                near.system, reach, SAME_LOADS - near.changed, orientation, state, self._slip,
                 system, compliance, change, readings,
             )  # fmt: skip
             outcome = Outcome(*found)
             if outcome.residual < np.inf:
                 break
-        self._keep(shape, state, outcome, known, system, changed)
+        self._keep(shape, state, outcome, near, system, changed)
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))

@@ -1,4 +1,4 @@
-"""Iterations and time that one solve of a loaded arm may take."""
+"""Iterations and time that one solve of a loaded arm may take, and the residual it may leave."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ class Budget:
     Attributes:
         iterations: of Newton's method, of one arm.
         seconds: of one arm [s].
+        residual: that may be left of an equilibrium where it is followed from one nearby in
+            machine code [-]; the position of the tip is then right to about as much of the length,
+            or to some ten times as much near a limit point. Others are found to 1e-11.
 
     Raises:
         ConfigError: if either is not positive.
@@ -23,6 +26,7 @@ class Budget:
 
     iterations: int = 1000
     seconds: float = math.inf
+    residual: float = 1e-9
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -36,11 +40,13 @@ class Spending:
 
     Attributes:
         iterations: made.
+        residual: that may be left, see `Budget`.
     """
 
     def __init__(self, budget: Budget) -> None:
         """Start the clock of a solve that may take ``budget``."""
         self._budget, self._begin = budget, time.monotonic()
+        self.residual = budget.residual
         self.iterations = 0
 
     def add(self, iterations: int, part: float, residual: float, iterate: object) -> None:

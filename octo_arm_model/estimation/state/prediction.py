@@ -33,9 +33,9 @@ from octo_arm_model.estimation.state.state_change import Part, StateChange
 from octo_arm_model.estimation.state.unit_loads import unit_loads
 from octo_arm_model.estimation.state.unknowns import State, Unknowns
 
-# A step of the estimator that leads where the arm is followed for longer is too long.
-BUDGET = Budget(iterations=30)
-
+# A step of the estimator that leads where the arm is followed for longer is too long. How little
+# shapes differ between steps tells of second derivatives.
+BUDGET = Budget(iterations=30, residual=1e-11)
 
 _FORCE, _MOMENT = slice(0, 3), slice(3, 6)  # of a wrench
 _ONE = np.ones(1)
