@@ -143,9 +143,11 @@ class LoadedExact:
         """
         known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
         fine, coarse = self._rod(0), self._rod(0, _COARSE)
-        problem = fine.equilibrium
-        is_plain = problem.friction is None and not problem.loads.without_tangent
-        if not (is_plain and coarse.points < fine.points):
+        problem, is_quicker = fine.equilibrium, coarse.points < fine.points
+        if problem.friction is not None:
+            # By NumPy few points take as long as many; a history is given at the fine ones.
+            is_quicker &= fine.settle is not None and wanted.before is None
+        if problem.loads.without_tangent or not is_quicker:
             return known, fine.unloaded(wanted.tensions, wanted.before)
         if fine.settle is None:
             found = fine.newton(wanted, fine.unloaded(wanted.tensions), TOLERANCE)

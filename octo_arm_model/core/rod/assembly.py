@@ -128,11 +128,10 @@ class Results:
     def _add_tendons(self, part: slice | tuple[()], tendons: TendonTensions) -> None:
         """Store the tensions along the tendons of the arms ``part``."""
         self._point_tensions = tendons.points
-        # Does the same as np.moveaxis, in less time.
-        at_stations = tendons.stations.transpose(*range(1, tendons.stations.ndim), 0)
         if self.is_one:
-            self._station_tensions = at_stations
+            self._station_tensions = tendons.stations.T
             return
+        at_stations = np.moveaxis(tendons.stations, 0, -1)
         if self._station_tensions is None:
             self._station_tensions = np.empty((*self._lead, *at_stations.shape[-2:]))
         self._station_tensions[part] = at_stations
@@ -184,7 +183,7 @@ class Results:
         if along_tendons is not None:
             # At the base they are given, not interpolated from points beyond.
             at_base = along_tendons[..., 0, :] if lead else along_tendons[0]
-            at_base[:] = tensions.reshape(*lead, reach.shape[-1]) * reach[0]
+            np.multiply(tensions.reshape(at_base.shape), reach[0], out=at_base)
         for array in (
             position, quaternion, strains, residual, iterations, tensions, tip_wrench, twist,
             along_tendons, self._point_tensions,

@@ -179,8 +179,8 @@ def improve(
     The compiled counterpart of `next_angle`: it solves Volterra's equation of the module
     `sliding_balance`, but in one sweep from the base to the tip. At each point half of its own
     contribution to the integrals counts, which is accurate enough. ``turned`` are the angles in
-    the equilibrium under the tensions ``along``; ``few`` (2, pulled) is scratch space; the other
-    arrays are those of `TurningState`.
+    the equilibrium under the tensions ``along`` and, on return, the changes of ``angle``; ``few``
+    (2, pulled) is scratch space; the other arrays are those of `TurningState`.
 
     Returns:
         The largest relative change of the tensions; NaN where any change is not finite.
@@ -206,7 +206,7 @@ def improve(
                 few[1, k] += more
                 old = angle[k, i]
                 new = max(old + few[0, k] + 0.5 * more, 0.0)
-                angle[k, i] = new
+                angle[k, i], turned[k, i] = new, new - old
                 largest = max(largest, coefficient[pulled[k]] * abs(new - old))
     for k in range(several):
         sum_of_all += few[1, k]

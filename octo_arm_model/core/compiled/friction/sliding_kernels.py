@@ -58,6 +58,9 @@ SECTION_STEPS = 2
 # Relative residual before a step at which that step is the last of these, unless tensions have
 # converged.
 ROUGH = 1e-4
+# Relative residual of cross sections before a Newton step, whose square is rounding: tensions that
+# have converged need no more.
+SQUARED = 1e-9
 NEAR = 1e-6  # relative residual up to which converged tensions are not computed anew
 SLOW = 2  # number of the sweep from a known balance in which its derivatives are computed anew
 UNRESOLVED = -2  # value of ``iterations`` where the elements are too coarse
@@ -165,8 +168,8 @@ def slide(
     equilibrium, with the tensions ``before``; size 0 for none.
 
     Returns:
-        The relative residual of the cross sections; the number of sweeps, -1 where no equilibrium
-        was found; and whether any tendon sticks.
+        The relative residual of the cross sections before their last step; the number of sweeps,
+        -1 where no equilibrium was found; and whether any tendon sticks.
     """
     pulled, ones = np.flatnonzero(tensions), np.ones(tensions.size)
     sections, twist, is_known = tables.sections, memory[:4], known.size > 0
@@ -176,13 +179,14 @@ def slide(
     reach, across, by_pull, turned = turning.reach, turning.across, turning.by_pull, turning.turned
     few, quadrature = turning.few, turning.quadrature
     last, left, is_found = 0.0, 0.0, False
+    moved = np.inf  # as the argument ``largest`` of `set_kept`
     if is_known:
         memory[:], along[:] = known, before
         set_tensions(tensions, before, pulled, reach, part, kept, along, slip, change)
-        moved = np.zeros((4, twist.shape[1]))
-        follow_tensions(reach, by_pull, change, moved)
-        twist += moved
-        change_rates(reach, across, moved, turning.rate)
+        bent = np.zeros((4, twist.shape[1]))
+        follow_tensions(reach, by_pull, change, bent)
+        twist += bent
+        change_rates(reach, across, bent, turning.rate)
         multiply_rows(turning.rate, tables.from_start_columns, turned)
         add_up(reach, tables.step, quadrature, turning.rate, turned)
         turned += angle
@@ -193,7 +197,8 @@ def slide(
     else:
         along[:], angle[:] = 0.0, 0.0
     for number in range(MOST):
-        set_kept(coefficient, pulled, reach, angle, kept)
+        set_kept(coefficient, pulled, reach, angle, turned, moved, kept)
+        moved = 0.0
         sticks = set_tensions(tensions, before, pulled, reach, part, kept, along, slip, change)
         if is_known or number:
             follow_tensions(reach, by_pull, change, twist)
@@ -203,16 +208,16 @@ def slide(
                 turning.hessian, rows,
             )  # fmt: skip
         # The derivatives by the tensions hardly change, so that few sweeps compute them anew.
-        responds = number == SLOW if is_known else number <= 1
+        responds = number == SLOW and not is_found if is_known else number <= 1
         residual, is_possible = 0.0, True
         for _ in range(SECTION_STEPS):
             residual, is_possible = find_sections(
                 sections, tables.is_exact, ones, pulled, False, responds, twist, turning.offset,
                 turning.hessian, rows,
             )  # fmt: skip
-            if residual <= (TOLERANCE if is_found else ROUGH):
+            if residual <= (SQUARED if is_found else ROUGH):
                 break
-        if is_found and residual <= TOLERANCE:
+        if is_found and residual <= SQUARED:
             return residual, number if is_possible else -1, sticks
         if is_found and residual <= NEAR:
             continue
@@ -226,6 +231,7 @@ def slide(
                 mu = max(coefficient[pulled[k]], NO_FRICTION)
                 for i in range(reach[k]):
                     angle[k, i] = np.log1p(mu * turned[k, i]) / mu
+            moved = np.inf
             continue
         last = left
         left = improve(
@@ -234,6 +240,7 @@ def slide(
         )  # fmt: skip
         if np.isnan(left):
             break
+        moved = left
         is_found = has_converged(left, last)
     return np.inf, -1, False
 

@@ -159,6 +159,7 @@ def find_sliding_balance(
     held = np.zeros(tensions.size)
     held[pulled] = 1.0
     along, changed = tables.sections.transmission, np.inf
+    near = max(tolerance, TOLERANCE)  # on the way to another equilibrium, tensions may be rough
     along[:] = 0.0
     if turning.offset.size:
         # Places of tendons in compliant sheaths depend on the tensions; those without friction
@@ -168,7 +169,7 @@ def find_sliding_balance(
         place_tendons(sections, state.twist, pulled, turning.offset, turning.place)
     find_turnings(turning, state.twist)
     angle[:] = turning.turned
-    set_kept(coefficient, pulled, reach_of, angle, kept)
+    set_kept(coefficient, pulled, reach_of, angle, turning.turned, np.inf, kept)
     sticks = set_tensions(tensions, before, pulled, reach_of, part, kept, along, slips, change)
     first = residual = find_state(tables, held, tip_wrench, factor, state)
     is_reused = is_known and reach > 0.0 and first <= limit
@@ -180,7 +181,7 @@ def find_sliding_balance(
     find_responses(turning, state.twist)
     is_slow, uses_known, older, left = not is_known, is_known, np.inf, np.inf
     for number in range(MOST_STEPS):
-        if residual <= tolerance and changed <= TOLERANCE:
+        if residual <= tolerance and changed <= near:
             if is_elsewhere:
                 copy_state(here, state)
             slip[:] = -1.0
@@ -205,7 +206,7 @@ def find_sliding_balance(
             coefficient, pulled, reach_of, along, turning.quadrature, slips, turning.across,
             turning.by_pull, turning.turned, turning.few, angle,
         )  # fmt: skip
-        set_kept(coefficient, pulled, reach_of, angle, kept)
+        set_kept(coefficient, pulled, reach_of, angle, turning.turned, changed, kept)
         sticks = set_tensions(tensions, before, pulled, reach_of, part, kept, along, slips, change)
         follow_tensions(reach_of, turning.by_pull, change, there.twist)
         turn_by(turn, here.turn, there.turn)
@@ -215,7 +216,7 @@ def find_sliding_balance(
         if number:
             corrected += moved
         bound = MARGIN * residual * max(older, left)
-        if may_bound and changed <= TOLERANCE and bound <= tolerance:
+        if may_bound and changed <= near and bound <= tolerance:
             find_turn(tables.elements, there.twist, DEFECTS, there.turn)
             here.twist[:], here.turn[:], residual = there.twist, there.turn, bound
             find_rotation(here.turn, here.rotation)

@@ -20,20 +20,32 @@ from octo_arm_model.core.section.tendons.tendon_tangents import curvature, kink_
 # Rows of the arrays ``strain`` (`STRAIN`, points): the four scaled strains, the widening and its
 # derivative by the stretch.
 STRAIN = 6
+# Change of mu theta up to which four terms of a series are exp(-mu theta) but for rounding.
+SMALL = 1e-3
 
 
 @borrows
 def set_kept(
-    coefficient: FloatArray, pulled: IntArray, reach: IntArray, angle: FloatArray, kept: FloatArray
-) -> None:
+    coefficient: FloatArray, pulled: IntArray, reach: IntArray, angle: FloatArray,
+    moved: FloatArray, largest: float, kept: FloatArray,
+) -> None:  # fmt: skip
     """Fill in ``kept`` (pulled, points), the part of its tension that friction leaves a tendon.
 
-    It is exp(-mu theta) after turning by the ``angle`` theta (pulled, points) [rad].
+    It is exp(-mu theta) after turning by the ``angle`` theta (pulled, points) [rad]. Where
+    ``largest``, the largest of mu times the last change ``moved`` of theta, is small, ``kept``
+    before that change is updated: exponentials take much longer.
     """
+    if largest == 0.0:
+        return
     for number in range(pulled.size):
         rate = coefficient[pulled[number]]
-        for i in range(reach[number]):
-            kept[number, i] = np.exp(-rate * angle[number, i])
+        if largest <= SMALL:
+            for i in range(reach[number]):
+                less = rate * moved[number, i]
+                kept[number, i] *= 1.0 - less * (1.0 - less * (0.5 - less * (1.0 / 6.0)))
+        else:
+            for i in range(reach[number]):
+                kept[number, i] = np.exp(-rate * angle[number, i])
 
 
 @borrows
