@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +36,7 @@ class LoadCellCalibration:
     scale: tuple[float, ...] = ()
     names: tuple[str, ...] = ()
 
-    @property
+    @functools.cached_property
     def is_identity(self) -> bool:
         """Whether readings are tensions without conversion."""
         return not (self.deadband or any(self.offset) or any(one != 1.0 for one in self.scale))

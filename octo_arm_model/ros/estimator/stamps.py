@@ -35,7 +35,7 @@ class Stamps:
                 late.
         """
         at = self._clock.time_of(stamp)
-        ahead = self._clock.ahead(at)
+        ahead = self._clock.ahead(at, self._clock.now_ns)
         if ahead > self.ahead:
             raise MeasurementError(
                 f'its stamp is {ahead:.6g} s ahead of the clock, expected at most '

@@ -80,8 +80,9 @@ class Diagnostics:
         self._newest, self._last = {}, None
 
     def _count(self, what: str, number: int = 1) -> None:
-        self._totals[what] += number
-        self._lately[what] += number
+        if number:
+            self._totals[what] += number
+            self._lately[what] += number
 
     def received(self, topic: str, stamp: Stamp | None) -> None:
         """Count a message with its ``stamp``, None where it has none."""
@@ -97,10 +98,10 @@ class Diagnostics:
         if seconds < self._newest.get(source, seconds):
             self._count('backwards')
         self._newest[source] = self._last = seconds
-        now = 1e-9 * self.clock.now.ns
-        if now and now - seconds > self._limits.age_limit:
+        now = self.clock.now_ns
+        if now and 1e-9 * now - seconds > self._limits.age_limit:
             self._count('old')
-        elif self.clock.ahead(stamp) > self._limits.ahead_limit:
+        elif self.clock.ahead(stamp, now) > self._limits.ahead_limit:
             self._count('ahead')
 
     def skipped(self, number: int) -> None:
@@ -157,7 +158,7 @@ class Diagnostics:
             problems = [self._idle]
         else:
             problems = self.heard.silent(self._limits.silence_limit)
-        now = 1e-9 * self.clock.now.ns
+        now = 1e-9 * self.clock.now_ns
         if not now:
             problems.append('no time: use_sim_time is set, but nothing is heard on /clock')
         if lately['refused']:

@@ -86,8 +86,9 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
             return 0
         executor = make_executor()
         executor.add_node(node)
+        context = rclpy.get_default_context()
         # Not `spin`: a signal just before the executor waits does not wake it.
-        while rclpy.ok():
+        while context.ok():
             executor.spin_once(timeout_sec=LONGEST_WAIT)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

@@ -28,12 +28,17 @@ class SteppedClock:
         """Record the last step of simulated time."""
         step = 1e-9 * jump.delta.nanoseconds
         # Not the first one, from zero.
-        self._step = step if 1e-9 * self.now.ns > step else 0.0
+        self._step = step if 1e-9 * self.now_ns > step else 0.0
 
     @property
     def now(self) -> Stamp:
         """The time; zero while it is simulated and not known yet."""
-        return Stamp(*self._clock.now().seconds_nanoseconds())
+        return Stamp.from_ns(self.now_ns)
+
+    @property
+    def now_ns(self) -> int:
+        """The same [ns]."""
+        return int(self._clock.now().nanoseconds)
 
     def time_of(self, stamp: Stamp | None) -> Stamp:
         """The ``stamp`` of a message; the time of receipt where it has none.
@@ -43,10 +48,9 @@ class SteppedClock:
         """
         return time_of(stamp) or self.now
 
-    def ahead(self, stamp: Stamp) -> float:
-        """How far ``stamp`` is ahead by more than the clock's steps explain [s].
+    def ahead(self, stamp: Stamp, now_ns: int) -> float:
+        """How far ``stamp`` is ahead of ``now_ns`` by more than the clock's steps explain [s].
 
         Negative where it is behind, and zero while the time is not known.
         """
-        now = self.now
-        return 1e-9 * (stamp.ns - now.ns) - _STEPS * self._step if any(now) else 0.0
+        return 1e-9 * (stamp.ns - now_ns) - _STEPS * self._step if now_ns else 0.0
