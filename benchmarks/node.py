@@ -10,11 +10,12 @@ Every node is a process of its own, asked over DDS by the same client, one after
 * air, cov: with the pose of its tip and the covariance of that as well.
 
 All are asked on ``tendon_tensions`` and heard on ``backbone/path``, ``backbone/poses`` and
-``strains``, the last one on ``tip_pose`` as well: what nobody hears is not made. One by one, an
-answer is there when all are; as many as they come, those on ``backbone/poses`` are counted. They
-take turns, and of every node its best turn counts, so that whatever else the machine does is no
-node's own. What the processor spends on an answer, one by one, depends least on that; it holds the
-threads of DDS as well.
+``strains``, the last one on ``tip_pose`` as well: what nobody hears is not made. Tensions vary
+about those of fetching by a tenth, by a percent from one question to the next, and their stamps
+increase. One by one, an answer is there when all are; as many as they come, those on
+``backbone/poses`` are counted. They take turns, and of every node its best turn counts, so that
+whatever else the machine does is no node's own. What the processor spends on an answer, one by
+one, depends least on that; it holds the threads of DDS as well.
 
     python benchmarks/node.py [--brief]
 """
@@ -75,6 +76,7 @@ RISE = 1.03  # what one of the next two higher rates has to bring for more to be
 DEADLINE = 120.0  # [s] for a node to start or answer, as it may on a busy machine
 OUTPUTS = {'backbone/path': Path, 'backbone/poses': PoseArray, 'strains': SectionStrains}
 MORE: dict[str, dict[str, Any]] = {'air, cov': {'tip_pose': PoseWithCovarianceStamped}}
+PERIOD = 63  # questions, after which the tensions are the same
 INPUT_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -83,9 +85,15 @@ def question(number: int) -> bytes:
     """Tensions, stamped with the ``number`` of the question as its nanoseconds."""
     message = TendonTensions(name=list(CONFIG.arm.tendon_names))
     # The tensions change, so that no answer can be reused.
-    message.tension = (1.0 + 0.1 * np.sin(0.1 * number)) * np.ravel(FETCHING_IN_SPACE)
+    phase = 2.0 * np.pi * number / PERIOD
+    message.tension = (1.0 + 0.1 * np.sin(phase)) * np.ravel(FETCHING_IN_SPACE)
     message.header.stamp.sec, message.header.stamp.nanosec = 1, number
     return serialize_message(message)
+
+
+def stamped(question: bytes, number: int) -> bytes:
+    """A serialised ``question`` with the stamp of that ``number``."""
+    return question[:8] + number.to_bytes(4, 'little') + question[12:]
 
 
 def stamp_of(answer: bytes) -> int:
@@ -208,6 +216,7 @@ class Client(Participant):
         self._unread = Node('unread', context=self._context)
         self._publisher = self._node.create_publisher(TendonTensions, 'tendon_tensions', 10)
         self._answers: list[bytes] = []
+        self._asked = 0  # number of the last question
         self._poses = self._node.create_subscription(
             PoseArray, 'backbone/poses', self._answers.append, 1000, raw=True
         )
@@ -229,13 +238,13 @@ class Client(Participant):
         self._unread.destroy_node()
         super().close()
 
-    def one_by_one(self, stamped: bool) -> np.ndarray:
-        """Time from a question to its answer [s]; ``stamped`` is whether answers tell which."""
+    def one_by_one(self, are_stamped: bool) -> np.ndarray:
+        """Time from a question to its answer [s]; whether answers ``are_stamped`` as it is."""
         latencies, end = [], time.monotonic() + LONGEST_LOOP
         for number in range(1, QUESTIONS + 1):
             if time.monotonic() > end:
                 break
-            asked = question(number)
+            asked, self._asked = question(number), number
             self._answers.clear()
             for other in self._others:
                 take(other)  # of the depth of one, what came before
@@ -251,7 +260,7 @@ class Client(Participant):
                 answers.append(answer)
             latencies.append(time.perf_counter() - start)
             stamps = [stamp_of(answer) for answer in (*self._answers, *answers)]
-            if stamped and stamps != [number] * len(stamps):
+            if are_stamped and stamps != [number] * len(stamps):
                 raise SystemExit(f'question {number} was answered with another stamp')
         return np.array(latencies)
 
@@ -272,12 +281,14 @@ class Client(Participant):
         return best, best_rate
 
     def _burst(self, rate: int) -> float:
-        questions = [question(number) for number in range(100)]
+        questions = [question(number) for number in range(PERIOD)]
         answered = sent = 0
         start = time.perf_counter()
         while (now := time.perf_counter() - start) < BURST:
             for _ in range(int(now * rate) + 1 - sent):
-                self._publisher.publish(questions[sent % len(questions)])
+                self._asked += 1
+                asked = stamped(questions[self._asked % PERIOD], self._asked)
+                self._publisher.publish(asked)
                 sent += 1
             answered += self._take()
             time.sleep(max(0.0, start + sent / rate - time.perf_counter()))
@@ -325,7 +336,7 @@ def measure(kind: str, domain: int) -> Measured:
         contextlib.closing(Client(domain, MORE.get(kind, {}))) as client,
     ):
         before = processor_time(process.pid)
-        latencies = client.one_by_one(stamped=kind not in ('floor', 'plain'))
+        latencies = client.one_by_one(are_stamped=kind not in ('floor', 'plain'))
         spent = (processor_time(process.pid) - before) / latencies.size
         median, worst = np.median(latencies), np.percentile(latencies, 99)
         return Measured(float(median), float(worst), spent, *client.sustained())

@@ -120,7 +120,7 @@ def measure(kind: str, client: Client) -> Measured:
             parts.append(Part('serve', str(port)))
         if kind == 'browser':
             parts.append(Part('look', url(LOOPBACK, port)))
-        latency = float(np.median(client.one_by_one(stamped=True)))
+        latency = float(np.median(client.one_by_one(are_stamped=True)))
         kept = client._burst(STEADY) / STEADY
         answered, _ = client.sustained()
         if kind == 'browser':
