@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from octo_arm_model.core.errors import ConfigError, ContinuationError
 
+_MOST_RESIDUAL = 1e-6  # beyond, a shape is not one of the arm's
+
 
 @dataclass(frozen=True)
 class Budget:
@@ -17,11 +19,12 @@ class Budget:
         iterations: of Newton's method, of one arm.
         seconds: of one arm [s].
         residual: that may be left of an equilibrium where it is followed from one nearby in
-            machine code [-]; the position of the tip is then right to about as much of the length,
-            or to some ten times as much near a limit point. Others are found to 1e-11.
+            machine code [-], at most 1e-6; the position of the tip is then right to about as much
+            of the length, or to some ten times as much near a limit point. Others are found to
+            1e-11.
 
     Raises:
-        ConfigError: if either is not positive.
+        ConfigError: if one is not positive, or the residual is larger.
     """
 
     iterations: int = 1000
@@ -33,6 +36,10 @@ class Budget:
         for name, value in vars(self).items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
                 raise ConfigError(f'solve budget: {name} is {value!r}, expected a number > 0')
+        if self.residual > _MOST_RESIDUAL:
+            raise ConfigError(
+                f'solve budget: residual is {self.residual!r}, expected at most {_MOST_RESIDUAL:g}'
+            )
 
 
 class Spending:

@@ -633,6 +633,8 @@ def test_a_failed_balance_and_a_failed_continuation_say_so_each(
         assert 0.0 <= error.value.part < 1.0
     with pytest.raises(ConfigError, match='seconds is 0'):
         Budget(seconds=0)
+    with pytest.raises(ConfigError, match='residual is 1, expected at most'):
+        Budget(residual=1)
     solver = Solver(arm, 'exact', 31, loads=loads)
     monkeypatch.setattr(continuation, '_PER_DESCENT', 1)
     with pytest.raises(ConvergenceError, match='balance under load did not converge: residual'):
