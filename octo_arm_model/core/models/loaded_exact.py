@@ -49,8 +49,8 @@ class LoadedExact:
         nothing: list[Solution | None] = [None] * len(tensions)
         if not isinstance(rod.settle, Settling):
             return nothing
-        shape = rod.near_unloaded(tensions) if start is None else _shape_of(start, rod)
-        found = rod.settle.settle_all(Condition(tensions, tip_wrench, 1.0), shape)
+        wanted = Condition(tensions, tip_wrench, 1.0)
+        found = rod.settle.settle_all(wanted, _near(start, rod, wanted))
         most = self._budget.iterations
         return [one if one is not None and one.iterations <= most else None for one in found]
 
@@ -75,7 +75,10 @@ class LoadedExact:
         wanted = Condition(tensions, tip_wrench, 1.0, self._rods.at_level(before, level))
         spending, rod = Spending(self._budget), self._rod(level)
         shape, found = None if start is None else start.shape, None
-        if shape is not None and rod.settle is not None:
+        if rod.settle is not None:
+            if shape is None:
+                with silenced():
+                    shape = _near(start, rod, wanted)
             settled = rod.settle(wanted, shape, spending)
             if isinstance(settled, Solution):
                 return settled
@@ -97,18 +100,12 @@ class LoadedExact:
         Or to the shape ``found``, which the rod of this ``level`` does not resolve.
         """
         rod, tensions = self._rod(level), wanted.tensions
-        shape = None if start is None else _shape_of(start, rod, wanted.before)
-        if rod.settle is not None and (start is None or start.shape is None):
-            begin = shape or rod.near_unloaded(tensions, wanted.before)
-            settled = rod.settle(wanted, begin, spending)
-            if isinstance(settled, Solution):
-                return settled
-            found = settled
         if found is not None:
             known, shape = wanted, found
-        elif start is None or shape is None:
+        elif start is None:
             known, shape = self._nearly(wanted, spending)
         else:
+            shape = _near(start, rod, wanted)
             known = wanted._replace(tensions=start.tensions.ravel(), tip_wrench=start.tip_wrench)
         state = follow(rod.equilibrium, rod.newton, known, shape, wanted, spending)
         while not rod.resolves(state.shape, state.sliding):
@@ -170,12 +167,14 @@ class LoadedExact:
         return wanted, fine.from_coarser(coarse, state.shape)
 
 
-def _shape_of(start: Backbone, rod: LoadedRod, before: FloatArray | None = None) -> Shape:
+def _near(start: Backbone | None, rod: LoadedRod, wanted: Condition) -> Shape:
     """The shape of ``start`` at the points of ``rod``; the unloaded one where it has none.
 
-    ``before`` are the tensions that tendons with friction slide from, see `LoadedRod.unloaded`.
+    Without a ``start`` nearly the unloaded one of what is ``wanted``.
 
     Raises:
         SolveError: if there is no unloaded shape.
     """
-    return start.shape or rod.unloaded(start.tensions.ravel(), before)
+    if start is None:
+        return rod.near_unloaded(wanted.tensions, wanted.before)
+    return start.shape or rod.unloaded(start.tensions.ravel(), wanted.before)
