@@ -125,6 +125,10 @@ def _take_all(
     if last is not None and last.refused:
         doubted = [one for one in others if one.name in last.refused]
         far = far_off(linear.belief, doubted, linear.at, near.gate)
+        if len(far) == len(others):
+            # Nothing else tells of the shape: the arm may have left the branch of equilibria on
+            # which it is thought to be.
+            far = {}
         others = [one for one in others if id(one) not in far]
     found = take_others(linear, others, near)
     return linear, found._replace(squares={**found.squares, **far})

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model.estimation.beliefs.belief import Belief
 from octo_arm_model.estimation.beliefs.fit import Fit, fit
 from octo_arm_model.estimation.filter import Filter
-from octo_arm_model.estimation.gating import taken
+from octo_arm_model.estimation.gating import judgement, taken, update
 from octo_arm_model.estimation.measurements import (
     Curvatures,
     Markers,
@@ -94,6 +94,22 @@ def test_one_that_is_lost_is_welcome_when_it_comes_back(lost: str) -> None:
         stddev = np.sqrt(np.diag(found.covariance))
         assert (np.abs(found.mean - TRUTH.x) < stddev).all()
     assert not own.refused
+
+
+@pytest.mark.parametrize('others', [[], ['markers']])
+def test_what_was_refused_is_looked_into_where_nothing_else_tells_of_the_shape(
+    others: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From a wrong shape what is right seems far off, as where the arm has left its branch."""
+    monkeypatch.setattr(judgement, 'far_off', lambda prior, doubted, at, gate: {
+        id(one): np.inf for one in doubted
+    })  # fmt: skip
+    own = Filter(MODEL)
+    for step, lie in enumerate((0.0, 100.0, 0.0)):
+        names = ['tensions', *others]
+        own.add(0.1 * step, [*(KINDS[name](0.0) for name in names), KINDS['tip position'](lie)])
+        monkeypatch.setattr(update, 'nearby', lambda *_: None)  # nothing near the last state
+    assert own.refused == {'tip position': 1 + len(others)}
 
 
 def test_what_is_refused_may_be_more_exact_than_rounding() -> None:
