@@ -46,7 +46,8 @@ _STRAIGHT = 3.0
 _MOST = 12  # evaluations
 _RENEWALS = 3  # of second derivatives: where no more foretell a step there is no end of it
 _GROWTH = 3.0  # of a step from one evaluation to the next, that ends the iteration
-_WORSE, _HALVED = 2.0, 6  # growth of what should be least that shortens a step, and how often
+_WORSE, _SHORTENED = 2.0, 6  # growth of what should be least that shortens a step, and how often
+_SAFE = 0.8  # of the part of a step up to which the arm could be followed
 # By how much what should be least may be more at the end than at the start: by more where the
 # posterior is flat along a curve, off which the mean by a local model lies.
 _RISE = 1.0
@@ -112,15 +113,19 @@ def fit(
         evaluations += 1
         before, wanted = at, posterior.mean(local, step)
         most = _WORSE * local.square + wanted.size
-        for halved in range(_HALVED):
+        part = 1.0
+        for _ in range(_SHORTENED):
             # Farther from the last state than its local model is good for it may get worse.
-            at = Prediction(at.model, before.x + 0.5**halved * (wanted - before.x), shape)
+            at = Prediction(at.model, before.x + part * (wanted - before.x), shape)
+            shorter = 0.5
             try:
                 left = residuals(measurements, at)
-            except ContinuationError:
-                continue
-            if posterior.square(at.x, left) <= most:
-                break
+                if posterior.square(at.x, left) <= most:
+                    break
+            except ContinuationError as error:
+                if error.part > 0.0:  # a limit point is near where the arm was followed to
+                    shorter = min(shorter, _SAFE * error.part)
+            part *= shorter
         shape = at.solved
         jacobian = jacobians(measurements, at)
         by = gain(prior.root, jacobian, noise)
