@@ -133,8 +133,9 @@ class CompiledRod:
     def read_out(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
         """`ReadOut` of the rod."""
         readings = empty_readings(self._nodes, self._stations)
-        self._balance(
-            state.condition, state.shape, self._nothing_known, np.inf, READ_ONLY, readings,
+        # Its own, also of rods with friction: tensions along the tendons are given.
+        CompiledRod._balance(
+            self, state.condition, state.shape, self._nothing_known, np.inf, READ_ONLY, readings,
             *self._not_asked,
         )  # fmt: skip
         return readings.twist, readings.position, readings.quaternion

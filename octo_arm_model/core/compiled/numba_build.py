@@ -117,35 +117,13 @@ add_up_curvature = _made(
     tip_curvature.add_up, np.ones((3, 2)), np.ones((6, 2, 3)), np.ones(3), np.ones((6, 3, 3))
 )
 _ONE, _SQUARE, _SECOND = np.ones(1), np.ones((1, 1)), np.ones((1, 1, 1))
+# A belief; a state, with what is left there and its derivatives.
+_BELIEF, _LOCAL = (_ONE, _SQUARE), (_ONE, _ONE, _SQUARE, _SECOND)
 whiten_residuals = _made(
-    least_squares_kernels.whiten_residuals,
-    _ONE,
-    _SQUARE,
-    _SQUARE,
-    _ONE,
-    _ONE,
-    _SQUARE,
-    _SECOND,
-    _SQUARE,
-    _SQUARE,
-    _ONE,
-    _ONE,
-    _SQUARE,
-    _SECOND,
+    least_squares_kernels.whiten_residuals, *_BELIEF, _SQUARE, *_LOCAL, _SQUARE, _SQUARE, *_LOCAL
 )
 second_order_step = _made(
-    least_squares_kernels.second_order_step,
-    _ONE,
-    _SQUARE,
-    _ONE,
-    _ONE,
-    _ONE,
-    _SQUARE,
-    _SECOND,
-    _ONE,
-    0.5,
-    1,
-    _ONE,
+    least_squares_kernels.second_order_step, *_BELIEF, _ONE, *_LOCAL, _ONE, 0.5, 1, _ONE
 )
 
 

@@ -13,8 +13,8 @@ from octo_arm_model.core.compiled.compiled_rod import (
 from octo_arm_model.core.compiled.friction.friction_kernels import remembered
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
-from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, empty_readings
-from octo_arm_model.core.compiled.loaded.rod_kernels import READ_ONLY, READINGS, Outcome
+from octo_arm_model.core.compiled.loaded.readout_kernels import Readings
+from octo_arm_model.core.compiled.loaded.rod_kernels import READINGS, Outcome
 from octo_arm_model.core.compiled.loaded.state_kernels import RodState
 from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import slide, slide_rod
@@ -77,13 +77,8 @@ class SlidingRod(CompiledRod):
         along, condition = state.sliding.tensions[:, 0], state.condition
         self._tables.sections.transmission[:] = along
         self._tables.station_sections.transmission[:] = self._rod.stations.interpolate(along)
-        readings = empty_readings(self._nodes, self._stations)
         held = condition._replace(tensions=np.sign(condition.tensions))
-        super()._balance(
-            held, state.shape, self._nothing_known, np.inf, READ_ONLY, readings,
-            *self._not_asked,
-        )  # fmt: skip
-        return readings.twist, readings.position, readings.quaternion
+        return super().read_out(state._replace(condition=held))
 
     def _tensions_along(self, tensions: FloatArray) -> FloatArray:
         """As that of `CompiledRod`, whatever ``tensions`` at the base they follow from."""

@@ -26,6 +26,7 @@ from octo_arm_model.core.errors import (
 )
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.loaded.continuation import TOLERANCE
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.estimation.state.effort import Effort
@@ -35,7 +36,7 @@ from octo_arm_model.estimation.state.unknowns import State, Unknowns
 
 # A step of the estimator that leads where the arm is followed for longer is too long. How little
 # shapes differ between steps tells of second derivatives.
-BUDGET = Budget(iterations=30, residual=1e-11)
+BUDGET = Budget(iterations=30, residual=TOLERANCE)
 
 _FORCE, _MOMENT = slice(0, 3), slice(3, 6)  # of a wrench
 _ONE = np.ones(1)
