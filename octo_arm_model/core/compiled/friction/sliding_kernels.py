@@ -179,14 +179,13 @@ def slide(
     reach, across, by_pull, turned = turning.reach, turning.across, turning.by_pull, turning.turned
     few, quadrature = turning.few, turning.quadrature
     last, left, is_found = 0.0, 0.0, False
-    moved = np.inf  # as the argument ``largest`` of `set_kept`
     if is_known:
         memory[:], along[:] = known, before
         set_tensions(tensions, before, pulled, reach, part, kept, along, slip, change)
-        bent = np.zeros((4, twist.shape[1]))
-        follow_tensions(reach, by_pull, change, bent)
-        twist += bent
-        change_rates(reach, across, bent, turning.rate)
+        moved = np.zeros((4, twist.shape[1]))
+        follow_tensions(reach, by_pull, change, moved)
+        twist += moved
+        change_rates(reach, across, moved, turning.rate)
         multiply_rows(turning.rate, tables.from_start_columns, turned)
         add_up(reach, tables.step, quadrature, turning.rate, turned)
         turned += angle
@@ -194,11 +193,10 @@ def slide(
             coefficient, pulled, reach, along, quadrature, slip, across, by_pull, turned, few,
             angle,
         )  # fmt: skip
+        set_kept(coefficient, pulled, reach, angle, turned, np.inf, kept)
     else:
-        along[:], angle[:] = 0.0, 0.0
+        along[:], angle[:], kept[:] = 0.0, 0.0, 1.0
     for number in range(MOST):
-        set_kept(coefficient, pulled, reach, angle, turned, moved, kept)
-        moved = 0.0
         sticks = set_tensions(tensions, before, pulled, reach, part, kept, along, slip, change)
         if is_known or number:
             follow_tensions(reach, by_pull, change, twist)
@@ -231,7 +229,7 @@ def slide(
                 mu = max(coefficient[pulled[k]], NO_FRICTION)
                 for i in range(reach[k]):
                     angle[k, i] = np.log1p(mu * turned[k, i]) / mu
-            moved = np.inf
+            set_kept(coefficient, pulled, reach, angle, turned, np.inf, kept)
             continue
         last = left
         left = improve(
@@ -240,7 +238,7 @@ def slide(
         )  # fmt: skip
         if np.isnan(left):
             break
-        moved = left
+        set_kept(coefficient, pulled, reach, angle, turned, left, kept)
         is_found = has_converged(left, last)
     return np.inf, -1, False
 

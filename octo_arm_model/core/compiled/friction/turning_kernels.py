@@ -35,8 +35,6 @@ def set_kept(
     ``largest``, the largest of mu times the last change ``moved`` of theta, is small, ``kept``
     before that change is updated: exponentials take much longer.
     """
-    if largest == 0.0:
-        return
     for number in range(pulled.size):
         rate = coefficient[pulled[number]]
         if largest <= SMALL:

@@ -31,5 +31,5 @@ def test_what_friction_keeps_after_a_change_is_the_exponential(size: float) -> N
 
 def test_where_no_angle_has_changed_nothing_does() -> None:
     kept = np.full((2, 5), 0.5)
-    set_kept(MU, PULLED, REACH, np.ones((2, 5)), np.ones((2, 5)), 0.0, kept)
+    set_kept(MU, PULLED, REACH, np.ones((2, 5)), np.zeros((2, 5)), 0.0, kept)
     np.testing.assert_array_equal(kept, 0.5)
