@@ -69,7 +69,6 @@ class _Placed(NamedTuple):
         unit: see `Condensed`.
         over: 1 / |u|, (tendons, batch, nodes).
         pull: see `Condensed`.
-        inverse: k D^-1 [-]: nn, nb and bb.
     """
 
     sections: SectionEnergy
@@ -77,7 +76,6 @@ class _Placed(NamedTuple):
     unit: Parts
     over: FloatArray
     pull: tuple[FloatArray, FloatArray]
-    inverse: Parts
 
 
 class SheathedSections(SectionEnergy):
@@ -117,7 +115,9 @@ class SheathedSections(SectionEnergy):
         """
         t, n, b = strain[:3]
         slope = self.widening(strain[3])[1]
-        moved, offset, unit, over, pull, inverse = self._placed(strain, local_tensions)
+        moved, offset, unit, over, pull = self._placed(strain, local_tensions)
+        yielding = self.sheath_compliance * local_tensions
+        inverse = sheath_inverse(t, n, b, *pull, yielding * over)
         g = tendon_gradient(*unit, slope, moved.x, moved.y, self.dx, self.dy)
         weight = local_tensions * over
         mixed = np.empty((2, len(strain), *weight.shape))
@@ -154,24 +154,29 @@ class SheathedSections(SectionEnergy):
         near = yielding * np.where(yielding * (n * n + b * b) < 0.25 * stretch, 1.0, 0.0)
         offset = np.stack([near * b, -near * n])
         moved = copy.copy(self)
-        width, worst = self.widening(stretch)[0], np.inf
+        width, worst, is_last = self.widening(stretch)[0], np.inf, False
         for _ in range(_MOST_STEPS):
             moved.x, moved.y = self.x + offset[0], self.y + offset[1]
             u_t, u_n, u_b, length = SectionEnergy.stretching(moved, strain, width)
             over = 1.0 / length
             unit = u_t * over, u_n * over, u_b * over
             pull = sheath_pull(t, n, b, *unit)
-            inverse = sheath_inverse(t, n, b, *pull, yielding * over)
+            if is_last:
+                break
             residual_n, residual_b = offset[0] + yielding * pull[0], offset[1] + yielding * pull[1]
             worst = float(
                 ((np.abs(residual_n) + np.abs(residual_b)) / self.lever_max).max(initial=0.0)
             )
             if not worst > _TOLERANCE:  # also for NaN of an impossible strain
-                return _Placed(moved, offset, unit, over, pull, inverse)
-            nn, nb, bb = inverse
+                break
+            nn, nb, bb = sheath_inverse(t, n, b, *pull, yielding * over)
             offset[0] -= nn * residual_n + nb * residual_b
             offset[1] -= nb * residual_n + bb * residual_b
-        raise ConvergenceError('the offsets of tendons in their sheaths', worst, _MOST_STEPS)
+            # A step leaves no more than the square of what was left before.
+            is_last = worst * worst <= _TOLERANCE
+        else:
+            raise ConvergenceError('the offsets of tendons in their sheaths', worst, _MOST_STEPS)
+        return _Placed(moved, offset, unit, over, pull)
 
     def softening(self, local_tensions: FloatArray) -> FloatArray:
         """Estimated loss of bending stiffness by sheaths, over 2 E A R^2, (batch, nodes).

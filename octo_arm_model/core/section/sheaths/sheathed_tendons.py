@@ -61,14 +61,14 @@ class SheathedTendons:
         pull = self._tensions * unit[0]
         yielding = self._yielding * pull
         self.softening = np.add.reduce(yielding * unit[0])
-        self.coupling = np.stack([
-            np.add.reduce(yielding * unit[1]), np.add.reduce(yielding * unit[2])
-        ])  # fmt: skip
+        self.coupling = coupling = np.empty((2, *t.shape))
+        np.add.reduce(yielding * unit[1], out=coupling[0])
+        np.add.reduce(yielding * unit[2], out=coupling[1])
         self.torsion = np.add.reduce(self._tensions * over * (x * x + y * y))
         terms = tendon_gradient(*unit, slope, x, y, self._dx, self._dy)
         gradient = np.empty_like(strain)
         for row, term in zip(gradient, terms, strict=True):
-            np.einsum('jbn,jbn->bn', self._tensions, term, out=row)
+            np.add.reduce(self._tensions * term, out=row)
         return gradient
 
     def _turn(

@@ -5,6 +5,8 @@ See `energy` for u. The widening, a function of the stretch, is treated as one m
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray, Number
@@ -17,8 +19,6 @@ class TendonTables:
 
     Attributes:
         by: the derivatives, (3, n + 1, tendons, batch, nodes).
-        products: scalar products of every pair of derivatives, (n + 1, n + 1, tendons, batch,
-            nodes).
     """
 
     def __init__(
@@ -30,7 +30,12 @@ class TendonTables:
         for component in range(strains - 3):
             by[component, 3 + component] = 1.0
         by[1, strains], by[2, strains] = dx, dy
-        self.products: FloatArray = np.einsum('cmjbn,ckjbn->mkjbn', by, by)
+
+    @functools.cached_property
+    def products(self) -> FloatArray:
+        """Scalar products of every pair of derivatives, (n + 1, n + 1, tendons, batch, nodes)."""
+        found: FloatArray = np.einsum('cmjbn,ckjbn->mkjbn', self.by, self.by)
+        return found
 
     def directions(self, strain: FloatArray, width: Number) -> tuple[FloatArray, FloatArray]:
         """The u of all tendons, (3, tendons, batch, nodes), and |u|."""
