@@ -46,6 +46,10 @@ class BatchSolver:
         """
         arm, grid, base = self._setup.arm, self._setup.grid, self._setup.base
         lead = tensions.shape[: -len(arm.tension_shape)]
+        if not lead and self._statics.is_loaded(tip_wrench):
+            results = Results(lead, grid, base)
+            results.add((), self._statics.solve(tensions.ravel(), tip_wrench, start, before))
+            return results.backbone(self._model, tensions, tip_wrench, lead, self._reach)
         wrenches = np.broadcast_to(tip_wrench, (*lead, 6)) if lead else tip_wrench
         batch = math.prod(lead)
         flat = tensions.reshape(batch, len(arm.tendons))

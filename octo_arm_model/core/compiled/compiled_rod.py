@@ -40,7 +40,7 @@ from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.loaded.kinematics import unit
 from octo_arm_model.core.loaded.linearised import TipAnswer
-from octo_arm_model.core.loaded.newton import SAME, Iterate
+from octo_arm_model.core.loaded.newton import SAME, SAME_LOADS, Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -48,9 +48,6 @@ from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
 from octo_arm_model.core.section.sheaths.sheath import SheathedSections
 from octo_arm_model.core.section.strain_measures import to_scaled
 
-# Sum of changes of tensions and loads, as residuals, within which a system known before judges
-# stability.
-SAME_LOADS = 0.02
 _NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))
 
 
@@ -61,7 +58,7 @@ class KnownSystem(NamedTuple):
         system: linearised about a state near that equilibrium.
         turned: sum of all bends of the arm from that state to the equilibrium [rad].
         changed: likewise of all changes of tensions and loads, as residuals.
-        is_firm: whether the state is stable by a margin, see `stability_kernels.FIRM`.
+        is_firm: whether the state is stable by a margin, see `stability.FIRM`.
         is_shared: whether other balances may be kept with the same system.
     """
 
@@ -289,11 +286,13 @@ class CompiledRod:
         ``changed`` is its first residual.
         """
         if outcome.is_reused:
-            turned, changed = known.turned + outcome.turned, known.changed + changed
             if not known.is_shared:
-                known = known._replace(is_shared=True)
-                self._kept.keep(start.twist, known)
-            self._kept.keep(state.twist, known._replace(turned=turned, changed=changed))
+                self._kept.keep(start.twist, known._replace(is_shared=True))
+            # A constructor takes less time than `_replace`.
+            self._kept.keep(state.twist, KnownSystem(
+                known.system, known.turned + outcome.turned, known.changed + changed,
+                known.is_firm, True,
+            ))  # fmt: skip
         elif outcome.sign:
             self._kept.keep(state.twist, KnownSystem(system, outcome.turned, 0.0, outcome.is_firm))
         if outcome.is_reused or not outcome.sign:

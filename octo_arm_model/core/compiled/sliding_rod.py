@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.compiled_rod import (
-    SAME_LOADS,
-    CompiledRod,
-    KnownSystem,
-    reach_of,
-)
+from octo_arm_model.core.compiled.compiled_rod import CompiledRod, KnownSystem, reach_of
 from octo_arm_model.core.compiled.friction.friction_kernels import remembered
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
@@ -19,7 +14,7 @@ from octo_arm_model.core.compiled.loaded.state_kernels import RodState
 from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import slide, slide_rod
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.newton import Iterate
+from octo_arm_model.core.loaded.newton import SAME_LOADS, Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding.friction import Sliding
 from octo_arm_model.core.loaded.state import Condition, State

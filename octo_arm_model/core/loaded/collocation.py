@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import sys
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,22 @@ _LONGEST = 0.27  # of the length of the arm
 # and what changes more within an element takes many more points.
 _TAPER = 1.4
 _ROUNDING = 1e-12  # of the length of the arm
+# Points in all, up to which one product with a full matrix is quicker than one in each element.
+_FEW_IN_ALL = 256
+
+
+class _Integrals(NamedTuple):
+    """Weights of the integrals from one end of the arm to every point.
+
+    Attributes:
+        within: those of the values in its element of length one, (each, each of the point).
+        others: those of the values in other elements, (points, elements).
+        full: both, (points, points); None where there are many points.
+    """
+
+    within: FloatArray
+    others: FloatArray
+    full: FloatArray | None
 
 
 class Collocation:
@@ -83,7 +100,9 @@ class Collocation:
         self.length = arm.length
         number = np.arange(self.step.size)
         element, weights = np.repeat(number, points)[:, np.newaxis], self.weights[:, np.newaxis]
-        self.before, self._beyond = weights * (element < number), weights * (element > number)
+        self.before = weights * (element < number)
+        self._from_base = self._integrals(self.rule.from_start.T, self.before)
+        self._to_tip = self._integrals(self.rule.to_end.T, weights * (element > number))
         twice = self.rule.to_end.T[:, :, np.newaxis] * self.rule.from_start[:, np.newaxis]
         self.twice = twice.reshape(points, -1)
         self.at_end = np.linalg.solve(self.rule.from_start.T, self.rule.weights)
@@ -95,17 +114,28 @@ class Collocation:
 
     def integrate_from_base(self, values: FloatArray) -> FloatArray:
         """Integral of ``values`` (..., points) from the base to each point."""
-        return self._integrate(values, self.rule.from_start, self.before)
+        return self._integrate(values, self._from_base)
 
     def integrate_from_tip(self, values: FloatArray) -> FloatArray:
         """Integral of ``values`` (..., points) from each point to the tip."""
-        return self._integrate(values, self.rule.to_end, self._beyond)
+        return self._integrate(values, self._to_tip)
 
-    def _integrate(self, values: FloatArray, within: FloatArray, others: FloatArray) -> FloatArray:
-        """Integrals ``within`` elements, and by weights (points, elements) over ``others``."""
-        total: FloatArray = self.by_element(values * self.steps) @ within.T
-        total += (values @ others)[..., np.newaxis]
+    def _integrate(self, values: FloatArray, integrals: _Integrals) -> FloatArray:
+        if integrals.full is not None:
+            return np.asarray(values @ integrals.full)
+        total: FloatArray = self.by_element(values * self.steps) @ integrals.within
+        total += (values @ integrals.others)[..., np.newaxis]
         return total.reshape(values.shape)
+
+    def _integrals(self, within: FloatArray, others: FloatArray) -> _Integrals:
+        if self.s.size > _FEW_IN_ALL:
+            return _Integrals(within, others, None)
+        each = within.shape[0]
+        full = np.repeat(others, each, axis=1)
+        by_element = full.reshape(self.start.size, each, self.start.size, each)
+        for element, step in enumerate(self.step):
+            by_element[element, :, element] += step * within
+        return _Integrals(within, others, full)
 
     def readout(self, s: FloatArray, stop: FloatArray) -> Readout:
         """Interpolation and integration from values at the points to the places ``s`` (n,) [m].

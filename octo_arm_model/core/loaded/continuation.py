@@ -65,7 +65,7 @@ def follow(
         if last is not None:
             before, length = last
             guess = problem.extrapolate(before, shape, (target - done) / length)
-        state, used, corrected, system = newton(condition, guess, limit)
+        state, used, corrected, system, *_ = newton(condition, guess, limit)
         spending.add(used, done, state.residual, state.shape.twist)
         is_found = False
         if problem.loads.without_tangent:

@@ -62,9 +62,9 @@ def frames(angular: FloatArray, collocation: Collocation, base: ComplexArray) ->
     while done < elements:
         chain[..., done:, :, :] = chain[..., :-done, :, :] @ chain[..., done:, :, :]
         done *= 2
-    rows = (chain[..., :1, :] @ within).reshape(*lead, elements, 2, points)
-    pair = np.array([rows[..., 0, :], rows[..., 1, :]]).reshape(2, *lead, -1)
-    pair /= np.sqrt(np.add.reduce((pair * pair.conj()).real))
+    rows = (chain[..., :1, :] @ within).reshape(-1, elements, 2, points)
+    pair = rows.transpose(2, 0, 1, 3).reshape(2, *lead, -1)
+    pair /= np.sqrt(np.add.reduce(pair.real**2 + pair.imag**2))
     return Quaternions(*pair)
 
 

@@ -77,6 +77,7 @@ class Linearised:
     points, times the length h of their element.
 
     Attributes:
+        hessian: of the energy by the twist, as given, (n, n, arms, points).
         axial: factors of the Hessian of the energy by the linear strains, (n, n, arms, points).
         matrix: of each element, from h k to what Phi at its first end and d m at its last leave,
             (arms, elements, 3 each, 3 each).
@@ -108,7 +109,7 @@ class Linearised:
         self._weights = collocation.rule.weights / unit
         # From here on by arm and point of it, for one arm too.
         by_arm = -1, collocation.s.size
-        hessian = hessian.reshape(*hessian.shape[:2], *by_arm)
+        self.hessian = hessian = hessian.reshape(*hessian.shape[:2], *by_arm)
         rotation = rotation.reshape(3, 3, *by_arm)
         tangent, moment, force = (x.reshape(3, *by_arm) for x in (tangent, moment, force))
         self.axial = factorise(hessian[3:, 3:])
@@ -182,6 +183,12 @@ class Linearised:
         # Pivots of each arm are numbers of its own rows.
         self._pivots = pivots.reshape(arms, -1) - _first_rows(arms, len(rigid))
 
+    @functools.cached_property
+    def _linked(self) -> tuple[FloatArray, IntArray]:
+        """Factors and pivots of the banded system of all arms, as LAPACK has them."""
+        pivots = self._pivots + _first_rows(*self._pivots.shape)
+        return self._band.reshape(-1, 3 * _BAND + 1).T, pivots.ravel()
+
     @property
     def signs(self) -> IntArray:
         """Sign of the determinant of the whole system of each arm, 1 or -1."""
@@ -215,8 +222,7 @@ class Linearised:
         np.matmul(self._to_ends, bends, out=ends)
         moment = ends[:, :, 3:]
         moment += (carried @ self._weights).transpose(2, 3, 0, 1)
-        band = self._band.reshape(-1, 3 * _BAND + 1).T
-        pivots = (self._pivots + _first_rows(*self._pivots.shape)).ravel()
+        band, pivots = self._linked
         found, _ = dgbtrs(band, _BAND, _BAND, right.reshape(-1, columns), pivots)
         changes = found.reshape(arms, elements + 1, 6, columns)
         bends += self._bends @ found.reshape(arms, -1, columns).take(_ends(elements), axis=1)
@@ -227,7 +233,11 @@ class Linearised:
         moved = moved.reshape(6, columns, arms, -1)
         twist = np.einsum('ikan,ican->kcan', self._given, moved)
         twist /= own.steps
-        twist[3:] += np.einsum('klan,lcan->kcan', self._small, given[3:])
+        axial = given[3:]
+        if len(axial) == 1:
+            twist[3:] += self._small[0] * axial
+        else:
+            twist[3:] += np.einsum('klan,lcan->kcan', self._small, axial)
         return Response(twist.reshape(imbalance.shape), moved[:3].reshape(3, *imbalance.shape[1:]))
 
     def of(self, arms: IntArray) -> Linearised:
@@ -235,7 +245,8 @@ class Linearised:
         if len(self.matrix) == 1:
             return self
         part = copy.copy(self)
-        for name in ('_given', '_small', 'axial'):
+        part.__dict__.pop('_linked', None)
+        for name in ('hessian', '_given', '_small', 'axial'):
             setattr(part, name, getattr(self, name)[:, :, arms])
         for name in ('matrix', '_inverse', '_bends', '_to_ends', 'ends', '_band', '_pivots'):
             setattr(part, name, getattr(self, name)[arms])

@@ -22,6 +22,8 @@ FIRST_PROGRESS = 3.0  # likewise the first, which takes up the change of the loa
 # A factorised system is used for another step where the one before left this residual and part of
 # it, and for judging stability where no more than this has been turned since [rad].
 NEAR, QUICK, SAME = 2e-5, 0.02, 0.1
+# Sum of changes of tensions and loads, as residuals, within which as much is known of stability.
+SAME_LOADS = 0.02
 # A step with the same system leaves about the same part of residual and turn as the step before.
 # Where the residual is not evaluated its estimate has this factor.
 SAFETY = 10.0
@@ -41,12 +43,16 @@ class Iterate(NamedTuple):
             turned the arm [rad].
         system: the last one solved, how it answers wrenches on the tip, or its stability where
             that is known already, if the state is balanced.
+        moved: how far all of them have turned the arm [rad], where this is known.
+        changed: the residual before the first, likewise.
     """
 
     state: State
     iterations: int
     corrected: Number
     system: System | TipAnswer | Stability | None
+    moved: Number = np.inf
+    changed: Number = np.inf
 
 
 class Newton(Protocol):
@@ -66,7 +72,7 @@ class _Progress(NamedTuple):
         is_known: whether it is that of a balance nearby.
         is_first: whether no step has been made but such that left too much.
         iterations: made.
-        corrected: as of `Iterate`, (...) [rad].
+        corrected, moved, changed: as of `Iterate`, (...).
         turned: how far the arm has turned since the system was linearised, (...) [rad].
         angle: how far the last step has turned it, (...) [rad].
         convergence: part of the residual that this step has left, (...).
@@ -79,6 +85,8 @@ class _Progress(NamedTuple):
     is_first: bool
     iterations: int
     corrected: Number
+    moved: Number
+    changed: Number
     turned: Number
     angle: Number
     convergence: Number
@@ -95,9 +103,17 @@ class _Progress(NamedTuple):
             state=self.state.of(arms),
             system=system.of(arms) if isinstance(system, Linearised) else None,
             corrected=self.corrected[arms],
+            moved=self.moved[arms],
+            changed=self.changed[arms],
             turned=self.turned[arms],
             angle=self.angle[arms],
             convergence=self.convergence[arms],
+        )
+
+    def ended(self, system: System | None) -> Iterate:
+        """What has become of it, with the ``system`` of a balance."""
+        return Iterate(
+            self.state, self.iterations, self.corrected, system, self.moved, self.changed
         )
 
 
@@ -111,20 +127,19 @@ def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: 
     now = _begin(problem, condition, shape, None)
     most = _MOST_LINEAR if problem.loads.without_tangent else MOST
     if now.state.residual <= tolerance:
-        return Iterate(now.state, 0, 0.0, now.last_system)
+        return now.ended(now.last_system)
     while now.iterations < most:
         try:
             # Of wild shapes tendons in sheaths have no places.
             after = _iterate(problem, now)
         except ConvergenceError:
-            return Iterate(now.state, now.iterations, now.corrected, None)
+            return now.ended(None)
         residuals = float(now.state.residual), float(after.state.residual)
         verdict = _verdict(problem, now, *residuals, tolerance)
         now = _next(now, after, verdict)
         if verdict in (_STUCK, _BALANCED):
-            system = now.last_system if verdict == _BALANCED else None
-            return Iterate(now.state, now.iterations, now.corrected, system)
-    return Iterate(now.state, most, now.corrected, None)
+            return now.ended(now.last_system if verdict == _BALANCED else None)
+    return now.ended(None)
 
 
 def newton_of_all(
@@ -159,7 +174,7 @@ def newton_of_all(
                 continue
             except ConvergenceError:
                 pass
-        found.append((arms, Iterate(now.state, now.iterations, now.corrected, system)))
+        found.append((arms, now.ended(system)))
     return found
 
 
@@ -169,7 +184,10 @@ def _begin(
     is_known = known is not None
     state = problem.state(condition, shape, is_to_be_linearised=not is_known)
     nothing = np.zeros_like(state.residual)
-    return _Progress(state, known, is_known, is_known, True, 0, nothing, nothing, nothing, nothing)
+    return _Progress(
+        state, known, is_known, is_known, True, 0, nothing, nothing, state.residual, nothing,
+        nothing, nothing,
+    )  # fmt: skip
 
 
 def _iterate(problem: Equilibrium, now: _Progress, enough: float = 0.0) -> _Progress:
@@ -197,7 +215,8 @@ def _iterate(problem: Equilibrium, now: _Progress, enough: float = 0.0) -> _Prog
         new = problem.state(state.condition, problem.moved(state.shape, step), is_far)
     return _Progress(
         new, system, True, False, False, now.iterations + 1,
-        now.corrected + (0.0 if now.is_first else turn), turned + turn, turn, new.residual / old,
+        now.corrected + (0.0 if now.is_first else turn), now.moved + turn, now.changed,
+        turned + turn, turn, new.residual / old,
     )  # fmt: skip
 
 

@@ -13,9 +13,10 @@ from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.kept_balances import KeptBalances
 from octo_arm_model.core.loaded.linearised import Linearised
-from octo_arm_model.core.loaded.newton import Iterate, newton, newton_of_all
-from octo_arm_model.core.loaded.stability import are_least
-from octo_arm_model.core.loaded.state import Condition, State
+from octo_arm_model.core.loaded.newton import SAME, SAME_LOADS, Iterate, newton, newton_of_all
+from octo_arm_model.core.loaded.read_out import read_out
+from octo_arm_model.core.loaded.stability import LeastEnergy, least_energy
+from octo_arm_model.core.loaded.state import Condition, Stability
 from octo_arm_model.core.numerics.floating_point import silenced
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution
@@ -43,19 +44,41 @@ class Settled(NamedTuple):
     twist: FloatArray
 
 
+class Known(NamedTuple):
+    """What is kept with a balance.
+
+    Attributes:
+        system: linearised about nearly it.
+        angle: how far the arm may turn from it and stay at a minimum of its energy for certain
+            [rad]; 0 where its stability has no margin.
+        change: likewise how far tensions and loads may change, as a residual.
+    """
+
+    system: Linearised
+    angle: float = 0.0
+    change: float = 0.0
+
+
 class Settling:
     """`Settle` of one rod whose tendons have no friction, under dead loads."""
 
     def __init__(self, rod: LoadedRod) -> None:
         """Of ``rod``."""
         self._rod = rod
-        self._kept: KeptBalances[Linearised] = KeptBalances()
+        self._kept: KeptBalances[Known] = KeptBalances()
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """`Newton` of the rod."""
         found = newton(self._rod.equilibrium, condition, shape, tolerance)
         if tolerance <= TOLERANCE and isinstance(found.system, Linearised):
-            self._kept.keep(found.state.shape.twist, found.system)
+            twist, system = found.state.shape.twist, found.system
+            if not self._rod.equilibrium.loads.has_energy(condition.tip_wrench):
+                self._kept.keep(twist, Known(system))
+                return found
+            least = self._least_energy(system)
+            self._kept.keep(twist, _known(system, least.are_firm[0]))
+            if least.are_least[0]:
+                return found._replace(system=Stability(True, 1, None))
         return found
 
     def __call__(
@@ -106,68 +129,90 @@ class Settling:
             shape = Shape(shape.twist[:, np.newaxis].repeat(arms, axis=1), Quaternions(a, b))
         found: dict[int, Settled] = {}
         for numbers, group in newton_of_all(
-            self._rod.equilibrium, wanted, shape, TOLERANCE, known
+            self._rod.equilibrium, wanted, shape, TOLERANCE, known and known.system
         ):
-            found.update(zip(numbers.tolist(), self._settled(group, arms == 1), strict=True))
+            found.update(zip(numbers.tolist(), self._settled(group, known, arms == 1)))
         return [found[number] for number in range(arms)]
 
-    def _settled(self, found: Iterate, is_kept: bool) -> list[Settled]:
+    def _settled(self, found: Iterate, known: Known | None, is_kept: bool) -> list[Settled]:
         """What became of arms that Newton's method led the same way; raises as `_settle`.
 
-        The system of the balance of one arm is kept.
+        They were led from the balance that is ``known``, if any. That of one arm is kept.
         """
         state, rod = found.state, self._rod
         energy, (twist, (a, b)) = rod.equilibrium.energy, state.shape
         residual = state.residual.tolist()
         shapes = [Shape(twist[:, i], Quaternions(a[i], b[i])) for i in range(len(a))]
         outcomes: list[Solution | Shape | None] = [None] * len(shapes)
-        system = self._last_system(found)
-        if system is not None:
-            is_stable = (found.corrected <= MOST_CORRECTED) & self._are_stable(state, system)
+        tested = self._tested(found, known)
+        if tested is not None:
+            are_stable, kept = tested
+            is_stable = (found.corrected <= MOST_CORRECTED) & are_stable
             strain = to_scaled(energy.law, twist)
             is_read = is_stable & rod.are_resolved(twist) & have_fibres(energy, strain)
             for number in np.flatnonzero(is_stable > is_read).tolist():
                 outcomes[number] = shapes[number]
             numbers = np.flatnonzero(is_read)
             if numbers.size:
-                part = state
+                part, hessian = state, kept.system.hessian
+                if hessian.shape[2] < len(shapes):  # of the one that all were led from
+                    hessian = hessian.repeat(len(shapes), axis=2)
                 if numbers.size < len(shapes):
                     part, strain = state.of(numbers), strain[:, numbers]
+                    hessian = hessian[:, :, numbers]
                 energy.check_tendons(strain, energy.local_tensions(part.condition.tensions))
-                read = rod.read_out(part)
+                read = read_out(rod, part, hessian)
                 for i, number in enumerate(numbers.tolist()):
                     outcomes[number] = Solution(
                         read[0][:, i], residual[number], found.iterations, shapes[number],
                         (read[1][i], read[2][i]),
                     )  # fmt: skip
             if is_kept:
-                self._kept.keep(shapes[0].twist, system)
+                self._kept.keep(shapes[0].twist, kept)
         return [
             Settled(outcome, found.iterations, left, shape.twist)
             for outcome, left, shape in zip(outcomes, residual, shapes, strict=True)
         ]
 
-    def _last_system(self, found: Iterate) -> Linearised | None:
-        """The system linearised about nearly the balance that was found, if one was."""
+    def _tested(
+        self, found: Iterate, known: Known | None
+    ) -> tuple[NDArray[np.bool_], Known] | None:
+        """Whether balances are seen to be of least energy, and what to keep with that of one arm.
+
+        Where loads have no energy the sign of the determinant is all that is known. None where no
+        balances were found.
+        """
         if not (found.state.residual <= TOLERANCE).all():
             return None
-        system = found.system
+        problem, wrenches = self._rod.equilibrium, found.state.condition.tip_wrench
+        has_energy = [problem.loads.has_energy(wrench) for wrench in wrenches]
+        system, is_sure = found.system, False
+        if known is not None:
+            angle, change = known.angle - found.moved, known.change - found.changed
+            is_sure = all(has_energy) and angle.min() > 0.0 and change.min() > 0.0
+            if system is known.system and found.iterations and not is_sure:
+                # It tells of the loads that it was linearised under.
+                system = None
         if system is None:
             try:
-                system = self._rod.equilibrium.linearised(found.state)
+                system = problem.linearised(found.state)
             except ConvergenceError:
                 return None
         assert isinstance(system, Linearised)
-        return system
-
-    def _are_stable(self, state: State, system: Linearised) -> NDArray[np.bool_]:
-        """Whether balances are seen to be of least energy.
-
-        Where loads have no energy the sign of the determinant is all that is known.
-        """
-        problem = self._rod.equilibrium
-        has_energy = [problem.loads.has_energy(wrench) for wrench in state.condition.tip_wrench]
-        least = are_least(system, problem.collocation.rule.weights)
+        if is_sure:
+            return np.ones(len(wrenches), bool), Known(system, float(angle[0]), float(change[0]))
         if all(has_energy):
-            return least
-        return np.where(has_energy, least, system.signs == problem.unloaded_sign)
+            least = self._least_energy(system)
+            return least.are_least, _known(system, least.are_firm[0])
+        are_stable = system.signs == problem.unloaded_sign
+        if any(has_energy):
+            are_stable = np.where(has_energy, self._least_energy(system).are_least, are_stable)
+        return are_stable, Known(system)
+
+    def _least_energy(self, system: Linearised) -> LeastEnergy:
+        return least_energy(system, self._rod.equilibrium.collocation.rule.weights)
+
+
+def _known(system: Linearised, is_firm: bool) -> Known:
+    """What is known of a balance whose ``system`` has just been linearised."""
+    return Known(system, SAME, SAME_LOADS) if is_firm else Known(system)

@@ -53,11 +53,23 @@ def invert(factors: FloatArray) -> FloatArray:
 
 def are_definite(matrices: FloatArray) -> NDArray[np.bool_]:
     """Whether the symmetric parts of ``matrices`` (sets, ..., n, n) are definite, (sets,)."""
-    both = matrices + matrices.swapaxes(-1, -2)
+    return have_factors(definite_factors(matrices))
+
+
+def definite_factors(matrices: FloatArray) -> FloatArray:
+    """L of L L^T, the ``matrices`` (sets, ..., n, n) plus their transposes; where definite.
+
+    NaN in all of a set of which one is not.
+    """
+    both: FloatArray = matrices + matrices.swapaxes(-1, -2)
     try:
-        np.linalg.cholesky(both)
+        return np.asarray(np.linalg.cholesky(both))
     except np.linalg.LinAlgError:
         if len(both) == 1:
-            return np.zeros(1, bool)
-        return np.concatenate([are_definite(one[np.newaxis]) for one in both])
-    return np.ones(len(both), bool)
+            return np.full_like(both, np.nan)
+        return np.concatenate([definite_factors(one[np.newaxis]) for one in matrices])
+
+
+def have_factors(factors: FloatArray) -> NDArray[np.bool_]:
+    """Whether each set of `definite_factors` is definite, (sets,)."""
+    return np.isfinite(factors.reshape(len(factors), -1)[:, -1])

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
 import numpy as np
 import pytest
 
 from octo_arm_model import Arm, Body, Loads, Material, PointLoad, Section, Solver
+from octo_arm_model.core.loaded import settle
 from octo_arm_model.core.loaded.linearised import Linearised
 from octo_arm_model.core.loaded.rod import LoadedRod
-from octo_arm_model.core.loaded.stability import are_least, stability_of
+from octo_arm_model.core.loaded.stability import least_energy, stability_of
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.numerics.gauss import gauss_rule
@@ -41,8 +45,44 @@ def test_a_straight_column_is_one_of_least_energy_below_eulers_load(
     assert found.state.residual <= 1e-11
     system = problem.linearised(found.state)
     assert isinstance(system, Linearised)
-    assert are_least(system, WEIGHTS).tolist() == [part < 1.0]
+    least = least_energy(system, WEIGHTS)
+    assert least.are_least.tolist() == [part < 1.0]
+    assert least.are_firm.tolist() == [part <= 0.5]
     assert stability_of(problem, found.state).is_stable == (part < 1.0)
+
+
+def test_instability_is_seen_where_it_is_come_upon_in_small_steps() -> None:
+    # Where a balance is stable by a margin the next ones are not tested.
+    solver, found = Solver(COLUMN, 'exact', material='linear', compiled=False), None
+    for part in np.arange(0.5, 1.05, 0.001):
+        found = solver.solve(np.zeros((1, 4)), (-part * EULER, 0, 0, 0, 0, 0), start=found)
+        aside = float(np.hypot(*found.tip[1:]))
+        assert aside < 1e-9 if part < 0.9999 else part < 1.0005 or aside > 1e-3
+    assert found is not None and np.hypot(*found.tip[1:]) > 0.05
+
+
+@pytest.mark.parametrize(
+    'loads', [Loads(gravity=(0.0, 0.0, -9.81)), Loads(tip_moment=(0.0, 1e-3, 0.0))]
+)
+def test_stability_by_a_margin_is_not_tested_again(
+    loads: Loads, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tested = []
+
+    def noted(*given: Any) -> Any:
+        tested.append(least_energy(*given))
+        return tested[-1]
+
+    monkeypatch.setattr(settle, 'least_energy', noted)
+    arm = dataclasses.replace(COLUMN, material=Material(1e5, density=1080.0))
+    solver = Solver(arm, 'exact', loads=loads, compiled=False)
+    tensions = np.array([[1.0, 0.0, 0.0, 0.5]])
+    found = solver.solve(tensions)
+    tested.clear()
+    for part in np.linspace(1.0, 1.2, 41)[1:]:
+        found = solver.solve(part * tensions, start=found)
+    # Without an energy there is no margin, and the sign of a determinant tells.
+    assert 2 <= len(tested) <= 20 if any(loads.gravity) else not tested
 
 
 @pytest.mark.parametrize('seed', range(4))
@@ -62,7 +102,7 @@ def test_least_energy_is_seen_where_the_whole_second_variation_is_positive(seed:
     assert isinstance(systems, Linearised)
     weights = np.tile(problem.collocation.weights, 4)
     one_by_one = np.eye(weights.size).reshape(weights.size, 4, -1).transpose(1, 0, 2)
-    for number, is_least in enumerate(are_least(systems, WEIGHTS).tolist()):
+    for number, is_least in enumerate(least_energy(systems, WEIGHTS).are_least.tolist()):
         change = systems.of(np.array([number])).solve(one_by_one).twist
         # By what each imbalance does: all changes of the twist at all points take energy.
         flexibility = change.transpose(1, 0, 2).reshape(weights.size, -1) / weights[:, np.newaxis]

@@ -22,7 +22,7 @@ from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, read_r
 from octo_arm_model.core.compiled.loaded.resolution_kernels import resolves_twist
 from octo_arm_model.core.compiled.loaded.response_kernels import respond, tip_wrenches
 from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
-from octo_arm_model.core.compiled.loaded.stability_kernels import FIRM, is_minimum
+from octo_arm_model.core.compiled.loaded.stability_kernels import is_minimum
 from octo_arm_model.core.compiled.loaded.state_kernels import (
     RodState,
     copy_state,
@@ -46,6 +46,7 @@ from octo_arm_model.core.loaded.newton import (
     SAFETY,
     SAME,
 )
+from octo_arm_model.core.loaded.stability import FIRM
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
@@ -70,7 +71,7 @@ class Outcome(NamedTuple):
             about [rad].
         sign: sign of the determinant of the system, 0 where no equilibrium was found.
         is_least: whether the test of `is_minimum` shows a minimum of the energy.
-        is_firm: whether that test holds with the margin `stability_kernels.FIRM`.
+        is_firm: whether that test holds with the margin `stability.FIRM`.
         is_reused: whether the known system made all steps, so that the stability known of its
             equilibrium is taken over without a test.
         is_definite: whether the compliance of the tip is positive definite; computed only where an
@@ -134,41 +135,47 @@ def iterate(
         place of ``system``.
     """
     count = state.twist.shape[1]
-    new, step, turn = empty_state(count), np.empty((4, count)), np.empty((3, count))
+    # The state after each step takes the place of the one before it; copying takes as long as
+    # an evaluation of the loads.
+    here, there, is_elsewhere = state, empty_state(count), False
+    step, turn = np.empty((4, count)), np.empty((3, count))
     corrected, turned, iterations, is_first, is_near = 0.0, 0.0, 0, True, False
     angle, convergence, defects = np.inf, np.inf, np.inf
+    is_stuck, is_bounded = False, False
     # Chord steps of the known system after its first take less time than a new factorisation.
     most = MOST_EXACT if is_exact else MOST_REUSED
     while residual > tolerance and iterations < MOST:
         if is_known:
-            find_step(tables.elements, known, state.imbalance, step, turn)
+            find_step(tables.elements, known, here.imbalance, step, turn)
         elif not (sign and is_near):
-            sign = find_system(tables.elements, state, system)
+            sign = find_system(tables.elements, here, system)
             if sign == 0:
-                return residual, iterations, corrected, 0.0, 0, False
+                is_stuck = True
+                break
             turned = 0.0
         if not is_known:
-            find_step(tables.elements, system, state.imbalance, step, turn)
+            find_step(tables.elements, system, here.imbalance, step, turn)
         iterations += 1
         before, angle = angle, turn_of(tables.elements.quadrature, step)
         is_told = sign != 0 or (turned + angle <= reach and not is_exact)
         if may_bound and is_near and is_told and defects <= FEW_DEFECTS:
             left = SAFETY * residual * max(convergence, angle / before)
             if left <= tolerance:
-                state.twist[:] = state.twist + step
-                turn_by(turn, state.turn, state.turn)
-                find_rotation(state.turn, state.rotation)
+                here.twist[:] = here.twist + step
+                turn_by(turn, here.turn, here.turn)
+                find_rotation(here.turn, here.rotation)
                 corrected, turned = corrected + angle, turned + angle
-                return left, iterations, corrected, turned, max(sign, 1), sign == 0
-        new.twist[:] = state.twist + step
-        turn_by(turn, state.turn, new.turn)
+                residual, is_bounded = left, True
+                break
+        there.twist[:] = here.twist + step
+        turn_by(turn, here.turn, there.turn)
         # A Newton step leaves an error of about its square.
         settled = min(max(1e-3 * angle**4, DEFECTS), MOST_DEFECTS)
-        defects = find_turn(tables.elements, new.twist, settled, new.turn)
-        found = find_state(tables, tensions, tip_wrench, factor, new)
+        defects = find_turn(tables.elements, there.twist, settled, there.turn)
+        found = find_state(tables, tensions, tip_wrench, factor, there)
         if found <= tolerance and defects > DEFECTS:
-            find_turn(tables.elements, new.twist, DEFECTS, new.turn)
-            found = find_state(tables, tensions, tip_wrench, factor, new)
+            find_turn(tables.elements, there.twist, DEFECTS, there.turn)
+            found = find_state(tables, tensions, tip_wrench, factor, there)
         if is_known:
             if not found <= PREDICTED * residual:
                 is_known = False
@@ -179,16 +186,21 @@ def iterate(
             is_known = most > 0 and is_wanted and found * left**most <= tolerance
             most -= 1
         if not found <= (FIRST_PROGRESS if is_first else PROGRESS) * residual:
-            return residual, iterations, corrected, 0.0, 0, False
+            is_stuck = True
+            break
         is_near = found <= NEAR and found <= QUICK * residual
         convergence, residual = found / residual, found
-        copy_state(new, state)
+        here, there, is_elsewhere = there, here, not is_elsewhere
         turned += angle
         if not is_first:
             corrected += angle
         is_first = False
-    if not residual <= tolerance:
+    if is_elsewhere:
+        copy_state(here, state)
+    if is_stuck or not residual <= tolerance:
         return residual, iterations, corrected, 0.0, 0, False
+    if is_bounded:
+        return residual, iterations, corrected, turned, max(sign, 1), sign == 0
     if sign == 0 and reach > 0.0 and turned <= reach and not is_exact:
         return residual, iterations, corrected, turned, 1, True
     if sign == 0 or turned > SAME:

@@ -7,11 +7,6 @@ import numpy as np
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import is_definite
 
-# Part of an element's stiffness that has to remain after the destabilising stiffness of the arm
-# beyond it is subtracted. An equilibrium with this margin stays stable under small changes of
-# shape and loads.
-FIRM = 0.2
-
 
 def is_minimum(system: System, margin: float) -> bool:
     """Whether an equilibrium is a minimum of the energy, from a ``system`` linearised about it.
