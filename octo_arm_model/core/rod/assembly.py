@@ -194,17 +194,16 @@ class Results:
             orientation = self._shape.orientation
             for part in (self._shape.twist, orientation.a, orientation.b):
                 part.setflags(write=False)
-        tau, xi, k, q = strains
         return Backbone(
             model=model,
             s=self._grid.s,
             section=self._grid.section,
             position=position,
             quaternion=quaternion,
-            tau=tau,
-            xi=xi,
-            k=k,
-            q=q,
+            tau=strains[0],
+            xi=strains[1],
+            k=strains[2],
+            q=strains[3],
             tensions=tensions,
             tip_wrench=tip_wrench,
             residual=residual,

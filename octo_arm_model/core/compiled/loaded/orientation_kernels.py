@@ -95,9 +95,11 @@ def find_turn(
         linear equations were solved.
     """
     s, elements, count = tables.weights.size, tables.step.size, turn.shape[1]
-    half, size = 0.5 * tables.lengths, np.inf
-    rate, defect = np.empty((4, count)), np.empty((4, count))
-    more, raw = np.empty((4, count)), np.empty((4, count))
+    # One array for all, since allocating takes as long as a loop.
+    work, size = np.empty((17, count)), np.inf
+    rate, defect, more, raw, half = work[:4], work[4:8], work[8:12], work[12:16], work[16]
+    for j in range(count):
+        half[j] = 0.5 * tables.lengths[j]
     from_starts(tables, twist, half, turn, rate, raw)
     each = 4 * elements, s
     rates, integrals = rate.reshape(each), tables.from_start_columns

@@ -66,7 +66,9 @@ def read_rod(
     rate, total = np.empty((10, state.twist.shape[1])), np.empty(10)
     set_rates(tables.elements.lengths, state, rate)
     total[:3], total[3:7], total[7:] = tables.position, tables.elements.base, 0.0
-    found, force, moment = np.empty((10, count)), np.zeros((3, count)), np.zeros((3, count))
+    work = np.empty((16, count))
+    found, force, moment = work[:10], work[10:13], work[13:]
+    work[10:] = 0.0
     done, run = 0, 0
     for element in range(tables.elements.step.size):
         first = element * s
@@ -127,8 +129,8 @@ def balance_stations(
     the cross sections. The corrected twist overwrites that of the stations' nodes in ``readings``.
     """
     count, nodes = tables.station_node.size, tables.station_node
-    twist, left, gradient = np.empty((4, count)), np.empty((4, count)), np.empty((4, count))
-    scale, hessian = np.empty((4, count)), np.empty((4, 4, count))
+    work, hessian = np.empty((16, count)), np.empty((4, 4, count))
+    twist, left, gradient, scale = work[:4], work[4:8], work[8:12], work[12:]
     rotation = np.empty((3, 3, count))
     for k in range(4):
         out, at_nodes = twist[k], readings.twist[k]

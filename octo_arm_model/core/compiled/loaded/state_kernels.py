@@ -41,10 +41,11 @@ class RodState(NamedTuple):
 
 def empty_state(count: int) -> RodState:
     """Allocate an uninitialised `RodState` of ``count`` points."""
+    # Parts of one array, since allocating takes as long as a loop.
+    work = np.empty((43, count))
     return RodState(
-        np.empty((4, count)), np.empty((4, count)), np.empty((3, 3, count)),
-        np.empty((3, count)), np.empty((3, count)), np.empty((4, count)),
-        np.empty((4, 4, count)),
+        work[:4], work[4:8], work[8:17].reshape(3, 3, count), work[17:20], work[20:23],
+        work[23:27], work[27:].reshape(4, 4, count),
     )  # fmt: skip
 
 
@@ -66,7 +67,8 @@ def find_wrench(
     ``tip`` (3,) are added to ``moment``, in place.
     """
     s, elements, rotation = tables.weights.size, tables.step.size, state.rotation
-    carried, levers, stretch = np.empty(force.shape), np.empty(force.shape), state.twist[3]
+    work, stretch = np.empty((6, force.shape[1])), state.twist[3]
+    carried, levers = work[:3], work[3:]
     lengths = tables.lengths
     for k in range(3):
         n, m = (k + 1) % 3, (k + 2) % 3
@@ -119,7 +121,8 @@ def find_state(
     """
     count, imbalance = state.twist.shape[1], state.imbalance
     find_rotation(state.turn, state.rotation)
-    scale, gradient = np.empty((4, count)), np.empty((4, count))
+    work = np.empty((8, count))
+    scale, gradient = work[:4], work[4:]
     evaluate_sections(tables.sections, tensions, state.twist, gradient, state.hessian, scale)
     for k in range(3):
         force, moment, on_tip = state.force[k], state.moment[k], tip_wrench[k]

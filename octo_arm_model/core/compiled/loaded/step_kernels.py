@@ -30,10 +30,12 @@ def find_step(
     """
     s, elements, count = tables.weights.size, tables.step.size, imbalance.shape[1]
     given, found, weights, lengths = imbalance, change, tables.weights, tables.lengths
-    local, rotation, over = system.at_points, system.rotation, 1.0 / system.at_points[9]
-    bends, ends = np.empty((elements, 3 * s)), np.empty((elements, 6))
+    local, rotation, work = system.at_points, system.rotation, np.empty((10, count))
+    ends, over = np.empty((elements, 6)), work[9]
+    for i in range(count):
+        over[i] = 1.0 / local[9, i]
     # The same arrays along all points, and by element.
-    rows, sums = np.empty((3, count)), np.empty((3, count))
+    rows, sums, bends = work[:3], work[3:6], work[6:9].reshape(elements, 3 * s)
     each = 3 * elements, s
     flat, summed = rows.reshape(each), sums.reshape(each)
     carried, k, more = (
