@@ -19,7 +19,7 @@ from octo_arm_model.core.numerics.fixed_point import fixed_point
 from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradient
 
 _EXACT = 1e-12  # tolerance of a small change, relative to it
-_ROUGH = 1e-2  # tolerance that suffices within Newton's method, which converges as fast with it
+_ROUGH = 0.1  # tolerance that suffices within Newton's method, which hardly slows down with it
 _MOST = 100  # iterations
 
 
