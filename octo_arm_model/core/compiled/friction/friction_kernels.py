@@ -119,18 +119,24 @@ def state_in(tables: FrictionTables, pulled: IntArray, memory: FloatArray) -> Tu
     another equilibrium.
     """
     sections, points, p = tables.sections, memory.shape[1], pulled.size
-    room, along = np.empty((4, p, points)), np.empty((2, 3, p, points))
-    place, offset = np.empty((2, p, points)), no_offsets(sections, p)
+    # Parts of one array, since allocating takes as long as a loop.
+    work, offset = np.empty((12 * p + STRAIN + HESSIAN, points)), no_offsets(sections, p)
+    room, along = (
+        work[: 4 * p].reshape(4, p, points),
+        work[4 * p : 10 * p].reshape(2, 3, p, points),
+    )
+    place = work[10 * p : 12 * p].reshape(2, p, points)
+    strain, hessian = work[12 * p : 12 * p + STRAIN], work[12 * p + STRAIN :]
     set_places(sections.blocks, sections.x, sections.y, pulled, offset, place)
     return TurningState(
         memory[4 : 4 + p], memory[4 + p : 4 + 2 * p],
         memory[4 + 2 * p : 4 + 6 * p].reshape(p, 4, points),
         memory[4 + 6 * p :].reshape(3, p, points), room[0], room[1], room[2], room[3], along[0],
-        along[1], place, np.empty((STRAIN, points)), np.empty((HESSIAN, points)),
-        np.empty((2, p)), offset, pulled, tables.reach[pulled], sections.dx, sections.dy,
-        sections.sheath_compliance, sections.transmission, tables.coefficient, tables.step,
-        tables.lengths, tables.quadrature, tables.from_start_columns,
-        tables.differentiate_columns, tables.end_columns, sections.widens,
+        along[1], place, strain, hessian, np.empty((2, p)), offset, pulled, tables.reach[pulled],
+        sections.dx, sections.dy, sections.sheath_compliance, sections.transmission,
+        tables.coefficient, tables.step, tables.lengths, tables.quadrature,
+        tables.from_start_columns, tables.differentiate_columns, tables.end_columns,
+        sections.widens,
     )  # fmt: skip
 
 

@@ -34,6 +34,7 @@ from octo_arm_model.core.compiled.loaded.rod_kernels import (
     BALANCE,
     MOST_REUSED,
     READINGS,
+    combine,
     enter,
     leave,
     search,
@@ -198,7 +199,7 @@ def find_sliding_balance(
             if sign == 0:
                 break
         find_step(tables.elements, current, here.imbalance, step, turn)
-        there.twist[:] = here.twist + step
+        combine(here.twist, 1.0, step, there.twist)
         if turning.offset.size:
             place_tendons(sections, there.twist, pulled, turning.offset, turning.place)
         find_turnings(turning, there.twist)
@@ -210,7 +211,7 @@ def find_sliding_balance(
         sticks = set_tensions(tensions, before, pulled, reach_of, part, kept, along, slips, change)
         follow_tensions(reach_of, turning.by_pull, change, there.twist)
         turn_by(turn, here.turn, there.turn)
-        step[:] = there.twist - here.twist
+        combine(there.twist, -1.0, here.twist, step)
         moved = turn_of(tables.elements.quadrature, step)
         turned += moved
         if number:

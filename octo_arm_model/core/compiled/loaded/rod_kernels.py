@@ -105,6 +105,17 @@ def turn_of(quadrature: FloatArray, change: FloatArray) -> float:
     return total
 
 
+@borrows
+def combine(one: FloatArray, factor: float, other: FloatArray, out: FloatArray) -> None:
+    """Fill in ``out`` (n, points), the sum of ``one`` and ``factor`` times ``other``.
+
+    Without the array that an expression allocates.
+    """
+    for k in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            out[k, i] = one[k, i] + factor * other[k, i]
+
+
 def iterate(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
     tolerance: float, is_known: bool, known: System, reach: float, is_exact: bool, may_bound: bool,
@@ -137,7 +148,8 @@ def iterate(
     count = state.twist.shape[1]
     # The state after each step takes the place of the one before it; copying takes as long as
     # an evaluation of the loads.
-    here, there, is_elsewhere = state, empty_state(count), False
+    here, is_elsewhere = state, False
+    there = state if residual <= tolerance else empty_state(count)
     step, turn = np.empty((4, count)), np.empty((3, count))
     corrected, turned, iterations, is_first, is_near = 0.0, 0.0, 0, True, False
     angle, convergence, defects = np.inf, np.inf, np.inf
@@ -161,13 +173,13 @@ def iterate(
         if may_bound and is_near and is_told and defects <= FEW_DEFECTS:
             left = SAFETY * residual * max(convergence, angle / before)
             if left <= tolerance:
-                here.twist[:] = here.twist + step
+                combine(here.twist, 1.0, step, here.twist)
                 turn_by(turn, here.turn, here.turn)
                 find_rotation(here.turn, here.rotation)
                 corrected, turned = corrected + angle, turned + angle
                 residual, is_bounded = left, True
                 break
-        there.twist[:] = here.twist + step
+        combine(here.twist, 1.0, step, there.twist)
         turn_by(turn, here.turn, there.turn)
         # A Newton step leaves an error of about its square.
         settled = min(max(1e-3 * angle**4, DEFECTS), MOST_DEFECTS)
