@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -210,7 +211,7 @@ class CompiledRod:
         system = kept.system if kept and is_known else self._room_for_system()
         sign = entry_point(kernel)(
             self.tables, self._parameters, own(condition.tensions), own(condition.tip_wrench),
-            state_of(shape), is_known, system, *arrays,
+            state_of(shape, self._unused_fields), is_known, system, *arrays,
         )  # fmt: skip
         if sign == 0:
             raise ConvergenceError('the balance under load', np.inf, 0)
@@ -329,11 +330,13 @@ def reach_of(known: KnownSystem) -> float:
     return SAME - known.turned if known.is_firm else 0.0
 
 
-def state_of(shape: Shape) -> RodState:
-    """State of the twist and orientations of ``shape``, else uninitialised."""
-    state = empty_state(shape.twist.shape[1])
-    a, b = shape.orientation
-    state.twist[:], turn = shape.twist, state.turn
+def state_of(shape: Shape, fields: Sequence[FloatArray]) -> RodState:
+    """State of the twist and orientations of ``shape``; its other arrays are those of ``fields``.
+
+    ``fields`` are those of a `RodState` after the twist; the orientations are written to them.
+    """
+    state = RodState(np.array(shape.twist), *fields)
+    (a, b), turn = shape.orientation, state.turn
     turn[0], turn[1], turn[2], turn[3] = a.real, a.imag, b.real, b.imag
     return state
 
