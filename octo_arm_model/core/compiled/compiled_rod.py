@@ -61,6 +61,7 @@ class KnownSystem(NamedTuple):
         changed: likewise of all changes of tensions and loads, as residuals.
         is_firm: whether the state is stable by a margin, see `stability.FIRM`.
         is_shared: whether other balances may be kept with the same system.
+        tip_wrench: on the tip in that state, (6,) [N, N m]; None where there is none.
     """
 
     system: System
@@ -68,6 +69,7 @@ class KnownSystem(NamedTuple):
     changed: float = 0.0
     is_firm: bool = False
     is_shared: bool = False
+    tip_wrench: FloatArray | None = None
 
 
 class CompiledRod:
@@ -218,7 +220,10 @@ class CompiledRod:
         if kept is None:
             self._spare = system
         elif not is_known:
-            self._kept.keep(shape.twist, KnownSystem(system, 0.0, 0.0, kept.is_firm))
+            self._kept.keep(
+                shape.twist,
+                KnownSystem(system, 0.0, 0.0, kept.is_firm, tip_wrench=kept.tip_wrench),
+            )
             self._spare = self._unless_used(kept)
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
@@ -253,7 +258,7 @@ class CompiledRod:
         state, orientation = self._start(shape, wanted)
         tip_wrench = condition.tip_wrench.copy()
         has_energy = self._loads.has_energy(tip_wrench)
-        reach = reach_of(known) if has_energy and wanted == READINGS else 0.0
+        reach = self._reach(known, condition) if has_energy and wanted == READINGS else 0.0
         system = self._room_for_system()
         *found, changed = self._kernel(
             self.tables, condition.tensions.copy(), tip_wrench, float(condition.factor),
@@ -262,8 +267,20 @@ class CompiledRod:
             compliance, change, readings,
         )  # fmt: skip
         outcome, self._is_differentiated = Outcome(*found), False
-        self._keep(shape, state, outcome, known, system, changed)
+        self._keep(shape, state, outcome, known, system, changed, condition)
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))
+
+    def _reach(self, known: KnownSystem, condition: Condition) -> float:
+        """Angle by which the arm may turn while the ``known`` system stands in for a new one.
+
+        [rad]; zero where the stability of its equilibrium has no margin, or other loads act now.
+        """
+        if not known.is_firm or known.tip_wrench is None:
+            return 0.0
+        change = self._rod.equilibrium.load_change(
+            known.tip_wrench, condition.tensions, condition.tip_wrench
+        )
+        return SAME - known.turned if change <= SAME_LOADS else 0.0
 
     def _start(self, shape: Shape, wanted: int) -> tuple[RodState, ComplexArray]:
         """State and orientations of ``shape``, copied, for a kernel to overwrite.
@@ -279,12 +296,12 @@ class CompiledRod:
 
     def _keep(
         self, start: Shape, state: RodState, outcome: Outcome, known: KnownSystem, system: System,
-        changed: float,
+        changed: float, condition: Condition,
     ) -> None:  # fmt: skip
         """Keep the system that an equilibrium ``state``, found from ``start``, is known by.
 
         ``known`` is the one kept with ``start``, ``system`` has that made by the kernel and
-        ``changed`` is its first residual.
+        ``changed`` is its first residual under the ``condition``.
         """
         if outcome.is_reused:
             if not known.is_shared:
@@ -292,10 +309,12 @@ class CompiledRod:
             # A constructor takes less time than `_replace`.
             self._kept.keep(state.twist, KnownSystem(
                 known.system, known.turned + outcome.turned, known.changed + changed,
-                known.is_firm, True,
+                known.is_firm, True, known.tip_wrench,
             ))  # fmt: skip
         elif outcome.sign:
-            self._kept.keep(state.twist, KnownSystem(system, outcome.turned, 0.0, outcome.is_firm))
+            self._kept.keep(state.twist, KnownSystem(
+                system, outcome.turned, 0.0, outcome.is_firm, tip_wrench=condition.tip_wrench
+            ))  # fmt: skip
         if outcome.is_reused or not outcome.sign:
             self._spare = system
 
@@ -320,14 +339,6 @@ class CompiledRod:
     def known_about(self, shape: Shape) -> KnownSystem | None:
         """The system kept with the equilibrium of this very ``shape``, if any."""
         return self._kept.about(shape.twist)
-
-
-def reach_of(known: KnownSystem) -> float:
-    """Angle by which the arm may turn while the ``known`` system stands in for a new one [rad].
-
-    Zero where the stability of its equilibrium has no margin.
-    """
-    return SAME - known.turned if known.is_firm else 0.0
 
 
 def state_of(shape: Shape, fields: Sequence[FloatArray]) -> RodState:

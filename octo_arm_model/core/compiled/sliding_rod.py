@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.compiled_rod import CompiledRod, KnownSystem, reach_of
+from octo_arm_model.core.compiled.compiled_rod import CompiledRod, KnownSystem
 from octo_arm_model.core.compiled.friction.friction_kernels import remembered
 from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables, friction_tables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
@@ -89,7 +89,7 @@ class SlidingRod(CompiledRod):
         tensions = np.ascontiguousarray(condition.tensions)
         tip_wrench = np.ascontiguousarray(condition.tip_wrench)
         has_energy = self._loads.has_energy(tip_wrench)
-        reach = reach_of(known) if has_energy and wanted == READINGS else 0.0
+        reach = self._reach(known, condition) if has_energy and wanted == READINGS else 0.0
         system, nothing = self._room_for_system(), self._nothing_known
         for near in (nothing,) if known is nothing else (known, nothing):
             state, orientation = self._start(shape, wanted)
@@ -102,5 +102,5 @@ class SlidingRod(CompiledRod):
             outcome = Outcome(*found)
             if outcome.residual < np.inf:
                 break
-        self._keep(shape, state, outcome, near, system, changed)
+        self._keep(shape, state, outcome, near, system, changed, condition)
         return outcome, state, Shape(state.twist, Quaternions(orientation[0], orientation[1]))

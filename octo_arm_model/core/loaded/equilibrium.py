@@ -8,6 +8,7 @@ of its energy.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
@@ -36,6 +37,9 @@ Evaluate: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, Float
 
 # From angular twist (3, ..., points) to orientations of the cross sections, (..., points).
 Frames: TypeAlias = Callable[[FloatArray], Quaternions]
+
+
+_SOFT = 0.5  # part of the bending stiffness that sheaths take, of which a margin says little
 
 
 class _Pulled(NamedTuple):
@@ -77,6 +81,8 @@ class Equilibrium:
         )
         # Moments are measured in this, so that both halves of the system are of one size.
         self._unit = float(energy.stiffness.bending.mean()) / collocation.length
+        beyond = collocation.length - collocation.s
+        self._per_force = float((beyond * beyond / energy.stiffness.bending).max())
         # Without loads every balance is stable.
         count = collocation.s.size
         nothing = np.zeros((3, count))
@@ -218,6 +224,21 @@ class Equilibrium:
         return WithTangents(
             linear, self.collocation, state.rotation, state.tangent, tangents, len(state.imbalance)
         )
+
+    def load_change(self, before: FloatArray, tensions: FloatArray, now: FloatArray) -> float:
+        """How much the loads on an arm that has hardly moved may have changed its stiffness.
+
+        In parts of it, for the wrench ``now`` on the tip (6,) instead of ``before``, under
+        ``tensions`` (tendons,): the change of the force times the square of its lever over E I,
+        where that is largest; a column held at its base buckles at 2.5. Residuals do not tell of
+        it, as tensions are part of their scale. Infinite where that is not known: where other
+        loads have changed, or sheaths take most of the stiffness, which changes with tensions.
+        """
+        if self.loads.scaled is not None or self.energy.most_softened(tensions) > _SOFT:
+            return math.inf
+        if now is before:
+            return 0.0
+        return self._per_force * math.dist(now[:3].tolist(), before[:3].tolist())
 
     def require_tangents(self, what: str) -> None:
         """Refuse ``what`` needs the tangent stiffness of every load.

@@ -22,7 +22,8 @@ FIRST_PROGRESS = 3.0  # likewise the first, which takes up the change of the loa
 # A factorised system is used for another step where the one before left this residual and part of
 # it, and for judging stability where no more than this has been turned since [rad].
 NEAR, QUICK, SAME = 2e-5, 0.02, 0.1
-# Sum of changes of tensions and loads, as residuals, within which as much is known of stability.
+# Sum of changes of tensions and loads, as residuals, within which as much is known of stability;
+# likewise `Equilibrium.load_change`.
 SAME_LOADS = 0.02
 # A step with the same system leaves about the same part of residual and turn as the step before.
 # Where the residual is not evaluated its estimate has this factor.

@@ -52,9 +52,11 @@ class Known(NamedTuple):
         angle: how far the arm may turn from it and stay at a minimum of its energy for certain
             [rad]; 0 where its stability has no margin.
         change: likewise how far tensions and loads may change, as a residual.
+        tip_wrench: on the tip where its stability was tested, (6,) [N, N m].
     """
 
     system: Linearised
+    tip_wrench: FloatArray
     angle: float = 0.0
     change: float = 0.0
 
@@ -71,12 +73,12 @@ class Settling:
         """`Newton` of the rod."""
         found = newton(self._rod.equilibrium, condition, shape, tolerance)
         if tolerance <= TOLERANCE and isinstance(found.system, Linearised):
-            twist, system = found.state.shape.twist, found.system
-            if not self._rod.equilibrium.loads.has_energy(condition.tip_wrench):
-                self._kept.keep(twist, Known(system))
+            twist, system, wrench = found.state.shape.twist, found.system, condition.tip_wrench
+            if not self._rod.equilibrium.loads.has_energy(wrench):
+                self._kept.keep(twist, Known(system, wrench))
                 return found
             least = self._least_energy(system)
-            self._kept.keep(twist, _known(system, least.are_firm[0]))
+            self._kept.keep(twist, _known(system, wrench, least.are_firm[0]))
             if least.are_least[0]:
                 return found._replace(system=Stability(True, 1, None))
         return found
@@ -189,7 +191,10 @@ class Settling:
         system, is_sure = found.system, False
         if known is not None:
             angle, change = known.angle - found.moved, known.change - found.changed
-            is_sure = all(has_energy) and angle.min() > 0.0 and change.min() > 0.0
+            is_sure = (
+                all(has_energy) and angle.min() > 0.0 and change.min() > 0.0
+                and self._is_loaded_alike(known, found.state.condition)
+            )  # fmt: skip
             if system is known.system and found.iterations and not is_sure:
                 # It tells of the loads that it was linearised under.
                 system = None
@@ -199,20 +204,28 @@ class Settling:
             except ConvergenceError:
                 return None
         assert isinstance(system, Linearised)
-        if is_sure:
-            return np.ones(len(wrenches), bool), Known(system, float(angle[0]), float(change[0]))
+        if known is not None and is_sure:
+            kept = known._replace(system=system, angle=float(angle[0]), change=float(change[0]))
+            return np.ones(len(wrenches), bool), kept
         if all(has_energy):
             least = self._least_energy(system)
-            return least.are_least, _known(system, least.are_firm[0])
+            return least.are_least, _known(system, wrenches[0], least.are_firm[0])
         are_stable = system.signs == problem.unloaded_sign
         if any(has_energy):
             are_stable = np.where(has_energy, self._least_energy(system).are_least, are_stable)
-        return are_stable, Known(system)
+        return are_stable, Known(system, wrenches[0])
+
+    def _is_loaded_alike(self, known: Known, condition: Condition) -> bool:
+        """Whether loads are nearly those under which stability was tested, for all arms."""
+        change = self._rod.equilibrium.load_change
+        both = zip(condition.tensions, condition.tip_wrench, strict=True)
+        return max(change(known.tip_wrench, *one) for one in both) <= SAME_LOADS
 
     def _least_energy(self, system: Linearised) -> LeastEnergy:
         return least_energy(system, self._rod.equilibrium.collocation.rule.weights)
 
 
-def _known(system: Linearised, is_firm: bool) -> Known:
+def _known(system: Linearised, tip_wrench: FloatArray, is_firm: bool) -> Known:
     """What is known of a balance whose ``system`` has just been linearised."""
-    return Known(system, SAME, SAME_LOADS) if is_firm else Known(system)
+    margins = (SAME, SAME_LOADS) if is_firm else (0.0, 0.0)
+    return Known(system, tip_wrench, *margins)

@@ -126,6 +126,10 @@ class SectionEnergy(ElasticSections):
         """Estimated loss of bending stiffness by sheaths, over 2 E A R^2, (batch, nodes)."""
         return 0.0
 
+    def most_softened(self, tensions: FloatArray) -> float:
+        """Estimate of the largest part of E J that sheaths take under ``tensions`` (tendons,)."""
+        return 0.0
+
     def tendons(self, local_tensions: FloatArray) -> Tendons | None:
         """The tendons as `quasi_newton` needs them; None where that method does not apply."""
         return PlanarTendons(self, local_tensions) if self.planar else None

@@ -61,6 +61,39 @@ def test_instability_is_seen_where_it_is_come_upon_in_small_steps() -> None:
     assert found is not None and np.hypot(*found.tip[1:]) > 0.05
 
 
+@pytest.mark.parametrize('is_compiled', [False, True])
+def test_a_column_buckles_however_large_the_tensions_in_it_are(is_compiled: bool) -> None:
+    # Beside large tensions the force that it buckles under is a small change of the loads.
+    if is_compiled:
+        pytest.importorskip('numba')
+    solver = Solver(COLUMN, 'exact', material='linear', compiled=is_compiled)
+    tensions = np.full((1, 4), 1.0)  # an eighth of E A together
+    found, wrench = solver.solve(tensions), np.zeros(6)
+    for part in (0.5, 1.0, 1.5, 2.0):
+        wrench[0] = -part * EULER
+        found = solver.solve(tensions, wrench, start=found)
+    assert np.hypot(*found.tip[1:]) > 0.2
+    np.testing.assert_allclose(
+        np.hypot(*found.tip[1:]), np.hypot(*solver.solve(tensions, wrench).tip[1:]), rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize('is_compiled', [False, True])
+def test_a_column_buckles_as_tendons_take_its_stiffness(is_compiled: bool) -> None:
+    # Four tendons of 1 N leave a tenth of it, and 4 % more tension less than it is loaded with.
+    if is_compiled:
+        pytest.importorskip('numba')
+    bending = 1e5 * np.pi * 0.01**4 / 4.0
+    arm = dataclasses.replace(COLUMN, sheath_stiffness=(4.0 / (0.9 * bending),))
+    solver, found = Solver(arm, 'exact', material='linear', compiled=is_compiled), None
+    for tension in np.arange(0.9, 1.045, 0.01):
+        found = solver.follow(
+            np.full((1, 4), tension), found, (-0.04 * EULER, 0.0, 0.0, 0.0, 0.0, 0.0)
+        )
+        aside = np.hypot(*found.tip[1:])
+        assert aside < 1e-9 if tension < 1.03 else tension < 1.038 or aside > 1e-3
+
+
 @pytest.mark.parametrize(
     'loads', [Loads(gravity=(0.0, 0.0, -9.81)), Loads(tip_moment=(0.0, 1e-3, 0.0))]
 )

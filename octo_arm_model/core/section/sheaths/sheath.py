@@ -104,6 +104,8 @@ class SheathedSections(SectionEnergy):
         clearance, is_compliant = self.farthest - off_midline, self.sheath_compliance > 0.0
         self._safe_force = np.full_like(clearance, np.inf)
         np.divide(clearance, self.sheath_compliance, out=self._safe_force, where=is_compliant)
+        per_square = self.sheath_compliance * self.transmission**2 / self.stiffness.bending
+        self._softest = per_square.max(axis=(1, 2))
         # A displaced tendon whose path has a slope has a moment about t.
         self._in_planes, self.planar = self.planar, False
 
@@ -184,6 +186,10 @@ class SheathedSections(SectionEnergy):
         As if tendons were parallel to the midline, and at most `MOST_SOFTENED`.
         """
         return np.minimum(self._softening(local_tensions), MOST_SOFTENED)
+
+    def most_softened(self, tensions: FloatArray) -> float:
+        """See `SectionEnergy`."""
+        return float(self._softest @ (tensions * tensions))
 
     def _softening(self, local_tensions: FloatArray) -> FloatArray:
         taken: FloatArray = np.einsum(
