@@ -57,19 +57,19 @@ class KnownSystem(NamedTuple):
 
     Attributes:
         system: linearised about a state near that equilibrium.
-        turned: sum of all bends of the arm from that state to the equilibrium [rad].
+        turned: sum of all bends of the arm from that state to the equilibrium [rad]; zero if it is
+            that very state.
         changed: likewise of all changes of tensions and loads, as residuals.
-        is_firm: whether the state is stable by a margin, see `stability.FIRM`.
+        firm_under: wrench on the tip (6,) [N, N m] under which that state is stable by a margin,
+            see `stability.FIRM`; None where it is not known to be.
         is_shared: whether other balances may be kept with the same system.
-        tip_wrench: on the tip in that state, (6,) [N, N m]; None where there is none.
     """
 
     system: System
     turned: float
     changed: float = 0.0
-    is_firm: bool = False
+    firm_under: FloatArray | None = None
     is_shared: bool = False
-    tip_wrench: FloatArray | None = None
 
 
 class CompiledRod:
@@ -220,10 +220,8 @@ class CompiledRod:
         if kept is None:
             self._spare = system
         elif not is_known:
-            self._kept.keep(
-                shape.twist,
-                KnownSystem(system, 0.0, 0.0, kept.is_firm, tip_wrench=kept.tip_wrench),
-            )
+            # Its stability has not been tested.
+            self._kept.keep(shape.twist, KnownSystem(system, 0.0))
             self._spare = self._unless_used(kept)
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
@@ -275,10 +273,10 @@ class CompiledRod:
 
         [rad]; zero where the stability of its equilibrium has no margin, or other loads act now.
         """
-        if not known.is_firm or known.tip_wrench is None:
+        if known.firm_under is None:
             return 0.0
         change = self._rod.equilibrium.load_change(
-            known.tip_wrench, condition.tensions, condition.tip_wrench
+            known.firm_under, condition.tensions, condition.tip_wrench
         )
         return SAME - known.turned if change <= SAME_LOADS else 0.0
 
@@ -309,12 +307,11 @@ class CompiledRod:
             # A constructor takes less time than `_replace`.
             self._kept.keep(state.twist, KnownSystem(
                 known.system, known.turned + outcome.turned, known.changed + changed,
-                known.is_firm, True, known.tip_wrench,
+                known.firm_under, True,
             ))  # fmt: skip
         elif outcome.sign:
-            self._kept.keep(state.twist, KnownSystem(
-                system, outcome.turned, 0.0, outcome.is_firm, tip_wrench=condition.tip_wrench
-            ))  # fmt: skip
+            firm_under = condition.tip_wrench if outcome.is_firm else None
+            self._kept.keep(state.twist, KnownSystem(system, outcome.turned, 0.0, firm_under))
         if outcome.is_reused or not outcome.sign:
             self._spare = system
 

@@ -30,7 +30,7 @@ SAME_LOADS = 0.02
 SAFETY = 10.0
 # Steps that turn the arm by no more, whose square is rounding, need not be evaluated [rad].
 _SMALL = 3e-7
-_TINY = 1e-300  # instead of the angle of a step that turns nothing, to divide by [rad]
+TINY = 1e-300  # angle of a step that turns nothing, which is a step all the same [rad]
 PREDICTED = 0.1  # part of the residual that a step with a system known before may leave
 
 
@@ -207,7 +207,7 @@ def _iterate(problem: Equilibrium, now: _Progress, enough: float = 0.0) -> _Prog
     # Where the step before was made with the same system.
     left = np.inf
     if now.again and not now.is_known:
-        left = SAFETY * old * np.maximum(now.convergence, turn / np.maximum(now.angle, _TINY))
+        left = SAFETY * old * np.maximum(now.convergence, turn / np.maximum(now.angle, TINY))
     if np.all((left <= enough) & (turn <= _SMALL)):
         new = problem.last_state(state, step, left)
     else:

@@ -45,6 +45,7 @@ from octo_arm_model.core.loaded.newton import (
     QUICK,
     SAFETY,
     SAME,
+    TINY,
 )
 from octo_arm_model.core.loaded.stability import FIRM
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
@@ -96,13 +97,14 @@ def turn_of(quadrature: FloatArray, change: FloatArray) -> float:
     """Angle by which a ``change`` of twist (4, points) turns the arm [rad].
 
     It is the integral along the arm of the norm of the angular part; ``quadrature`` (points,) are
-    the weights.
+    the weights. At least `TINY`: a system is that of the state itself only if no step has been
+    made since, whether the arm turns in it or not.
     """
     total = 0.0
     for i in range(change.shape[1]):
         square = change[0, i] ** 2 + change[1, i] ** 2 + change[2, i] ** 2
         total += quadrature[i] * np.sqrt(square)
-    return total
+    return max(total, TINY)
 
 
 @borrows
