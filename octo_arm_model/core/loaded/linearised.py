@@ -233,11 +233,7 @@ class Linearised:
         moved = moved.reshape(6, columns, arms, -1)
         twist = np.einsum('ikan,ican->kcan', self._given, moved)
         twist /= own.steps
-        axial = given[3:]
-        if len(axial) == 1:
-            twist[3:] += self._small[0] * axial
-        else:
-            twist[3:] += np.einsum('klan,lcan->kcan', self._small, axial)
+        twist[3:] += np.einsum('klan,lcan->kcan', self._small, given[3:])
         return Response(twist.reshape(imbalance.shape), moved[:3].reshape(3, *imbalance.shape[1:]))
 
     def of(self, arms: IntArray) -> Linearised:

@@ -187,26 +187,19 @@ class Settling:
         if not (found.state.residual <= TOLERANCE).all():
             return None
         problem, wrenches = self._rod.equilibrium, found.state.condition.tip_wrench
-        has_energy = [problem.loads.has_energy(wrench) for wrench in wrenches]
-        system, is_sure = found.system, False
-        if known is not None:
-            angle, change = known.angle - found.moved, known.change - found.changed
-            is_sure = (
-                all(has_energy) and angle.min() > 0.0 and change.min() > 0.0
-                and self._is_loaded_alike(known, found.state.condition)
-            )  # fmt: skip
-            if system is known.system and found.iterations and not is_sure:
-                # It tells of the loads that it was linearised under.
-                system = None
+        system, kept = found.system, self._still_firm(found, known)
+        if known is not None and system is known.system and found.iterations and kept is None:
+            # It tells of the loads that it was linearised under.
+            system = None
         if system is None:
             try:
                 system = problem.linearised(found.state)
             except ConvergenceError:
                 return None
         assert isinstance(system, Linearised)
-        if known is not None and is_sure:
-            kept = known._replace(system=system, angle=float(angle[0]), change=float(change[0]))
-            return np.ones(len(wrenches), bool), kept
+        if kept is not None:
+            return np.ones(len(wrenches), bool), kept._replace(system=system)
+        has_energy = [problem.loads.has_energy(wrench) for wrench in wrenches]
         if all(has_energy):
             least = self._least_energy(system)
             return least.are_least, _known(system, wrenches[0], least.are_firm[0])
@@ -215,11 +208,22 @@ class Settling:
             are_stable = np.where(has_energy, self._least_energy(system).are_least, are_stable)
         return are_stable, Known(system, wrenches[0])
 
-    def _is_loaded_alike(self, known: Known, condition: Condition) -> bool:
-        """Whether loads are nearly those under which stability was tested, for all arms."""
-        change = self._rod.equilibrium.load_change
-        both = zip(condition.tensions, condition.tip_wrench, strict=True)
-        return max(change(known.tip_wrench, *one) for one in both) <= SAME_LOADS
+    def _still_firm(self, found: Iterate, known: Known | None) -> Known | None:
+        """What is left of the margin by which all arms are stable; None where none is.
+
+        For the balances ``found`` from that which is ``known``, if any.
+        """
+        if known is None:
+            return None
+        angle, change = known.angle - found.moved, known.change - found.changed
+        problem, condition = self._rod.equilibrium, found.state.condition
+        if not (angle.min() > 0.0 and change.min() > 0.0):
+            return None
+        for tensions, wrench in zip(condition.tensions, condition.tip_wrench, strict=True):
+            loads = problem.load_change(known.tip_wrench, tensions, wrench)
+            if loads > SAME_LOADS or not problem.loads.has_energy(wrench):
+                return None
+        return known._replace(angle=float(angle[0]), change=float(change[0]))
 
     def _least_energy(self, system: Linearised) -> LeastEnergy:
         return least_energy(system, self._rod.equilibrium.collocation.rule.weights)
