@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import rclpy
@@ -36,6 +37,7 @@ from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # [s] for anything that takes milliseconds on an idle machine; long, since only what fails waits.
 DEADLINE = 120.0
+NO_TRANSITION = 200  # is none of those of managed nodes
 PERIOD = 0.02  # [s] between polls of what is not waited for by an executor
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
@@ -123,6 +125,12 @@ def tensions_message(topic, tensions, names=NAMES):
     return message
 
 
+def _transition(number):
+    request = ChangeState.Request()
+    request.transition.id = number
+    return request
+
+
 def spin_until(executor, condition):
     end = time.monotonic() + DEADLINE
     while not condition():
@@ -144,6 +152,7 @@ class RosClient:
         self.diagnostics = self.hear(DiagnosticArray, '/diagnostics')
         self.logs = self.hear(Log, '/rosout', LOG_QOS)
         self._parameters = None
+        self._services = {}
 
     def close(self):
         self.executor.shutdown()
@@ -170,14 +179,29 @@ class RosClient:
             self.spin()
         return found
 
-    def call(self, kind, name, request):
-        service = self.node.create_client(kind, name)
-        self.wait(service.service_is_ready, f'the service {name}')
-        return self.result(service.call_async(request), name)
+    def service(self, kind, name):
+        """The client of the service ``name``, which is ready."""
+        if name not in self._services:
+            self._services[name] = self.node.create_client(kind, name)
+        self.wait(self._services[name].service_is_ready, f'the service {name}')
+        return self._services[name]
 
-    def result(self, future, name):
-        self.wait(future.done, f'an answer of {name}')
-        return future.result()
+    def call(self, kind, name, request):
+        """The answer of a service to a ``request`` that does no harm when it is repeated."""
+        return self.answer(partial(self.service(kind, name).call_async, request), name)
+
+    def answer(self, ask, name):
+        """Result of the future that ``ask`` returns, asked for again where it is lost."""
+        asked, begin = [ask()], time.monotonic()
+
+        def answered():
+            # A server that has not discovered the reader of its answers yet loses the first.
+            if len(asked) == 1 and time.monotonic() > begin + 0.25 * DEADLINE:
+                asked.append(ask())
+            return any(one.done() for one in asked)
+
+        self.wait(answered, f'an answer of {name}')
+        return next(one for one in asked if one.done()).result()
 
     def change(self, **values):
         """Set parameters of the node together; returns whether it took them, and why not."""
@@ -192,9 +216,11 @@ class RosClient:
 
     def transition(self, number):
         """Ask a managed node for a transition; returns whether it succeeded."""
-        request = ChangeState.Request()
-        request.transition.id = number
-        return self.call(ChangeState, f'{self.name}/change_state', request).success
+        name = f'{self.name}/change_state'
+        if name not in self._services:
+            # A transition that is repeated is refused: its answer must not be the first.
+            self.call(ChangeState, name, _transition(NO_TRANSITION))
+        return self.call(ChangeState, name, _transition(number)).success
 
     @property
     def parameters(self):
@@ -206,16 +232,7 @@ class RosClient:
 
     def ask_parameters(self, ask, *arguments):
         """Result of ``ask``, a method of `parameters`."""
-        asked, begin = [ask(*arguments)], time.monotonic()
-
-        def answered():
-            # A server that has not discovered the reader of its answers yet loses the first.
-            if len(asked) == 1 and time.monotonic() > begin + 0.25 * DEADLINE:
-                asked.append(ask(*arguments))
-            return any(one.done() for one in asked)
-
-        self.wait(answered, f'an answer of {self.name}')
-        return next(one for one in asked if one.done()).result()
+        return self.answer(partial(ask, *arguments), self.name)
 
     def parameter_names(self):
         return sorted(self.ask_parameters(self.parameters.list_parameters).result.names)

@@ -105,12 +105,9 @@ def test_an_empty_list_is_taken_whatever_it_is_empty_of(client, empty):
 
 
 def test_parameters_are_described_with_their_unit_and_range(client):
-    service = client.node.create_client(DescribeParameters, 'octo_arm/describe_parameters')
-    client.wait(service.service_is_ready, 'the parameter service')
-    names = [parameter.name for parameter in PARAMETERS]
-    answer = service.call_async(DescribeParameters.Request(names=names))
-    client.wait(answer.done, 'the description of the parameters')
-    for parameter, descriptor in zip(PARAMETERS, answer.result().descriptors):
+    request = DescribeParameters.Request(names=[parameter.name for parameter in PARAMETERS])
+    answer = client.call(DescribeParameters, 'octo_arm/describe_parameters', request)
+    for parameter, descriptor in zip(PARAMETERS, answer.descriptors):
         assert descriptor.name == parameter.name
         assert descriptor.description == parameter.description
         assert descriptor.additional_constraints == parameter.range

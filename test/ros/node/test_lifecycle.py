@@ -9,7 +9,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
-from live_nodes import assert_is_backbone, check_end, file_with, running
+from live_nodes import NO_TRANSITION, assert_is_backbone, check_end, file_with, running
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 
@@ -70,7 +70,7 @@ def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
 
 
 def test_a_managed_node_refuses_a_transition_that_is_none_and_goes_on(managed):
-    for impossible in (Transition.TRANSITION_ACTIVATE, 200):
+    for impossible in (Transition.TRANSITION_ACTIVATE, NO_TRANSITION):
         assert not managed.transition(impossible)
     assert managed.transition(Transition.TRANSITION_CONFIGURE)
 

@@ -190,11 +190,11 @@ def test_parameters_and_diagnostics_come_between_the_solves_of_any_flood():
     search = FindTensions.Request(target=FindTensions.Request.TIP_POSITION)
     search.tip.position.x = 9.0  # out of reach: all starts are tried
     with node_with_budget(0.02) as client:
-        solve = client.node.create_client(Solve, 'solve')
-        find = client.node.create_client(FindTensions, 'find_tensions')
-        parameters = client.node.create_client(GetParameters, 'octo_arm/get_parameters')
-        for service in (solve, find, parameters):
-            client.wait(service.service_is_ready, 'the services')
+        solve = client.service(Solve, 'solve')
+        find = client.service(FindTensions, 'find_tensions')
+        request = GetParameters.Request(names=['model'])
+        client.call(GetParameters, 'octo_arm/get_parameters', request)
+        parameters = client.service(GetParameters, 'octo_arm/get_parameters')
         waiting = []
 
         def flood():
@@ -209,7 +209,7 @@ def test_parameters_and_diagnostics_come_between_the_solves_of_any_flood():
         for _ in range(3):
             flood()
             before, left = list(waiting), []
-            asked = parameters.call_async(GetParameters.Request(names=['model']))
+            asked = parameters.call_async(request)
             asked.add_done_callback(
                 lambda _, before=before, left=left: left.append(
                     sum(not one.done() for one in before)
