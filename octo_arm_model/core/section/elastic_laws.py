@@ -59,35 +59,35 @@ def linear_density(stretch: Number, bend: Number) -> tuple[Number, Number, Numbe
 
 def neo_hookean_slopes(
     stretch: Number, bend: Number
-) -> tuple[Number, Number, Number, Number, Number, Number]:
+) -> tuple[Number, Number, Number, Number, Number, Number, Number]:
     """First derivatives in the `Density` of the law neo_hookean, for numbers or arrays.
 
     Returns:
-        Both, then w of `NeoHookean`, 1 / (lambda + w), 1 / w, and a third of the product of the
-        last two.
+        Both, then w of `NeoHookean`, lambda + w, 1 / (lambda + w), 1 / w, and a third of the
+        product of the last one with the square of the one before.
     """
     # The root of lambda^2 - z; NaN where a fibre has no length left.
     w = np.sqrt(stretch * np.abs(stretch) - bend)
     total, over_w = stretch + w, 1.0 / w
     over = 1.0 / total
     third = over_w * over * (1.0 / 3.0)
-    by_stretch, by_bend = stretch * (1.0 / 3.0) - (third + third), third * over + 1.0 / 24.0
-    return by_stretch, by_bend, w, over, over_w, third
+    by_stretch, squared = stretch * (1.0 / 3.0) - (third + third), third * over
+    return by_stretch, squared + 1.0 / 24.0, w, total, over, over_w, squared
 
 
 def neo_hookean_density(
     stretch: Number, bend: Number
 ) -> tuple[Number, Number, Number, Number, Number]:
     """`Density` of the law neo_hookean, for numbers or arrays."""
-    by_stretch, by_bend, w, over, over_w, third = neo_hookean_slopes(stretch, bend)
+    by_stretch, by_bend, w, total, over, over_w, squared = neo_hookean_slopes(stretch, bend)
     square = over_w * over_w
-    mixed, twice = square * over * third, stretch + w + w
+    mixed = square * squared
     return (
         by_stretch,
         by_bend,
         square * over_w * (2.0 / 3.0) + 1.0 / 3.0,
-        -twice * mixed,
-        (twice + w) * over * mixed * 0.5,
+        -(total + w) * mixed,
+        (w * over + 0.5) * mixed,
     )
 
 
