@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
-from octo_arm_model.core.compiled.loaded.orientation_kernels import DEFECTS
+from octo_arm_model.core.compiled.loaded.orientation_kernels import DEFECTS, TURN_ROWS
 from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, empty_readings
 from octo_arm_model.core.compiled.loaded.rod_kernels import (
     ANY_READINGS,
@@ -18,13 +18,13 @@ from octo_arm_model.core.compiled.loaded.rod_kernels import (
     READINGS,
     Outcome,
 )
+from octo_arm_model.core.compiled.loaded.rod_state import RodState, empty_state
 from octo_arm_model.core.compiled.loaded.rod_tables import (
     ParameterTables,
     RodTables,
     parameter_tables,
     rod_tables,
 )
-from octo_arm_model.core.compiled.loaded.state_kernels import RodState, empty_state
 from octo_arm_model.core.compiled.loaded.system_kernels import System, empty_system
 from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import (
@@ -116,7 +116,8 @@ class CompiledRod:
         twist = np.zeros_like(turn)
         twist[:3] = angular
         turn[0] = 1.0
-        self._find_turn(self._tables.elements, twist, DEFECTS, turn)
+        work = np.empty((TURN_ROWS, angular.shape[1]))
+        self._find_turn(self._tables.elements, twist, DEFECTS, turn, work)
         return quaternions_of(turn)
 
     def minimum(self, tensions: FloatArray) -> FloatArray:

@@ -22,8 +22,8 @@ from octo_arm_model.core.compiled.loaded import (
     orientation_kernels,
     readout_kernels,
     rod_kernels,
+    rod_state,
     sensitivity_kernels,
-    state_kernels,
     system_kernels,
 )
 from octo_arm_model.core.compiled.loaded.rod_tables import no_parameters, no_rod
@@ -63,7 +63,7 @@ _NONE, _FOUR, _TABLE, _OF_TENDONS = (
     np.zeros(0), np.zeros((4, 0)), np.zeros((0, 0)), np.zeros((0, 4, 0)),
 )  # fmt: skip
 _POSITION, _QUATERNION, _DEAD = np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3, 0))
-_STATE, _WRENCH = state_kernels.empty_state(0), np.zeros(6)
+_STATE, _WRENCH = rod_state.empty_state(0), np.zeros(6)
 _SHAPES = (
     _FOUR, np.zeros((4, 0, 0)), np.zeros((0, 0, 3)), np.zeros((0, 0, 4)), _NONE,
     np.zeros(0, np.int64),
@@ -92,7 +92,10 @@ evaluate_sections = _made(
     np.zeros((4, 4, 0)), _FOUR,
 )  # fmt: skip
 find_minima = _made(minimum_kernels.find_minima, no_exact().sections, _NONE, _FOUR)
-find_turn = _made(orientation_kernels.find_turn, no_rod().elements, _FOUR, 1.0, _FOUR)
+find_turn = _made(
+    orientation_kernels.find_turn, no_rod().elements, _FOUR, 1.0, _FOUR,
+    np.zeros((orientation_kernels.TURN_ROWS, 0)),
+)  # fmt: skip
 _NO_SYSTEM = system_kernels.system_of(0, 0)
 balance = _made(
     rod_kernels.balance, no_rod(), _NONE, _WRENCH, 1.0, 1.0, True, 0, False, _NO_SYSTEM, 0.0,

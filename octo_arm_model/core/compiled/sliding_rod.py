@@ -10,7 +10,7 @@ from octo_arm_model.core.compiled.friction.friction_tables import FrictionTables
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
 from octo_arm_model.core.compiled.loaded.readout_kernels import Readings
 from octo_arm_model.core.compiled.loaded.rod_kernels import READINGS, Outcome
-from octo_arm_model.core.compiled.loaded.state_kernels import RodState
+from octo_arm_model.core.compiled.loaded.rod_state import RodState
 from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import slide, slide_rod
 from octo_arm_model.core.hints import FloatArray

@@ -7,7 +7,7 @@ import importlib
 import re
 import sys
 import types
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.compiled import kernel_compiler, numba_build
 from octo_arm_model.core.compiled.kernel_compiler import _MADE
+from octo_arm_model.core.compiled.loaded.rod_kernels import Outcome
 from octo_arm_model.core.compiled.numerics.references import BORROWING
 
 numba = pytest.importorskip('numba')
@@ -39,7 +40,8 @@ def returned(kernel: types.FunctionType) -> set[str]:
 
 def test_what_borrows_neither_returns_nor_receives_arrays() -> None:
     """A returned array would be freed too early, a received one never."""
-    scalars = {'None', 'bool', 'int', 'float', 'tuple', 'Three'}
+    scalars = {'None', 'bool', 'int', 'float', 'tuple', 'Three', 'Outcome'}
+    assert set(get_type_hints(Outcome).values()) <= {bool, int, float}
     borrowing = [kernel for kernel in kernels() if kernel in BORROWING]
     assert len(borrowing) > 50
     for kernel in borrowing:

@@ -33,6 +33,7 @@ from octo_arm_model.core.compiled.friction.turning_kernels import (
     set_units,
 )
 from octo_arm_model.core.compiled.loaded.resolution_kernels import largest_tail
+from octo_arm_model.core.compiled.numerics.products import multiply_rows
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.rod import RESOLVED_TENSIONS
@@ -156,16 +157,6 @@ def find_turnings(turning: TurningState, twist: FloatArray) -> None:
     multiply_rows(rate, turning.from_start_columns, turned)
     add_up(reach, turning.step, turning.quadrature, rate, turned)
     add_kinks(reach, ends, unit, turned)
-
-
-def multiply_rows(rows: FloatArray, columns: FloatArray, out: FloatArray) -> None:
-    """Fill in ``out`` (..., points), for each element the product of its ``rows`` with a matrix.
-
-    ``rows`` is (..., points), and ``columns`` (each, each) the transpose of that matrix.
-    """
-    s = len(columns)
-    each = rows.size // s, s
-    np.dot(rows.reshape(each), columns, out.reshape(each))
 
 
 @borrows

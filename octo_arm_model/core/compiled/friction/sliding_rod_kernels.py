@@ -11,6 +11,7 @@ import numpy as np
 
 from octo_arm_model.core.compiled.friction.coupling_kernels import follow_tensions, improve
 from octo_arm_model.core.compiled.friction.friction_kernels import (
+    TurningState,
     find_responses,
     find_turnings,
     remembered,
@@ -40,16 +41,19 @@ from octo_arm_model.core.compiled.loaded.rod_kernels import (
     search,
     turn_of,
 )
-from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
-from octo_arm_model.core.compiled.loaded.state_kernels import (
+from octo_arm_model.core.compiled.loaded.rod_state import (
     RodState,
+    RodWork,
+    copy_rows,
     copy_state,
-    empty_state,
-    find_state,
+    rod_work,
 )
+from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
+from octo_arm_model.core.compiled.loaded.state_kernels import find_state
 from octo_arm_model.core.compiled.loaded.step_kernels import find_step
 from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
 from octo_arm_model.core.compiled.numerics.products import add_runs
+from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import ComplexArray, FloatArray, IntArray
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
 from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, SAME
@@ -85,11 +89,15 @@ def slide_rod(
         The fields of `Outcome`, with an infinite residual where tensions are not found; and the
         first residual.
     """
+    count, pulled = state.twist.shape[1], np.flatnonzero(tensions)
+    work = rod_work(tensions, count, tables.elements.step.size, tables.station_node.size)
+    turning = state_in(friction, pulled, np.empty((remembered(pulled.size), count)))
+    held = np.sign(tensions)
     enter(orientation, state.turn)
     residual, systems, sign, corrected, turned, changed, is_reused, sticks, is_resolved = (
         find_sliding_balance(
-            tables, friction, tensions, before, tip_wrench, factor, tolerance, wanted != BALANCE,
-            is_known, known, reach, limit, state, slip, system,
+            tables, friction, tensions, held, before, tip_wrench, factor, tolerance,
+            wanted != BALANCE, is_known, known, reach, limit, state, slip, system, turning, work,
         )
     )  # fmt: skip
     if systems < 0:
@@ -98,9 +106,9 @@ def slide_rod(
     # The strains have a kink where a tendon begins to stick, which no elements resolve.
     kind = ANY_READINGS if sticks and wanted == READINGS else wanted
     found = search(
-        tables, np.sign(tensions), tip_wrench, factor, tolerance, has_energy, kind, False, known,
+        tables, held, tip_wrench, factor, tolerance, has_energy, kind, False, known,
         reach if is_reused else 0.0, False, residual, sign, state, system, compliance, change,
-        readings,
+        readings, work,
     )  # fmt: skip
     leave(state.turn, orientation)
     corrected += found.corrected
@@ -114,18 +122,21 @@ def slide_rod(
     )  # fmt: skip
 
 
+@borrows
 def find_sliding_balance(
-    tables: RodTables, friction: FrictionTables, tensions: FloatArray, before: FloatArray,
-    tip_wrench: FloatArray, factor: float, tolerance: float, may_bound: bool, is_known: bool,
-    known: System, reach: float, limit: float, state: RodState, slip: FloatArray, system: System,
+    tables: RodTables, friction: FrictionTables, tensions: FloatArray, held: FloatArray,
+    before: FloatArray, tip_wrench: FloatArray, factor: float, tolerance: float, may_bound: bool,
+    is_known: bool, known: System, reach: float, limit: float, state: RodState, slip: FloatArray,
+    system: System, turning: TurningState, work: RodWork,
 ) -> tuple[float, int, int, float, float, float, bool, bool, bool]:  # fmt: skip
     """Find the equilibrium of a loaded rod and the tensions along its tendons with friction.
 
     Twist and orientations of ``state`` are given and are the start; all its fields are filled in.
-    ``tensions`` (tendons,) are those at the base and ``before`` (tendons, points) those along the
-    tendons before, without size for slack tendons. The new tensions along the tendons [N] are
-    filled in as the ``transmission`` of the sections at the points, which both tables share, and
-    at the stations, together with ``slip`` (tendons, points).
+    ``tensions`` (tendons,) are those at the base, ``held`` (tendons,) is one where they are not
+    zero, and ``before`` (tendons, points) are those along the tendons before, without size for
+    slack tendons. ``turning`` and ``work`` are room, in which no value is kept. The new tensions
+    along the tendons [N] are filled in as the ``transmission`` of the sections at the points,
+    which both tables share, and at the stations, together with ``slip`` (tendons, points).
 
     If ``is_known``, the first step is a chord step with the ``known`` system, linearised about an
     equilibrium nearby. That makes all steps if a few will reach the tolerance, the first residual
@@ -145,20 +156,14 @@ def find_sliding_balance(
         the known system makes all steps; whether any tendon sticks; and whether the elements
         resolve the tensions.
     """
-    count, corrected, systems = state.twist.shape[1], 0.0, int(is_known)
-    turned, sign = 0.0, 0
-    pulled = np.flatnonzero(tensions)
-    memory = np.empty((remembered(pulled.size), count))
-    turning = state_in(friction, pulled, memory)
+    corrected, systems, turned, sign, pulled = 0.0, int(is_known), 0.0, 0, turning.pulled
     sections, part, coefficient = friction.sections, friction.transmission, friction.coefficient
     angle, kept, slips, change = turning.angle, turning.kept, turning.slip, turning.change
     reach_of = turning.reach
     # The state after each step takes the place of the one before it; copying takes as long as
     # an evaluation of the loads.
-    here, there, is_elsewhere, current = state, empty_state(count), False, known
-    step, turn = np.empty((4, count)), np.empty((3, count))
-    held = np.zeros(tensions.size)
-    held[pulled] = 1.0
+    here, there, is_elsewhere, current = state, work.there, False, known
+    step, turn = work.step, work.turn
     along, changed = tables.sections.transmission, np.inf
     near = max(tolerance, TOLERANCE)  # on the way to another equilibrium, tensions may be rough
     along[:] = 0.0
@@ -169,16 +174,15 @@ def find_sliding_balance(
         set_tensions(tensions, before, pulled, reach_of, part, kept, along, slips, change)
         place_tendons(sections, state.twist, pulled, turning.offset, turning.place)
     find_turnings(turning, state.twist)
-    angle[:] = turning.turned
+    copy_rows(turning.turned, angle)
     set_kept(coefficient, pulled, reach_of, angle, turning.turned, np.inf, kept)
     sticks = set_tensions(tensions, before, pulled, reach_of, part, kept, along, slips, change)
-    first = residual = find_state(tables, held, tip_wrench, factor, state)
+    first = residual = find_state(tables, held, tip_wrench, factor, state, work)
     is_reused = is_known and reach > 0.0 and first <= limit
     row = 0
     for k in range(4):
-        for m in range(k + 1):
-            turning.hessian[row] = state.hessian[k, m]
-            row += 1
+        copy_rows(state.hessian[k, : k + 1], turning.hessian[row : row + k + 1])
+        row += k + 1
     find_responses(turning, state.twist)
     is_slow, uses_known, older, left = not is_known, is_known, np.inf, np.inf
     for number in range(MOST_STEPS):
@@ -187,7 +191,8 @@ def find_sliding_balance(
                 copy_state(here, state)
             slip[:] = -1.0
             for place in range(pulled.size):
-                slip[pulled[place], : reach_of[place]] = slips[place, : reach_of[place]]
+                for i in range(reach_of[place]):
+                    slip[pulled[place], i] = slips[place, i]
             interpolate(tables, pulled, along)
             is_fine = resolves_tensions(friction, pulled)
             sign = sign if turned <= SAME else 0
@@ -198,7 +203,7 @@ def find_sliding_balance(
             sign = find_system(tables.elements, here, system)
             if sign == 0:
                 break
-        find_step(tables.elements, current, here.imbalance, step, turn)
+        find_step(tables.elements, current, here.imbalance, step, turn, work)
         combine(here.twist, 1.0, step, there.twist)
         if turning.offset.size:
             place_tendons(sections, there.twist, pulled, turning.offset, turning.place)
@@ -218,16 +223,18 @@ def find_sliding_balance(
             corrected += moved
         bound = MARGIN * residual * max(older, left)
         if may_bound and changed <= near and bound <= tolerance:
-            find_turn(tables.elements, there.twist, DEFECTS, there.turn)
-            here.twist[:], here.turn[:], residual = there.twist, there.turn, bound
+            find_turn(tables.elements, there.twist, DEFECTS, there.turn, work.rows)
+            copy_rows(there.twist, here.twist)
+            copy_rows(there.turn, here.turn)
+            residual = bound
             find_rotation(here.turn, here.rotation)
             continue
         settled = min(max(1e-3 * moved**4, DEFECTS), MOST_DEFECTS)
-        defects = find_turn(tables.elements, there.twist, settled, there.turn)
-        found = find_state(tables, held, tip_wrench, factor, there)
+        defects = find_turn(tables.elements, there.twist, settled, there.turn, work.rows)
+        found = find_state(tables, held, tip_wrench, factor, there, work)
         if found <= tolerance and defects > DEFECTS:
-            find_turn(tables.elements, there.twist, DEFECTS, there.turn)
-            found = find_state(tables, held, tip_wrench, factor, there)
+            find_turn(tables.elements, there.twist, DEFECTS, there.turn, work.rows)
+            found = find_state(tables, held, tip_wrench, factor, there, work)
         if not found <= max((STUCK if number else FIRST_PROGRESS) * residual, tolerance):
             break
         older, left, residual = left, found / residual, found
@@ -240,6 +247,7 @@ def find_sliding_balance(
     return residual, -1, 0, corrected, 0.0, first, False, False, False
 
 
+@borrows
 def interpolate(tables: RodTables, pulled: IntArray, along: FloatArray) -> None:
     """Fill in the tensions at the stations from those ``along`` (tendons, points) the tendons.
 

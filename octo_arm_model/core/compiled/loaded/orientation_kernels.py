@@ -8,10 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
+from octo_arm_model.core.compiled.numerics.products import multiply_rows
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
 
 MOST_SWEEPS = 60
+TURN_ROWS = 17  # rows of the room that `find_turn` needs
 # Tolerance of the sum of squares of the defects before the last sweep, which reduces the defects
 # a millionfold.
 DEFECTS = 1e-17
@@ -67,8 +69,9 @@ def solve_turn(
         turn[k, first:last] = found[k * s : k * s + s]
 
 
+@borrows
 def find_turn(
-    tables: ElementTables, twist: FloatArray, tolerance: float, turn: FloatArray
+    tables: ElementTables, twist: FloatArray, tolerance: float, turn: FloatArray, work: FloatArray
 ) -> float:
     """Fill in the quaternions ``turn`` (4, points) of a rod with ``twist`` (4, points).
 
@@ -88,24 +91,21 @@ def find_turn(
     elements from the base to the tip.
 
     Quaternions are normalised at the ends of elements only, not at the points, so that a solution
-    given as the start satisfies the equations.
+    given as the start satisfies the equations. ``work`` is room for (`TURN_ROWS`, points).
 
     Returns:
         Sum of squares of the defects before the last sweep, at most ``tolerance``; 0 where the
         linear equations were solved.
     """
     s, elements, count = tables.weights.size, tables.step.size, turn.shape[1]
-    # One array for all, since allocating takes as long as a loop.
-    work, size = np.empty((17, count)), np.inf
     rate, defect, more, raw, half = work[:4], work[4:8], work[8:12], work[12:16], work[16]
+    integrals, size = tables.from_start_columns, np.inf
     for j in range(count):
         half[j] = 0.5 * tables.lengths[j]
     from_starts(tables, twist, half, turn, rate, raw)
-    each = 4 * elements, s
-    rates, integrals = rate.reshape(each), tables.from_start_columns
     for _ in range(MOST_SWEEPS):
         find_rate(twist, half, raw, rate)
-        np.dot(rates, integrals, defect.reshape(each))
+        multiply_rows(rate, integrals, defect)
         for k in range(4):
             out, found, start = defect[k], raw[k], 0.0 if k else 1.0
             for j in range(count):
@@ -113,7 +113,7 @@ def find_turn(
         size = sum_of_squares(defect)
         find_rate(twist, half, defect, rate)
         times_inverse(rate, raw, rate)
-        np.dot(rates, integrals, more.reshape(each))
+        multiply_rows(rate, integrals, more)
         add_product(more, raw, defect)
         raw += defect
         if size <= tolerance:
@@ -166,31 +166,42 @@ def from_starts(
 def turn_all(w: float, x: float, y: float, z: float, turn: FloatArray, out: FloatArray) -> None:
     """Fill in ``out`` (4, n), the products of one quaternion w, x, y, z with each ``turn``."""
     for j in range(turn.shape[1]):
-        a, b, c, d = turn[0, j], turn[1, j], turn[2, j], turn[3, j]
-        out[0, j] = w * a - x * b - y * c - z * d
-        out[1, j] = w * b + x * a + y * d - z * c
-        out[2, j] = w * c - x * d + y * a + z * b
-        out[3, j] = w * d + x * c - y * b + z * a
+        out[0, j], out[1, j], out[2, j], out[3, j] = product(
+            w, x, y, z, turn[0, j], turn[1, j], turn[2, j], turn[3, j]
+        )
 
 
+@borrows
+def product(
+    w: float, x: float, y: float, z: float, a: float, b: float, c: float, d: float
+) -> tuple[float, float, float, float]:
+    """Return the product of the quaternions w, x, y, z and a, b, c, d."""
+    return (
+        w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c,
+        w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a,
+    )  # fmt: skip
+
+
+@borrows
 def chain(tables: ElementTables, raw: FloatArray, rate: FloatArray, turn: FloatArray) -> None:
     """Fill in quaternions ``turn`` (4, points) from ``raw``, those relative to element starts.
 
     The quaternion at the end of an element follows by quadrature of ``rate`` (4, points), the
     derivatives of ``raw``. It is normalised and multiplies the quaternions of the next element.
     """
-    s = tables.weights.size
-    start, end = tables.base.copy().reshape(4, 1), np.empty((4, 1))
+    s, weights = tables.weights.size, tables.weights
+    w, x, y, z = tables.base[0], tables.base[1], tables.base[2], tables.base[3]
     for element in range(tables.step.size):
         first = element * s
-        w, x, y, z = start[0, 0], start[1, 0], start[2, 0], start[3, 0]
         turn_all(w, x, y, z, raw[:, first : first + s], turn[:, first : first + s])
-        for k in range(4):
-            end[k, 0] = 0.0 if k else 1.0
-            for j in range(s):
-                end[k, 0] += tables.weights[j] * rate[k, first + j]
-        turn_all(w, x, y, z, end, start)
-        normalise(start)
+        a, b, c, d = 1.0, 0.0, 0.0, 0.0
+        for j in range(s):
+            weight, point = weights[j], first + j
+            a, b = a + weight * rate[0, point], b + weight * rate[1, point]
+            c, d = c + weight * rate[2, point], d + weight * rate[3, point]
+        w, x, y, z = product(w, x, y, z, a, b, c, d)
+        over = 1.0 / np.sqrt(w * w + x * x + y * y + z * z)
+        w, x, y, z = over * w, over * x, over * y, over * z
 
 
 @borrows

@@ -11,8 +11,9 @@ from octo_arm_model.core.compiled.loaded.orientation_kernels import (
     find_rotation,
     normalise,
 )
+from octo_arm_model.core.compiled.loaded.rod_state import RodState, RodWork
 from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
-from octo_arm_model.core.compiled.loaded.state_kernels import RodState, into_axes
+from octo_arm_model.core.compiled.loaded.state_kernels import into_axes
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_definite
 from octo_arm_model.core.compiled.numerics.products import (
     add_products,
@@ -20,7 +21,8 @@ from octo_arm_model.core.compiled.numerics.products import (
     add_runs,
     multiply,
 )
-from octo_arm_model.core.compiled.section.section_kernels import evaluate_sections
+from octo_arm_model.core.compiled.numerics.references import borrows
+from octo_arm_model.core.compiled.section.section_kernels import evaluate_blocks
 from octo_arm_model.core.hints import FloatArray
 
 
@@ -49,9 +51,10 @@ def empty_readings(nodes: int, stations: int) -> Readings:
     )  # fmt: skip
 
 
+@borrows
 def read_rod(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
-    readings: Readings,
+    readings: Readings, work: RodWork,
 ) -> None:  # fmt: skip
     """Fill in the ``readings`` of an equilibrium ``state`` under all loads.
 
@@ -63,12 +66,14 @@ def read_rod(
     readings.twist[:] = 0.0
     add_runs(tables.node_runs, tables.to_nodes, s, state.twist, readings.twist)
     # Position, orientation and the moment of the forces, integrated from the base.
-    rate, total = np.empty((10, state.twist.shape[1])), np.empty(10)
-    set_rates(tables.elements.lengths, state, rate)
-    total[:3], total[3:7], total[7:] = tables.position, tables.elements.base, 0.0
-    work = np.empty((16, count))
-    found, force, moment = work[:10], work[10:13], work[13:]
-    work[10:] = 0.0
+    rate, total, room = work.rate[:10], work.total, work.stations
+    set_rates(tables.elements.lengths, state, work.rate)
+    for k in range(3):
+        total[k], total[7 + k] = tables.position[k], 0.0
+    for k in range(4):
+        total[3 + k] = tables.elements.base[k]
+    found, force, moment = room[:10], room[10:13], room[13:16]
+    room[10:16] = 0.0
     done, run = 0, 0
     for element in range(tables.elements.step.size):
         first = element * s
@@ -95,22 +100,26 @@ def read_rod(
             readings.position[i, k] = found[k, i]
             readings.quaternion[i, k] = found[4 + k, i]
         readings.quaternion[i, 3] = found[3, i]
-    balance_stations(tables, tensions, force, moment, found[3:7], readings)
+    balance_stations(tables, tensions, force, moment, found[3:7], readings, work)
 
 
+@borrows
 def set_rates(lengths: FloatArray, state: RodState, rate: FloatArray) -> None:
-    """Fill in ``rate`` (10, points), the derivatives of position, orientation and moment.
+    """Fill in ``rate`` (11, points), the derivatives of position, orientation and moment.
 
     Rows 0 to 2 belong to the position, 3 to 6 to the quaternion w, x, y, z and 7 to 9 to the
     moment of the forces. Derivatives are by arc length, times ``lengths`` (points,), the length of
-    the element of each point.
+    the element of each point; row 10 is half of that.
     """
     twist, force, stretch = state.twist, state.force, state.twist[3]
     for k in range(3):
         tangent, moved = state.rotation[k, 0], rate[k]
         for i in range(moved.size):
             moved[i] = lengths[i] * tangent[i] * stretch[i]
-    find_rate(twist, 0.5 * lengths, state.turn, rate[3:7])
+    half = rate[10]
+    for i in range(half.size):
+        half[i] = 0.5 * lengths[i]
+    find_rate(twist, half, state.turn, rate[3:7])
     for k in range(3):
         n, m = (k + 1) % 3, (k + 2) % 3
         x_n, x_m, f_n, f_m, out = rate[n], rate[m], force[n], force[m], rate[7 + k]
@@ -118,9 +127,10 @@ def set_rates(lengths: FloatArray, state: RodState, rate: FloatArray) -> None:
             out[i] = x_n[i] * f_m[i] - x_m[i] * f_n[i]
 
 
+@borrows
 def balance_stations(
     tables: RodTables, tensions: FloatArray, force: FloatArray, moment: FloatArray,
-    turn: FloatArray, readings: Readings,
+    turn: FloatArray, readings: Readings, work: RodWork,
 ) -> None:  # fmt: skip
     """Fill in twist and strains at the stations by one Newton step from the interpolated twist.
 
@@ -128,16 +138,17 @@ def balance_stations(
     stations) of the loads beyond it, in base_frame. ``turn`` (4, stations) are the quaternions of
     the cross sections. The corrected twist overwrites that of the stations' nodes in ``readings``.
     """
-    count, nodes = tables.station_node.size, tables.station_node
-    work, hessian = np.empty((16, count)), np.empty((4, 4, count))
-    twist, left, gradient, scale = work[:4], work[4:8], work[8:12], work[12:]
-    rotation = np.empty((3, 3, count))
+    count, nodes, room = tables.station_node.size, tables.station_node, work.stations[16:]
+    twist, left, gradient, scale = room[:4], room[4:8], room[8:12], room[12:16]
+    hessian, rotation = room[16:32].reshape(4, 4, count), room[32:].reshape(3, 3, count)
     for k in range(4):
         out, at_nodes = twist[k], readings.twist[k]
         for i in range(count):
             out[i] = at_nodes[nodes[i]]
     find_rotation(turn, rotation)
-    evaluate_sections(tables.station_sections, tensions, twist, gradient, hessian, scale)
+    evaluate_blocks(
+        tables.station_sections, tensions, twist, gradient, hessian, scale, work.sections
+    )
     into_axes(rotation, force, moment, left)
     left -= gradient
     solve_definite(hessian, left)

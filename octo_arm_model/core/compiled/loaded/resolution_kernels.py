@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
+from octo_arm_model.core.compiled.loaded.state_kernels import largest_in_rows
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.rod import MOST_TURN, RESOLVED, STRAIGHT
@@ -28,6 +27,7 @@ def largest_tail(tail: FloatArray, values: FloatArray) -> float:
     return largest
 
 
+@borrows
 def resolves_twist(tail: FloatArray, step: FloatArray, twist: FloatArray) -> bool:
     """Whether elements of lengths ``step`` (elements,) [m] resolve a ``twist`` (4, points).
 
@@ -40,10 +40,10 @@ def resolves_twist(tail: FloatArray, step: FloatArray, twist: FloatArray) -> boo
         rate = math.sqrt(twist[0, point] ** 2 + twist[1, point] ** 2 + twist[2, point] ** 2)
         if not rate * step[point // each] <= MOST_TURN:
             return False
-    size = np.empty(4)
-    for k in range(4):
-        size[k] = np.abs(twist[k]).max()
-    angular = max(size[0], size[1], size[2], STRAIGHT / step.sum())
+    size, length = largest_in_rows(twist), 0.0
+    for element in range(step.size):
+        length += step[element]
+    angular = max(size[0], size[1], size[2], STRAIGHT / length)
     for k in range(4):
         # False for NaN.
         if not largest_tail(tail, twist[k]) <= RESOLVED * (angular if k < 3 else size[3]):

@@ -6,15 +6,39 @@ along contiguous memory.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from octo_arm_model.core.compiled.loaded.rod_state import RodState, copy_rows
 from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
-from octo_arm_model.core.compiled.loaded.state_kernels import RodState
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_columns
 from octo_arm_model.core.compiled.numerics.products import add_products, multiply
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
+
+
+class ResponseWork(NamedTuple):
+    """Room for `respond` with a number of columns.
+
+    Attributes:
+        bends: k of all elements, (elements, 3 s, columns).
+        ends: changes at the ends of all elements, (elements, 6, columns).
+        carried: by point of an element, (s, 3 columns).
+        moved: likewise.
+        more: likewise by unknown, (3 s, columns).
+        rows: that of `solve_columns`, (columns, 3 s).
+        three: of three rows each, (4, 3, columns).
+    """
+
+    bends: FloatArray
+    ends: FloatArray
+    carried: FloatArray
+    moved: FloatArray
+    more: FloatArray
+    rows: FloatArray
+    three: FloatArray
 
 
 def respond(
@@ -31,9 +55,23 @@ def respond(
     the rotations ``turn`` of the cross sections, (3, points, columns) in base_frame [rad].
     """
     s, elements, columns = tables.weights.size, tables.step.size, imbalance.shape[2]
-    own, ends = np.empty((elements, 3 * s, columns)), np.empty((elements, 6, columns))
-    carried, moved = np.empty((s, 3 * columns)), np.empty((s, 3 * columns))
-    before, more = np.empty((3, columns)), np.empty((3 * s, columns))
+    work = ResponseWork(
+        np.empty((elements, 3 * s, columns)), np.empty((elements, 6, columns)),
+        np.empty((s, 3 * columns)), np.empty((s, 3 * columns)), np.empty((3 * s, columns)),
+        np.empty((columns, 3 * s)), np.empty((4, 3, columns)),
+    )  # fmt: skip
+    respond_in(tables, system, imbalance, change, turn, work)
+
+
+@borrows
+def respond_in(
+    tables: ElementTables, system: System, imbalance: FloatArray, change: FloatArray,
+    turn: FloatArray, work: ResponseWork,
+) -> None:  # fmt: skip
+    """`respond` in the room of ``work``."""
+    s, elements, columns = tables.weights.size, tables.step.size, imbalance.shape[2]
+    own, ends, carried, moved, more = work.bends, work.ends, work.carried, work.moved, work.more
+    before = work.three[3]
     at_points, rotation = system.at_points, system.rotation
     for element in range(elements):
         first, h, sides = element * s, tables.step[element], own[element]
@@ -54,7 +92,7 @@ def respond(
                         moved[j, start + i] + a * imbalance[0, at, i] + b * imbalance[1, at, i]
                         + c * imbalance[2, at, i] - d * imbalance[3, at, i]
                     )  # fmt: skip
-        solve_columns(system.factors[element], system.pivots[element], sides)
+        solve_columns(system.factors[element], system.pivots[element], sides, work.rows)
         multiply(system.to_moment[element].T, sides, before)
         for p in range(3):
             start = p * columns
@@ -66,11 +104,13 @@ def respond(
                     ends[element, 3 + p, i] += weight * carried[j, start + i]
                 for i in range(columns):
                     ends[element, p, i] += h * weight * sides[row, i]
-    link_changes(system, ends)
+    link_changes(system, ends, work.three)
     for element in range(elements):
         first, h, bends = element * s, tables.step[element], own[element]
         multiply(system.bends[element], ends[element], more)
-        bends += more
+        for row in range(3 * s):
+            for i in range(columns):
+                bends[row, i] += more[row, i]
         for p in range(3):
             angles = turn[p, first : first + s]
             multiply(tables.from_start_columns, bends[p * s : p * s + s], angles)
@@ -96,35 +136,37 @@ def respond(
                 )  # fmt: skip
 
 
-def link_changes(system: System, ends: FloatArray) -> None:
+@borrows
+def link_changes(system: System, ends: FloatArray, room: FloatArray) -> None:
     """Solve for the rotations Phi and changes of moment d m at the ``ends`` of all elements.
 
     ``ends`` (elements, 6, columns) is overwritten. On entry it has Phi at the last end and d m at
     the first end of each element by itself, for Phi = 0 at its first and d m = 0 at its last end.
     On return it has Phi at the first and d m at the last end of each element within the arm. The
     elements are eliminated from the tip to the base and substituted from the base to the tip.
+    ``room`` is for (3, 3, columns).
     """
-    elements, _, columns = ends.shape
-    following, start = np.empty((3, columns)), np.zeros((3, columns))
-    beyond = np.zeros((3, columns))
+    elements, following, start, beyond = len(ends), room[0], room[1], room[2]
+    start[:] = 0.0
+    beyond[:] = 0.0
     for element in range(elements - 1, -1, -1):
         both, (turn, moment) = system.ends[element], (ends[element, :3], ends[element, 3:])
         add_three(both[:3, 3:], beyond, turn)
         following[:] = 0.0
         add_three(system.inverse[element], turn, following)
-        turn[:] = following
-        following[:] = beyond
+        copy_rows(following, turn)
+        copy_rows(beyond, following)
         add_three(system.by_turn[element + 1], turn, following)
         add_three(both[3:, 3:], following, moment)
         beyond = moment
     for element in range(elements):
         turn, moment = ends[element, :3], ends[element, 3:]
-        following[:] = turn
+        copy_rows(turn, following)
         add_three(system.on[element], start, following)
-        turn[:] = start
-        start[:] = following
+        copy_rows(start, turn)
+        copy_rows(following, start)
         if element + 1 < elements:
-            moment[:] = ends[element + 1, 3:]
+            copy_rows(ends[element + 1, 3:], moment)
         else:
             moment[:] = 0.0
         add_three(system.by_turn[element + 1], following, moment)

@@ -21,14 +21,15 @@ from octo_arm_model.core.compiled.loaded.orientation_kernels import (
 from octo_arm_model.core.compiled.loaded.readout_kernels import Readings, read_rod
 from octo_arm_model.core.compiled.loaded.resolution_kernels import resolves_twist
 from octo_arm_model.core.compiled.loaded.response_kernels import respond, tip_wrenches
+from octo_arm_model.core.compiled.loaded.rod_state import (
+    RodState,
+    RodWork,
+    copy_state,
+    rod_work,
+)
 from octo_arm_model.core.compiled.loaded.rod_tables import RodTables
 from octo_arm_model.core.compiled.loaded.stability_kernels import is_minimum
-from octo_arm_model.core.compiled.loaded.state_kernels import (
-    RodState,
-    copy_state,
-    empty_state,
-    find_state,
-)
+from octo_arm_model.core.compiled.loaded.state_kernels import find_state
 from octo_arm_model.core.compiled.loaded.step_kernels import find_step
 from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
 from octo_arm_model.core.compiled.numerics.dense_kernels import is_definite
@@ -118,10 +119,11 @@ def combine(one: FloatArray, factor: float, other: FloatArray, out: FloatArray) 
             out[k, i] = one[k, i] + factor * other[k, i]
 
 
+@borrows
 def iterate(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
     tolerance: float, is_known: bool, known: System, reach: float, is_exact: bool, may_bound: bool,
-    residual: float, sign: int, state: RodState, system: System,
+    residual: float, sign: int, state: RodState, system: System, work: RodWork,
 ) -> tuple[float, int, float, float, int, bool]:  # fmt: skip
     """Iterate from a ``state`` with this ``residual`` to equilibrium by Newton's method.
 
@@ -147,12 +149,10 @@ def iterate(
         of the system, 0 where no equilibrium was found; and whether the known system is used in
         place of ``system``.
     """
-    count = state.twist.shape[1]
     # The state after each step takes the place of the one before it; copying takes as long as
     # an evaluation of the loads.
-    here, is_elsewhere = state, False
-    there = state if residual <= tolerance else empty_state(count)
-    step, turn = np.empty((4, count)), np.empty((3, count))
+    here, there, is_elsewhere = state, work.there, False
+    step, turn = work.step, work.turn
     corrected, turned, iterations, is_first, is_near = 0.0, 0.0, 0, True, False
     angle, convergence, defects = np.inf, np.inf, np.inf
     is_stuck, is_bounded = False, False
@@ -160,7 +160,7 @@ def iterate(
     most = MOST_EXACT if is_exact else MOST_REUSED
     while residual > tolerance and iterations < MOST:
         if is_known:
-            find_step(tables.elements, known, here.imbalance, step, turn)
+            find_step(tables.elements, known, here.imbalance, step, turn, work)
         elif not (sign and is_near):
             sign = find_system(tables.elements, here, system)
             if sign == 0:
@@ -168,7 +168,7 @@ def iterate(
                 break
             turned = 0.0
         if not is_known:
-            find_step(tables.elements, system, here.imbalance, step, turn)
+            find_step(tables.elements, system, here.imbalance, step, turn, work)
         iterations += 1
         before, angle = angle, turn_of(tables.elements.quadrature, step)
         is_told = sign != 0 or (turned + angle <= reach and not is_exact)
@@ -185,11 +185,11 @@ def iterate(
         turn_by(turn, here.turn, there.turn)
         # A Newton step leaves an error of about its square.
         settled = min(max(1e-3 * angle**4, DEFECTS), MOST_DEFECTS)
-        defects = find_turn(tables.elements, there.twist, settled, there.turn)
-        found = find_state(tables, tensions, tip_wrench, factor, there)
+        defects = find_turn(tables.elements, there.twist, settled, there.turn, work.rows)
+        found = find_state(tables, tensions, tip_wrench, factor, there, work)
         if found <= tolerance and defects > DEFECTS:
-            find_turn(tables.elements, there.twist, DEFECTS, there.turn)
-            found = find_state(tables, tensions, tip_wrench, factor, there)
+            find_turn(tables.elements, there.twist, DEFECTS, there.turn, work.rows)
+            found = find_state(tables, tensions, tip_wrench, factor, there, work)
         if is_known:
             if not found <= PREDICTED * residual:
                 is_known = False
@@ -246,12 +246,15 @@ def balance(
         call Python to make an `Outcome`. Python then handles signals, and numba does not check
         whether a signal handler has raised an exception.
     """
+    work = rod_work(
+        tensions, state.twist.shape[1], tables.elements.step.size, tables.station_node.size
+    )
     enter(orientation, state.turn)
-    residual = find_state(tables, tensions, tip_wrench, factor, state)
+    residual = find_state(tables, tensions, tip_wrench, factor, state, work)
     outcome = search(
         tables, tensions, tip_wrench, factor, tolerance, has_energy, wanted, is_known, known,
         reach if residual <= limit else 0.0, is_exact, residual, 0, state, system, compliance,
-        change, readings,
+        change, readings, work,
     )  # fmt: skip
     leave(state.turn, orientation)
     return (
@@ -281,11 +284,12 @@ def leave(turn: FloatArray, orientation: ComplexArray) -> None:
         orientation[1, i] = complex(turn[2, i], turn[3, i])
 
 
+@borrows
 def search(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
     tolerance: float, has_energy: bool, wanted: int, is_known: bool, known: System, reach: float,
     is_exact: bool, residual: float, sign: int, state: RodState, system: System,
-    compliance: FloatArray, change: FloatArray, readings: Readings,
+    compliance: FloatArray, change: FloatArray, readings: Readings, work: RodWork,
 ) -> Outcome:  # fmt: skip
     """Find the equilibrium from a ``state``, test its stability and read it out as ``wanted``.
 
@@ -295,11 +299,11 @@ def search(
     """
     elements = tables.elements
     if wanted == READ_ONLY:
-        read_rod(tables, tensions, tip_wrench, state, readings)
+        read_rod(tables, tensions, tip_wrench, state, readings, work)
         return Outcome(residual, 0, 0.0, 0.0, 0, False, False, False, False, True)
     residual, iterations, corrected, turned, sign, is_reused = iterate(
         tables, tensions, tip_wrench, factor, tolerance, is_known, known, reach, is_exact,
-        wanted != BALANCE, residual, sign, state, system,
+        wanted != BALANCE, residual, sign, state, system, work,
     )  # fmt: skip
     is_firm = is_reused or (has_energy and sign > 0 and is_minimum(system, FIRM))
     is_least = is_firm or (has_energy and sign > 0 and is_minimum(system, 0.0))
@@ -311,8 +315,8 @@ def search(
         and (wanted == ANY_READINGS or resolves_twist(elements.tail, elements.step, state.twist))
         and has_fibres(tables.sections, state.twist)
     ):  # fmt: skip
-        read_rod(tables, tensions, tip_wrench, state, readings)
-        is_read = readings.twist[3].min() > 0.0
+        read_rod(tables, tensions, tip_wrench, state, readings, work)
+        is_read = are_positive(readings.twist[3])
     elif sign and wanted == BALANCE and not is_least:
         find_compliance(tables, state, system, compliance, change)
         is_tip_stable = is_definite(compliance)
@@ -320,6 +324,15 @@ def search(
         residual, iterations, corrected, turned, sign, is_least, is_firm, is_reused, is_tip_stable,
         is_read,
     )  # fmt: skip
+
+
+@borrows
+def are_positive(row: FloatArray) -> bool:
+    """Whether all of ``row`` (n,) are above zero; False for NaN."""
+    for value in row:
+        if not value > 0.0:
+            return False
+    return True
 
 
 def find_compliance(

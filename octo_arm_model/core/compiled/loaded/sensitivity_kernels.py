@@ -11,8 +11,9 @@ import numpy as np
 from octo_arm_model.core.compiled.loaded.orientation_kernels import find_rotation
 from octo_arm_model.core.compiled.loaded.readout_kernels import read_changes
 from octo_arm_model.core.compiled.loaded.response_kernels import respond, tip_wrenches
+from octo_arm_model.core.compiled.loaded.rod_state import RodState, rod_work
 from octo_arm_model.core.compiled.loaded.rod_tables import ParameterTables, RodTables
-from octo_arm_model.core.compiled.loaded.state_kernels import RodState, find_state, find_wrench
+from octo_arm_model.core.compiled.loaded.state_kernels import find_state, find_wrench
 from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
@@ -124,13 +125,12 @@ def dead_wrenches(
     ``force`` and ``moment`` (loads, 3, points) are the resultants, in base_frame, of the forces
     and of the free moments beyond each point. The moments of the forces are added here.
     """
-    found, tip = np.empty_like(state.twist), np.zeros(3)
+    found, tip, work = np.empty_like(state.twist), np.zeros(3), np.empty((6, state.twist.shape[1]))
     for load in range(len(force)):
-        find_wrench(tables.elements, state, force[load], moment[load].copy(), tip, found)
+        find_wrench(tables.elements, state, force[load], moment[load].copy(), tip, found, work)
         wrench[:, :, load] = found
 
 
-@borrows
 def linearise(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
     is_known: bool, system: System,
@@ -146,7 +146,8 @@ def linearise(
     if is_known:
         find_rotation(state.turn, state.rotation)
         return 1
-    find_state(tables, tensions, tip_wrench, 1.0, state)
+    count, elements = state.twist.shape[1], tables.elements.step.size
+    find_state(tables, tensions, tip_wrench, 1.0, state, rod_work(tensions, count, elements, 0))
     return find_system(tables.elements, state, system)
 
 

@@ -6,78 +6,38 @@ unbalanced, from the twist and the orientations at the collocation points.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from octo_arm_model.core.compiled.loaded.orientation_kernels import find_rotation
+from octo_arm_model.core.compiled.loaded.rod_state import RodState, RodWork
 from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables, RodTables
+from octo_arm_model.core.compiled.numerics.products import multiply_rows
 from octo_arm_model.core.compiled.numerics.references import borrows
-from octo_arm_model.core.compiled.section.section_kernels import evaluate_sections
+from octo_arm_model.core.compiled.section.section_kernels import evaluate_blocks
 from octo_arm_model.core.hints import FloatArray
 
 
-class RodState(NamedTuple):
-    """State of a loaded rod at its collocation points, in equilibrium or not.
-
-    Attributes:
-        twist: angular rates by arc length [1/m] and stretch, (4, points).
-        turn: orientation of the cross sections as quaternions w, x, y, z, (4, points).
-        rotation: orientation of the cross sections as matrices, (3, 3, points).
-        force: resultant of the loads beyond each point, in base_frame [N], (3, points).
-        moment: moment of the loads beyond each point, in base_frame [N m], (3, points).
-        imbalance: wrench of the loads less that of the cross section, in its axes, (4, points).
-        hessian: second derivatives of the energy by the twist, (4, 4, points).
-    """
-
-    twist: FloatArray
-    turn: FloatArray
-    rotation: FloatArray
-    force: FloatArray
-    moment: FloatArray
-    imbalance: FloatArray
-    hessian: FloatArray
-
-
-def empty_state(count: int) -> RodState:
-    """Allocate an uninitialised `RodState` of ``count`` points."""
-    # Parts of one array, since allocating takes as long as a loop.
-    work = np.empty((43, count))
-    return RodState(
-        work[:4], work[4:8], work[8:17].reshape(3, 3, count), work[17:20], work[20:23],
-        work[23:27], work[27:].reshape(4, 4, count),
-    )  # fmt: skip
-
-
-def copy_state(state: RodState, out: RodState) -> None:
-    """Copy all arrays of ``state`` into those of ``out``."""
-    out.twist[:], out.turn[:], out.rotation[:] = state.twist, state.turn, state.rotation
-    out.force[:], out.moment[:] = state.force, state.moment
-    out.imbalance[:], out.hessian[:] = state.imbalance, state.hessian
-
-
+@borrows
 def find_wrench(
     tables: ElementTables, state: RodState, force: FloatArray, moment: FloatArray, tip: FloatArray,
-    wrench: FloatArray,
+    wrench: FloatArray, work: FloatArray,
 ) -> None:  # fmt: skip
     """Fill in the ``wrench`` (4, points) of the loads in the axes of the cross sections.
 
     ``force`` and ``moment`` (3, points) are the resultants of the forces and free moments beyond
     each point, in base_frame. The moments of the forces about each point and the moment at the
-    ``tip`` (3,) are added to ``moment``, in place.
+    ``tip`` (3,) are added to ``moment``, in place. ``work`` is room for (6, points).
     """
     s, elements, rotation = tables.weights.size, tables.step.size, state.rotation
-    work, stretch = np.empty((6, force.shape[1])), state.twist[3]
-    carried, levers = work[:3], work[3:]
-    lengths = tables.lengths
+    carried, levers, stretch, lengths = work[:3], work[3:6], state.twist[3], tables.lengths
     for k in range(3):
         n, m = (k + 1) % 3, (k + 2) % 3
         out, t_n, t_m, f_n, f_m = carried[k], rotation[n, 0], rotation[m, 0], force[n], force[m]
         for i in range(stretch.size):
             out[i] = lengths[i] * stretch[i] * (t_n[i] * f_m[i] - t_m[i] * f_n[i])
-    by_element, each = carried.reshape(3, elements, s), (3 * elements, s)
-    np.dot(carried.reshape(each), tables.to_end_columns, levers.reshape(each))
-    totals, lever = moment.reshape(3, elements, s), levers.reshape(3, elements, s)
+    multiply_rows(carried, tables.to_end_columns, levers)
+    by_element, lever = carried.reshape(3, elements, s), levers.reshape(3, elements, s)
+    totals = moment.reshape(3, elements, s)
     for k in range(3):
         beyond = tip[k]
         for element in range(elements - 1, -1, -1):
@@ -107,9 +67,11 @@ def into_axes(
             row[i] = a[i] * v_0[i] + b[i] * v_1[i] + c[i] * v_2[i]
 
 
+@borrows
 def find_state(
-    tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float, state: RodState
-) -> float:
+    tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
+    state: RodState, work: RodWork,
+) -> float:  # fmt: skip
     """Fill in all fields of ``state`` that follow from its twist and orientations.
 
     The compiled counterpart of `Equilibrium.state`: it evaluates the cross sections under
@@ -121,9 +83,10 @@ def find_state(
     """
     count, imbalance = state.twist.shape[1], state.imbalance
     find_rotation(state.turn, state.rotation)
-    work = np.empty((8, count))
-    scale, gradient = work[:4], work[4:]
-    evaluate_sections(tables.sections, tensions, state.twist, gradient, state.hessian, scale)
+    gradient, scale, rows = work.rows[:4], work.rows[4:8], work.rows[8:]
+    evaluate_blocks(
+        tables.sections, tensions, state.twist, gradient, state.hessian, scale, work.sections
+    )
     for k in range(3):
         force, moment, on_tip = state.force[k], state.moment[k], tip_wrench[k]
         dead_force, dead_moment = tables.force[k], tables.moment[k]
@@ -131,7 +94,7 @@ def find_state(
             force[i] = factor * dead_force[i] + on_tip
         for i in range(count):
             moment[i] = factor * dead_moment[i]
-    find_wrench(tables.elements, state, state.force, state.moment, tip_wrench[3:], imbalance)
+    find_wrench(tables.elements, state, state.force, state.moment, tip_wrench[3:], imbalance, rows)
     outside = largest_in_rows(imbalance)
     for k in range(4):
         left, inside, of, beyond = imbalance[k], gradient[k], scale[k], outside[k]

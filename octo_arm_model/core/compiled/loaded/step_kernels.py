@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from octo_arm_model.core.compiled.loaded.rod_state import RodWork
 from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_transposed
-from octo_arm_model.core.compiled.numerics.products import add_each
+from octo_arm_model.core.compiled.numerics.products import add_each, multiply_rows
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
 
 Three = tuple[float, float, float]
 
 
+@borrows
 def find_step(
     tables: ElementTables,
     system: System,
     imbalance: FloatArray,
     change: FloatArray,
     turn: FloatArray,
+    work: RodWork,
 ) -> None:
     """Fill in the ``change`` of the twist (4, points) that removes a small ``imbalance``.
 
@@ -30,14 +31,12 @@ def find_step(
     """
     s, elements, count = tables.weights.size, tables.step.size, imbalance.shape[1]
     given, found, weights, lengths = imbalance, change, tables.weights, tables.lengths
-    local, rotation, work = system.at_points, system.rotation, np.empty((10, count))
-    ends, over = np.empty((elements, 6)), work[9]
+    local, rotation, room = system.at_points, system.rotation, work.rows
+    ends, over = work.ends, room[9]
     for i in range(count):
         over[i] = 1.0 / local[9, i]
     # The same arrays along all points, and by element.
-    rows, sums, bends = work[:3], work[3:6], work[6:9].reshape(elements, 3 * s)
-    each = 3 * elements, s
-    flat, summed = rows.reshape(each), sums.reshape(each)
+    rows, sums, bends = room[:3], room[3:6], room[6:9].reshape(elements, 3 * s)
     carried, k, more = (
         rows.reshape(3, elements, s), bends.reshape(elements, 3, s), sums.reshape(3, elements, s)
     )  # fmt: skip
@@ -45,7 +44,7 @@ def find_step(
         out, by_force, force = rows[p], local[3 + p], given[3]
         for i in range(count):
             out[i] = -lengths[i] * by_force[i] * force[i]
-    np.dot(flat, tables.to_end_columns, summed)
+    multiply_rows(rows, tables.to_end_columns, sums)
     for p in range(3):
         out, coupled, force = sums[p], local[6 + p], given[3]
         a, b, c = rotation[p, 0], rotation[p, 1], rotation[p, 2]
@@ -95,7 +94,7 @@ def find_step(
         out = rows[p]
         for i in range(count):
             out[i] *= lengths[i]
-    np.dot(flat, tables.from_start_columns, summed)
+    multiply_rows(rows, tables.from_start_columns, sums)
     for p in range(3):
         angle, across, out = sums[p], local[p], turn[p]
         for element in range(elements):
@@ -136,6 +135,7 @@ def link_step(system: System, ends: FloatArray) -> None:
         start = following
 
 
+@borrows
 def plus_three(matrix: FloatArray, row: Three, more: Three) -> Three:
     """Return the product of a ``matrix`` (3, 3) with ``row`` plus ``more``."""
     a, b, c = row

@@ -13,13 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.core.compiled.loaded.rod_state import RodState, copy_rows
 from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
-from octo_arm_model.core.compiled.loaded.state_kernels import RodState
 from octo_arm_model.core.compiled.numerics.dense_kernels import (
     factorise,
     invert_three,
     solve_transposed,
 )
+from octo_arm_model.core.compiled.numerics.products import multiply_rows
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray, IntArray
 
@@ -74,9 +75,10 @@ def system_of(elements: int, s: int) -> System:
     )  # fmt: skip
 
 
+@borrows
 def find_terms(
     state: RodState, at_points: FloatArray, by_turn: FloatArray, by_bend: FloatArray,
-    follow: FloatArray, bending: FloatArray,
+    follow: FloatArray, bending: FloatArray, room: FloatArray,
 ) -> None:  # fmt: skip
     """Fill in the coefficients of Phi and k in the linearised equations, each (3, 3, points).
 
@@ -84,14 +86,14 @@ def find_terms(
 
         d m' = ``by_turn`` Phi - ``by_bend`` k    ``bending`` k = d m + ``follow`` Phi + ...
 
-    ``at_points`` (10, points) is filled in as well, see `System`.
+    ``at_points`` (10, points) is filled in as well, see `System`. ``room`` is for (14, points).
     """
     rotation, force, moment, hessian = state.rotation, state.force, state.moment, state.hessian
     stretch, count = state.twist[3], state.twist.shape[1]
-    over, along = np.empty(count), np.empty(count)
-    condensed, half = np.empty((3, 3, count)), np.empty((3, count))
-    stiffness, along[:] = at_points[9], 0.0
+    over, along, half = room[0], room[1], room[2:5]
+    condensed, stiffness = room[5:].reshape(3, 3, count), at_points[9]
     for i in range(count):
+        along[i] = 0.0
         stiffness[i] = hessian[3, 3, i]
         over[i] = 1.0 / stiffness[i]
     for p in range(3):
@@ -131,11 +133,13 @@ def find_terms(
             for i in range(count):
                 follows[i] = -over[i] * mixed[i] * across[i]
                 local[i] = h_0[i] * d[i] + h_1[i] * e[i] + h_2[i] * f[i]
-        by_turn[p, p] += along
     for p in range(3):
         n, m = (p + 1) % 3, (p + 2) % 3
-        follow[m, n] += moment[p]
-        follow[n, m] -= moment[p]
+        turns, more, less, about = by_turn[p, p], follow[m, n], follow[n, m], moment[p]
+        for i in range(count):
+            turns[i] += along[i]
+            more[i] += about[i]
+            less[i] -= about[i]
 
 
 def find_system(tables: ElementTables, state: RodState, system: System) -> int:
@@ -144,23 +148,43 @@ def find_system(tables: ElementTables, state: RodState, system: System) -> int:
     Returns:
         The sign of the determinant of the system, 1 or -1; 0 where it is singular.
     """
-    s, elements, count = tables.weights.size, tables.step.size, state.twist.shape[1]
-    by_turn, follow = np.empty((3, 3, count)), np.empty((3, 3, count))
-    by_bend, bending = np.empty((3, 3, count)), np.empty((3, 3, count))
-    find_terms(state, system.at_points, by_turn, by_bend, follow, bending)
-    system.rotation[:] = state.rotation
+    s, count = tables.weights.size, state.twist.shape[1]
+    return assemble(
+        tables, state, system, np.empty((7, 3, 3, count)), np.empty((3, 3, s * count)),
+        np.empty((14, count)),
+    )  # fmt: skip
+
+
+@borrows
+def assemble(
+    tables: ElementTables, state: RodState, system: System, work: FloatArray, twice: FloatArray,
+    room: FloatArray,
+) -> int:  # fmt: skip
+    """`find_system` in ``work`` (7, 3, 3, points), ``twice`` (3, 3, s points) and ``room``.
+
+    ``room`` is that of `find_terms`, and s the number of points in an element.
+    """
+    s, elements = tables.weights.size, tables.step.size
+    by_turn, by_bend, follow, bending, weighted, first_turns, last_turns = (
+        work[0], work[1], work[2], work[3], work[4], work[5], work[6]
+    )  # fmt: skip
+    find_terms(state, system.at_points, by_turn, by_bend, follow, bending, room)
     # From here on the axes are row, column, element and point of the element.
     turns, bends = by_turn.reshape(3, 3, elements, s), by_bend.reshape(3, 3, elements, s)
     follows, local = follow.reshape(3, 3, elements, s), bending.reshape(3, 3, elements, s)
+    parts, weights = weighted.reshape(3, 3, elements, s), tables.weights
     for p in range(3):
+        copy_rows(state.rotation[p], system.rotation[p])
         for q in range(3):
             for element in range(elements):
                 for j in range(s):
                     turns[p, q, element, j] *= -tables.step[element]
-    rows = by_turn.reshape(9 * elements, s)
-    side = np.dot(rows, tables.to_end_columns).reshape(3, 3, elements, s)
-    twice = np.dot(rows, tables.twice).reshape(3, 3, elements, s, s)
-    out = np.dot(rows * tables.weights, tables.from_start).reshape(3, 3, elements, s)
+                    parts[p, q, element, j] = turns[p, q, element, j] * weights[j]
+    multiply_rows(by_turn, tables.to_end_columns, first_turns)
+    multiply_rows(by_turn, tables.twice, twice)
+    multiply_rows(weighted, tables.from_start, last_turns)
+    side, out = first_turns.reshape(3, 3, elements, s), last_turns.reshape(3, 3, elements, s)
+    both = twice.reshape(3, 3, elements, s, s)
     matrices = system.factors.reshape(elements, 3, s, 3, s)
     right = system.bends.reshape(elements, 6, 3, s)
     to_moment = system.to_moment.reshape(elements, 3, 3, s)
@@ -174,26 +198,24 @@ def find_system(tables: ElementTables, state: RodState, system: System) -> int:
                     bend = bends[p, q, element, j]
                     right[element, q, p, j] = side[p, q, element, j] + follows[p, q, element, j]
                     right[element, 3 + q, p, j] = 1.0 if p == q else 0.0
-                    to_moment[element, p, q, j] = -h * (
-                        out[p, q, element, j] + bend * tables.weights[j]
-                    )
+                    to_moment[element, p, q, j] = -h * (out[p, q, element, j] + bend * weights[j])
                 for j in range(s):
                     bend = bends[p, q, element, j]
                     for i in range(s):
                         matrices[element, q, j, p, i] = -h * (
-                            twice[p, q, element, j, i] + ahead[j, i] * bend
+                            both[p, q, element, j, i] + ahead[j, i] * bend
                             + behind[j, i] * follows[p, q, element, i]
                         )  # fmt: skip
                     matrices[element, q, j, p, j] += local[p, q, element, j]
         own = condense(
-            h, tables.weights, turns[:, :, element], system.factors[element],
+            h, weights, turns[:, :, element], system.factors[element],
             system.pivots[element], system.bends[element], system.to_moment[element],
             system.ends[element],
         )  # fmt: skip
         if own == 0:
             return 0
         sign *= own
-    return sign * link(system)
+    return sign * link(system, room)
 
 
 @borrows
@@ -239,16 +261,19 @@ def condense(
     return sign
 
 
-def link(system: System) -> int:
+@borrows
+def link(system: System, room: FloatArray) -> int:
     """Eliminate the elements from the tip to the base, with d m = P Phi + p at each last end.
 
-    Fills in ``inverse``, ``on`` and ``by_turn`` of the ``system`` from its ``ends``.
+    Fills in ``inverse``, ``on`` and ``by_turn`` of the ``system`` from its ``ends``. ``room`` is
+    that of `find_terms`.
 
     Returns:
         The sign of the product of the determinants of the eliminated matrices, 0 where one of them
         is singular.
     """
-    sign, linked, beyond = 1, np.empty((3, 3)), np.empty((3, 3))
+    # Of each row the first three.
+    sign, linked, beyond = 1, room[:3], room[3:6]
     system.by_turn[-1] = 0.0
     for element in range(len(system.ends) - 1, -1, -1):
         ends, here = system.ends[element], system.by_turn[element + 1]

@@ -114,20 +114,27 @@ def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -
                 x[i], x[other] = x[other], x[i]
 
 
-def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> None:
+@borrows
+def solve_columns(
+    factors: FloatArray, pivots: IntArray, right: FloatArray, room: FloatArray
+) -> None:
     """Solve A^T x = b in place for one matrix A, from its ``factors`` by `factorise`.
 
     The columns of ``right`` (n, columns) are the right-hand sides b, and the solutions x on
-    return. `solve_transposed` does the same for right-hand sides in rows.
+    return. `solve_transposed` does the same for right-hand sides in rows, here in ``room``
+    (columns, n).
     """
-    n = len(factors)
-    if right.shape[1] <= FEW:
-        rows = right.T.copy()
-        columns = right.shape[1]
+    n, columns = right.shape
+    if columns <= FEW:
+        for i in range(n):
+            for column in range(columns):
+                room[column, i] = right[i, column]
         solve_transposed(
-            factors.reshape(1, n, n), pivots.reshape(1, n), rows.reshape(1, columns, n)
+            factors.reshape(1, n, n), pivots.reshape(1, n), room.reshape(1, columns, n)
         )
-        right[:] = rows.T
+        for i in range(n):
+            for column in range(columns):
+                right[i, column] = room[column, i]
         return
     # Rows go in groups of four, since with fewer at a time most of the time goes into loads and
     # stores.
@@ -148,6 +155,7 @@ def solve_columns(factors: FloatArray, pivots: IntArray, right: FloatArray) -> N
                 out[c], other[c] = other[c], out[c]
 
 
+@borrows
 def solve_upper(factors: FloatArray, right: FloatArray, first: int, last: int) -> None:
     """Substitute forwards in rows ``first`` to ``last`` of ``right`` (n, columns), in place.
 
@@ -156,7 +164,8 @@ def solve_upper(factors: FloatArray, right: FloatArray, first: int, last: int) -
     if last - first < 4:
         for i in range(first, last):
             subtract_rows(right, factors[first:i, i], first, i)
-            right[i] *= factors[i, i]
+            for k in range(right.shape[1]):
+                right[i, k] *= factors[i, i]
         return
     f = factors[first:last, first:last]
     one, two, three, four = right[first], right[first + 1], right[first + 2], right[first + 3]

@@ -133,3 +133,13 @@ def multiply(matrix: FloatArray, rows: FloatArray, out: FloatArray) -> None:
             a = matrix[i, j]
             for k in range(columns):
                 row[k] += a * rows[i, k]
+
+
+def multiply_rows(rows: FloatArray, columns: FloatArray, out: FloatArray) -> None:
+    """Fill in ``out`` (..., m), for each element the product of its ``rows`` with a matrix.
+
+    ``rows`` is (..., points), with ``each`` of the points in an element, and ``columns`` (each, m)
+    the transpose of that matrix.
+    """
+    (each, found), many = columns.shape, rows.size // len(columns)
+    np.dot(rows.reshape(many, each), columns, out.reshape(many, found))

@@ -6,6 +6,8 @@ Sections are evaluated in blocks of up to `LANES`, see `section_rows`.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from octo_arm_model.core.compiled.numerics.references import borrows
@@ -59,6 +61,26 @@ from octo_arm_model.core.section.formulas import (
     unscaled_gradient,
     unscaled_hessian,
 )
+
+
+class SectionWork(NamedTuple):
+    """Room for the evaluation of cross sections.
+
+    Attributes:
+        pulled: indices of the tendons under tension.
+        rows: of a block of sections, see `section_rows`.
+        offsets: of the tendons under tension in their sheaths [m], (pulled, 2 `LANES`).
+    """
+
+    pulled: IntArray
+    rows: FloatArray
+    offsets: FloatArray
+
+
+def section_work(tensions: FloatArray) -> SectionWork:
+    """Allocate `SectionWork` for ``tensions`` (tendons,)."""
+    pulled = np.flatnonzero(tensions)
+    return SectionWork(pulled, np.zeros(FREE + LANES), np.empty((pulled.size, 2 * LANES)))
 
 
 @borrows
@@ -160,8 +182,16 @@ def evaluate_sections(
     hessian: FloatArray, scale: FloatArray,
 ) -> None:  # fmt: skip
     """`Evaluate`: gradient, Hessian and scale of all sections at ``twist`` (4, sections)."""
-    pulled = np.flatnonzero(tensions)
-    rows, offsets = np.zeros(FREE + LANES), np.empty((pulled.size, 2 * LANES))
+    evaluate_blocks(tables, tensions, twist, gradient, hessian, scale, section_work(tensions))
+
+
+@borrows
+def evaluate_blocks(
+    tables: SectionTables, tensions: FloatArray, twist: FloatArray, gradient: FloatArray,
+    hessian: FloatArray, scale: FloatArray, work: SectionWork,
+) -> None:  # fmt: skip
+    """`evaluate_sections`, one block after another, in the room of ``work``."""
+    pulled, rows, offsets = work.pulled, work.rows, work.offsets
     for block in range(len(tables.blocks)):
         first, count = tables.blocks[block]
         last = first + count
@@ -175,15 +205,16 @@ def evaluate_sections(
                 # Exactly zero: tendons have no moment about t but rounding.
                 rows[G_T + i] = 0.0
         unscale(count, t, n, b, rows)
-        for k in range(4):
-            gradient[k, first:last] = rows[G_T + k * LANES : G_T + k * LANES + count]
-            scale[k, first:last] = rows[OF_MOMENT : OF_MOMENT + count]
-        scale[3, first:last] = rows[OF_FORCE : OF_FORCE + count]
         place = TT
         for k in range(4):
+            out, of = gradient[k, first:last], scale[k, first:last]
+            its, size = G_T + k * LANES, OF_FORCE if k == 3 else OF_MOMENT
+            for i in range(count):
+                out[i], of[i] = rows[its + i], rows[size + i]
             for m in range(k + 1):
-                hessian[k, m, first:last] = rows[place : place + count]
-                hessian[m, k, first:last] = rows[place : place + count]
+                lower, upper = hessian[k, m, first:last], hessian[m, k, first:last]
+                for i in range(count):
+                    lower[i] = upper[i] = rows[place + i]
                 place += LANES
 
 

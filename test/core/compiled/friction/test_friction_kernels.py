@@ -29,7 +29,8 @@ from octo_arm_model import (
 from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.compiled.compiled_rod import state_of
 from octo_arm_model.core.compiled.friction.sliding_kernels import SQUARED
-from octo_arm_model.core.compiled.loaded.state_kernels import empty_state, find_state
+from octo_arm_model.core.compiled.loaded.rod_state import empty_state, rod_work
+from octo_arm_model.core.compiled.loaded.state_kernels import find_state
 from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.loaded.continuation import TOLERANCE
@@ -220,7 +221,9 @@ def test_residuals_of_steps_that_are_not_evaluated_are_bounded(sheath: tuple[flo
         assert last.shape is not None and last.point_tensions is not None
         tables.sections.transmission[:] = last.point_tensions
         state = state_of(last.shape, empty_state(rod.points)[1:])
-        evaluated = find_state(tables, np.sign(tensions.ravel()), wrench, 1.0, state)
+        held = np.sign(tensions.ravel())
+        work = rod_work(held, rod.points, tables.elements.step.size, 0)
+        evaluated = find_state(tables, held, wrench, 1.0, state, work)
         # Rounding alone leaves about 1e-14.
         assert evaluated <= last.residual + 1e-13
         bounded += evaluated < 0.9 * last.residual

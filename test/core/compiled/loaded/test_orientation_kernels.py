@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Arm, Body, Material, Section
-from octo_arm_model.core.compiled.loaded.orientation_kernels import DEFECTS, find_turn, normalise
+from octo_arm_model.core.compiled.loaded.orientation_kernels import (
+    DEFECTS,
+    TURN_ROWS,
+    find_turn,
+    normalise,
+)
 from octo_arm_model.core.compiled.loaded.rod_tables import no_rod
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames
@@ -28,13 +33,13 @@ def test_orientations_are_those_of_the_collocated_equations(size: float) -> None
         weights=own.rule.weights, step=own.step, lengths=np.repeat(own.step, own.rule.points.size),
         base=np.array([0.5, 0.5, -0.5, 0.5]),
     )  # fmt: skip
-    turn = np.zeros((4, own.s.size))
+    turn, work = np.zeros((4, own.s.size)), np.empty((TURN_ROWS, own.s.size))
     turn[0] = 1.0
     with np.errstate(over='ignore', invalid='ignore'):
-        assert find_turn(tables, twist, DEFECTS, turn) <= DEFECTS
+        assert find_turn(tables, twist, DEFECTS, turn, work) <= DEFECTS
     # From what solves the equations there is nothing to do.
     again = turn.copy()
-    assert find_turn(tables, twist, 1.0, again) <= DEFECTS
+    assert find_turn(tables, twist, 1.0, again, work) <= DEFECTS
     np.testing.assert_allclose(again, turn, atol=1e-12)
     normalise(turn)
     expected = frames(twist[:3], own, base)
