@@ -33,7 +33,6 @@ from octo_arm_model.core.compiled.loaded.readout_kernels import Readings
 from octo_arm_model.core.compiled.loaded.rod_kernels import (
     ANY_READINGS,
     BALANCE,
-    MOST_REUSED,
     READINGS,
     combine,
     enter,
@@ -60,6 +59,8 @@ from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, SAME
 from octo_arm_model.core.loaded.sliding.sliding_balance import TOLERANCE
 
 MOST_STEPS = 30
+# Most steps of the known system after its first. Each takes a third of the time of a new system.
+MOST_REUSED = 5
 # Largest part of the residual that a step may leave for the next to use the same system.
 SLOW = 0.2
 # Largest part of it that a step may leave at all; otherwise NumPy solves for shape and tensions at
