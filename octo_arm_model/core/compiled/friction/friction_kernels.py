@@ -42,9 +42,8 @@ from octo_arm_model.core.loaded.rod import RESOLVED_TENSIONS
 class TurningState(NamedTuple):
     """How the tendons under tension turn; arrays are (pulled, points) unless stated otherwise.
 
-    It is one tuple of all arrays of the iteration, since numba counts the references of every
-    array that is passed. The attributes from ``step`` to ``end_columns`` are those of
-    `FrictionTables`.
+    It has all arrays of the iteration. The attributes from ``step`` to ``end_columns`` are those
+    of `FrictionTables`.
 
     Attributes:
         angle: current iterate of the angle by which each tendon has turned since the base [rad].

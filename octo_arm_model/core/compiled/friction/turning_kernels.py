@@ -1,9 +1,7 @@
 """Kernels for the angles by which tendons with friction turn, and for their tensions.
 
-The functions take arrays only and neither allocate nor slice them, since counting the references
-of arrays takes longer than these loops. They consider the tendons under tension, with the numbers
-``pulled`` (pulled,), each at the points up to its anchorage, of which there are ``reach``
-(pulled,).
+The functions consider the tendons under tension, with the numbers ``pulled`` (pulled,), each at
+the points up to its anchorage, of which there are ``reach`` (pulled,).
 """
 
 from __future__ import annotations

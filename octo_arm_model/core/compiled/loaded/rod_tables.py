@@ -19,8 +19,7 @@ from octo_arm_model.core.loaded.rod import LoadedRod
 class ElementTables(NamedTuple):
     """The elements of a loaded rod, with ``each`` collocation points per element.
 
-    Most kernels need this part of `RodTables` only. It is a tuple of its own, since numba counts
-    the references of every array that is passed, which takes as long as a small kernel.
+    Most kernels need this part of `RodTables` only.
 
     Attributes:
         from_start: matrix of the integrals within an element from its start, (each, each).

@@ -69,8 +69,7 @@ def solve_transposed(factors: FloatArray, pivots: IntArray, right: FloatArray) -
     ``factors`` are (systems, n, n) and ``pivots`` (systems, n). The rows of ``right`` (systems,
     columns, n) are the right-hand sides b, and the solutions x on return. Forward and back
     substitution run along rows of ``factors``, contiguous in memory, in groups of four. The
-    right-hand sides alternate, since the operations on each depend on one another. All systems are
-    solved in one call, since numba counts the references of every array that is passed.
+    right-hand sides alternate, since the operations on each depend on one another.
     """
     columns, n = right.shape[1:]
     whole = n - n % 4

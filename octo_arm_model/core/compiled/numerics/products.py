@@ -72,8 +72,7 @@ def add_run(
     """Add to ``out`` (k, n) the interpolated values of ``rows`` (k, points) at places of one run.
 
     The matrix (each, count) of the run begins at ``done`` in ``matrices``, the points of its
-    element at ``start`` in ``rows`` and its places at ``first`` in ``out``. Arrays are indexed
-    rather than sliced, since numba would count the references of a slice for every row.
+    element at ``start`` in ``rows`` and its places at ``first`` in ``out``.
     """
     # With unsigned indices the compiler need not handle negative ones, which count from the end.
     size, target = np.uint64(count), np.uint64(first)
