@@ -46,7 +46,8 @@ class BatchSolver:
         """
         arm, grid, base = self._setup.arm, self._setup.grid, self._setup.base
         lead = tensions.shape[: -len(arm.tension_shape)]
-        if not lead and self._statics.is_loaded(tip_wrench):
+        is_loaded = self._statics.is_loaded(tip_wrench)
+        if not lead and is_loaded:
             results = Results(lead, grid, base)
             results.add((), self._statics.solve(tensions.ravel(), tip_wrench, start, before))
             return results.backbone(self._model, tensions, tip_wrench, lead, self._reach)
@@ -57,7 +58,7 @@ class BatchSolver:
         # One arm has no axis of a batch: NumPy takes much less time.
         read_out = self._compiled.read_out if self._compiled is not None else None
         results = Results(lead and (batch,), grid, base, read_out)
-        if self._compiled is not None and not self._statics.is_loaded(tip_wrench):
+        if self._compiled is not None and not is_loaded:
             results.make_room()
             # Arms for which the kernels do not converge are solved, or refused, by NumPy.
             parts = [slice(one, one + 1) for one in self._compiled.solve(flat, results, before)]

@@ -101,7 +101,8 @@ class Solver:
                 f'material.shear goes with model exact and material.law linear, not with {model} '
                 f'and {material}'
             )
-        self._check_loads(loads.any)
+        if loads.any:
+            self._require_loads()
         self._wrench = loads.tip_wrench
         self._limits = LoadLimits(SectionStiffness.at(arm, self.grid.nodes))
         self._compiled: Compiled | None = None
@@ -114,8 +115,8 @@ class Solver:
         """Whether compiled kernels solve."""
         return self._compiled is not None
 
-    def _check_loads(self, is_loaded: bool) -> None:
-        if is_loaded and not self._statics.takes_loads:
+    def _require_loads(self) -> None:
+        if not self._statics.takes_loads:
             raise ConfigError(
                 f'model is {self.model!r}, which has no loads but the tendons: choose exact'
             )
@@ -178,7 +179,8 @@ class Solver:
             ConfigError: if it is not zero and the model has no loads.
         """
         wrench = tip_wrench_of(tip_wrench)
-        self._check_loads(bool(wrench.any()))
+        if np.count_nonzero(wrench):
+            self._require_loads()
         self._limits.check_tip_wrench(wrench)
         return wrench
 
@@ -226,7 +228,7 @@ class Solver:
             ArmDefinitionError: if a load does not fit the arm.
         """
         self._own_twist(backbone)
-        self._check_loads(True)
+        self._require_loads()
         for one in loads:
             one.check_inside(self.arm.length)
             if one.others or one.scaled:

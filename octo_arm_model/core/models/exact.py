@@ -87,7 +87,7 @@ class Exact:
 
     def is_loaded(self, tip_wrench: FloatArray) -> bool:
         """Whether an arm is loaded, with ``tip_wrench`` (..., 6) on its tip."""
-        return self._is_loaded or bool(tip_wrench.any())
+        return self._is_loaded or bool(np.count_nonzero(tip_wrench))
 
     def solve(
         self,
@@ -104,20 +104,22 @@ class Exact:
         Raises:
             SolveError: if there is no trustworthy answer; its number is that in the batch.
         """
-        if tensions.ndim == 1 and self.is_loaded(tip_wrench):
+        is_loaded = self.is_loaded(tip_wrench)
+        if tensions.ndim == 1 and is_loaded:
             return self._loaded.solve(tensions, tip_wrench, start, before)
         with silenced():
-            return self._solve(tensions, tip_wrench, start, before)
+            return self._solve(is_loaded, tensions, tip_wrench, start, before)
 
     def _solve(
         self,
+        is_loaded: bool,
         tensions: FloatArray,
         tip_wrench: FloatArray,
         start: Backbone | None,
         before: FloatArray | None,
     ) -> Solution:
         """As `solve`, of several arms or of one without loads."""
-        is_loaded, is_one = self.is_loaded(tip_wrench), tensions.ndim == 1
+        is_one = tensions.ndim == 1
         if self.slides and not is_loaded:
             return self.rods.slide(_sections, tensions, before)
         rows = tensions[np.newaxis] if is_one else tensions

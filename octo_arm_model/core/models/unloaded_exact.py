@@ -84,6 +84,7 @@ class UnloadedExact:
             _misses(described[0][:, panel * each : (panel + 1) * each], described[1], nodes)
             for panel, nodes in enumerate(self.panels)
         ], bool)  # fmt: skip
+        self._is_uneven = bool(self.uneven.any())
 
     def _sections_at(self, s: FloatArray, section: IntArray) -> SectionEnergy:
         return sections_of(self._setup.arm, s, section, self._setup.law, self._setup.shear)
@@ -114,11 +115,11 @@ class UnloadedExact:
         twist[3] += 1.0
         residual, iterations = found.residual, np.full(count, found.iterations)
         tail = np.abs(interpolated[..., -3:-1]).reshape(energy.strains, count, panels, 2)
-        size = np.abs(coarse).max(axis=2)
-        size[:3] = size[:3].max(axis=0)
-        unresolved = (tail > RESOLVED * size[:, :, np.newaxis, np.newaxis]).any(axis=(0, 3))
-        unresolved |= self.uneven
-        if np.count_nonzero(unresolved):
+        size = np.maximum.reduce(np.abs(coarse), axis=2)
+        size[:3] = np.maximum.reduce(size[:3])
+        exceeds = tail > RESOLVED * size[:, :, np.newaxis, np.newaxis]
+        if self._is_uneven or np.count_nonzero(exceeds):
+            unresolved = exceeds.any(axis=(0, 3)) | self.uneven
             residual = residual.copy()
             for panel in np.flatnonzero(unresolved.any(axis=0)).tolist():
                 arms = np.flatnonzero(unresolved[:, panel])

@@ -102,7 +102,8 @@ def minimise(energy: SectionEnergy, local_tensions: FloatArray, start: FloatArra
         first = 0 if tendons.has_torsion else 1
         near = balance(energy, tendons, start[first:4], scale[first:4], TOLERANCE)
         if near is not None:
-            strain = np.concatenate([np.zeros((first, *start.shape[1:])), near.strain])
+            strain = np.zeros_like(start)
+            strain[first:4] = near.strain
             return Minimum(strain, near.residual, near.iterations)
     return _descend(energy, local_tensions, start, scale)
 

@@ -102,7 +102,7 @@ def balance(
         if not worst <= max(_SLOW * previous, tolerance):  # nor where it is NaN
             return None
         previous = worst
-        body = _Body(
+        body = _Body.of(
             bending, square, once - tendons.softening, both, second, axial * f.by_stretch_stretch
         )
         if tendons.has_torsion:
@@ -135,21 +135,33 @@ class _Body(NamedTuple):
     """Hessian of the body by the curvatures c = ``bending`` and the stretch.
 
     Its parts are ``once`` 1 + ``second`` c c^T, ``both`` c, see `bending_factors`, and ``axial``.
+    By the curvature along c and the stretch it is ``about``, ``cross`` / |c| and ``axial``, and
+    ``over`` is the inverse of the determinant of that.
     """
 
     bending: FloatArray
-    square: FloatArray
     once: FloatArray
     both: FloatArray
     second: FloatArray
     axial: FloatArray
+    about: FloatArray
+    cross: FloatArray
+    over: FloatArray
+
+    @classmethod
+    def of(
+        cls, bending: FloatArray, square: FloatArray, once: FloatArray, both: FloatArray,
+        second: FloatArray, axial: FloatArray,
+    ) -> _Body:  # fmt: skip
+        """Of its parts, and the ``square`` of the curvature."""
+        about, cross = once + square * second, square * both
+        over = 1.0 / (about * axial - cross * both)
+        return cls(bending, once, both, second, axial, about, cross, over)
 
     def step(self, gradient: FloatArray) -> FloatArray:
         """Newton step for a ``gradient``, both (3, batch, nodes)."""
-        bending, square, once, both, second, axial = self
+        bending, once, both, second, axial, about, cross, over = self
         along = np.add.reduce(bending * gradient[:2])
-        about, cross = once + square * second, square * both
-        over = 1.0 / (about * axial - cross * both)
         found = np.empty_like(gradient)
         stretch = found[2] = (both * along - about * gradient[2]) * over
         # Product of c and its own step.
