@@ -204,11 +204,11 @@ def _iterate(problem: Equilibrium, now: _Progress, enough: float = 0.0) -> _Prog
         system, turned = problem.linearised(state), 0.0
     step = newton_step(problem, system, state)
     turn, old = problem.turn(step), state.residual
-    # Where the step before was made with the same system.
-    left = np.inf
+    left = None
     if now.again and not now.is_known:
+        # The step before was made with the same system.
         left = SAFETY * old * np.maximum(now.convergence, turn / np.maximum(now.angle, TINY))
-    if np.all((left <= enough) & (turn <= _SMALL)):
+    if left is not None and ((left <= enough) & (turn <= _SMALL)).all():
         new = problem.last_state(state, step, left)
     else:
         # Newton's method leaves about the square of a residual; what is not near is linearised.
