@@ -84,7 +84,6 @@ class UnloadedExact:
             _misses(described[0][:, panel * each : (panel + 1) * each], described[1], nodes)
             for panel, nodes in enumerate(self.panels)
         ], bool)  # fmt: skip
-        self._is_uneven = bool(self.uneven.any())
 
     def _sections_at(self, s: FloatArray, section: IntArray) -> SectionEnergy:
         return sections_of(self._setup.arm, s, section, self._setup.law, self._setup.shear)
@@ -118,7 +117,7 @@ class UnloadedExact:
         size = np.maximum.reduce(np.abs(coarse), axis=2)
         size[:3] = np.maximum.reduce(size[:3])
         exceeds = tail > RESOLVED * size[:, :, np.newaxis, np.newaxis]
-        if self._is_uneven or np.count_nonzero(exceeds):
+        if np.count_nonzero(exceeds) or np.count_nonzero(self.uneven):
             unresolved = exceeds.any(axis=(0, 3)) | self.uneven
             residual = residual.copy()
             for panel in np.flatnonzero(unresolved.any(axis=0)).tolist():

@@ -63,25 +63,25 @@ def neo_hookean_slopes(
     """First derivatives in the `Density` of the law neo_hookean, for numbers or arrays.
 
     Returns:
-        Both, then w of `NeoHookean`, lambda + w, 1 / (lambda + w), 1 / w, and a third of the
-        product of the last one with the square of the one before.
+        Both, then w of `NeoHookean`, lambda + w, 1 / (lambda + w), 1 / w, and the part of the
+        derivative by z that varies: a third of 1 / w over the square of lambda + w.
     """
     # The root of lambda^2 - z; NaN where a fibre has no length left.
     w = np.sqrt(stretch * np.abs(stretch) - bend)
     total, over_w = stretch + w, 1.0 / w
     over = 1.0 / total
     third = over_w * over * (1.0 / 3.0)
-    by_stretch, squared = stretch * (1.0 / 3.0) - (third + third), third * over
-    return by_stretch, squared + 1.0 / 24.0, w, total, over, over_w, squared
+    by_stretch, varying = stretch * (1.0 / 3.0) - (third + third), third * over
+    return by_stretch, varying + 1.0 / 24.0, w, total, over, over_w, varying
 
 
 def neo_hookean_density(
     stretch: Number, bend: Number
 ) -> tuple[Number, Number, Number, Number, Number]:
     """`Density` of the law neo_hookean, for numbers or arrays."""
-    by_stretch, by_bend, w, total, over, over_w, squared = neo_hookean_slopes(stretch, bend)
+    by_stretch, by_bend, w, total, over, over_w, varying = neo_hookean_slopes(stretch, bend)
     square = over_w * over_w
-    mixed = square * squared
+    mixed = square * varying
     return (
         by_stretch,
         by_bend,

@@ -59,7 +59,8 @@ from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, SAME
 from octo_arm_model.core.loaded.sliding.sliding_balance import TOLERANCE
 
 MOST_STEPS = 30
-# Most steps of the known system after its first. Each takes a third of the time of a new system.
+# Steps after its first within which the known system has to be expected to reach the tolerance.
+# Each takes a third of the time of a new system.
 MOST_REUSED = 5
 # Largest part of the residual that a step may leave for the next to use the same system.
 SLOW = 0.2

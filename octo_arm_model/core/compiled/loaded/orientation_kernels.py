@@ -199,9 +199,14 @@ def chain(tables: ElementTables, raw: FloatArray, rate: FloatArray, turn: FloatA
             weight, point = weights[j], first + j
             a, b = a + weight * rate[0, point], b + weight * rate[1, point]
             c, d = c + weight * rate[2, point], d + weight * rate[3, point]
-        w, x, y, z = product(w, x, y, z, a, b, c, d)
-        over = 1.0 / np.sqrt(w * w + x * x + y * y + z * z)
-        w, x, y, z = over * w, over * x, over * y, over * z
+        w, x, y, z = unit(*product(w, x, y, z, a, b, c, d))
+
+
+@borrows
+def unit(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """Return the quaternion w, x, y, z divided by its norm."""
+    over = 1.0 / np.sqrt(w * w + x * x + y * y + z * z)
+    return over * w, over * x, over * y, over * z
 
 
 @borrows
@@ -209,8 +214,7 @@ def normalise(turn: FloatArray) -> None:
     """Divide each of the quaternions ``turn`` (4, n) by its norm, in place."""
     a, b, c, d = turn[0], turn[1], turn[2], turn[3]
     for j in range(a.size):
-        over = 1.0 / np.sqrt(a[j] * a[j] + b[j] * b[j] + c[j] * c[j] + d[j] * d[j])
-        a[j], b[j], c[j], d[j] = over * a[j], over * b[j], over * c[j], over * d[j]
+        a[j], b[j], c[j], d[j] = unit(a[j], b[j], c[j], d[j])
 
 
 @borrows
@@ -234,10 +238,8 @@ def add_product(one: FloatArray, other: FloatArray, out: FloatArray) -> None:
     w, x, y, z = other[0], other[1], other[2], other[3]
     o_0, o_1, o_2, o_3 = out[0], out[1], out[2], out[3]
     for j in range(a.size):
-        o_0[j] += a[j] * w[j] - b[j] * x[j] - c[j] * y[j] - d[j] * z[j]
-        o_1[j] += a[j] * x[j] + b[j] * w[j] + c[j] * z[j] - d[j] * y[j]
-        o_2[j] += a[j] * y[j] - b[j] * z[j] + c[j] * w[j] + d[j] * x[j]
-        o_3[j] += a[j] * z[j] + b[j] * y[j] - c[j] * x[j] + d[j] * w[j]
+        e, f, g, h = product(a[j], b[j], c[j], d[j], w[j], x[j], y[j], z[j])
+        o_0[j], o_1[j], o_2[j], o_3[j] = o_0[j] + e, o_1[j] + f, o_2[j] + g, o_3[j] + h
 
 
 @borrows

@@ -108,9 +108,7 @@ def respond_in(
     for element in range(elements):
         first, h, bends = element * s, tables.step[element], own[element]
         multiply(system.bends[element], ends[element], more)
-        for row in range(3 * s):
-            for i in range(columns):
-                bends[row, i] += more[row, i]
+        bends += more
         for p in range(3):
             angles = turn[p, first : first + s]
             multiply(tables.from_start_columns, bends[p * s : p * s + s], angles)

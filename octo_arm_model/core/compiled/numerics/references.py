@@ -16,7 +16,8 @@ def borrows(kernel: _Kernel) -> _Kernel:
     By default numba counts a reference of every array that a kernel is given or takes from a
     tuple, which takes a large part of the time of a loaded arm. In a marked kernel it does not, as
     the caller holds these arrays. Such a kernel that makes an array, also by arithmetic of whole
-    arrays, is refused when it is compiled ("NRT required but not enabled").
+    arrays or by assigning one to another, which copies it in case they overlap, is refused when it
+    is compiled ("NRT required but not enabled").
     """
     BORROWING.add(kernel)
     return kernel
