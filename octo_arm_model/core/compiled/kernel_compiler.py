@@ -25,10 +25,14 @@ from octo_arm_model.core.compiled.kernel_cache import (
     one_at_a_time,
     write_checksums,
 )
-from octo_arm_model.core.compiled.numerics.references import BORROWING
+from octo_arm_model.core.compiled.numerics.references import BORROWING, INLINED
 
 # Divisions by zero give infinity as in NumPy; the results are checked for it.
 _OPTIONS: dict[str, Any] = {'error_model': 'numpy'}
+# Options of LLVM, for all that is compiled in this process from then on. Loops run along tens of
+# numbers, of which unrolled and interleaved loops leave a part to slower ones; and without these
+# there is a third less machine code, which the processor's caches hold no more than a part of.
+_OF_LLVM = '-force-vector-interleave=1', '-unroll-runtime=0'
 _LOG = logging.getLogger(__name__)
 _SCOPES: dict[str, dict[str, Any]] = {}  # by module, see `_scopes`
 _MADE: dict[types.FunctionType, Any] = {}  # functions that entries call, compiled
@@ -46,6 +50,7 @@ def compiled(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     numba = importlib.import_module('numba')
     if numba.config.DISABLE_JIT:
         raise RuntimeError('NUMBA_DISABLE_JIT is set')
+    _set_options()
     entry = _entry(numba, function)
     machine: Any = None
     for is_kept in (True, True, False):
@@ -61,6 +66,13 @@ def compiled(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         else:
             return machine
     raise AssertionError  # The last round returns or raises.
+
+
+@functools.cache
+def _set_options() -> None:
+    binding = importlib.import_module('llvmlite.binding')
+    for option in _OF_LLVM:
+        binding.set_option('octo_arm_model', option)
 
 
 @functools.cache
@@ -105,7 +117,9 @@ def _scopes(numba: Any, modules: list[str]) -> dict[str, dict[str, Any]]:
             if value not in _MADE:
                 seen = _SCOPES[value.__module__]
                 plain = types.FunctionType(value.__code__, seen, value.__name__)
-                _MADE[value] = numba.njit(plain, _nrt=value not in BORROWING, **_OPTIONS)
+                _MADE[value] = numba.njit(
+                    plain, _nrt=value not in BORROWING, forceinline=value in INLINED, **_OPTIONS
+                )
             scope[key] = _MADE[value]
     return {name: _SCOPES[name] for name in modules}
 

@@ -21,7 +21,7 @@ from octo_arm_model.core.compiled.numerics.products import (
     add_runs,
     multiply,
 )
-from octo_arm_model.core.compiled.numerics.references import borrows
+from octo_arm_model.core.compiled.numerics.references import borrows, inlined
 from octo_arm_model.core.compiled.section.section_kernels import evaluate_blocks
 from octo_arm_model.core.hints import FloatArray
 
@@ -52,6 +52,7 @@ def empty_readings(nodes: int, stations: int) -> Readings:
 
 
 @borrows
+@inlined
 def read_rod(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
     readings: Readings, work: RodWork,
@@ -128,6 +129,7 @@ def set_rates(lengths: FloatArray, state: RodState, rate: FloatArray) -> None:
 
 
 @borrows
+@inlined
 def balance_stations(
     tables: RodTables, tensions: FloatArray, force: FloatArray, moment: FloatArray,
     turn: FloatArray, readings: Readings, work: RodWork,

@@ -33,7 +33,7 @@ from octo_arm_model.core.compiled.loaded.state_kernels import find_state
 from octo_arm_model.core.compiled.loaded.step_kernels import find_step
 from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
 from octo_arm_model.core.compiled.numerics.dense_kernels import is_definite
-from octo_arm_model.core.compiled.numerics.references import borrows
+from octo_arm_model.core.compiled.numerics.references import borrows, inlined
 from octo_arm_model.core.compiled.section.section_tables import SectionTables
 from octo_arm_model.core.hints import ComplexArray, FloatArray
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
@@ -94,6 +94,7 @@ class Outcome(NamedTuple):
 
 
 @borrows
+@inlined
 def turn_of(quadrature: FloatArray, change: FloatArray) -> float:
     """Angle by which a ``change`` of twist (4, points) turns the arm [rad].
 
@@ -120,6 +121,7 @@ def combine(one: FloatArray, factor: float, other: FloatArray, out: FloatArray) 
 
 
 @borrows
+@inlined
 def iterate(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
     tolerance: float, is_known: bool, known: System, reach: float, is_exact: bool, may_bound: bool,
@@ -159,16 +161,14 @@ def iterate(
     # Chord steps of the known system after its first take less time than a new factorisation.
     most = MOST_EXACT if is_exact else MOST_REUSED
     while residual > tolerance and iterations < MOST:
-        if is_known:
-            find_step(tables.elements, known, here.imbalance, step, turn, work)
-        elif not (sign and is_near):
+        if not (is_known or (sign and is_near)):
             sign = find_system(tables.elements, here, system)
             if sign == 0:
                 is_stuck = True
                 break
             turned = 0.0
-        if not is_known:
-            find_step(tables.elements, system, here.imbalance, step, turn, work)
+        current = known if is_known else system
+        find_step(tables.elements, current, here.imbalance, step, turn, work)
         iterations += 1
         before, angle = angle, turn_of(tables.elements.quadrature, step)
         is_told = sign != 0 or (turned + angle <= reach and not is_exact)
@@ -185,11 +185,12 @@ def iterate(
         turn_by(turn, here.turn, there.turn)
         # A Newton step leaves an error of about its square.
         settled = min(max(1e-3 * angle**4, DEFECTS), MOST_DEFECTS)
-        defects = find_turn(tables.elements, there.twist, settled, there.turn, work.rows)
-        found = find_state(tables, tensions, tip_wrench, factor, there, work)
-        if found <= tolerance and defects > DEFECTS:
-            find_turn(tables.elements, there.twist, DEFECTS, there.turn, work.rows)
+        found = np.inf
+        for wanted in (settled, DEFECTS):
+            defects = find_turn(tables.elements, there.twist, wanted, there.turn, work.rows)
             found = find_state(tables, tensions, tip_wrench, factor, there, work)
+            if not (found <= tolerance and defects > DEFECTS):
+                break
         if is_known:
             if not found <= PREDICTED * residual:
                 is_known = False
@@ -265,6 +266,7 @@ def balance(
 
 
 @borrows
+@inlined
 def enter(orientation: ComplexArray, turn: FloatArray) -> None:
     """Fill in the quaternions ``turn`` (4, points) from ``orientation``, see `leave`."""
     for i in range(turn.shape[1]):
@@ -273,6 +275,7 @@ def enter(orientation: ComplexArray, turn: FloatArray) -> None:
 
 
 @borrows
+@inlined
 def leave(turn: FloatArray, orientation: ComplexArray) -> None:
     """Normalise the quaternions ``turn`` (4, points) and copy them to ``orientation``.
 
@@ -285,6 +288,7 @@ def leave(turn: FloatArray, orientation: ComplexArray) -> None:
 
 
 @borrows
+@inlined
 def search(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, factor: float,
     tolerance: float, has_energy: bool, wanted: int, is_known: bool, known: System, reach: float,
@@ -298,25 +302,28 @@ def search(
     other arguments are those of `balance`.
     """
     elements = tables.elements
-    if wanted == READ_ONLY:
+    iterations, corrected, turned = 0, 0.0, 0.0
+    is_reused, is_firm, is_least, is_tip_stable = False, False, False, False
+    is_read = wanted == READ_ONLY
+    if not is_read:
+        residual, iterations, corrected, turned, sign, is_reused = iterate(
+            tables, tensions, tip_wrench, factor, tolerance, is_known, known, reach, is_exact,
+            wanted != BALANCE, residual, sign, state, system, work,
+        )  # fmt: skip
+        is_firm = is_reused or (has_energy and sign > 0 and is_minimum(system, FIRM))
+        is_least = is_firm or (has_energy and sign > 0 and is_minimum(system, 0.0))
+        # Under moments without an energy only the sign of the determinant is known.
+        is_read = (
+            sign > 0 and wanted != BALANCE and corrected <= MOST_CORRECTED
+            and (is_least or not has_energy)
+            and (
+                wanted == ANY_READINGS
+                or resolves_twist(elements.tail, elements.step, state.twist)
+            ) and has_fibres(tables.sections, state.twist)
+        )  # fmt: skip
+    if is_read:
         read_rod(tables, tensions, tip_wrench, state, readings, work)
-        return Outcome(residual, 0, 0.0, 0.0, 0, False, False, False, False, True)
-    residual, iterations, corrected, turned, sign, is_reused = iterate(
-        tables, tensions, tip_wrench, factor, tolerance, is_known, known, reach, is_exact,
-        wanted != BALANCE, residual, sign, state, system, work,
-    )  # fmt: skip
-    is_firm = is_reused or (has_energy and sign > 0 and is_minimum(system, FIRM))
-    is_least = is_firm or (has_energy and sign > 0 and is_minimum(system, 0.0))
-    is_read, is_tip_stable = False, False
-    # Under moments without an energy only the sign of the determinant is known.
-    if (
-        sign > 0 and wanted != BALANCE and corrected <= MOST_CORRECTED
-        and (is_least or not has_energy)
-        and (wanted == ANY_READINGS or resolves_twist(elements.tail, elements.step, state.twist))
-        and has_fibres(tables.sections, state.twist)
-    ):  # fmt: skip
-        read_rod(tables, tensions, tip_wrench, state, readings, work)
-        is_read = are_positive(readings.twist[3])
+        is_read = wanted == READ_ONLY or are_positive(readings.twist[3])
     elif sign and wanted == BALANCE and not is_least:
         find_compliance(tables, state, system, compliance, change)
         is_tip_stable = is_definite(compliance)
@@ -327,6 +334,7 @@ def search(
 
 
 @borrows
+@inlined
 def are_positive(row: FloatArray) -> bool:
     """Whether all of ``row`` (n,) are above zero; False for NaN."""
     for value in row:
@@ -359,6 +367,7 @@ def find_compliance(
 
 
 @borrows
+@inlined
 def has_fibres(sections: SectionTables, twist: FloatArray) -> bool:
     """Whether all fibres keep more than the length `SHORTEST_FIBRE` under ``twist`` (4, points).
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.compiled.loaded.orientation_kernels import TURN_ROWS
-from octo_arm_model.core.compiled.numerics.references import borrows
+from octo_arm_model.core.compiled.numerics.references import borrows, inlined
 from octo_arm_model.core.compiled.section.section_kernels import SectionWork, section_work
 from octo_arm_model.core.hints import FloatArray
 
@@ -79,6 +79,7 @@ class RodWork(NamedTuple):
     stations: FloatArray
 
 
+@inlined
 def rod_work(tensions: FloatArray, count: int, elements: int, stations: int) -> RodWork:
     """Allocate `RodWork` for ``tensions`` (tendons,) and numbers of points and of others."""
     # Parts of one array, since allocating takes as long as a loop.
@@ -92,6 +93,7 @@ def rod_work(tensions: FloatArray, count: int, elements: int, stations: int) -> 
 
 
 @borrows
+@inlined
 def copy_state(state: RodState, out: RodState) -> None:
     """Copy all arrays of ``state`` into those of ``out``."""
     copy_rows(state.twist, out.twist)

@@ -12,12 +12,13 @@ from octo_arm_model.core.compiled.loaded.orientation_kernels import find_rotatio
 from octo_arm_model.core.compiled.loaded.rod_state import RodState, RodWork
 from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables, RodTables
 from octo_arm_model.core.compiled.numerics.products import multiply_rows
-from octo_arm_model.core.compiled.numerics.references import borrows
+from octo_arm_model.core.compiled.numerics.references import borrows, inlined
 from octo_arm_model.core.compiled.section.section_kernels import evaluate_blocks
 from octo_arm_model.core.hints import FloatArray
 
 
 @borrows
+@inlined
 def find_wrench(
     tables: ElementTables, state: RodState, force: FloatArray, moment: FloatArray, tip: FloatArray,
     wrench: FloatArray, work: FloatArray,

@@ -7,13 +7,14 @@ from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_transposed
 from octo_arm_model.core.compiled.numerics.products import add_each, multiply_rows
-from octo_arm_model.core.compiled.numerics.references import borrows
+from octo_arm_model.core.compiled.numerics.references import borrows, inlined
 from octo_arm_model.core.hints import FloatArray
 
 Three = tuple[float, float, float]
 
 
 @borrows
+@inlined
 def find_step(
     tables: ElementTables,
     system: System,
@@ -29,8 +30,38 @@ def find_step(
     base_frame [rad]. `response_kernels.respond` does the same for several wrenches; here the
     innermost loops run along the points.
     """
+    balance_elements(tables, system, imbalance, work)
+    join_elements(tables, system, imbalance, (0.0, 0.0, 0.0), change, turn, work)
+
+
+@borrows
+def find_response_to_moment(
+    tables: ElementTables, system: System, axis: int, nothing: FloatArray, change: FloatArray,
+    turn: FloatArray, work: RodWork,
+) -> None:  # fmt: skip
+    """`find_step` for a unit moment on the tip about an ``axis`` of base_frame.
+
+    It passes through all elements alike, so that none has anything to balance by itself.
+    ``nothing`` (4, points) is zero.
+    """
+    work.rows[6:9] = 0.0
+    work.ends[:] = 0.0
+    unit = 1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0
+    join_elements(tables, system, nothing, unit, change, turn, work)
+
+
+@borrows
+@inlined
+def balance_elements(
+    tables: ElementTables, system: System, imbalance: FloatArray, work: RodWork
+) -> None:
+    """Balance each element by itself, with Phi = 0 at its first and d m = 0 at its last end.
+
+    Fills in its k in rows 6 to 8 of the room in ``work``, and Phi at its last and d m at its first
+    end in the ``ends`` there.
+    """
     s, elements, count = tables.weights.size, tables.step.size, imbalance.shape[1]
-    given, found, weights, lengths = imbalance, change, tables.weights, tables.lengths
+    given, weights, lengths = imbalance, tables.weights, tables.lengths
     local, rotation, room = system.at_points, system.rotation, work.rows
     ends, over = work.ends, room[9]
     for i in range(count):
@@ -74,7 +105,26 @@ def find_step(
             bend = own[j]
             d, e, f = d - moments[0, j] * bend, e - moments[1, j] * bend, f - moments[2, j] * bend
         alone[0], alone[1], alone[2], alone[3], alone[4], alone[5] = a, b, c, d, e, f
-    link_step(system, ends)
+
+
+@borrows
+@inlined
+def join_elements(
+    tables: ElementTables, system: System, imbalance: FloatArray, tip: Three, change: FloatArray,
+    turn: FloatArray, work: RodWork,
+) -> None:  # fmt: skip
+    """Join elements that are balanced by themselves, with a change of moment at the ``tip``.
+
+    They are those of `balance_elements`. Fills in ``change`` and ``turn`` of `find_step`.
+    """
+    s, elements, count = tables.weights.size, tables.step.size, imbalance.shape[1]
+    given, found, lengths = imbalance, change, tables.lengths
+    local, rotation, room, ends = system.at_points, system.rotation, work.rows, work.ends
+    rows, sums, bends = room[:3], room[3:6], room[6:9].reshape(elements, 3 * s)
+    carried, k, more = (
+        rows.reshape(3, elements, s), bends.reshape(elements, 3, s), sums.reshape(3, elements, s)
+    )  # fmt: skip
+    link_step(system, tip, ends)
     add_each(ends, system.bends, bends)
     for element in range(elements):
         for p in range(3):
@@ -103,19 +153,21 @@ def find_step(
         for i in range(count):
             out[i] = angle[i]
             stretched[i] += across[i] * angle[i]
+    axial = local[9]
     for i in range(count):
-        stretched[i] *= over[i]
+        stretched[i] /= axial[i]
 
 
 @borrows
-def link_step(system: System, ends: FloatArray) -> None:
+def link_step(system: System, tip: Three, ends: FloatArray) -> None:
     """Solve for the rotations Phi and changes of moment d m at the ``ends`` of all elements.
 
     ``ends`` (elements, 6) is overwritten. On entry it has Phi at the last end and d m at the first
     end of each element by itself; on return Phi at the first and d m at the last end within the
-    arm. `response_kernels.link_changes` does the same for several columns.
+    arm, with d m at the ``tip``. `response_kernels.link_changes` does the same for several
+    columns, without that.
     """
-    moment = 0.0, 0.0, 0.0
+    moment = tip
     for element in range(len(ends) - 1, -1, -1):
         own, both, here = ends[element], system.ends[element], system.by_turn[element + 1]
         beyond = moment

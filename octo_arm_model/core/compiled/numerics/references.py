@@ -1,4 +1,4 @@
-"""The mark of kernels that need no references of arrays counted."""
+"""Marks of kernels by how they are handed arrays: uncounted, or not handed over at all."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 _Kernel = TypeVar('_Kernel', bound=Callable[..., Any])
-# The kernels that `borrows` marks.
+# The kernels that `borrows` and `inlined` mark.
 BORROWING: set[Callable[..., Any]] = set()
+INLINED: set[Callable[..., Any]] = set()
 
 
 def borrows(kernel: _Kernel) -> _Kernel:
@@ -20,4 +21,14 @@ def borrows(kernel: _Kernel) -> _Kernel:
     is compiled ("NRT required but not enabled").
     """
     BORROWING.add(kernel)
+    return kernel
+
+
+def inlined(kernel: _Kernel) -> _Kernel:
+    """Mark a ``kernel`` that becomes part of each kernel that calls it.
+
+    A call copies all that is given, eight numbers for each array of a tuple: hundreds for the
+    tables of a rod, which take longer to copy than to use. For kernels called in few places.
+    """
+    INLINED.add(kernel)
     return kernel

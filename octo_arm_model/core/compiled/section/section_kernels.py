@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.compiled.numerics.references import borrows
+from octo_arm_model.core.compiled.numerics.references import borrows, inlined
 from octo_arm_model.core.compiled.section.section_rows import (
     BB,
     BEND,
@@ -186,6 +186,7 @@ def evaluate_sections(
 
 
 @borrows
+@inlined
 def evaluate_blocks(
     tables: SectionTables, tensions: FloatArray, twist: FloatArray, gradient: FloatArray,
     hessian: FloatArray, scale: FloatArray, work: SectionWork,
