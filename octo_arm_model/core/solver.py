@@ -255,7 +255,7 @@ class Solver:
         if not uncertainty.is_any:
             return np.zeros((6, 6))
         self._own_twist(backbone)
-        return uncertainty.tip_covariance(self._statics.tip_by(backbone))
+        return self._statics.tip_covariance(backbone, uncertainty)
 
     def tendon_lengths(self, backbone: Backbone) -> FloatArray:
         """Length of every tendon from the base to its anchorage [m], of `Arm.tension_shape`.

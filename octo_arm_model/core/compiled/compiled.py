@@ -22,9 +22,9 @@ from octo_arm_model.core.compiled.models.arm_tables import (
 )
 from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.compiled.numba_build import (
+    add_tip_covariance,
     balance,
     differentiate,
-    differentiate_tip,
     evaluate_sections,
     find_exact_shapes,
     find_minima,
@@ -95,7 +95,7 @@ class Compiled:
             self._tables = own(exact_tables(statics))
             _make(
                 balance, find_turn, find_minima, evaluate_sections, differentiate,
-                differentiate_tip,
+                add_tip_covariance,
             )  # fmt: skip
             statics.use(_speed_up)
 
@@ -192,7 +192,7 @@ def _speed_up(rod: LoadedRod) -> None:
         rod.settle = compiled.settle
         if not isinstance(rod.equilibrium.energy, SheathedSections):
             rod.differentiate = compiled.differentiate
-            rod.differentiate_tip = compiled.differentiate_tip
+            rod.add_tip_covariance = compiled.add_tip_covariance
         rod.minimum = rod.near_minimum = compiled.minimum
         rod.equilibrium.frames = compiled.frames
 

@@ -28,9 +28,9 @@ from octo_arm_model.core.compiled.loaded.rod_tables import (
 from octo_arm_model.core.compiled.loaded.system_kernels import System, empty_system
 from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import (
+    add_tip_covariance,
     balance,
     differentiate,
-    differentiate_tip,
     find_minima,
     find_turn,
 )
@@ -190,12 +190,11 @@ class CompiledRod:
         self._differentiate(differentiate(), condition, shape, force, moment, pose, strain, length)
         return pose, strain, length
 
-    def differentiate_tip(self, condition: Condition, shape: Shape) -> FloatArray:
-        """`DifferentiateTip` of the rod."""
-        tensions = condition.tensions
-        tip = np.empty((6, 2 * tensions.size + 2))
-        self._differentiate(differentiate_tip(), condition, shape, tip)
-        return tip
+    def add_tip_covariance(
+        self, condition: Condition, shape: Shape, deviations: FloatArray, covariance: FloatArray
+    ) -> None:
+        """`AddTipCovariance` of the rod."""
+        self._differentiate(add_tip_covariance(), condition, shape, deviations, covariance)
 
     def _differentiate(
         self, kernel: Any, condition: Condition, shape: Shape, *arrays: FloatArray

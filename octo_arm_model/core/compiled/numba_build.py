@@ -107,14 +107,14 @@ slide_rod = _made(
     0, False, _NO_SYSTEM, 0.0, 0.0, np.zeros((2, 0), complex), _STATE, _TABLE, _NO_SYSTEM,
     np.zeros((6, 6)), np.zeros((4, 0, 6)), readout_kernels.empty_readings(0, 0),
 )  # fmt: skip
-# An arm without tendons has 8 columns in the one, and 2 in the other.
+# An arm without tendons has 8 columns in the one, and 2 deviations in the other.
 differentiate = _made(
     sensitivity_kernels.differentiate, no_rod(), no_parameters(), _NONE, _WRENCH, _STATE, False,
     _NO_SYSTEM, _DEAD, _DEAD, np.zeros((0, 6, 8)), np.zeros((0, 4, 8)), np.zeros((0, 8)),
 )  # fmt: skip
-differentiate_tip = _made(
-    sensitivity_kernels.differentiate_tip, no_rod(), no_parameters(), _NONE, _WRENCH, _STATE,
-    False, _NO_SYSTEM, np.zeros((6, 2)),
+add_tip_covariance = _made(
+    sensitivity_kernels.add_tip_covariance, no_rod(), no_parameters(), _NONE, _WRENCH, _STATE,
+    False, _NO_SYSTEM, np.zeros(2), np.zeros((6, 6)),
 )  # fmt: skip
 add_up_curvature = _made(
     tip_curvature.add_up, np.ones((3, 2)), np.ones((6, 2, 3)), np.ones(3), np.ones((6, 3, 3))

@@ -83,9 +83,9 @@ Differentiate: TypeAlias = Callable[
     tuple[FloatArray, FloatArray, FloatArray],
 ]
 
-# From the same: changes of the pose of the tip alone, (6, columns), whose columns are tensions, E,
-# nu and offsets, by reciprocity.
-DifferentiateTip: TypeAlias = Callable[[Condition, Shape], FloatArray]
+# From the same, standard deviations of tensions, E, nu and, if they are uncertain, offsets, and a
+# covariance (6, 6), to which that of the pose of the tip by them is added; by reciprocity.
+AddTipCovariance: TypeAlias = Callable[[Condition, Shape, FloatArray, FloatArray], None]
 
 
 class LoadedRod:
@@ -108,7 +108,8 @@ class LoadedRod:
             (3, points) each, in base_frame, with the wrench on the tip; cached by the loads.
         read_from: interpolation from the points of another rod to those of this one; cached.
         differentiate: derivatives by compiled kernels, see `Differentiate`; None without.
-        differentiate_tip: derivatives of the tip alone by compiled kernels; None without.
+        add_tip_covariance: covariance of the tip by compiled kernels, see `AddTipCovariance`; None
+            without.
     """
 
     def __init__(
@@ -145,7 +146,7 @@ class LoadedRod:
         self.read_from = functools.lru_cache(_KEPT)(self._read_from)
         self.dead_resultants = functools.lru_cache(_KEPT)(self._dead_resultants)
         self.differentiate: Differentiate | None = None
-        self.differentiate_tip: DifferentiateTip | None = None
+        self.add_tip_covariance: AddTipCovariance | None = None
 
     @functools.cached_property
     def nodes(self) -> Readout:

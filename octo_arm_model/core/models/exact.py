@@ -30,8 +30,8 @@ from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.sheaths.sheath import sections_of
 from octo_arm_model.core.sensitivity.analytic import derivatives
 from octo_arm_model.core.sensitivity.by_loads import by_loads
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity, TipBy
-from octo_arm_model.core.sensitivity.tip import is_reciprocal, tip_derivatives
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
+from octo_arm_model.core.sensitivity.tip import is_reciprocal, tip_covariance
 
 
 class Exact:
@@ -149,12 +149,12 @@ class Exact:
         """First derivatives of ``backbone`` by all quantities of `Sensitivity`."""
         return derivatives(*self._balance_of(backbone))
 
-    def tip_by(self, backbone: Backbone) -> TipBy:
-        """Derivatives of the tip of ``backbone``, by reciprocity where that holds."""
+    def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance of the tip of ``backbone``, by reciprocity where that holds."""
         rod, condition, shape = self._balance_of(backbone)
         if not is_reciprocal(rod, condition):
-            return self.sensitivity(backbone).tip_by
-        return tip_derivatives(rod, condition, shape)
+            return self.sensitivity(backbone).tip_covariance(uncertainty)
+        return tip_covariance(rod, condition, shape, uncertainty)
 
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
         """Change of ``backbone`` per unit of each of ``loads``."""

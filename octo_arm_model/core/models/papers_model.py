@@ -16,7 +16,7 @@ from octo_arm_model.core.sensitivity.analytic import (
     papers_twist_changes,
     tip_from_twist_changes,
 )
-from octo_arm_model.core.sensitivity.results import Sensitivity, TipBy
+from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
 
 
 class Equations(Protocol):
@@ -58,11 +58,12 @@ class PapersModel(UnloadedStatics):
     def _solve(self, tensions: FloatArray, before: FloatArray | None) -> Solution:
         return self.equations.solve(tensions)
 
-    def tip_by(self, backbone: Backbone) -> TipBy:
-        """Derivatives of the tip of ``backbone``, see `Statics`."""
+    def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance of the tip of ``backbone``, see `Statics`."""
         twist, frames = self._twist_and_frames(backbone)
         tip = tip_from_twist_changes(self._setup.grid, twist, frames, self._changes(backbone))
-        return {'tension': tip[:, :-1], 'youngs_modulus': tip[:, -1:]}.get
+        by = {'tension': tip[:, :-1], 'youngs_modulus': tip[:, -1:]}
+        return uncertainty.tip_covariance([by.get(name) for name in uncertainty.quantities])
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone`` by tensions and E."""

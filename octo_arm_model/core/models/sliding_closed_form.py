@@ -20,7 +20,7 @@ from octo_arm_model.core.models.unloaded import UnloadedStatics
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.sensitivity.analytic import from_twist_changes
-from octo_arm_model.core.sensitivity.results import Sensitivity, TipBy
+from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
 
 
 class SlidingClosedForm(UnloadedStatics):
@@ -68,9 +68,9 @@ class SlidingClosedForm(UnloadedStatics):
         """See `Statics`."""
         return self.rods.at_nodes(backbone)
 
-    def tip_by(self, backbone: Backbone) -> TipBy:
-        """Derivatives of the tip of ``backbone``, see `Statics`."""
-        return self.sensitivity(backbone).tip_by
+    def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance of the tip of ``backbone``, see `Statics`."""
+        return self.sensitivity(backbone).tip_covariance(uncertainty)
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of ``backbone`` by tensions, E and friction.

@@ -18,7 +18,7 @@ from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity, TipBy
+from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
 
 # Arms solved in one NumPy call: enough that the call costs little, few enough for the arrays to
 # stay in cache and for BLAS to use one thread, as its threads wait for each other for long on a
@@ -103,8 +103,8 @@ class Statics(Protocol):
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of a single solution of this model."""
 
-    def tip_by(self, backbone: Backbone) -> TipBy:
-        """First derivatives of the tip of a single solution; each may be found when asked for."""
+    def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance (6, 6) of the tip of a single solution, see `Solver.tip_covariance`."""
 
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
         """Change of a single solution per unit of each of ``loads``, if the model takes loads."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -13,9 +13,16 @@ from octo_arm_model.core.arm.validation import not_negative
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 
-# From the name of a quantity, 'tension', 'youngs_modulus', 'poisson_ratio' or 'offset', to the
-# derivative of the tip's position and rotation vector by it, (6, n); None if the model has none.
-TipBy: TypeAlias = Callable[[str], FloatArray | None]
+# Derivatives of the tip's position and rotation vector by several quantities, (6, n) each; None
+# where the model has none.
+TipChanges: TypeAlias = Sequence[FloatArray | None]
+# The quantities, by what people call them.
+_QUANTITIES = {
+    'tension': 'tension',
+    'youngs_modulus': "Young's modulus",
+    'poisson_ratio': "Poisson's ratio",
+    'offset': "the tendons' offsets",
+}
 
 _UNITS = {
     'tension': 'N', 'youngs_modulus': '-', 'poisson_ratio': '-', 'offset': 'm',
@@ -84,31 +91,43 @@ class Uncertainty:
         """Whether anything is uncertain."""
         return self != Uncertainty()
 
-    def tip_covariance(self, tip_by: TipBy) -> FloatArray:
+    @functools.cached_property
+    def quantities(self) -> tuple[str, ...]:
+        """Those that are uncertain of tension, youngs_modulus, poisson_ratio and offset."""
+        return tuple(name for name in _QUANTITIES if getattr(self, name))
+
+    @functools.cached_property
+    def of_model(self) -> FloatArray:
+        """The part of `tip_covariance` that is the error of the model, (6, 6)."""
+        return np.diag(np.repeat([self.model_position**2, self.model_rotation**2], 3))
+
+    def tip_covariance(self, changes: TipChanges) -> FloatArray:
         """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
 
-        ``tip_by`` is called for the uncertain quantities only. Displacements are left out: see
+        ``changes`` are the derivatives by `quantities`. Displacements are left out: see
         `analysis.winding.sensitivity`.
 
         Raises:
             ConfigError: if there is no derivative by something that is uncertain.
         """
-        covariance = np.zeros((6, 6))
-        covariance.flat[:21:7] = self.model_position**2
-        covariance.flat[21::7] = self.model_rotation**2
-        for name, deviation, quantity in (
-            ('tension', self.tension, 'tension'),
-            ("Young's modulus", self.youngs_modulus, 'youngs_modulus'),
-            ("Poisson's ratio", self.poisson_ratio, 'poisson_ratio'),
-            ("the tendons' offsets", self.offset, 'offset'),
-        ):
-            if not deviation:
-                continue
-            change = tip_by(quantity)
+        covariance = self.of_model.copy()
+        for name, change in zip(self.quantities, changes):
             if change is None:
-                raise ConfigError(f'the model has no derivative by {name}: choose exact')
-            covariance += deviation**2 * change @ change.T
+                what = _QUANTITIES[name]
+                raise ConfigError(f'the model has no derivative by {what}: choose exact')
+            covariance += getattr(self, name) ** 2 * change @ change.T
         return covariance
+
+
+@functools.lru_cache
+def deviations_of(uncertainty: Uncertainty, tendons: int) -> FloatArray:
+    """Standard deviations of the tensions, E, nu and the offsets of so many ``tendons``; cached.
+
+    (2 tendons + 2,); only (tendons + 2,), those before the offsets, where these are certain.
+    """
+    each = [uncertainty.tension] * tendons
+    each += [uncertainty.youngs_modulus, uncertainty.poisson_ratio]
+    return np.array(each + [uncertainty.offset] * tendons if uncertainty.offset else each)
 
 
 @dataclass(frozen=True)
@@ -147,15 +166,15 @@ class Sensitivity:
             raise ConfigError('the model has no loads, so no compliance: choose exact')
         return self.by_tip_wrench.tip
 
-    def tip_by(self, quantity: str) -> FloatArray | None:
-        """Derivative of the tip by a ``quantity``, see `TipBy`."""
-        change: Change | None = getattr(self, f'by_{quantity}')
-        return None if change is None else change.tip
-
     def tip_covariance(self, uncertainty: Uncertainty) -> FloatArray:
         """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
 
         Raises:
             ConfigError: if the model has no derivative by something that is uncertain.
         """
-        return uncertainty.tip_covariance(self.tip_by)
+        changes: list[Change | None] = [
+            getattr(self, f'by_{name}') for name in uncertainty.quantities
+        ]
+        return uncertainty.tip_covariance(
+            [None if change is None else change.tip for change in changes]
+        )

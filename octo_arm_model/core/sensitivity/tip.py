@@ -1,4 +1,4 @@
-"""Derivatives of the pose of the tip by reciprocity.
+"""Covariance of the pose of the tip by reciprocity.
 
 The linearised equilibrium of a rod whose tendons and loads have a potential is symmetric (Betti):
 the displacement of the tip by a unit wrench on a cross section equals that of the cross section by
@@ -16,7 +16,7 @@ from octo_arm_model.core.loaded.stability import tip_answer
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.sensitivity.imbalance import Imbalance
-from octo_arm_model.core.sensitivity.results import TipBy
+from octo_arm_model.core.sensitivity.results import Uncertainty, deviations_of
 
 
 def is_reciprocal(rod: LoadedRod, condition: Condition) -> bool:
@@ -25,20 +25,21 @@ def is_reciprocal(rod: LoadedRod, condition: Condition) -> bool:
     return problem.friction is None and problem.loads.has_energy(condition.tip_wrench)
 
 
-def tip_derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> TipBy:
-    """Derivatives at the equilibrium ``shape`` of a ``rod`` that `is_reciprocal` in ``condition``.
+def tip_covariance(
+    rod: LoadedRod, condition: Condition, shape: Shape, uncertainty: Uncertainty
+) -> FloatArray:
+    """Covariance (6, 6) of the tip at the equilibrium ``shape`` of a ``rod``.
+
+    The rod has to be one that `is_reciprocal` in this ``condition``.
 
     Raises:
         ConvergenceError: if the linearised equilibrium is singular.
     """
-    if rod.differentiate_tip is not None:
-        tip, tendons = rod.differentiate_tip(condition, shape), condition.tensions.size
-        return {
-            'tension': tip[:, :tendons],
-            'youngs_modulus': tip[:, tendons : tendons + 1],
-            'poisson_ratio': tip[:, tendons + 1 : tendons + 2],
-            'offset': tip[:, tendons + 2 :],
-        }.get
+    if rod.add_tip_covariance is not None:
+        covariance = uncertainty.of_model.copy()
+        deviations = deviations_of(uncertainty, condition.tensions.size)
+        rod.add_tip_covariance(condition, shape, deviations, covariance)
+        return covariance
     problem = rod.equilibrium
     energy, own = problem.energy, problem.collocation
     local_tensions = energy.local_tensions(condition.tensions[np.newaxis])
@@ -47,9 +48,8 @@ def tip_derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> TipBy
     answer = tip_answer(problem, state, problem.linearised(state))
     by_wrench = answer.twist * own.weights
     by_wrench[:, 3:] /= own.length
-
-    def tip_by(quantity: str) -> FloatArray:
-        wrench: FloatArray = getattr(imbalance, f'by_{quantity}')
-        return np.tensordot(by_wrench, wrench, axes=([0, 2], [0, 2]))
-
-    return tip_by
+    names = uncertainty.quantities
+    wrenches: list[FloatArray] = [getattr(imbalance, f'by_{name}') for name in names]
+    return uncertainty.tip_covariance(
+        [np.tensordot(by_wrench, wrench, axes=([0, 2], [0, 2])) for wrench in wrenches]
+    )

@@ -8,113 +8,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo_arm_model.core.compiled.loaded.imbalance_kernels import IMBALANCE_ROWS, find_imbalance
 from octo_arm_model.core.compiled.loaded.orientation_kernels import find_rotation
 from octo_arm_model.core.compiled.loaded.readout_kernels import read_changes
 from octo_arm_model.core.compiled.loaded.response_kernels import respond, tip_wrenches
-from octo_arm_model.core.compiled.loaded.rod_state import RodState, rod_work
-from octo_arm_model.core.compiled.loaded.rod_tables import ParameterTables, RodTables
+from octo_arm_model.core.compiled.loaded.rod_state import RodState, RodWork, rod_work
+from octo_arm_model.core.compiled.loaded.rod_tables import (
+    ElementTables,
+    ParameterTables,
+    RodTables,
+)
 from octo_arm_model.core.compiled.loaded.state_kernels import find_state, find_wrench
+from octo_arm_model.core.compiled.loaded.step_kernels import find_response_to_moment, find_step
 from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.section.elastic_laws import (
-    incompressible_widening,
-    linear_density,
-    neo_hookean_density,
-)
-from octo_arm_model.core.section.formulas import (
-    bending_terms,
-    offset_direction,
-    offset_gradient,
-    tendon_direction,
-    tendon_gradient,
-    unit_change,
-    unscaled_gradient,
-)
-
-
-@borrows
-def widening(widens: bool, stretch: float) -> tuple[float, float, float]:
-    """Widening of a section at ``stretch`` and its first two derivatives by the stretch.
-
-    Sections that do not widen have 1, 0 and 0.
-    """
-    return incompressible_widening(stretch) if widens else (1.0, 0.0, 0.0)
-
-
-@borrows
-def find_imbalance(
-    tables: RodTables, parameters: ParameterTables, tensions: FloatArray, twist: FloatArray,
-    stretch: FloatArray, left: FloatArray, first: int, own: FloatArray,
-) -> None:  # fmt: skip
-    """Fill in ``left`` (4, points, columns), the imbalance per unit of each parameter.
-
-    It is the negative derivative of the section wrench by the parameter at the given ``twist`` (4,
-    points). From column ``first`` on the parameters are the tensions, Young's modulus E
-    (relative), Poisson's ratio nu and the offsets of the tendons. Also fills in ``own``
-    (tendons,), the derivative of each tendon's length by its own offset at constant twist, and
-    ``stretch`` (tendons, 4, points), the gradient by the twist of each tendon's stretch.
-    """
-    sections, tendons = tables.sections, tensions.size
-    own[:] = 0.0
-    for i in range(twist.shape[1]):
-        weight = tables.elements.quadrature[i]
-        kappa_t, kappa_n, kappa_b, stretched = twist[0, i], twist[1, i], twist[2, i], twist[3, i]
-        width, slope, _ = widening(sections.widens, stretched)
-        t, n, b = width * kappa_t, width * kappa_n, width * kappa_b
-        squared = sections.squared[i]
-        bend = (n * n + b * b) * squared
-        if sections.widens:
-            f_s, f_z, f_ss, f_sz, f_zz = neo_hookean_density(stretched, bend)
-        else:
-            f_s, f_z, f_ss, f_sz, f_zz = linear_density(stretched, bend)
-        terms = bending_terms(n, b, f_s, f_z, f_ss, f_sz, f_zz, sections.axial[i], squared)
-        young = unscaled_gradient(
-            kappa_t, kappa_n, kappa_b, width, slope,
-            sections.torsion[i] * t, terms[0], terms[1], terms[2],
-        )  # fmt: skip
-        poisson = unscaled_gradient(
-            kappa_t, kappa_n, kappa_b, width, slope, parameters.torsion_by_poisson[i] * t,
-            0.0, 0.0, 0.0,
-        )  # fmt: skip
-        for k in range(4):
-            left[k, i, first + tendons] = -young[k]
-            left[k, i, first + tendons + 1] = -poisson[k]
-        for tendon in range(tendons):
-            part, column = sections.transmission[tendon, i], first + tendons + 2 + tendon
-            # A tendon that ends before this point has no tension and no length here.
-            if part == 0.0:
-                for k in range(4):
-                    stretch[tendon, k, i] = 0.0
-                    left[k, i, first + tendon] = left[k, i, column] = 0.0
-                continue
-            x, y = sections.x[tendon, i], sections.y[tendon, i]
-            dx, dy = sections.dx[tendon, i], sections.dy[tendon, i]
-            out_x, out_y = parameters.x[tendon, i], parameters.y[tendon, i]
-            out_dx, out_dy = parameters.dx[tendon, i], parameters.dy[tendon, i]
-            u_t, u_n, u_b, length = tendon_direction(t, n, b, stretched, width, x, y, dx, dy)
-            over = 1.0 / length
-            u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
-            g_t, g_n, g_b, g_s = tendon_gradient(u_t, u_n, u_b, slope, x, y, dx, dy)
-            by_twist = unscaled_gradient(
-                kappa_t, kappa_n, kappa_b, width, slope, g_t, g_n, g_b, g_s
-            )
-            for k in range(4):
-                stretch[tendon, k, i] = by_twist[k]
-                left[k, i, first + tendon] = -part * by_twist[k]
-            c_t, c_n, c_b = offset_direction(t, n, b, width, out_x, out_y, out_dx, out_dy)
-            along, c_t, c_n, c_b = unit_change(u_t, u_n, u_b, over, c_t, c_n, c_b)
-            g_t, g_n, g_b, g_s = offset_gradient(
-                u_t, u_n, u_b, c_t, c_n, c_b, slope, x, y, dx, dy, out_x, out_y, out_dx, out_dy
-            )
-            own[tendon] += weight * along
-            pull = -part * tensions[tendon]
-            by_twist = unscaled_gradient(
-                kappa_t, kappa_n, kappa_b, width, slope, pull * g_t, pull * g_n, pull * g_b,
-                pull * g_s,
-            )  # fmt: skip
-            for k in range(4):
-                left[k, i, column] = by_twist[k]
 
 
 def dead_wrenches(
@@ -133,7 +41,7 @@ def dead_wrenches(
 
 def linearise(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
-    is_known: bool, system: System,
+    is_known: bool, system: System, work: RodWork,
 ) -> int:  # fmt: skip
     """Linearise about an equilibrium ``state``, of which twist and orientations are given.
 
@@ -146,8 +54,7 @@ def linearise(
     if is_known:
         find_rotation(state.turn, state.rotation)
         return 1
-    count, elements = state.twist.shape[1], tables.elements.step.size
-    find_state(tables, tensions, tip_wrench, 1.0, state, rod_work(tensions, count, elements, 0))
+    find_state(tables, tensions, tip_wrench, 1.0, state, work)
     return find_system(tables.elements, state, system)
 
 
@@ -169,19 +76,27 @@ def differentiate(
         The sign of the determinant of the system; 0 where it is singular.
     """
     count, columns, tendons = state.twist.shape[1], pose.shape[2], tensions.size
-    sign = linearise(tables, tensions, tip_wrench, state, is_known, system)
+    work = rod_work(tensions, count, tables.elements.step.size, 0)
+    sign = linearise(tables, tensions, tip_wrench, state, is_known, system, work)
     if sign == 0:
         return 0
+    others = tendons + 2 if len(force) else columns - 6
     imbalance, stretch = np.empty((4, count, columns)), np.empty((tendons, 4, count))
-    others, first, own = imbalance, 6, np.empty(tendons)
+    left, own = np.empty((others, 4, count)), np.empty(tendons)
+    find_imbalance(
+        tables.sections, parameters, tables.elements.quadrature, tensions, state.twist,
+        np.empty(IMBALANCE_ROWS), stretch, left, own,
+    )  # fmt: skip
     if len(force):
         dead_wrenches(tables, state, force, moment, imbalance)
-        others, first = np.empty((4, count, 2 * tendons + 2)), 0
     else:
         wrench = tip_wrenches(tables.elements, state)
         wrench[:, :, 3:] /= tables.elements.length
         imbalance[:, :, :6] = wrench
-    find_imbalance(tables, parameters, tensions, state.twist, stretch, others, first, own)
+        for column in range(others):
+            for k in range(4):
+                for i in range(count):
+                    imbalance[k, i, 6 + column] = left[column, k, i]
     change, turn = np.empty((4, count, columns)), np.empty((3, count, columns))
     respond(tables.elements, system, imbalance, change, turn)
     read_changes(tables, state, change, turn, pose, strain)
@@ -204,35 +119,61 @@ def weigh(tables: RodTables, values: FloatArray) -> None:
                 out[i] *= weights[i]
 
 
-def differentiate_tip(
+def add_tip_covariance(
     tables: RodTables, parameters: ParameterTables, tensions: FloatArray, tip_wrench: FloatArray,
-    state: RodState, is_known: bool, system: System, tip: FloatArray,
+    state: RodState, is_known: bool, system: System, deviations: FloatArray,
+    covariance: FloatArray,
 ) -> int:  # fmt: skip
-    """Fill in the derivatives of the pose of the ``tip`` (6, columns).
+    """Add to ``covariance`` (6, 6) that of the pose of the tip by uncertain parameters.
 
-    The compiled counterpart of `tip_derivatives`. By reciprocity they are the work of the
-    imbalance of each parameter on the changes that unit wrenches on the tip make, so that the
-    system is solved for six columns only. Columns of ``tip`` are those of `find_imbalance`;
-    ``state`` is an equilibrium, given by twist and orientations.
+    The compiled counterpart of `tip_covariance`. By reciprocity, derivatives of the pose are the
+    work of the imbalance of each parameter on the changes that unit wrenches on the tip make, so
+    that the system is solved for few columns. The standard ``deviations`` (columns,) are those of
+    the parameters of `find_imbalance`, with offsets or without; ``state`` is an equilibrium, given
+    by twist and orientations.
 
     Returns:
         The sign of the determinant of the system; 0 where it is singular.
     """
-    count, tendons = state.twist.shape[1], tensions.size
-    sign = linearise(tables, tensions, tip_wrench, state, is_known, system)
+    count, tendons, columns = state.twist.shape[1], tensions.size, deviations.size
+    work = rod_work(tensions, count, tables.elements.step.size, 0)
+    sign = linearise(tables, tensions, tip_wrench, state, is_known, system, work)
     if sign == 0:
         return 0
-    wrench = tip_wrenches(tables.elements, state)
-    change = np.empty_like(wrench)
-    respond(tables.elements, system, wrench, change, np.empty((3, count, 6)))
-    for i in range(count):
-        weight = tables.elements.quadrature[i]
-        for k in range(4):
-            for column in range(6):
-                unit = tables.elements.length if column >= 3 else 1.0
-                change[k, i, column] *= weight / unit
-    stretch, left = np.empty((tendons, 4, count)), np.empty((4, count, tip.shape[1]))
-    own = np.empty(tendons)
-    find_imbalance(tables, parameters, tensions, state.twist, stretch, left, 0, own)
-    np.dot(change.reshape(4 * count, 6).T, left.reshape(4 * count, tip.shape[1]), tip)
+    change, left = np.empty((6, 4, count)), np.empty((columns, 4, count))
+    respond_at_tip(tables.elements, state, system, change, work)
+    weigh(tables, change)
+    find_imbalance(
+        tables.sections, parameters, tables.elements.quadrature, tensions, state.twist,
+        np.empty(IMBALANCE_ROWS), np.empty((tendons, 4, count)), left, np.empty(tendons),
+    )  # fmt: skip
+    tip = np.dot(change.reshape(6, 4 * count), left.reshape(columns, 4 * count).T)
+    for column in range(columns):
+        variance = deviations[column] ** 2
+        for i in range(6):
+            for k in range(6):
+                covariance[i, k] += variance * (tip[i, column] * tip[k, column])
     return sign
+
+
+@borrows
+def respond_at_tip(
+    tables: ElementTables, state: RodState, system: System, change: FloatArray, work: RodWork
+) -> None:
+    """Fill in the ``change`` of the twist (6, 4, points) under unit wrenches on the tip.
+
+    Rows 0 to 2 belong to forces along the axes of base_frame, 3 to 5 to moments about them. The
+    ``state`` is the equilibrium that the ``system`` is linearised about.
+    """
+    force, moment, imbalance = work.there.force, work.there.moment, work.there.imbalance
+    none = work.total[:3]
+    none[:] = 0.0
+    for axis in range(3):
+        force[:] = 0.0
+        moment[:] = 0.0
+        force[axis] = 1.0
+        find_wrench(tables, state, force, moment, none, imbalance, work.rows)
+        find_step(tables, system, imbalance, change[axis], work.turn, work)
+    imbalance[:] = 0.0
+    for axis in range(3):
+        find_response_to_moment(tables, system, axis, imbalance, change[3 + axis], work.turn, work)
