@@ -94,7 +94,6 @@ class Outcome(NamedTuple):
 
 
 @borrows
-@inlined
 def turn_of(quadrature: FloatArray, change: FloatArray) -> float:
     """Angle by which a ``change`` of twist (4, points) turns the arm [rad].
 
@@ -186,6 +185,7 @@ def iterate(
         # A Newton step leaves an error of about its square.
         settled = min(max(1e-3 * angle**4, DEFECTS), MOST_DEFECTS)
         found = np.inf
+        # Settled anew where the residual is that of an equilibrium but the orientations are not.
         for wanted in (settled, DEFECTS):
             defects = find_turn(tables.elements, there.twist, wanted, there.turn, work.rows)
             found = find_state(tables, tensions, tip_wrench, factor, there, work)
@@ -266,7 +266,6 @@ def balance(
 
 
 @borrows
-@inlined
 def enter(orientation: ComplexArray, turn: FloatArray) -> None:
     """Fill in the quaternions ``turn`` (4, points) from ``orientation``, see `leave`."""
     for i in range(turn.shape[1]):
@@ -275,7 +274,6 @@ def enter(orientation: ComplexArray, turn: FloatArray) -> None:
 
 
 @borrows
-@inlined
 def leave(turn: FloatArray, orientation: ComplexArray) -> None:
     """Normalise the quaternions ``turn`` (4, points) and copy them to ``orientation``.
 
@@ -334,7 +332,6 @@ def search(
 
 
 @borrows
-@inlined
 def are_positive(row: FloatArray) -> bool:
     """Whether all of ``row`` (n,) are above zero; False for NaN."""
     for value in row:
