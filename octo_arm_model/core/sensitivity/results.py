@@ -111,7 +111,7 @@ class Uncertainty:
             ConfigError: if there is no derivative by something that is uncertain.
         """
         covariance = self.of_model.copy()
-        for name, change in zip(self.quantities, changes):
+        for name, change in zip(self.quantities, changes, strict=True):
             if change is None:
                 what = _QUANTITIES[name]
                 raise ConfigError(f'the model has no derivative by {what}: choose exact')
