@@ -75,21 +75,11 @@ def find_imbalance(
         unscale(count, rows)
         take(first, count, rows, left[tendons + 1])
         for tendon in range(tendons):
-            acting, part = (
-                sections.acting[tendon, block],
-                sections.transmission[tendon, first:last],
-            )
+            acting = sections.acting[tendon, block]
+            part = sections.transmission[tendon, first:last]
             x, y = sections.x[tendon, first:last], sections.y[tendon, first:last]
             dx, dy = sections.dx[tendon, first:last], sections.dy[tendon, first:last]
-            for i in range(acting):
-                u_t, u_n, u_b, length = tendon_direction(
-                    rows[T + i], rows[N + i], rows[B + i], rows[S + i], rows[WIDTH + i],
-                    x[i], y[i], dx[i], dy[i],
-                )  # fmt: skip
-                over = 1.0 / length
-                rows[G_T + i], rows[G_N + i], rows[G_B + i], rows[G_S + i] = tendon_gradient(
-                    u_t * over, u_n * over, u_b * over, rows[SLOPE + i], x[i], y[i], dx[i], dy[i]
-                )
+            set_stretch(acting, x, y, dx, dy, rows)
             unscale(acting, rows)
             for k in range(4):
                 given, out = _GRADIENT + k * LANES, stretch[tendon, k, first:last]
@@ -111,6 +101,22 @@ def find_imbalance(
                 unscale(acting, rows)
                 column = left[tendons + 2 + tendon]
                 take_part(first, acting, tensions[tendon], part, rows, column)
+
+
+@borrows
+def set_stretch(
+    count: int, x: FloatArray, y: FloatArray, dx: FloatArray, dy: FloatArray, rows: FloatArray
+) -> None:
+    """Fill in the gradient of a tendon's stretch by the scaled strain, at ``count`` sections."""
+    for i in range(count):
+        u_t, u_n, u_b, length = tendon_direction(
+            rows[T + i], rows[N + i], rows[B + i], rows[S + i], rows[WIDTH + i],
+            x[i], y[i], dx[i], dy[i],
+        )  # fmt: skip
+        over = 1.0 / length
+        rows[G_T + i], rows[G_N + i], rows[G_B + i], rows[G_S + i] = tendon_gradient(
+            u_t * over, u_n * over, u_b * over, rows[SLOPE + i], x[i], y[i], dx[i], dy[i]
+        )
 
 
 @borrows

@@ -52,7 +52,6 @@ def empty_readings(nodes: int, stations: int) -> Readings:
 
 
 @borrows
-@inlined
 def read_rod(
     tables: RodTables, tensions: FloatArray, tip_wrench: FloatArray, state: RodState,
     readings: Readings, work: RodWork,

@@ -12,9 +12,10 @@ import numpy as np
 
 from octo_arm_model.core.compiled.loaded.rod_state import RodState, copy_rows
 from octo_arm_model.core.compiled.loaded.rod_tables import ElementTables
+from octo_arm_model.core.compiled.loaded.state_kernels import find_wrench_of_tip_force
 from octo_arm_model.core.compiled.loaded.system_kernels import System
 from octo_arm_model.core.compiled.numerics.dense_kernels import solve_columns
-from octo_arm_model.core.compiled.numerics.products import add_products, multiply
+from octo_arm_model.core.compiled.numerics.products import multiply
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
 
@@ -186,28 +187,12 @@ def tip_wrenches(tables: ElementTables, state: RodState) -> FloatArray:
     Each is in the axes of its cross section. Columns 0 to 2 belong to unit forces along the axes
     of base_frame, 3 to 5 to moments about them of a unit force times the length of the arm.
     """
-    twist, rotation = state.twist, state.rotation
-    points, count = tables.weights.size, twist.shape[1]
-    wrench = np.zeros((4, count, 6))
-    beyond, to_tip, carried = np.zeros(3), np.empty((3, points)), np.empty(points)
-    for element in range(tables.step.size - 1, -1, -1):
-        first, h = element * points, tables.step[element]
+    count, rotation = state.twist.shape[1], state.rotation
+    wrench, found, work = np.zeros((4, count, 6)), np.empty((4, count)), np.empty((13, count))
+    for axis in range(3):
+        find_wrench_of_tip_force(tables, state, axis, found, work)
+        wrench[:, :, axis] = found
         for k in range(3):
-            for j in range(points):
-                carried[j] = h * rotation[k, 0, first + j] * twist[3, first + j]
-            to_tip[k] = beyond[k]
-            add_products(carried, tables.to_end_columns, to_tip[k])
-            for j in range(points):
-                beyond[k] += tables.weights[j] * carried[j]
-        for column in range(3):
-            n, m = (column + 1) % 3, (column + 2) % 3
-            for i in range(points):
-                at = first + i
-                wrench[3, at, column] = rotation[column, 0, at]
-                for k in range(3):
-                    # The moment of the unit force: the lever times the unit vector.
-                    wrench[k, at, column] = (
-                        rotation[n, k, at] * to_tip[m, i] - rotation[m, k, at] * to_tip[n, i]
-                    )
-                    wrench[k, at, 3 + column] = rotation[column, k, at] * tables.length
+            for i in range(count):
+                wrench[k, i, 3 + axis] = rotation[axis, k, i] * tables.length
     return wrench

@@ -184,13 +184,11 @@ def iterate(
         turn_by(turn, here.turn, there.turn)
         # A Newton step leaves an error of about its square.
         settled = min(max(1e-3 * angle**4, DEFECTS), MOST_DEFECTS)
-        found = np.inf
-        # Settled anew where the residual is that of an equilibrium but the orientations are not.
-        for wanted in (settled, DEFECTS):
-            defects = find_turn(tables.elements, there.twist, wanted, there.turn, work.rows)
+        defects = find_turn(tables.elements, there.twist, settled, there.turn, work.rows)
+        found = find_state(tables, tensions, tip_wrench, factor, there, work)
+        if found <= tolerance and defects > DEFECTS:
+            find_turn(tables.elements, there.twist, DEFECTS, there.turn, work.rows)
             found = find_state(tables, tensions, tip_wrench, factor, there, work)
-            if not (found <= tolerance and defects > DEFECTS):
-                break
         if is_known:
             if not found <= PREDICTED * residual:
                 is_known = False
@@ -300,28 +298,25 @@ def search(
     other arguments are those of `balance`.
     """
     elements = tables.elements
-    iterations, corrected, turned = 0, 0.0, 0.0
-    is_reused, is_firm, is_least, is_tip_stable = False, False, False, False
-    is_read = wanted == READ_ONLY
-    if not is_read:
-        residual, iterations, corrected, turned, sign, is_reused = iterate(
-            tables, tensions, tip_wrench, factor, tolerance, is_known, known, reach, is_exact,
-            wanted != BALANCE, residual, sign, state, system, work,
-        )  # fmt: skip
-        is_firm = is_reused or (has_energy and sign > 0 and is_minimum(system, FIRM))
-        is_least = is_firm or (has_energy and sign > 0 and is_minimum(system, 0.0))
-        # Under moments without an energy only the sign of the determinant is known.
-        is_read = (
-            sign > 0 and wanted != BALANCE and corrected <= MOST_CORRECTED
-            and (is_least or not has_energy)
-            and (
-                wanted == ANY_READINGS
-                or resolves_twist(elements.tail, elements.step, state.twist)
-            ) and has_fibres(tables.sections, state.twist)
-        )  # fmt: skip
-    if is_read:
+    if wanted == READ_ONLY:
         read_rod(tables, tensions, tip_wrench, state, readings, work)
-        is_read = wanted == READ_ONLY or are_positive(readings.twist[3])
+        return Outcome(residual, 0, 0.0, 0.0, 0, False, False, False, False, True)
+    residual, iterations, corrected, turned, sign, is_reused = iterate(
+        tables, tensions, tip_wrench, factor, tolerance, is_known, known, reach, is_exact,
+        wanted != BALANCE, residual, sign, state, system, work,
+    )  # fmt: skip
+    is_firm = is_reused or (has_energy and sign > 0 and is_minimum(system, FIRM))
+    is_least = is_firm or (has_energy and sign > 0 and is_minimum(system, 0.0))
+    is_read, is_tip_stable = False, False
+    # Under moments without an energy only the sign of the determinant is known.
+    if (
+        sign > 0 and wanted != BALANCE and corrected <= MOST_CORRECTED
+        and (is_least or not has_energy)
+        and (wanted == ANY_READINGS or resolves_twist(elements.tail, elements.step, state.twist))
+        and has_fibres(tables.sections, state.twist)
+    ):  # fmt: skip
+        read_rod(tables, tensions, tip_wrench, state, readings, work)
+        is_read = are_positive(readings.twist[3])
     elif sign and wanted == BALANCE and not is_least:
         find_compliance(tables, state, system, compliance, change)
         is_tip_stable = is_definite(compliance)

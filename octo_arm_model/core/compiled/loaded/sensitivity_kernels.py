@@ -18,7 +18,11 @@ from octo_arm_model.core.compiled.loaded.rod_tables import (
     ParameterTables,
     RodTables,
 )
-from octo_arm_model.core.compiled.loaded.state_kernels import find_state, find_wrench
+from octo_arm_model.core.compiled.loaded.state_kernels import (
+    find_state,
+    find_wrench,
+    find_wrench_of_tip_force,
+)
 from octo_arm_model.core.compiled.loaded.step_kernels import find_response_to_moment, find_step
 from octo_arm_model.core.compiled.loaded.system_kernels import System, find_system
 from octo_arm_model.core.compiled.numerics.references import borrows
@@ -165,14 +169,9 @@ def respond_at_tip(
     Rows 0 to 2 belong to forces along the axes of base_frame, 3 to 5 to moments about them. The
     ``state`` is the equilibrium that the ``system`` is linearised about.
     """
-    force, moment, imbalance = work.there.force, work.there.moment, work.there.imbalance
-    none = work.total[:3]
-    none[:] = 0.0
+    imbalance = work.there.imbalance
     for axis in range(3):
-        force[:] = 0.0
-        moment[:] = 0.0
-        force[axis] = 1.0
-        find_wrench(tables, state, force, moment, none, imbalance, work.rows)
+        find_wrench_of_tip_force(tables, state, axis, imbalance, work.rows)
         find_step(tables, system, imbalance, change[axis], work.turn, work)
     imbalance[:] = 0.0
     for axis in range(3):

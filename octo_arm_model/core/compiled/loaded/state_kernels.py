@@ -51,6 +51,22 @@ def find_wrench(
 
 
 @borrows
+def find_wrench_of_tip_force(
+    tables: ElementTables, state: RodState, axis: int, wrench: FloatArray, work: FloatArray
+) -> None:
+    """`find_wrench` of a unit force on the tip along an ``axis`` of base_frame alone.
+
+    ``work`` is room for (13, points), of which there are at least three.
+    """
+    force, moment, none = work[6:9], work[9:12], work[12]
+    force[:] = 0.0
+    moment[:] = 0.0
+    none[:] = 0.0
+    force[axis] = 1.0
+    find_wrench(tables, state, force, moment, none, wrench, work)
+
+
+@borrows
 def into_axes(
     rotation: FloatArray, force: FloatArray, moment: FloatArray, wrench: FloatArray
 ) -> None:
