@@ -23,6 +23,10 @@ _SLOW = 0.7  # largest ratio of successive residuals at which the iteration goes
 # smaller than the error of linearisation.
 _NEAR = 1e-3
 _ROUNDING = 1e-13  # relative imbalance that no step makes less
+# Factor on an imbalance that is estimated, not evaluated, and the least estimate: what rounding of
+# elastic forces leaves of the least `newton.force_scale`.
+_SAFETY, _LEAST = 10.0, 2e-12
+_TINY = 1e-300
 
 
 class Tendons(Protocol):
@@ -98,10 +102,9 @@ def balance(
         worst = float(left.max(initial=0.0))
         is_balanced = worst <= tolerance and tendons.imbalance <= tolerance
         if is_balanced and worst <= _ROUNDING:
-            return Balance(strain, left.max(axis=(0, 2), initial=0.0), iterations)
+            return Balance(strain, _largest(left), iterations)
         if not worst <= max(_SLOW * previous, tolerance):  # nor where it is NaN
             return None
-        previous = worst
         body = _Body.of(
             bending, square, once - tendons.softening, both, second, axial * f.by_stretch_stretch
         )
@@ -112,11 +115,25 @@ def balance(
             step = body.step(gradient)
         if is_balanced:
             # A last step leaves rounding, whatever the tolerance is.
-            return Balance(strain + step, left.max(axis=(0, 2), initial=0.0), iterations)
+            return Balance(strain + step, _largest(left), iterations)
         if worst < _NEAR and not tendons.has_torsion:
-            step = body.step(gradient + tendons.stiffened(step))
+            stiffened = tendons.stiffened(step)
+            step = body.step(gradient + stiffened)
+            # Of what Newton's method leaves, the square of what was left, and of what is beyond
+            # the first order in the stiffness of the tendons, parts of what was left.
+            beyond = float(np.abs(stiffened * over).max(initial=0.0)) / max(worst, _TINY)
+            part = _SAFETY * ((worst / previous) ** 2 + beyond * beyond)
+            if part * worst <= tolerance and iterations:
+                residual = np.maximum(part * _largest(left), _LEAST)
+                return Balance(strain + step, residual, iterations + 1)
+        previous = worst
         strain = strain + step
     return None
+
+
+def _largest(left: FloatArray) -> FloatArray:
+    """Of what is ``left`` (n, batch, nodes), in each arm."""
+    return np.asarray(left.max(axis=(0, 2), initial=0.0))
 
 
 def _with_torsion(
