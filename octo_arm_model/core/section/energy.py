@@ -55,6 +55,7 @@ class SectionEnergy(ElasticSections):
         squared_slope: sum of the squares of both slopes, of the same shape.
     """
 
+    displaces_tendons = False  # so that what they do is not in proportion to their tensions
     # Names of the tables with an axis of tendons.
     _of_tendons: tuple[str, ...] = (
         'active', 'transmission', 'x', 'y', 'dx', 'dy', 'squared_slope'

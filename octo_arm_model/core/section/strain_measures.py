@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,8 +46,23 @@ def gradient_by_twist(
     energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray
 ) -> FloatArray:
     """Gradient (n, batch, nodes) of the energy by the ``twist``, see `derivatives_by_twist`."""
+    return _gradient(energy, twist, local_tensions, energy.gradient)
+
+
+def pull_by_twist(
+    energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray
+) -> FloatArray:
+    """The part of `gradient_by_twist` that comes of the tendons."""
+    return _gradient(energy, twist, local_tensions, energy.tendon_gradient)
+
+
+def _gradient(
+    energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray,
+    of: Callable[[FloatArray, FloatArray, Number, Number], FloatArray],
+) -> FloatArray:  # fmt: skip
+    """Gradient by the ``twist`` from what it is ``of`` the scaled strain."""
     width, slope, _ = energy.widening(twist[3])
-    gradient = energy.gradient(_scaled(energy, twist, width), local_tensions, width, slope)
+    gradient = of(_scaled(energy, twist, width), local_tensions, width, slope)
     if energy.law.widens:
         # The formula of `unscale_gradient`, with the widening that is known here.
         gradient[3] += slope * np.add.reduce(twist[:3] * gradient[:3])
@@ -94,6 +111,17 @@ def unscale_gradient(energy: SectionEnergy, twist: FloatArray, gradient: FloatAr
     unscaled[:3] *= width
     unscaled[3] += slope * np.add.reduce(kappa * gradient[:3])
     return unscaled
+
+
+def lengthening_by_twist(
+    energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray
+) -> FloatArray:
+    """Gradient of every tendon's stretch by the ``twist``, (n, tendons, batch, nodes).
+
+    ``twist`` is (n, batch, nodes), ``local_tensions`` are (tendons, batch, nodes) [N].
+    """
+    _, gradient = energy.lengthening(to_scaled(energy.law, twist), local_tensions)
+    return unscale_gradient(energy, twist, gradient)
 
 
 def scaled_change(energy: SectionEnergy, twist: FloatArray, change: FloatArray) -> FloatArray:

@@ -9,7 +9,11 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
-from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradient
+from octo_arm_model.core.section.strain_measures import (
+    lengthening_by_twist,
+    to_scaled,
+    unscale_gradient,
+)
 
 
 class Imbalance:
@@ -40,8 +44,7 @@ class Imbalance:
     @functools.cached_property
     def length_by_twist(self) -> FloatArray:
         """Gradient of every tendon's stretch by the twist, (n, tendons, points)."""
-        _, gradient = self._energy.lengthening(self.strain, self._local_tensions)
-        return -self._imbalance_by(gradient)
+        return lengthening_by_twist(self._energy, self._twist, self._local_tensions)[:, :, 0]
 
     @property
     def by_tension(self) -> FloatArray:

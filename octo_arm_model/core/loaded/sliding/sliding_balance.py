@@ -26,9 +26,9 @@ from octo_arm_model.core.section.newton import initial_strain, minimise
 from octo_arm_model.core.section.strain_measures import (
     check_fibres,
     derivatives_by_twist,
+    lengthening_by_twist,
     to_scaled,
     to_twist,
-    unscale_gradient,
 )
 
 TOLERANCE = 1e-9  # of the tensions along tendons, relative
@@ -151,10 +151,9 @@ def couplings(
     Under ``local_tensions`` (tendons, batch, points) [N] of tendons that turn as in ``turning``.
     Approximate: the change of the tendons' directions within the sections is neglected.
     """
-    strain = to_scaled(energy.law, twist)
-    towards = energy.lengthening(strain, local_tensions)[1]
     _, hessian = derivatives_by_twist(energy, twist, local_tensions)
-    by_pull = -substitute(factorise(hessian), unscale_gradient(energy, twist, towards))
+    towards = lengthening_by_twist(energy, twist, local_tensions)
+    by_pull = -substitute(factorise(hessian), towards)
     # |kappa x e| changes by this times a change of kappa.
     rate = np.where(turning.rate > 0.0, turning.rate, np.inf)
     across = cross(turning.tangents.unit, turning.curvature / rate)

@@ -16,7 +16,7 @@ from octo_arm_model.core.loaded.linearised import Response, System
 from octo_arm_model.core.loaded.sliding.friction_changes import FrictionChanges
 from octo_arm_model.core.loaded.state import State
 from octo_arm_model.core.numerics.fixed_point import fixed_point
-from octo_arm_model.core.section.strain_measures import to_scaled, unscale_gradient
+from octo_arm_model.core.section.strain_measures import lengthening_by_twist
 
 _EXACT = 1e-12  # tolerance of a small change, relative to it
 _ROUGH = 0.1  # tolerance that suffices within Newton's method, which hardly slows down with it
@@ -57,11 +57,9 @@ def respond(
     sliding = state.sliding
     if sliding is None:
         return system.solve(imbalance), None
-    friction, energy, twist = problem.friction, problem.energy, state.shape.twist
+    friction, twist = problem.friction, state.shape.twist
     assert friction is not None
-    strain = to_scaled(energy.law, twist[:, np.newaxis])
-    along = energy.lengthening(strain, sliding.tensions)[1]
-    along = unscale_gradient(energy, twist[:, np.newaxis], along)[:, :, 0]
+    along = lengthening_by_twist(problem.energy, twist[:, np.newaxis], sliding.tensions)[:, :, 0]
     changes = FrictionChanges(friction, sliding, twist)
 
     def pulled(change: FloatArray) -> FloatArray:

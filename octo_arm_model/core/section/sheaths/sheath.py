@@ -88,6 +88,7 @@ class SheathedSections(SectionEnergy):
             nodes).
     """
 
+    displaces_tendons = True
     _of_tendons = (*SectionEnergy._of_tendons, 'sheath_compliance', 'farthest', '_safe_force')
 
     def __init__(
