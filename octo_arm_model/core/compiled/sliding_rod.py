@@ -14,9 +14,10 @@ from octo_arm_model.core.compiled.loaded.rod_state import RodState
 from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import slide, slide_rod
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.newton import SAME_LOADS, Iterate
+from octo_arm_model.core.loaded.newton import Iterate
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding.friction import Sliding
+from octo_arm_model.core.loaded.stability import SAME_LOADS
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, TendonTensions

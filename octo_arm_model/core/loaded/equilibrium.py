@@ -18,7 +18,7 @@ from octo_arm_model.core.arm.loads import Tangent
 from octo_arm_model.core.errors import LoadError
 from octo_arm_model.core.hints import FloatArray, Number
 from octo_arm_model.core.loaded.collocation import Collocation
-from octo_arm_model.core.loaded.kinematics import frames, matrix_of, unit
+from octo_arm_model.core.loaded.kinematics import frames, matrix_of
 from octo_arm_model.core.loaded.linearised import Linearised, Response, System
 from octo_arm_model.core.loaded.loading.load_resultants import LoadTable
 from octo_arm_model.core.loaded.loading.load_tangents import RodPoints, WithTangents
@@ -29,7 +29,11 @@ from octo_arm_model.core.numerics.vectors import cross, skew
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import force_scale
-from octo_arm_model.core.section.strain_measures import derivatives_by_twist, gradient_by_twist
+from octo_arm_model.core.section.strain_measures import (
+    derivatives_by_twist,
+    gradient_by_twist,
+    pull_by_twist,
+)
 
 # From tensions (tendons,) and twist (n, points) to the gradient of the energy by the twist,
 # (n, points), its Hessian (n, n, points), and what an imbalance is measured by, (n, points).
@@ -100,7 +104,8 @@ class Equilibrium:
 
     def moved(self, shape: Shape, change: Response, part: float = 1.0) -> Shape:
         """``shape`` after ``part`` of a ``change`` of one column."""
-        return self.shape(shape.twist + part * change.twist[:, 0])
+        twist = change.twist[:, 0]
+        return self.shape(shape.twist + (twist if part == 1.0 else part * twist))
 
     def extrapolate(self, before: Shape, now: Shape, part: float) -> Shape:
         """The shape after ``now`` by ``part`` of the change from ``before``."""
@@ -131,16 +136,40 @@ class Equilibrium:
                 gradient = gradient_by_twist(energy, batch, local_tensions)
             gradient, scale = gradient.reshape(twist.shape), scale.reshape(twist.shape)
         rotation, tangent, both = self._loaded(condition, shape)
-        wrench = np.einsum('ji...,kj...->ki...', rotation, both)
-        wrench = wrench.reshape(6, *twist.shape[1:])[: len(twist)]
+        wrench = self._in_sections(rotation, both)
         imbalance = wrench - gradient
-        scale = scale + np.maximum.reduce(np.abs(wrench), axis=-1, keepdims=True)
-        # NaN where a strain is impossible.
-        residual = (np.abs(imbalance) / scale).max(axis=(0, -1))
+        residual = _residual(imbalance, scale, wrench)
         return State(
             condition, shape, rotation, tangent, both[0], both[1], imbalance, residual, sliding,
             hessian,
         )  # fmt: skip
+
+    def pulled_more(self, state: State, condition: Condition, shape: Shape) -> State | None:
+        """The balance ``state`` of one arm under the tensions of several, which are its ``shape``.
+
+        Their loads are the same. None where tensions displace the tendons.
+        """
+        if self.energy.displaces_tendons:
+            return None
+        arms, points = len(condition.tensions), self.collocation.s.size
+        energy, more = self.energy.pulled(condition.tensions - state.condition.tensions.ravel())
+        imbalance = -pull_by_twist(energy, shape.twist, more)
+        rotation = state.rotation.reshape(3, 3, 1, points)
+        tangent, both = state.tangent.reshape(3, 1, points), np.array([state.moment, state.force])
+        both = both.reshape(2, 3, 1, points)
+        wrench = self._in_sections(rotation, both)
+        residual = _residual(imbalance, self._pulled(condition.tensions).scale, wrench)
+        if arms > 1:
+            rotation, tangent, both = (x.repeat(arms, axis=-2) for x in (rotation, tangent, both))
+        return State(
+            condition, shape, rotation, tangent, both[0], both[1], imbalance,
+            state.residual + residual,
+        )  # fmt: skip
+
+    def _in_sections(self, rotation: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Moment and force (2, 3, ..., points) in the axes of the cross sections, (n, ...)."""
+        turned = np.einsum('ji...,kj...->ki...', rotation, wrench)
+        return turned.reshape(6, *turned.shape[2:])[: self.energy.strains]
 
     def last_state(self, state: State, change: Response, residual: Number) -> State:
         """The ``state`` under dead loads after the last ``change`` of a search for balance.
@@ -151,9 +180,7 @@ class Equilibrium:
         twist = change.twist[:, 0]
         bends = np.einsum('ik...,k...->i...', state.rotation, twist[:3])
         t, n, b = self.collocation.integrate_from_base(0.5 * bends)
-        orientation = unit(
-            Quaternions(*product(1.0 + 1j * t, n + 1j * b, *state.shape.orientation))
-        )
+        orientation = Quaternions(*product(1.0 + 1j * t, n + 1j * b, *state.shape.orientation))
         shape = Shape(state.shape.twist + twist, orientation)
         rotation, tangent, both = self._loaded(state.condition, shape)
         return State(
@@ -207,12 +234,16 @@ class Equilibrium:
         hessian = derivatives_by_twist(energy, batch, local_tensions)[1]
         return hessian.reshape(len(twist), *twist.shape)
 
-    def linearised(self, state: State, damping: float = 0.0) -> System:
-        """The linear system about ``state``, for cross sections stiffer by ``damping``."""
+    def linearised(self, state: State, damping: float = 0.0, near: System | None = None) -> System:
+        """The linear system about ``state``, for cross sections stiffer by ``damping``.
+
+        That of a state ``near`` saves work, see `Linearised`.
+        """
         hessian = self.hessian(state)
         linear = Linearised(
             self.collocation, hessian * (1.0 + damping) if damping else hessian, state.rotation,
             state.tangent, state.moment, state.force, self._unit,
+            near if isinstance(near, Linearised) else None,
         )  # fmt: skip
         factor = state.condition.factor
         if not self.loads.others or not factor:
@@ -278,3 +309,12 @@ class Equilibrium:
         """
         power = np.add.reduce(state.imbalance * change.twist[:, 0])
         return float(power @ self.collocation.weights)
+
+
+def _residual(imbalance: FloatArray, scale: FloatArray, wrench: FloatArray) -> FloatArray:
+    """Largest ``imbalance`` over its ``scale`` and the largest ``wrench``, (n, ..., points) each.
+
+    (...); NaN where a strain is impossible.
+    """
+    scale = scale + np.maximum.reduce(np.abs(wrench), axis=-1, keepdims=True)
+    return np.asarray((np.abs(imbalance) / scale).max(axis=(0, -1)))

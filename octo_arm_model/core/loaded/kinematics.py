@@ -20,12 +20,12 @@ from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.numerics.gauss import gauss_rule
 from octo_arm_model.core.numerics.quaternion import Quaternions
 
-# Real and imaginary parts of -K, row by row, from t, n and b.
-_RATES = np.array([
+# Real and imaginary parts of -K / 2, row by row, from t, n and b.
+_RATES = 0.5 * np.array([
     [0, -1, 0, 0, 0, 0, 0, 1],
     [0, 0, -1, 0, 1, 0, 0, 0],
     [0, 0, 0, -1, 0, -1, 0, 0],
-], dtype=np.float64)  # fmt: skip
+])  # fmt: skip
 
 
 def matrix_of(orientation: Quaternions) -> ComplexArray:
@@ -43,7 +43,7 @@ def frames(angular: FloatArray, collocation: Collocation, base: ComplexArray) ->
     _, *lead, _ = angular.shape
     elements, points = collocation.step.size, collocation.rule.points.size
     from_start, start = _tables(points)
-    rates = ((0.5 * collocation.steps) * angular).reshape(3, -1).T @ _RATES
+    rates = (collocation.steps * angular).reshape(3, -1).T @ _RATES
     by_point = rates.view(np.complex128).reshape(-1, 1, points, 2, 2).transpose(0, 4, 1, 3, 2)
     # Of a row of M, from a and b at point j, one after the other, to a and b at point i.
     blocks = np.empty((len(by_point), 2, points, 2, points), np.complex128)

@@ -9,8 +9,10 @@ import numpy as np
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import IntArray, Number
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.known_balance import KnownBalance
 from octo_arm_model.core.loaded.linearised import Linearised, System, TipAnswer
 from octo_arm_model.core.loaded.sliding.sliding_response import newton_step
+from octo_arm_model.core.loaded.stability import SAME
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.rod.solution import Shape
 
@@ -20,11 +22,8 @@ PROGRESS = 0.7  # what each iteration must leave less than of the residual
 _MOST_LINEAR, _LINEAR_PROGRESS = 200, 0.99
 FIRST_PROGRESS = 3.0  # likewise the first, which takes up the change of the loads
 # A factorised system is used for another step where the one before left this residual and part of
-# it, and for judging stability where no more than this has been turned since [rad].
-NEAR, QUICK, SAME = 2e-5, 0.02, 0.1
-# Sum of changes of tensions and loads, as residuals, within which as much is known of stability;
-# likewise `Equilibrium.load_change`.
-SAME_LOADS = 0.02
+# it.
+NEAR, QUICK = 2e-5, 0.02
 # A step with the same system leaves about the same part of residual and turn as the step before.
 # Where the residual is not evaluated its estimate has this factor.
 SAFETY = 10.0
@@ -145,12 +144,12 @@ def newton(problem: Equilibrium, condition: Condition, shape: Shape, tolerance: 
 
 def newton_of_all(
     problem: Equilibrium, condition: Condition, shape: Shape, tolerance: float,
-    known: System | None = None,
+    known: KnownBalance | None = None,
 ) -> list[tuple[IntArray, Iterate]]:  # fmt: skip
     """`newton` of several arms at once, in groups of those that go the same way.
 
-    The system of a balance nearby that is ``known`` makes the first step, as long as that leaves a
-    small part of the residual.
+    The system of a balance of ``shape`` that is ``known`` makes the first step, as long as that
+    leaves a small part of the residual.
 
     Returns:
         Numbers of the arms of each group, and what became of them.
@@ -180,13 +179,17 @@ def newton_of_all(
 
 
 def _begin(
-    problem: Equilibrium, condition: Condition, shape: Shape, known: System | None
+    problem: Equilibrium, condition: Condition, shape: Shape, known: KnownBalance | None
 ) -> _Progress:
-    is_known = known is not None
-    state = problem.state(condition, shape, is_to_be_linearised=not is_known)
+    is_known, system = known is not None, None
+    state: State | None = None
+    if known is not None:
+        system, state = known.system, known.under(condition, shape)
+    if state is None:
+        state = problem.state(condition, shape, is_to_be_linearised=not is_known)
     nothing = np.zeros_like(state.residual)
     return _Progress(
-        state, known, is_known, is_known, True, 0, nothing, nothing, state.residual, nothing,
+        state, system, is_known, is_known, True, 0, nothing, nothing, state.residual, nothing,
         nothing, nothing,
     )  # fmt: skip
 
@@ -201,7 +204,7 @@ def _iterate(problem: Equilibrium, now: _Progress, enough: float = 0.0) -> _Prog
     """
     state, system, turned = now.state, now.system, now.turned
     if system is None or not now.again:
-        system, turned = problem.linearised(state), 0.0
+        system, turned = problem.linearised(state, near=now.last_system), 0.0
     step = newton_step(problem, system, state)
     turn, old = problem.turn(step), state.residual
     left = None

@@ -39,8 +39,8 @@ def read_out(
     last = *range(1, found.ndim), 0
     position = found[:3].transpose(last) + rod.base.position
     turn = found[3:7]
-    for row, at_base in zip(turn, (a.real, a.imag, b.real, b.imag), strict=True):
-        row += at_base
+    at_base = np.array([a.real, a.imag, b.real, b.imag])
+    turn += at_base.reshape(4, *(1,) * (turn.ndim - 1))
     turn /= np.sqrt(np.add.reduce(turn * turn))
     twist = rod.nodes.interpolate(state.shape.twist)
     twist[..., rod.station_node] = _at_stations(rod, state, hessian, turn, carried, found[7:])

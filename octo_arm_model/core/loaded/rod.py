@@ -269,11 +269,12 @@ class LoadedRod:
         """
         if self.is_finest:
             return np.ones(twist.shape[1], np.bool_)
-        size = np.abs(twist).max(axis=-1)
-        size[:3] = np.maximum(size[:3].max(axis=0), STRAIGHT / self._own.length)
-        turn = np.sqrt(np.add.reduce(twist[:3] ** 2)) * self._own.steps
-        smooth = (self._tail(twist) <= RESOLVED * size).all(axis=0)
-        return np.asarray(smooth & (turn <= MOST_TURN).all(axis=-1))
+        size = np.maximum.reduce(np.abs(twist), axis=-1)
+        size[:3] = np.maximum(np.maximum.reduce(size[:3]), STRAIGHT / self._own.length)
+        angular = twist[:3] * self._own.steps
+        turn = np.maximum.reduce(np.add.reduce(angular * angular), axis=-1)
+        smooth = np.logical_and.reduce(self._tail(twist) <= RESOLVED * size)
+        return np.asarray(smooth & (turn <= MOST_TURN * MOST_TURN))
 
     def _tail(self, values: FloatArray) -> FloatArray:
         """Largest of the last two Legendre coefficients of ``values`` (n, arms, points).

@@ -12,8 +12,9 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, TOLERANCE
 from octo_arm_model.core.loaded.kept_balances import KeptBalances
+from octo_arm_model.core.loaded.known_balance import KnownBalance, Margin, margin_under
 from octo_arm_model.core.loaded.linearised import Linearised
-from octo_arm_model.core.loaded.newton import SAME, SAME_LOADS, Iterate, newton, newton_of_all
+from octo_arm_model.core.loaded.newton import Iterate, newton, newton_of_all
 from octo_arm_model.core.loaded.read_out import read_out
 from octo_arm_model.core.loaded.stability import LeastEnergy, least_energy
 from octo_arm_model.core.loaded.state import Condition, Stability
@@ -44,42 +45,27 @@ class Settled(NamedTuple):
     twist: FloatArray
 
 
-class Known(NamedTuple):
-    """What is kept with a balance.
-
-    Attributes:
-        system: linearised about nearly it.
-        angle: how far the arm may turn from it and stay at a minimum of its energy for certain
-            [rad]; 0 where its stability has no margin.
-        change: likewise how far tensions and loads may change, as a residual.
-        tip_wrench: on the tip where its stability was tested, (6,) [N, N m].
-    """
-
-    system: Linearised
-    tip_wrench: FloatArray
-    angle: float = 0.0
-    change: float = 0.0
-
-
 class Settling:
     """`Settle` of one rod whose tendons have no friction, under dead loads."""
 
     def __init__(self, rod: LoadedRod) -> None:
         """Of ``rod``."""
         self._rod = rod
-        self._kept: KeptBalances[Known] = KeptBalances()
+        self._kept: KeptBalances[KnownBalance] = KeptBalances()
 
     def newton(self, condition: Condition, shape: Shape, tolerance: float) -> Iterate:
         """`Newton` of the rod."""
-        found = newton(self._rod.equilibrium, condition, shape, tolerance)
+        problem = self._rod.equilibrium
+        found = newton(problem, condition, shape, tolerance)
         if tolerance <= TOLERANCE and isinstance(found.system, Linearised):
-            twist, system, wrench = found.state.shape.twist, found.system, condition.tip_wrench
-            if not self._rod.equilibrium.loads.has_energy(wrench):
-                self._kept.keep(twist, Known(system, wrench))
-                return found
-            least = self._least_energy(system)
-            self._kept.keep(twist, _known(system, wrench, least.are_firm[0]))
-            if least.are_least[0]:
+            has_energy = problem.loads.has_energy(condition.tip_wrench)
+            least = self._least_energy(found.system) if has_energy else None
+            margin = margin_under(
+                condition.tip_wrench, is_firm=least is not None and bool(least.are_firm[0])
+            )
+            known = KnownBalance(problem, found.state, found.system, margin)
+            self._kept.keep(found.state.shape.twist, known)
+            if least is not None and least.are_least[0]:
                 return found._replace(system=Stability(True, 1, None))
         return found
 
@@ -127,16 +113,19 @@ class Settling:
         """
         arms, known = len(wanted.tensions), self._kept.about(shape.twist)
         if shape.twist.ndim == 2:
-            a, b = (part[np.newaxis].repeat(arms, axis=0) for part in shape.orientation)
-            shape = Shape(shape.twist[:, np.newaxis].repeat(arms, axis=1), Quaternions(a, b))
+            a, b = (part[np.newaxis] for part in shape.orientation)
+            shape = Shape(shape.twist[:, np.newaxis], Quaternions(a, b))
+            if arms > 1:
+                a, b = (part.repeat(arms, axis=0) for part in shape.orientation)
+                shape = Shape(shape.twist.repeat(arms, axis=1), Quaternions(a, b))
         found: dict[int, Settled] = {}
         for numbers, group in newton_of_all(
-            self._rod.equilibrium, wanted, shape, TOLERANCE, known and known.system
+            self._rod.equilibrium, wanted, shape, TOLERANCE, known
         ):
             found.update(zip(numbers.tolist(), self._settled(group, known, arms == 1)))
         return [found[number] for number in range(arms)]
 
-    def _settled(self, found: Iterate, known: Known | None, is_kept: bool) -> list[Settled]:
+    def _settled(self, found: Iterate, known: KnownBalance | None, is_kept: bool) -> list[Settled]:
         """What became of arms that Newton's method led the same way; raises as `_settle`.
 
         They were led from the balance that is ``known``, if any. That of one arm is kept.
@@ -148,21 +137,23 @@ class Settling:
         outcomes: list[Solution | Shape | None] = [None] * len(shapes)
         tested = self._tested(found, known)
         if tested is not None:
-            are_stable, kept = tested
+            are_stable, system, margin = tested
             is_stable = (found.corrected <= MOST_CORRECTED) & are_stable
             strain = to_scaled(energy.law, twist)
             is_read = is_stable & rod.are_resolved(twist) & have_fibres(energy, strain)
-            for number in np.flatnonzero(is_stable > is_read).tolist():
-                outcomes[number] = shapes[number]
+            if not is_read.all():
+                for number in np.flatnonzero(is_stable > is_read).tolist():
+                    outcomes[number] = shapes[number]
             numbers = np.flatnonzero(is_read)
             if numbers.size:
-                part, hessian = state, kept.system.hessian
+                part, hessian = state, system.hessian
                 if hessian.shape[2] < len(shapes):  # of the one that all were led from
                     hessian = hessian.repeat(len(shapes), axis=2)
                 if numbers.size < len(shapes):
                     part, strain = state.of(numbers), strain[:, numbers]
                     hessian = hessian[:, :, numbers]
-                energy.check_tendons(strain, energy.local_tensions(part.condition.tensions))
+                if energy.displaces_tendons:
+                    energy.check_tendons(strain, energy.local_tensions(part.condition.tensions))
                 read = read_out(rod, part, hessian)
                 for i, number in enumerate(numbers.tolist()):
                     outcomes[number] = Solution(
@@ -170,6 +161,7 @@ class Settling:
                         (read[1][i], read[2][i]),
                     )  # fmt: skip
             if is_kept:
+                kept = KnownBalance(rod.equilibrium, state, system, margin)
                 self._kept.keep(shapes[0].twist, kept)
         return [
             Settled(outcome, found.iterations, left, shape.twist)
@@ -177,8 +169,8 @@ class Settling:
         ]
 
     def _tested(
-        self, found: Iterate, known: Known | None
-    ) -> tuple[NDArray[np.bool_], Known] | None:
+        self, found: Iterate, known: KnownBalance | None
+    ) -> tuple[NDArray[np.bool_], Linearised, Margin] | None:
         """Whether balances are seen to be of least energy, and what to keep with that of one arm.
 
         Where loads have no energy the sign of the determinant is all that is known. None where no
@@ -187,49 +179,29 @@ class Settling:
         if not (found.state.residual <= TOLERANCE).all():
             return None
         problem, wrenches = self._rod.equilibrium, found.state.condition.tip_wrench
-        system, kept = found.system, self._still_firm(found, known)
-        if known is not None and system is known.system and found.iterations and kept is None:
-            # It tells of the loads that it was linearised under.
-            system = None
+        system, margin = found.system, None
+        if known is not None:
+            margin = known.margin_left(found.state, found.moved, found.changed)
+            if margin is None and system is known.system and found.iterations:
+                # It tells of the loads that it was linearised under.
+                system = None
         if system is None:
             try:
                 system = problem.linearised(found.state)
             except ConvergenceError:
                 return None
         assert isinstance(system, Linearised)
-        if kept is not None:
-            return np.ones(len(wrenches), bool), kept._replace(system=system)
+        if margin is not None:
+            return np.ones(len(wrenches), bool), system, margin
         has_energy = [problem.loads.has_energy(wrench) for wrench in wrenches]
         if all(has_energy):
             least = self._least_energy(system)
-            return least.are_least, _known(system, wrenches[0], least.are_firm[0])
+            margin = margin_under(wrenches[0], is_firm=bool(least.are_firm[0]))
+            return least.are_least, system, margin
         are_stable = system.signs == problem.unloaded_sign
         if any(has_energy):
             are_stable = np.where(has_energy, self._least_energy(system).are_least, are_stable)
-        return are_stable, Known(system, wrenches[0])
-
-    def _still_firm(self, found: Iterate, known: Known | None) -> Known | None:
-        """What is left of the margin by which all arms are stable; None where none is.
-
-        For the balances ``found`` from that which is ``known``, if any.
-        """
-        if known is None:
-            return None
-        angle, change = known.angle - found.moved, known.change - found.changed
-        problem, condition = self._rod.equilibrium, found.state.condition
-        if not (angle.min() > 0.0 and change.min() > 0.0):
-            return None
-        for tensions, wrench in zip(condition.tensions, condition.tip_wrench, strict=True):
-            loads = problem.load_change(known.tip_wrench, tensions, wrench)
-            if loads > SAME_LOADS or not problem.loads.has_energy(wrench):
-                return None
-        return known._replace(angle=float(angle[0]), change=float(change[0]))
+        return are_stable, system, margin_under(wrenches[0], is_firm=False)
 
     def _least_energy(self, system: Linearised) -> LeastEnergy:
         return least_energy(system, self._rod.equilibrium.collocation.rule.weights)
-
-
-def _known(system: Linearised, tip_wrench: FloatArray, is_firm: bool) -> Known:
-    """What is known of a balance whose ``system`` has just been linearised."""
-    margins = (SAME, SAME_LOADS) if is_firm else (0.0, 0.0)
-    return Known(system, tip_wrench, *margins)

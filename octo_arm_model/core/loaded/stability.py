@@ -18,6 +18,10 @@ _ONE = np.eye(3)
 # beyond it is subtracted. An equilibrium with this margin stays stable under small changes of
 # shape and loads.
 FIRM = 0.2
+# As much is known of stability where the arm has turned by no more than this since it was judged
+# [rad], and while tensions and loads have changed by no more, in a sum of residuals; the latter
+# likewise for `Equilibrium.load_change`.
+SAME, SAME_LOADS = 0.1, 0.02
 # A compliance this many times the others is that of a rigid-body motion.
 _FREE = 1e6
 

@@ -15,7 +15,8 @@ from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.settle import Settling
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.models.exact import Exact
-from octo_arm_model.core.rod.solution import Solution
+from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.rod.solution import Shape, Solution
 
 AIR = Loads(gravity=(0.0, 0.0, -9.81))
 WATER = dataclasses.replace(AIR, fluid_density=1000.0)
@@ -88,6 +89,32 @@ def test_an_estimated_residual_is_no_less_than_the_evaluated_one(
             np.testing.assert_allclose(a, b, atol=1e-12 * max(1.0, np.abs(b).max()))
         scale = np.abs(expected.moment).max()
         np.testing.assert_allclose(estimated.moment, expected.moment, atol=1e-12 * scale)
+
+
+def test_a_balance_under_more_tension_is_as_if_evaluated(table4: Config) -> None:
+    hanging = table4.arm.with_density(1080.0)
+    for solver, tensions in (
+        (Solver(HELICAL, 'exact', 31, material='linear', shear=True, loads=AIR), np.full(6, 0.3)),
+        (Solver(hanging, 'exact', 31, table4.base, loads=WATER), np.repeat([0.1, 1.0, 3.0], 4)),
+    ):
+        tensions[1] = 0.0
+        assert isinstance(solver._statics, Exact)
+        found = solver.solve(tensions.reshape(solver.arm.tension_shape))
+        rod, balanced, shape = solver._statics._balance_of(found)
+        problem, wrench = rod.equilibrium, balanced.tip_wrench
+        before = problem.state(balanced, shape)
+        # Taken up, let go, and pulled more.
+        others = np.array([np.full_like(tensions, 0.2), 0.0 * tensions, 1.1 * tensions])
+        condition = Condition(others, np.broadcast_to(wrench, (3, 6)), 1.0)
+        a, b = (part[np.newaxis].repeat(3, axis=0) for part in shape.orientation)
+        three = Shape(shape.twist[:, np.newaxis].repeat(3, axis=1), Quaternions(a, b))
+        state = problem.pulled_more(before, condition, three)
+        expected = problem.state(condition, three)
+        assert state is not None
+        assert (np.abs(state.residual - expected.residual) < 2e-11).all()
+        for name in ('rotation', 'tangent', 'moment', 'force', 'imbalance'):
+            a, b = getattr(state, name), getattr(expected, name)
+            np.testing.assert_allclose(a, b, atol=1e-10 * np.abs(b).max())
 
 
 def test_wrenches_of_each_arm_are_its_own() -> None:

@@ -78,9 +78,7 @@ def test_it_is_the_minimum_that_a_descent_finds(
 
 
 @pytest.mark.parametrize('law', ['linear', 'neo_hookean'])
-def test_an_estimated_residual_is_no_less_than_the_evaluated_one(
-    table4: Config, law: str
-) -> None:
+def test_an_estimated_residual_is_no_less_than_the_evaluated_one(table4: Config, law: str) -> None:
     energy, random = energy_at(table4.arm, law), np.random.default_rng(5)
     highest, estimated = np.repeat([0.5, 4.0, 13.0], 4), 0
     for size in np.geomspace(1e-3, 1.0, 200):

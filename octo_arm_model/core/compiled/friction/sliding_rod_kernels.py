@@ -55,8 +55,9 @@ from octo_arm_model.core.compiled.numerics.products import add_runs
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import ComplexArray, FloatArray, IntArray
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED
-from octo_arm_model.core.loaded.newton import FIRST_PROGRESS, SAME
+from octo_arm_model.core.loaded.newton import FIRST_PROGRESS
 from octo_arm_model.core.loaded.sliding.sliding_balance import TOLERANCE
+from octo_arm_model.core.loaded.stability import SAME
 
 MOST_STEPS = 30
 # Steps after its first within which the known system has to be expected to reach the tolerance.

@@ -45,10 +45,9 @@ from octo_arm_model.core.loaded.newton import (
     PROGRESS,
     QUICK,
     SAFETY,
-    SAME,
     TINY,
 )
-from octo_arm_model.core.loaded.stability import FIRM
+from octo_arm_model.core.loaded.stability import FIRM, SAME
 from octo_arm_model.core.section.elastic_laws import incompressible_widening
 from octo_arm_model.core.section.strain_measures import SHORTEST_FIBRE
 
