@@ -38,7 +38,8 @@ class SteppedClock:
     @property
     def now_ns(self) -> int:
         """The same [ns]."""
-        return int(self._clock.now().nanoseconds)
+        # For every message: the clock's own `now` takes five times as long.
+        return int(self._clock.handle.get_now().nanoseconds)
 
     def time_of(self, stamp: Stamp | None) -> Stamp:
         """The ``stamp`` of a message; the time of receipt where it has none.
