@@ -213,6 +213,11 @@ class Equilibrium:
             self._resultants_last = last
         return last[1]
 
+    def moment_apart(self, state: State) -> FloatArray:
+        """Moment of the loads in a ``state``, without what forces have of it, (3, ..., points)."""
+        moment, _ = self._resultants(state.condition, state.shape.orientation)
+        return moment
+
     def _pulled(self, tensions: FloatArray) -> _Pulled:
         """What is pulled by ``tensions``, (tendons,) or (arms, tendons) [N]."""
         last = self._pulled_last

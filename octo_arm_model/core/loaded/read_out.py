@@ -63,7 +63,7 @@ def _at_stations(
         ConvergenceError: if a cross section has a singular stiffness there.
     """
     stations, own = rod.stations, rod.equilibrium.collocation
-    others = state.moment - own.integrate_from_tip(carried)
+    others = rod.equilibrium.moment_apart(state)
     count, lead = len(state.shape.twist), others.shape[1:]
     rows = [others, state.force, state.shape.twist]
     if hessian is not None:

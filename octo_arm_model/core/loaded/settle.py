@@ -141,25 +141,25 @@ class Settling:
             is_stable = (found.corrected <= MOST_CORRECTED) & are_stable
             strain = to_scaled(energy.law, twist)
             is_read = is_stable & rod.are_resolved(twist) & have_fibres(energy, strain)
-            if not is_read.all():
-                for number in np.flatnonzero(is_stable > is_read).tolist():
-                    outcomes[number] = shapes[number]
-            numbers = np.flatnonzero(is_read)
-            if numbers.size:
+            numbers = [number for number, one in enumerate(is_read.tolist()) if one]
+            if numbers:
                 part, hessian = state, system.hessian
                 if hessian.shape[2] < len(shapes):  # of the one that all were led from
                     hessian = hessian.repeat(len(shapes), axis=2)
-                if numbers.size < len(shapes):
-                    part, strain = state.of(numbers), strain[:, numbers]
+                if len(numbers) < len(shapes):
+                    part, strain = state.of(np.array(numbers)), strain[:, numbers]
                     hessian = hessian[:, :, numbers]
                 if energy.displaces_tendons:
                     energy.check_tendons(strain, energy.local_tensions(part.condition.tensions))
                 read = read_out(rod, part, hessian)
-                for i, number in enumerate(numbers.tolist()):
+                for i, number in enumerate(numbers):
                     outcomes[number] = Solution(
                         read[0][:, i], residual[number], found.iterations, shapes[number],
                         (read[1][i], read[2][i]),
                     )  # fmt: skip
+            if len(numbers) < len(shapes):
+                for number in np.flatnonzero(is_stable > is_read).tolist():
+                    outcomes[number] = shapes[number]
             if is_kept:
                 kept = KnownBalance(rod.equilibrium, state, system, margin)
                 self._kept.keep(shapes[0].twist, kept)
