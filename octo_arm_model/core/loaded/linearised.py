@@ -148,7 +148,8 @@ class Linearised:
         form = np.ascontiguousarray(form.transpose(4, 5, 1, 3, 0, 2, 6))
         arms, elements = form.shape[:2]
         # By row and column of each element, (arms, elements, 3, 3, ...).
-        found = (form.reshape(-1, len(sums)) @ sums).reshape(*form.shape[:4], -1)
+        # Element by element: BLAS would share one product of all among its threads.
+        found = (form.reshape(arms, elements, 9, -1) @ sums).reshape(*form.shape[:4], -1)
         size, square = 3 * points, points * points
         matrix = found[..., :square].reshape(*form.shape[:4], points, points)
         self.matrix = matrix.swapaxes(3, 4).reshape(arms, elements, size, size)
