@@ -116,18 +116,20 @@ def balance(
         if is_balanced:
             # A last step leaves rounding, whatever the tolerance is.
             return Balance(strain + step, _largest(left), iterations)
+        # The part of what is left that this step leaves is about that which the last one has left.
+        part = worst / previous if iterations else 1.0
         if worst < _NEAR and not tendons.has_torsion:
             stiffened = tendons.stiffened(step)
             step = body.step(gradient + stiffened)
-            # Of what Newton's method leaves, the square of what was left, and of what is beyond
-            # the first order in the stiffness of the tendons, parts of what was left.
+            # The square of that, and what is beyond the first order in their stiffness.
             beyond = float(np.abs(stiffened * over).max(initial=0.0)) / max(worst, _TINY)
-            part = _SAFETY * ((worst / previous) ** 2 + beyond * beyond)
-            if part * worst <= tolerance and iterations:
-                residual = np.maximum(part * _largest(left), _LEAST)
-                return Balance(strain + step, residual, iterations + 1)
-        previous = worst
+            part = part * part + beyond * beyond
+        part *= _SAFETY
         strain = strain + step
+        if part * max(worst, tendons.imbalance) <= tolerance:
+            residual = np.maximum(part * _largest(left), _LEAST)
+            return Balance(strain, residual, iterations + 1)
+        previous = worst
     return None
 
 
