@@ -64,7 +64,7 @@ def frames(angular: FloatArray, collocation: Collocation, base: ComplexArray) ->
         done *= 2
     rows = (chain[..., :1, :] @ within).reshape(-1, elements, 2, points)
     pair = rows.transpose(2, 0, 1, 3).reshape(2, *lead, -1)
-    pair /= np.sqrt(np.add.reduce(pair.real**2 + pair.imag**2))
+    pair /= np.sqrt(np.add.reduce((pair * pair.conj()).real))
     return Quaternions(*pair)
 
 

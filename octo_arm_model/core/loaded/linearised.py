@@ -251,6 +251,11 @@ class Linearised:
         return part
 
 
+@functools.cache
+def _identity(size: int) -> FloatArray:
+    return np.eye(size)
+
+
 def _inverses(matrix: FloatArray, near: FloatArray | None) -> FloatArray:
     """That of every ``matrix`` (..., n, n), from one ``near`` by the iteration of Schulz (1933).
 
@@ -261,7 +266,7 @@ def _inverses(matrix: FloatArray, near: FloatArray | None) -> FloatArray:
         ConvergenceError: if one is singular.
     """
     if near is not None:
-        left = np.eye(matrix.shape[-1]) - matrix @ near
+        left = _identity(matrix.shape[-1]) - matrix @ near
         for _ in range(_SQUARED):
             near = near + near @ left
             left = left @ left

@@ -90,13 +90,19 @@ class Results:
         twist = solution.twist
         if solution.tendons is not None:
             self._add_tendons(part, solution.tendons)
-        if solution.strains is not None and solution.frames is not None:
-            # One arm, whose arrays are used without a copy.
+        if self.is_one and solution.frames is not None:
+            # Arrays of one arm are used without a copy.
             self.position, self.quaternion = solution.frames
-            self.strains, self.twist, self._shape = solution.strains, twist, solution.shape
+            self.twist, self._shape = twist, solution.shape
             self.residual, self.iterations = (
                 np.array(solution.residual), np.array(solution.iterations)
             )  # fmt: skip
+            if solution.strains is not None:
+                self.strains = solution.strains
+                return
+            self._check(twist[3])
+            self.strains = np.empty((4, self._grid.s.size))
+            self._write_strains(part, twist)
             return
         if not self._is_allocated:
             self.make_room()
@@ -111,6 +117,10 @@ class Results:
         else:
             position, quaternion = self.position[part], self.quaternion[part]
             backbone_frames(twist, self._grid, self._base, position, quaternion)
+        self._write_strains(part, twist)
+
+    def _write_strains(self, part: slice | tuple[()], twist: FloatArray) -> None:
+        """Store the strains of the arms ``part`` at the stations."""
         at_stations = twist[:4].take(self._grid.station_node, axis=-1)
         stretch, strains = at_stations[3], self.strains if part == () else self.strains[:, part]
         np.divide(at_stations[:3], stretch, out=strains[:3])
