@@ -23,17 +23,13 @@ from octo_arm_model.core.loaded.linearised import Linearised, Response, System
 from octo_arm_model.core.loaded.loading.load_resultants import LoadTable
 from octo_arm_model.core.loaded.loading.load_tangents import RodPoints, WithTangents
 from octo_arm_model.core.loaded.sliding.friction import Friction
-from octo_arm_model.core.loaded.state import Condition, State
+from octo_arm_model.core.loaded.state import Condition, State, in_sections, relative
 from octo_arm_model.core.numerics.quaternion import Quaternions, product
 from octo_arm_model.core.numerics.vectors import cross, skew
 from octo_arm_model.core.rod.solution import Shape
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import force_scale
-from octo_arm_model.core.section.strain_measures import (
-    derivatives_by_twist,
-    gradient_by_twist,
-    pull_by_twist,
-)
+from octo_arm_model.core.section.strain_measures import derivatives_by_twist, gradient_by_twist
 
 # From tensions (tendons,) and twist (n, points) to the gradient of the energy by the twist,
 # (n, points), its Hessian (n, n, points), and what an imbalance is measured by, (n, points).
@@ -46,7 +42,7 @@ Frames: TypeAlias = Callable[[FloatArray], Quaternions]
 _SOFT = 0.5  # part of the bending stiffness that sheaths take, of which a margin says little
 
 
-class _Pulled(NamedTuple):
+class Pulled(NamedTuple):
     """Cross sections with the tendons that pull, see `SectionEnergy.pulled`, and `force_scale`."""
 
     energy: SectionEnergy
@@ -78,7 +74,7 @@ class Equilibrium:
         self.loads, self.base = loads, base
         self.evaluate: Evaluate | None = None
         # By the very tensions and condition of the last call, as a search for balance keeps them.
-        self._pulled_last: tuple[FloatArray, _Pulled] | None = None
+        self._pulled_last: tuple[FloatArray, Pulled] | None = None
         self._resultants_last: tuple[Condition, FloatArray] | None = None
         self.frames: Frames = functools.partial(
             frames, collocation=collocation, base=matrix_of(base)
@@ -104,8 +100,7 @@ class Equilibrium:
 
     def moved(self, shape: Shape, change: Response, part: float = 1.0) -> Shape:
         """``shape`` after ``part`` of a ``change`` of one column."""
-        twist = change.twist[:, 0]
-        return self.shape(shape.twist + (twist if part == 1.0 else part * twist))
+        return self.shape(shape.twist + part * change.twist[:, 0])
 
     def extrapolate(self, before: Shape, now: Shape, part: float) -> Shape:
         """The shape after ``now`` by ``part`` of the change from ``before``."""
@@ -123,7 +118,7 @@ class Equilibrium:
             # As a batch of cross sections, of one arm or several.
             batch = twist.reshape(len(twist), -1, twist.shape[-1])
             if self.friction is None:
-                energy, local_tensions, scale = self._pulled(condition.tensions)
+                energy, local_tensions, scale = self.pulled(condition.tensions)
             else:
                 tensions = np.atleast_2d(condition.tensions)
                 sliding = self.friction.slide_along(batch, tensions, condition.before)
@@ -136,40 +131,13 @@ class Equilibrium:
                 gradient = gradient_by_twist(energy, batch, local_tensions)
             gradient, scale = gradient.reshape(twist.shape), scale.reshape(twist.shape)
         rotation, tangent, both = self._loaded(condition, shape)
-        wrench = self._in_sections(rotation, both)
+        wrench = in_sections(rotation, both)[: len(twist)]
         imbalance = wrench - gradient
-        residual = _residual(imbalance, scale, wrench)
+        residual = relative(imbalance, scale, wrench)
         return State(
             condition, shape, rotation, tangent, both[0], both[1], imbalance, residual, sliding,
             hessian,
         )  # fmt: skip
-
-    def pulled_more(self, state: State, condition: Condition, shape: Shape) -> State | None:
-        """The balance ``state`` of one arm under the tensions of several, which are its ``shape``.
-
-        Their loads are the same. None where tensions displace the tendons.
-        """
-        if self.energy.displaces_tendons:
-            return None
-        arms, points = len(condition.tensions), self.collocation.s.size
-        energy, more = self.energy.pulled(condition.tensions - state.condition.tensions.ravel())
-        imbalance = -pull_by_twist(energy, shape.twist, more)
-        rotation = state.rotation.reshape(3, 3, 1, points)
-        tangent, both = state.tangent.reshape(3, 1, points), np.array([state.moment, state.force])
-        both = both.reshape(2, 3, 1, points)
-        wrench = self._in_sections(rotation, both)
-        residual = _residual(imbalance, self._pulled(condition.tensions).scale, wrench)
-        if arms > 1:
-            rotation, tangent, both = (x.repeat(arms, axis=-2) for x in (rotation, tangent, both))
-        return State(
-            condition, shape, rotation, tangent, both[0], both[1], imbalance,
-            state.residual + residual,
-        )  # fmt: skip
-
-    def _in_sections(self, rotation: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Moment and force (2, 3, ..., points) in the axes of the cross sections, (n, ...)."""
-        turned = np.einsum('ji...,kj...->ki...', rotation, wrench)
-        return turned.reshape(6, *turned.shape[2:])[: self.energy.strains]
 
     def last_state(self, state: State, change: Response, residual: Number) -> State:
         """The ``state`` under dead loads after the last ``change`` of a search for balance.
@@ -218,12 +186,12 @@ class Equilibrium:
         moment, _ = self._resultants(state.condition, state.shape.orientation)
         return moment
 
-    def _pulled(self, tensions: FloatArray) -> _Pulled:
+    def pulled(self, tensions: FloatArray) -> Pulled:
         """What is pulled by ``tensions``, (tendons,) or (arms, tendons) [N]."""
         last = self._pulled_last
         if last is None or last[0] is not tensions:
             found = self.energy.pulled(np.atleast_2d(tensions))
-            self._pulled_last = last = tensions, _Pulled(*found, force_scale(*found))
+            self._pulled_last = last = tensions, Pulled(*found, force_scale(*found))
         return last[1]
 
     def hessian(self, state: State) -> FloatArray:
@@ -234,7 +202,7 @@ class Equilibrium:
         if state.sliding is not None:
             energy, local_tensions = self.energy, state.sliding.tensions
         else:
-            energy, local_tensions, _ = self._pulled(state.condition.tensions)
+            energy, local_tensions, _ = self.pulled(state.condition.tensions)
         batch = twist.reshape(len(twist), -1, twist.shape[-1])
         hessian = derivatives_by_twist(energy, batch, local_tensions)[1]
         return hessian.reshape(len(twist), *twist.shape)
@@ -314,12 +282,3 @@ class Equilibrium:
         """
         power = np.add.reduce(state.imbalance * change.twist[:, 0])
         return float(power @ self.collocation.weights)
-
-
-def _residual(imbalance: FloatArray, scale: FloatArray, wrench: FloatArray) -> FloatArray:
-    """Largest ``imbalance`` over its ``scale`` and the largest ``wrench``, (n, ..., points) each.
-
-    (...); NaN where a strain is impossible.
-    """
-    scale = scale + np.maximum.reduce(np.abs(wrench), axis=-1, keepdims=True)
-    return np.asarray((np.abs(imbalance) / scale).max(axis=(0, -1)))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from octo_arm_model.core.hints import FloatArray, Number
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.linearised import Linearised
 from octo_arm_model.core.loaded.stability import SAME, SAME_LOADS
-from octo_arm_model.core.loaded.state import Condition, State
+from octo_arm_model.core.loaded.state import Condition, State, in_sections, relative
 from octo_arm_model.core.rod.solution import Shape
+from octo_arm_model.core.section.strain_measures import pull_by_twist
 
 
 class Margin(NamedTuple):
@@ -49,15 +52,30 @@ class KnownBalance:
     def under(self, condition: Condition, shape: Shape) -> State | None:
         """The state of its ``shape``, of each of several arms, under other tensions.
 
-        None where the ``condition`` has other loads too, or tensions displace the tendons.
+        None where the ``condition`` has other loads too, or tensions displace the tendons, so that
+        these do not pull in proportion to them.
         """
         problem, state = self._problem, self._state
-        before, wrench = state.condition, state.condition.tip_wrench.ravel().tolist()
-        if problem.loads.scaled is not None or condition.factor != before.factor:
+        before, tensions = state.condition, condition.tensions
+        if problem.energy.displaces_tendons or problem.loads.scaled is not None:
             return None
-        if any(one != wrench for one in condition.tip_wrench.tolist()):
+        wrench = before.tip_wrench.ravel().tolist()
+        if condition.factor != before.factor or any(
+            one != wrench for one in condition.tip_wrench.tolist()
+        ):
             return None
-        return problem.pulled_more(state, condition, shape)
+        energy, more = problem.energy.pulled(tensions - before.tensions.ravel())
+        imbalance = -pull_by_twist(energy, shape.twist, more)
+        # With an axis of arms.
+        points = shape.twist.shape[-1]
+        rotation = state.rotation.reshape(3, 3, 1, points)
+        tangent = state.tangent.reshape(3, 1, points)
+        both = np.array([state.moment, state.force]).reshape(2, 3, 1, points)
+        loads = in_sections(rotation, both)[: len(imbalance)]
+        residual = state.residual + relative(imbalance, problem.pulled(tensions).scale, loads)
+        if (arms := len(tensions)) > 1:
+            rotation, tangent, both = (x.repeat(arms, axis=-2) for x in (rotation, tangent, both))
+        return State(condition, shape, rotation, tangent, both[0], both[1], imbalance, residual)
 
     def margin_left(self, state: State, moved: Number, changed: Number) -> Margin | None:
         """What is left of the margin in the balances ``state`` of arms led from this one.

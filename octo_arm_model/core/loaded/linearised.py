@@ -23,13 +23,12 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
 from octo_arm_model.core.numerics.gauss import gauss_rule
+from octo_arm_model.core.numerics.inverses import inverses
 from octo_arm_model.core.numerics.vectors import skew
 
 _BAND = 8  # rows and columns from the diagonal that two neighbouring ends reach
 _MIDDLE = 2 * _BAND  # row of the diagonal in a band as LAPACK has it
 _RIGID, _ONE = -np.eye(6), np.eye(3)[:, np.newaxis]
-# How often the error of an inverse is squared, and what it may leave before the last time.
-_SQUARED, _LEFT = 2, 1e-6
 
 
 class Response(NamedTuple):
@@ -153,7 +152,12 @@ class Linearised:
         size, square = 3 * points, points * points
         matrix = found[..., :square].reshape(*form.shape[:4], points, points)
         self.matrix = matrix.swapaxes(3, 4).reshape(arms, elements, size, size)
-        self._inverse: FloatArray = _inverses(self.matrix, None if near is None else near._inverse)
+        try:
+            self._inverse: FloatArray = inverses(
+                self.matrix, None if near is None else near._inverse
+            )
+        except np.linalg.LinAlgError:
+            raise _singular() from None
         # h k by Phi at the first end and by d m at the last.
         by_ends = np.empty((arms, elements, 3, points, 6))
         by_ends[..., :3] = found[..., square : square + points].swapaxes(3, 4)
@@ -249,33 +253,6 @@ class Linearised:
         for name in ('matrix', '_inverse', '_bends', '_to_ends', 'ends', '_band', '_pivots'):
             setattr(part, name, getattr(self, name)[arms])
         return part
-
-
-@functools.cache
-def _identity(size: int) -> FloatArray:
-    return np.eye(size)
-
-
-def _inverses(matrix: FloatArray, near: FloatArray | None) -> FloatArray:
-    """That of every ``matrix`` (..., n, n), from one ``near`` by the iteration of Schulz (1933).
-
-    The iteration squares the error three times; where that is not enough, and without one near,
-    inverses are exact.
-
-    Raises:
-        ConvergenceError: if one is singular.
-    """
-    if near is not None:
-        left = _identity(matrix.shape[-1]) - matrix @ near
-        for _ in range(_SQUARED):
-            near = near + near @ left
-            left = left @ left
-        if float(np.abs(left).max()) <= _LEFT:
-            return np.asarray(near + near @ left)
-    try:
-        return np.asarray(np.linalg.inv(matrix), np.float64)
-    except np.linalg.LinAlgError:
-        raise _singular() from None
 
 
 @functools.cache

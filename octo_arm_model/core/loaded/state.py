@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from octo_arm_model.core.hints import FloatArray, IntArray, Number
 from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.sliding.friction import Sliding
@@ -81,6 +83,25 @@ class State(NamedTuple):
             self.force[:, arms], self.imbalance[:, arms], self.residual[arms],
             hessian=None if self.hessian is None else self.hessian[:, :, arms],
         )  # fmt: skip
+
+
+def in_sections(rotation: FloatArray, wrench: FloatArray) -> FloatArray:
+    """A ``wrench`` (2, 3, ..., points) in the axes of the cross sections, (6, ..., points).
+
+    Moment and force are given in base_frame, as is the ``rotation`` (3, 3, ..., points).
+    """
+    turned = np.einsum('ji...,kj...->ki...', rotation, wrench)
+    return turned.reshape(6, *turned.shape[2:])
+
+
+def relative(imbalance: FloatArray, scale: FloatArray, wrench: FloatArray) -> FloatArray:
+    """`State.residual` of an ``imbalance``, (...); NaN where a strain is impossible.
+
+    It is measured by a ``scale`` and the largest ``wrench`` along the arm. All are (n, ...,
+    points) in the axes of the cross sections.
+    """
+    scale = scale + np.maximum.reduce(np.abs(wrench), axis=-1, keepdims=True)
+    return np.asarray((np.abs(imbalance) / scale).max(axis=(0, -1)))
 
 
 class Stability(NamedTuple):

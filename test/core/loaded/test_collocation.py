@@ -9,7 +9,6 @@ import pytest
 from differences import jacobian
 
 from octo_arm_model import Arm, Body, Loads, Material, PointLoad, Pose, Section, Solver
-from octo_arm_model.core.loaded import linearised
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames
 from octo_arm_model.core.loaded.rod import CUTS, LoadedRod
@@ -122,12 +121,3 @@ def test_the_finest_elements_are_fine_enough_as_there_are_no_others() -> None:
         twist = np.random.default_rng(1).normal(size=(4, 2, rod.points))
         assert rod.is_finest == (cuts == max(CUTS))
         assert rod.are_resolved(twist).tolist() == [rod.is_finest] * 2
-
-
-@pytest.mark.parametrize('change', [1e-5, 0.01, 0.03, 1.0])
-def test_inverses_from_those_nearby_are_inverses(change: float) -> None:
-    random = np.random.default_rng(3)
-    before = np.eye(24) + 0.05 * random.standard_normal((2, 5, 24, 24))
-    after = before + change * 0.2 * random.standard_normal(before.shape)
-    found = linearised._inverses(after, np.linalg.inv(before))
-    np.testing.assert_allclose(found, np.linalg.inv(after), rtol=0.0, atol=1e-9)

@@ -11,7 +11,8 @@ from helical_arm import HELICAL
 from octo_arm_model import Arm, Backbone, Config, Loads, PointLoad, SolveError, Solver
 from octo_arm_model.core.hints import Number
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
-from octo_arm_model.core.loaded.linearised import Response
+from octo_arm_model.core.loaded.known_balance import KnownBalance, margin_under
+from octo_arm_model.core.loaded.linearised import Linearised, Response
 from octo_arm_model.core.loaded.settle import Settling
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.models.exact import Exact
@@ -108,7 +109,10 @@ def test_a_balance_under_more_tension_is_as_if_evaluated(table4: Config) -> None
         condition = Condition(others, np.broadcast_to(wrench, (3, 6)), 1.0)
         a, b = (part[np.newaxis].repeat(3, axis=0) for part in shape.orientation)
         three = Shape(shape.twist[:, np.newaxis].repeat(3, axis=1), Quaternions(a, b))
-        state = problem.pulled_more(before, condition, three)
+        system = problem.linearised(before)
+        assert isinstance(system, Linearised)
+        known = KnownBalance(problem, before, system, margin_under(wrench, is_firm=False))
+        state = known.under(condition, three)
         expected = problem.state(condition, three)
         assert state is not None
         assert (np.abs(state.residual - expected.residual) < 2e-11).all()
