@@ -26,7 +26,6 @@ _ROUNDING = 1e-13  # relative imbalance that no step makes less
 # Factor on an imbalance that is estimated, not evaluated, and the least estimate: what rounding of
 # elastic forces leaves of the least `newton.force_scale`.
 _SAFETY, _LEAST = 10.0, 2e-12
-_TINY = 1e-300
 
 
 class Tendons(Protocol):
@@ -85,7 +84,7 @@ def balance(
     rows. None where convergence is slow.
     """
     over, axial = 1.0 / scale, energy.stiffness.axial
-    previous = np.inf
+    previous, before = np.inf, np.array(np.inf)
     for iterations in range(_MOST_STEPS):
         bending = strain[-3:-1]
         square = np.add.reduce(bending * bending)
@@ -98,7 +97,7 @@ def balance(
         gradient[-1] += axial * f.by_stretch
         if tendons.has_torsion:
             gradient[0] += energy.stiffness.torsion * strain[0]
-        left = np.abs(gradient * over)
+        left = np.maximum.reduce(np.abs(gradient * over))
         worst = float(left.max(initial=0.0))
         is_balanced = worst <= tolerance and tendons.imbalance <= tolerance
         if is_balanced and worst <= _ROUNDING:
@@ -116,26 +115,38 @@ def balance(
         if is_balanced:
             # A last step leaves rounding, whatever the tolerance is.
             return Balance(strain + step, _largest(left), iterations)
-        # The part of what is left that this step leaves is about that which the last one has left.
-        part = worst / previous if iterations else 1.0
+        beyond = None
         if worst < _NEAR and not tendons.has_torsion:
             stiffened = tendons.stiffened(step)
-            step = body.step(gradient + stiffened)
-            # The square of that, and what is beyond the first order in their stiffness.
-            beyond = float(np.abs(stiffened * over).max(initial=0.0)) / max(worst, _TINY)
-            part = part * part + beyond * beyond
-        part *= _SAFETY
+            step, beyond = body.step(gradient + stiffened), stiffened * over
         strain = strain + step
-        if part * max(worst, tendons.imbalance) <= tolerance:
-            residual = np.maximum(part * _largest(left), _LEAST)
-            return Balance(strain, residual, iterations + 1)
-        previous = worst
+        if iterations:
+            after = _left_after(left, before, beyond)
+            # How far offsets in sheaths are from balance goes with the last step.
+            drift = _SAFETY * tendons.imbalance * worst / max(previous, _ROUNDING)
+            if max(float(after.max(initial=0.0)), drift) <= tolerance:
+                return Balance(strain, np.maximum(_largest(after), _LEAST), iterations + 1)
+        previous, before = worst, left
     return None
 
 
+def _left_after(left: FloatArray, before: FloatArray, beyond: FloatArray | None) -> FloatArray:
+    """Estimate, with `_SAFETY`, of what a step leaves of what is ``left`` (batch, nodes).
+
+    About that part which the last one left of what was ``before`` it. Where the step is to the
+    first order in the stiffness of the tendons, the square of that part, and of the part that this
+    order, ``beyond`` the body alone (3, batch, nodes), is.
+    """
+    part = left / np.maximum(before, _ROUNDING)
+    if beyond is None:
+        return np.asarray(_SAFETY * part * left)
+    order = np.maximum.reduce(np.abs(beyond))
+    return np.asarray(_SAFETY * (part * part * left + order * order / np.maximum(left, _ROUNDING)))
+
+
 def _largest(left: FloatArray) -> FloatArray:
-    """Of what is ``left`` (n, batch, nodes), in each arm."""
-    return np.asarray(left.max(axis=(0, 2), initial=0.0))
+    """Of what is ``left`` (batch, nodes), in each arm."""
+    return np.asarray(left.max(axis=1, initial=0.0))
 
 
 def _with_torsion(
