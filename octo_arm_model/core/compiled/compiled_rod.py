@@ -47,7 +47,6 @@ from octo_arm_model.core.loaded.stability import SAME, SAME_LOADS
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
-from octo_arm_model.core.section.sheaths.sheath import SheathedSections
 from octo_arm_model.core.section.strain_measures import to_scaled
 
 _NO_LOADS = np.zeros((0, 3, 0)), np.zeros((0, 3, 0))
@@ -162,7 +161,7 @@ class CompiledRod:
             is_stable = outcome.is_least and outcome.corrected <= MOST_CORRECTED
             return found if is_stable else None
         energy = self._rod.equilibrium.energy
-        if isinstance(energy, SheathedSections):
+        if energy.displaces_tendons:
             strain = to_scaled(energy.law, found.twist[:, np.newaxis])
             energy.check_tendons(strain, self._tensions_along(wanted.tensions))
         return Solution(

@@ -181,10 +181,9 @@ def newton_of_all(
 def _begin(
     problem: Equilibrium, condition: Condition, shape: Shape, known: KnownBalance | None
 ) -> _Progress:
-    is_known, system = known is not None, None
-    state: State | None = None
-    if known is not None:
-        system, state = known.system, known.under(condition, shape)
+    is_known = known is not None
+    system = None if known is None else known.system
+    state = None if known is None else known.under(condition, shape)
     if state is None:
         state = problem.state(condition, shape, is_to_be_linearised=not is_known)
     nothing = np.zeros_like(state.residual)

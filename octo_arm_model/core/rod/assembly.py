@@ -99,10 +99,10 @@ class Results:
             )  # fmt: skip
             if solution.strains is not None:
                 self.strains = solution.strains
-                return
-            self._check(twist[3])
-            self.strains = np.empty((4, self._grid.s.size))
-            self._write_strains(part, twist)
+            else:
+                self._check(twist[3])
+                self.strains = np.empty((4, self._grid.s.size))
+                self._write_strains(part, twist)
             return
         if not self._is_allocated:
             self.make_room()

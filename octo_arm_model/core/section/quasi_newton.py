@@ -133,9 +133,9 @@ def balance(
 def _left_after(left: FloatArray, before: FloatArray, beyond: FloatArray | None) -> FloatArray:
     """Estimate, with `_SAFETY`, of what a step leaves of what is ``left`` (batch, nodes).
 
-    About that part which the last one left of what was ``before`` it. Where the step is to the
-    first order in the stiffness of the tendons, the square of that part, and of the part that this
-    order, ``beyond`` the body alone (3, batch, nodes), is.
+    It leaves about that part which the last one left of what was ``before`` it. A step to the
+    first order in the stiffness of the tendons leaves the square of that part, and of the part
+    that this order is: ``beyond`` the body alone it adds that to the imbalance (3, batch, nodes).
     """
     part = left / np.maximum(before, _ROUNDING)
     if beyond is None:
