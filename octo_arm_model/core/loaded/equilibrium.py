@@ -22,7 +22,7 @@ from octo_arm_model.core.loaded.kinematics import frames, matrix_of
 from octo_arm_model.core.loaded.linearised import Linearised, Response, System
 from octo_arm_model.core.loaded.loading.load_resultants import LoadTable
 from octo_arm_model.core.loaded.loading.load_tangents import RodPoints, WithTangents
-from octo_arm_model.core.loaded.sliding.friction import Friction
+from octo_arm_model.core.loaded.sliding.friction import Friction, Sliding
 from octo_arm_model.core.loaded.state import Condition, State, in_sections, relative
 from octo_arm_model.core.numerics.quaternion import Quaternions, product
 from octo_arm_model.core.numerics.vectors import cross, skew
@@ -107,11 +107,14 @@ class Equilibrium:
         return self.shape(now.twist + part * (now.twist - before.twist))
 
     def state(
-        self, condition: Condition, shape: Shape, is_to_be_linearised: bool = False
-    ) -> State:
-        """Evaluate the balance of ``shape``, with the Hessian if it ``is_to_be_linearised``."""
-        twist = shape.twist
-        sliding, hessian = None, None
+        self, condition: Condition, shape: Shape, is_to_be_linearised: bool = False,
+        sliding: Sliding | None = None,
+    ) -> State:  # fmt: skip
+        """Evaluate the balance of ``shape``, with the Hessian if it ``is_to_be_linearised``.
+
+        Tendons with friction are ``sliding``, or as they slide in this shape.
+        """
+        twist, hessian = shape.twist, None
         if self.evaluate is not None and self.friction is None:
             gradient, hessian, scale = self.evaluate(condition.tensions, twist)
         else:
@@ -121,8 +124,10 @@ class Equilibrium:
                 energy, local_tensions, scale = self.pulled(condition.tensions)
             else:
                 tensions = np.atleast_2d(condition.tensions)
-                sliding = self.friction.slide_along(batch, tensions, condition.before)
-                energy, local_tensions = self.energy, sliding.tensions
+                if sliding is None:
+                    sliding = self.friction.slide_along(batch, tensions, condition.before)
+                some = self.friction.pulled(tensions)
+                energy, local_tensions = some.energy, sliding.tensions[some.pull]
                 scale = force_scale(energy, local_tensions)
             if is_to_be_linearised:
                 gradient, hessian = derivatives_by_twist(energy, batch, local_tensions)
@@ -139,11 +144,14 @@ class Equilibrium:
             hessian,
         )  # fmt: skip
 
-    def last_state(self, state: State, change: Response, residual: Number) -> State:
+    def last_state(
+        self, state: State, change: Response, residual: Number, sliding: Sliding | None = None
+    ) -> State:
         """The ``state`` under dead loads after the last ``change`` of a search for balance.
 
         The change is so small that orientations follow to first order, and the ``residual`` that
-        it leaves is known. The imbalance is the one before it.
+        it leaves is known. Tendons with friction are ``sliding`` after it. The imbalance is the
+        one before it.
         """
         twist = change.twist[:, 0]
         bends = np.einsum('ik...,k...->i...', state.rotation, twist[:3])
@@ -152,8 +160,9 @@ class Equilibrium:
         shape = Shape(state.shape.twist + twist, orientation)
         rotation, tangent, both = self._loaded(state.condition, shape)
         return State(
-            state.condition, shape, rotation, tangent, both[0], both[1], state.imbalance, residual
-        )
+            state.condition, shape, rotation, tangent, both[0], both[1], state.imbalance, residual,
+            sliding,
+        )  # fmt: skip
 
     def _loaded(
         self, condition: Condition, shape: Shape
@@ -199,8 +208,9 @@ class Equilibrium:
         if state.hessian is not None:
             return state.hessian
         twist = state.shape.twist
-        if state.sliding is not None:
-            energy, local_tensions = self.energy, state.sliding.tensions
+        if self.friction is not None and state.sliding is not None:
+            some = self.friction.pulled(np.atleast_2d(state.condition.tensions))
+            energy, local_tensions = some.energy, state.sliding.tensions[some.pull]
         else:
             energy, local_tensions, _ = self.pulled(state.condition.tensions)
         batch = twist.reshape(len(twist), -1, twist.shape[-1])

@@ -9,10 +9,12 @@ import numpy as np
 from octo_arm_model.core.hints import FloatArray, Number
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.linearised import Linearised
+from octo_arm_model.core.loaded.sliding.sliding_tendons import SlidingTendons
 from octo_arm_model.core.loaded.stability import SAME, SAME_LOADS
 from octo_arm_model.core.loaded.state import Condition, State, in_sections, relative
 from octo_arm_model.core.rod.solution import Shape
-from octo_arm_model.core.section.strain_measures import pull_by_twist
+from octo_arm_model.core.section.newton import force_scale
+from octo_arm_model.core.section.strain_measures import gradient_by_twist, pull_by_twist
 
 
 class Margin(NamedTuple):
@@ -35,47 +37,81 @@ def margin_under(tip_wrench: FloatArray, *, is_firm: bool) -> Margin:
 
 
 class KnownBalance:
-    """A balance of one arm under dead loads, without friction.
+    """A balance of one arm under dead loads.
 
     Attributes:
         system: linearised about nearly it.
         margin: of its stability.
+        tendons: its tendons with friction, where they are known.
     """
 
     def __init__(
-        self, problem: Equilibrium, state: State, system: Linearised, margin: Margin
-    ) -> None:
+        self, problem: Equilibrium, state: State, system: Linearised, margin: Margin,
+        tendons: SlidingTendons | None = None,
+    ) -> None:  # fmt: skip
         """Of ``state``, with or without an axis of the one arm."""
         self._problem, self._state = problem, state
-        self.system, self.margin = system, margin
+        self.system, self.margin, self.tendons = system, margin, tendons
 
-    def under(self, condition: Condition, shape: Shape) -> State | None:
+    def tendons_under(self, condition: Condition) -> SlidingTendons | None:
+        """Its tendons in another ``condition`` of the one arm; None of those without friction."""
+        friction, state = self._problem.friction, self._state
+        if friction is None or state.sliding is None:
+            return None
+        twist = state.shape.twist.reshape(len(state.imbalance), 1, -1)
+        return SlidingTendons.near(friction, condition, twist, state.sliding, self.tendons)
+
+    def under(
+        self, condition: Condition, shape: Shape, tendons: SlidingTendons | None = None
+    ) -> State | None:
         """The state of its ``shape``, of each of several arms, under other tensions.
 
-        None where the ``condition`` has other loads too, or tensions displace the tendons, so that
-        these do not pull in proportion to them.
+        Where its ``tendons`` have friction they have turned as predicted. None where the
+        ``condition`` has other loads too.
         """
         problem, state = self._problem, self._state
         before, tensions = state.condition, condition.tensions
-        if problem.energy.displaces_tendons or problem.loads.scaled is not None:
-            return None
         wrench = before.tip_wrench.ravel().tolist()
-        if condition.factor != before.factor or any(
-            one != wrench for one in condition.tip_wrench.tolist()
-        ):
+        if (
+            problem.loads.scaled is not None or condition.factor != before.factor
+            or any(one != wrench for one in condition.tip_wrench.tolist())
+        ):  # fmt: skip
             return None
-        energy, more = problem.energy.pulled(tensions - before.tensions.ravel())
-        imbalance = -pull_by_twist(energy, shape.twist, more)
+        sliding, were_pulled = None, None
+        if tendons is None:
+            energy, pull, scale = problem.pulled(tensions)
+        else:
+            assert problem.friction is not None and state.sliding is not None
+            # Those that were pulled, too.
+            both = np.concatenate([tensions, before.tensions.reshape(1, -1)])
+            some, sliding = problem.friction.pulled(both), tendons.at(tendons.angle)
+            energy, pull = some.energy, sliding.tensions[some.pull]
+            scale, were_pulled = force_scale(energy, pull), state.sliding.tensions[some.pull]
         # With an axis of arms.
-        points = shape.twist.shape[-1]
+        twist, points = shape.twist, shape.twist.shape[-1]
         rotation = state.rotation.reshape(3, 3, 1, points)
         tangent = state.tangent.reshape(3, 1, points)
-        both = np.array([state.moment, state.force]).reshape(2, 3, 1, points)
-        loads = in_sections(rotation, both)[: len(imbalance)]
-        residual = state.residual + relative(imbalance, problem.pulled(tensions).scale, loads)
+        wrenches = np.array([state.moment, state.force]).reshape(2, 3, 1, points)
+        loads = in_sections(rotation, wrenches)[: len(twist)]
+        if energy.displaces_tendons:
+            imbalance = loads - gradient_by_twist(energy, twist, pull)
+            residual = relative(imbalance, scale, loads)
+        else:
+            # Tendons that stay on their paths pull in proportion to their tensions.
+            if were_pulled is None:
+                energy, more = problem.energy.pulled(tensions - before.tensions.ravel())
+            else:
+                more = pull - were_pulled
+            imbalance = -pull_by_twist(energy, twist, more)
+            residual = state.residual + relative(imbalance, scale, loads)
         if (arms := len(tensions)) > 1:
-            rotation, tangent, both = (x.repeat(arms, axis=-2) for x in (rotation, tangent, both))
-        return State(condition, shape, rotation, tangent, both[0], both[1], imbalance, residual)
+            rotation, tangent, wrenches = (
+                x.repeat(arms, axis=-2) for x in (rotation, tangent, wrenches)
+            )
+        return State(
+            condition, shape, rotation, tangent, wrenches[0], wrenches[1], imbalance, residual,
+            sliding,
+        )  # fmt: skip
 
     def margin_left(self, state: State, moved: Number, changed: Number) -> Margin | None:
         """What is left of the margin in the balances ``state`` of arms led from this one.

@@ -12,6 +12,7 @@ from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.known_balance import KnownBalance
 from octo_arm_model.core.loaded.linearised import Linearised, System, TipAnswer
 from octo_arm_model.core.loaded.sliding.sliding_response import newton_step
+from octo_arm_model.core.loaded.sliding.sliding_tendons import SlidingTendons
 from octo_arm_model.core.loaded.stability import SAME
 from octo_arm_model.core.loaded.state import Condition, Stability, State
 from octo_arm_model.core.rod.solution import Shape
@@ -30,6 +31,7 @@ SAFETY = 10.0
 # Steps that turn the arm by no more, whose square is rounding, need not be evaluated [rad].
 _SMALL = 3e-7
 TINY = 1e-300  # angle of a step that turns nothing, which is a step all the same [rad]
+_MOST_SLID = 4  # times that tensions along tendons with friction change in a step near a balance
 PREDICTED = 0.1  # part of the residual that a step with a system known before may leave
 
 
@@ -45,6 +47,7 @@ class Iterate(NamedTuple):
             that is known already, if the state is balanced.
         moved: how far all of them have turned the arm [rad], where this is known.
         changed: the residual before the first, likewise.
+        tendons: with friction, near a balance that was known.
     """
 
     state: State
@@ -53,6 +56,7 @@ class Iterate(NamedTuple):
     system: System | TipAnswer | Stability | None
     moved: Number = np.inf
     changed: Number = np.inf
+    tendons: SlidingTendons | None = None
 
 
 class Newton(Protocol):
@@ -76,6 +80,7 @@ class _Progress(NamedTuple):
         turned: how far the arm has turned since the system was linearised, (...) [rad].
         angle: how far the last step has turned it, (...) [rad].
         convergence: part of the residual that this step has left, (...).
+        is_settled: whether tensions along tendons with friction are those of its shape.
     """
 
     state: State
@@ -90,6 +95,7 @@ class _Progress(NamedTuple):
     turned: Number
     angle: Number
     convergence: Number
+    is_settled: bool = True
 
     @property
     def last_system(self) -> System | None:
@@ -155,7 +161,8 @@ def newton_of_all(
         Numbers of the arms of each group, and what became of them.
     """
     found = []
-    now = _begin(problem, condition, shape, known)
+    tendons = None if known is None else known.tendons_under(condition)
+    now = _begin(problem, condition, shape, known, tendons)
     # In the banded system of all arms NaN would spread to others.
     start = [
         _BALANCED if left <= tolerance else _SAME_SYSTEM if left == left else _STUCK
@@ -167,25 +174,32 @@ def newton_of_all(
         system = now.last_system if verdict == _BALANCED else None
         if verdict not in (_STUCK, _BALANCED) and now.iterations < MOST:
             try:
-                after = _iterate(problem, now, tolerance)
+                after = _iterate(problem, now, tolerance, tendons)
                 residuals = zip(now.state.residual.tolist(), after.state.residual.tolist())
-                verdicts = [_verdict(problem, now, *both, tolerance) for both in residuals]
+                verdicts = [
+                    _verdict(problem, now, *both, tolerance, after.is_settled)
+                    for both in residuals
+                ]
                 groups += _groups(arms, verdicts, now, after)
                 continue
             except ConvergenceError:
                 pass
-        found.append((arms, now.ended(system)))
+        if tendons is not None:
+            tendons = tendons.after_turning(float(np.max(now.moved)))
+        found.append((arms, now.ended(system)._replace(tendons=tendons)))
     return found
 
 
 def _begin(
-    problem: Equilibrium, condition: Condition, shape: Shape, known: KnownBalance | None
-) -> _Progress:
+    problem: Equilibrium, condition: Condition, shape: Shape, known: KnownBalance | None,
+    tendons: SlidingTendons | None = None,
+) -> _Progress:  # fmt: skip
     is_known = known is not None
     system = None if known is None else known.system
-    state = None if known is None else known.under(condition, shape)
+    state = None if known is None else known.under(condition, shape, tendons)
     if state is None:
-        state = problem.state(condition, shape, is_to_be_linearised=not is_known)
+        sliding = None if tendons is None else tendons.at(tendons.angle)
+        state = problem.state(condition, shape, not is_known, sliding)
     nothing = np.zeros_like(state.residual)
     return _Progress(
         state, system, is_known, is_known, True, 0, nothing, nothing, state.residual, nothing,
@@ -193,10 +207,14 @@ def _begin(
     )  # fmt: skip
 
 
-def _iterate(problem: Equilibrium, now: _Progress, enough: float = 0.0) -> _Progress:
+def _iterate(
+    problem: Equilibrium, now: _Progress, enough: float = 0.0,
+    tendons: SlidingTendons | None = None,
+) -> _Progress:  # fmt: skip
     """After another step, that uses its system again.
 
     The residual that it leaves is estimated, not evaluated, where it is ``enough`` for all arms.
+    Tensions along ``tendons`` with friction, if given, follow after the step.
 
     Raises:
         ConvergenceError: if there is none.
@@ -204,36 +222,47 @@ def _iterate(problem: Equilibrium, now: _Progress, enough: float = 0.0) -> _Prog
     state, system, turned = now.state, now.system, now.turned
     if system is None or not now.again:
         system, turned = problem.linearised(state, near=now.last_system), 0.0
-    step = newton_step(problem, system, state)
-    turn, old = problem.turn(step), state.residual
+    sliding, is_settled, old = None, True, state.residual
+    # Newton's method leaves about the square of a residual; what is not near is linearised.
+    is_far = now.is_known or float(old.max()) ** 2 > NEAR
+    if tendons is None:
+        step = newton_step(problem, system, state)
+    else:
+        assert state.sliding is not None
+        step, sliding, is_settled = tendons.after(
+            state.sliding, state.shape.twist, system, state.imbalance, 1 if is_far else _MOST_SLID
+        )
+    turn = problem.turn(step)
     left = None
-    if now.again and not now.is_known:
+    if now.again and not now.is_known and is_settled:
         # The step before was made with the same system.
         left = SAFETY * old * np.maximum(now.convergence, turn / np.maximum(now.angle, TINY))
     if left is not None and ((left <= enough) & (turn <= _SMALL)).all():
-        new = problem.last_state(state, step, left)
+        new = problem.last_state(state, step, left, sliding)
     else:
-        # Newton's method leaves about the square of a residual; what is not near is linearised.
-        is_far = now.is_known or float(old.max()) ** 2 > NEAR
-        new = problem.state(state.condition, problem.moved(state.shape, step), is_far)
+        new = problem.state(state.condition, problem.moved(state.shape, step), is_far, sliding)
     return _Progress(
         new, system, True, False, False, now.iterations + 1,
         now.corrected + (0.0 if now.is_first else turn), now.moved + turn, now.changed,
-        turned + turn, turn, new.residual / old,
+        turned + turn, turn, new.residual / old, is_settled,
     )  # fmt: skip
 
 
 def _verdict(
-    problem: Equilibrium, before: _Progress, old: float, new: float, tolerance: float
-) -> int:
-    """What to do with an arm after a step that took its residual from ``old`` to ``new``."""
+    problem: Equilibrium, before: _Progress, old: float, new: float, tolerance: float,
+    is_settled: bool = True,
+) -> int:  # fmt: skip
+    """What to do with an arm after a step that took its residual from ``old`` to ``new``.
+
+    Where tensions along its tendons are not ``is_settled`` it is not balanced yet.
+    """
     progress = _LINEAR_PROGRESS if problem.loads.without_tangent else PROGRESS
     if before.is_first:
         progress = PREDICTED if before.is_known else FIRST_PROGRESS
     if not new <= progress * old:  # nor where it is NaN
         return _ANEW if before.is_known else _STUCK
     if new <= tolerance:
-        return _BALANCED
+        return _BALANCED if is_settled else _SAME_SYSTEM
     # A system known before makes one step.
     is_near = new <= NEAR and new <= QUICK * old and not before.is_known
     return _SAME_SYSTEM if is_near else _NEW_SYSTEM

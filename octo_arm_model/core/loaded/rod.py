@@ -140,7 +140,7 @@ class LoadedRod:
         self.slide: Slide = self._slide
         self.read_out: ReadOut = functools.partial(read_out, self)
         self.settle: Settle | None = None
-        if friction is None and not loads.others:
+        if not loads.others:
             settling = Settling(self)
             self.newton, self.settle = settling.newton, settling
         self.read_from = functools.lru_cache(_KEPT)(self._read_from)

@@ -20,7 +20,7 @@ from octo_arm_model.core.loaded.stability import LeastEnergy, least_energy
 from octo_arm_model.core.loaded.state import Condition, Stability
 from octo_arm_model.core.numerics.floating_point import silenced
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.solution import Shape, Solution
+from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
 from octo_arm_model.core.section.strain_measures import have_fibres, to_scaled
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class Settled(NamedTuple):
 
 
 class Settling:
-    """`Settle` of one rod whose tendons have no friction, under dead loads."""
+    """`Settle` of one rod under dead loads; with friction near balances that are known alone."""
 
     def __init__(self, rod: LoadedRod) -> None:
         """Of ``rod``."""
@@ -73,6 +73,8 @@ class Settling:
         self, wanted: Condition, shape: Shape, spending: Spending
     ) -> Solution | Shape | None:
         """`Settle` of the rod."""
+        if self._rod.equilibrium.friction is not None and self._kept.about(shape.twist) is None:
+            return None
         condition = wanted._replace(
             tensions=wanted.tensions[np.newaxis], tip_wrench=wanted.tip_wrench[np.newaxis]
         )
@@ -140,7 +142,10 @@ class Settling:
             are_stable, system, margin = tested
             is_stable = (found.corrected <= MOST_CORRECTED) & are_stable
             strain = to_scaled(energy.law, twist)
-            is_read = is_stable & rod.are_resolved(twist) & have_fibres(energy, strain)
+            is_resolved = rod.are_resolved(twist)
+            if state.sliding is not None:
+                is_resolved = np.array([rod.resolves_twist(twist, state.sliding)])
+            is_read = is_stable & is_resolved & have_fibres(energy, strain)
             numbers = [number for number, one in enumerate(is_read.tolist()) if one]
             if numbers:
                 part, hessian = state, system.hessian
@@ -149,19 +154,27 @@ class Settling:
                 if len(numbers) < len(shapes):
                     part, strain = state.of(np.array(numbers)), strain[:, numbers]
                     hessian = hessian[:, :, numbers]
+                along, tendons = part.sliding, None
                 if energy.displaces_tendons:
-                    energy.check_tendons(strain, energy.local_tensions(part.condition.tensions))
+                    energy.check_tendons(
+                        strain,
+                        energy.local_tensions(part.condition.tensions) if along is None
+                        else along.tensions,
+                    )  # fmt: skip
+                if along is not None:
+                    pull = along.tensions[:, 0]
+                    tendons = TendonTensions(pull, rod.stations.interpolate(pull))
                 read = read_out(rod, part, hessian)
                 for i, number in enumerate(numbers):
                     outcomes[number] = Solution(
                         read[0][:, i], residual[number], found.iterations, shapes[number],
-                        (read[1][i], read[2][i]),
+                        (read[1][i], read[2][i]), tendons,
                     )  # fmt: skip
             if len(numbers) < len(shapes):
                 for number in np.flatnonzero(is_stable > is_read).tolist():
                     outcomes[number] = shapes[number]
             if is_kept:
-                kept = KnownBalance(rod.equilibrium, state, system, margin)
+                kept = KnownBalance(rod.equilibrium, state, system, margin, found.tendons)
                 self._kept.keep(shapes[0].twist, kept)
         return [
             Settled(outcome, found.iterations, left, shape.twist)

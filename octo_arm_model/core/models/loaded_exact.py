@@ -47,7 +47,7 @@ class LoadedExact:
         """
         rod = self._rod(self._level_of(start))
         nothing: list[Solution | None] = [None] * len(tensions)
-        if not isinstance(rod.settle, Settling):
+        if not isinstance(rod.settle, Settling) or _needs_start(rod):
             return nothing
         wanted = Condition(tensions, tip_wrench, 1.0)
         found = rod.settle.settle_all(wanted, _near(start, rod, wanted))
@@ -75,7 +75,7 @@ class LoadedExact:
         wanted = Condition(tensions, tip_wrench, 1.0, self._rods.at_level(before, level))
         spending, rod = Spending(self._budget), self._rod(level)
         shape, found = None if start is None else start.shape, None
-        if rod.settle is not None:
+        if rod.settle is not None and not (shape is None and _needs_start(rod)):
             if shape is None:
                 with silenced():
                     shape = _near(start, rod, wanted)
@@ -143,7 +143,7 @@ class LoadedExact:
         problem, is_quicker = fine.equilibrium, coarse.points < fine.points
         if problem.friction is not None:
             # By NumPy few points take as long as many; a history is given at the fine ones.
-            is_quicker &= fine.settle is not None and wanted.before is None
+            is_quicker &= not _needs_start(fine) and wanted.before is None
         if problem.loads.without_tangent or not is_quicker:
             return known, fine.unloaded(wanted.tensions, wanted.before)
         if fine.settle is None:
@@ -178,3 +178,8 @@ def _near(start: Backbone | None, rod: LoadedRod, wanted: Condition) -> Shape:
     if start is None:
         return rod.near_unloaded(wanted.tensions, wanted.before)
     return start.shape or rod.unloaded(start.tensions.ravel(), wanted.before)
+
+
+def _needs_start(rod: LoadedRod) -> bool:
+    """Whether a balance of ``rod`` is settled from known ones alone, see `Settling`."""
+    return rod.equilibrium.friction is not None and isinstance(rod.settle, Settling)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helical_arm import HELICAL
+from helical_arm import HELICAL, helical_arm
 
 from octo_arm_model import Arm, Backbone, Config, Loads, PointLoad, SolveError, Solver
 from octo_arm_model.core.hints import Number
@@ -14,6 +14,7 @@ from octo_arm_model.core.loaded.equilibrium import Equilibrium
 from octo_arm_model.core.loaded.known_balance import KnownBalance, margin_under
 from octo_arm_model.core.loaded.linearised import Linearised, Response
 from octo_arm_model.core.loaded.settle import Settling
+from octo_arm_model.core.loaded.sliding.friction import Sliding
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.numerics.quaternion import Quaternions
@@ -62,20 +63,26 @@ def test_an_arm_is_the_same_alone_and_in_a_batch(
         assert sum(isinstance(one, Solution) for one in settled) > 10
 
 
+@pytest.mark.parametrize('friction', [(), (0.1,)], ids=['smooth', 'rough'])
 @pytest.mark.parametrize('loads', [AIR, WATER, MOMENT], ids=['air', 'water', 'moment'])
 def test_an_estimated_residual_is_no_less_than_the_evaluated_one(
-    table4: Config, loads: Loads, monkeypatch: pytest.MonkeyPatch
+    table4: Config, loads: Loads, friction: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     last_state, found = Equilibrium.last_state, []
 
-    def evaluated(self: Equilibrium, state: State, change: Response, residual: Number) -> State:
-        estimated = last_state(self, state, change, residual)
+    def evaluated(
+        self: Equilibrium, state: State, change: Response, residual: Number,
+        sliding: Sliding | None = None,
+    ) -> State:  # fmt: skip
+        estimated = last_state(self, state, change, residual, sliding)
         # With orientations that follow from the twist alone.
-        found.append((estimated, self.state(state.condition, self.moved(state.shape, change))))
+        moved = self.moved(state.shape, change)
+        found.append((estimated, self.state(state.condition, moved, sliding=sliding)))
         return estimated
 
     monkeypatch.setattr(Equilibrium, 'last_state', evaluated)
-    solver = Solver(table4.arm.with_density(1080.0), 'exact', 31, table4.base, loads=loads)
+    arm = dataclasses.replace(table4.arm.with_density(1080.0), friction=friction)
+    solver = Solver(arm, 'exact', 31, table4.base, loads=loads)
     random = np.random.default_rng(9)
     for size in np.geomspace(1e-6, 0.1, 60):
         tensions = 0.5 * HIGHEST * random.uniform(size=(3, 4)) * np.array([1.0, 0.0, 0.0, 1.0])
@@ -97,6 +104,7 @@ def test_a_balance_under_more_tension_is_as_if_evaluated(table4: Config) -> None
     for solver, tensions in (
         (Solver(HELICAL, 'exact', 31, material='linear', shear=True, loads=AIR), np.full(6, 0.3)),
         (Solver(hanging, 'exact', 31, table4.base, loads=WATER), np.repeat([0.1, 1.0, 3.0], 4)),
+        (Solver(helical_arm(sheath_stiffness=(3e5,)), 'exact', 31, loads=AIR), np.full(6, 0.3)),
     ):
         tensions[1] = 0.0
         assert isinstance(solver._statics, Exact)

@@ -1,6 +1,6 @@
 """Kernels for the coupling of tensions along tendons with friction and cross sections.
 
-They are the compiled counterpart of `Coupling` and `next_angle` of `sliding.sliding_balance`: they
+They are the compiled counterpart of `Coupling` and `next_angle` of `sliding.coupling`: they
 compute how the twist of cross sections in equilibrium changes with the tension of each tendon
 there, and improve the angles by which tendons have turned. Arrays are those of `turning_kernels`.
 """
@@ -177,7 +177,7 @@ def improve(
     """Improve ``angle`` (pulled, points), by which tendons have turned, in one Newton step.
 
     The compiled counterpart of `next_angle`: it solves Volterra's equation of the module
-    `sliding_balance`, but in one sweep from the base to the tip. At each point half of its own
+    `coupling`, but in one sweep from the base to the tip. At each point half of its own
     contribution to the integrals counts, which is accurate enough. ``turned`` are the angles in
     the equilibrium under the tensions ``along`` and, on return, the changes of ``angle``; ``few``
     (2, pulled) is scratch space; the other arrays are those of `TurningState`.

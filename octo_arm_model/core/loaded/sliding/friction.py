@@ -27,11 +27,11 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.collocation import Collocation
+from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.section.energy import MOST_PULLED, SectionEnergy
 from octo_arm_model.core.section.strain_measures import to_scaled
 from octo_arm_model.core.section.tendons.tendon_tangents import (
     Tangents,
-    curvature,
     kink_angle,
     tangents,
 )
@@ -66,12 +66,14 @@ class Sliding(NamedTuple):
     Attributes:
         tensions: of every tendon [N].
         slip: -1 where it is drawn in, 1 where it is let out and 0 where it sticks.
-        turning: how it turns; None where machine code has found the others.
+        turning: how it turns; None where the others were found without.
+        angle: by which it has turned since the base [rad], where that is known apart from this.
     """
 
     tensions: FloatArray
     slip: FloatArray
     turning: Turning | None = None
+    angle: FloatArray | None = None
 
     @property
     def sticks(self) -> bool:
@@ -100,8 +102,8 @@ class Friction:
         self.mu = np.maximum(self.coefficient, NO_FRICTION)[:, np.newaxis, np.newaxis]
         self.energy, self.collocation = energy, collocation
         rule = collocation.rule
-        self._ends = rule.interpolate(np.array([0.0, 1.0]))
-        self._differentiate = rule.differentiation
+        self._ends = rule.interpolate(np.array([0.0, 1.0])).T.copy()
+        self._differentiate = rule.differentiation.T.copy()
         self.pull: NDArray[np.bool_] = np.ones(self.coefficient.size, np.bool_)
         self._pulled: dict[bytes, Friction] = {}
 
@@ -123,11 +125,17 @@ class Friction:
             self._pulled[key] = some
         return some
 
-    def of_all(self, local_tensions: FloatArray) -> FloatArray:
-        """Extend ``local_tensions`` (tendons, ...) by zeros to all tendons of the arm."""
-        along = np.zeros((self.pull.size, *local_tensions.shape[1:]))
-        along[self.pull] = local_tensions
+    def of_all(self, values: FloatArray, others: float = 0.0) -> FloatArray:
+        """``values`` (tendons, ...) of these and that of the ``others``, of all of the arm."""
+        along = np.full((self.pull.size, *values.shape[1:]), others)
+        along[self.pull] = values
         return along
+
+    def of_some(self, sliding: Sliding) -> Sliding:
+        """These tendons of those of the arm, but for how they turn."""
+        tensions, slip, _, angle = sliding
+        pull = self.pull
+        return Sliding(tensions[pull], slip[pull], angle=None if angle is None else angle[pull])
 
     def turning(self, twist: FloatArray, local_tensions: FloatArray) -> Turning:
         """How the tendons turn in arms of the ``twist`` (4 or 6, batch, points).
@@ -139,7 +147,8 @@ class Friction:
             placed = placed.placed(to_scaled(placed.law, twist), local_tensions)
         found = tangents(placed, twist)
         slope, kinks = self.slope(found.unit)
-        bent = np.stack(curvature(*twist[:3], *found.unit, *slope))
+        bent = cross(twist[:3, np.newaxis], found.unit)
+        bent += slope
         rate = length_of(bent)
         angle = self.integrate(rate, kink_angle(*kinks))
         return Turning(angle, rate, bent, kinks, found)
@@ -189,9 +198,9 @@ class Friction:
             return low, np.full(low.shape, -1.0)
         high = at_base / kept
         held = before[:, np.newaxis]
-        slip = np.where(held >= high * (1.0 - SAME), 1.0, 0.0)
-        slip[held <= low * (1.0 + SAME)] = -1.0
-        return np.clip(held, low, high), slip
+        slip = (held >= high * (1.0 - SAME)).astype(np.float64)
+        np.copyto(slip, -1.0, where=held <= low * (1.0 + SAME))
+        return np.minimum(np.maximum(held, low), high), slip
 
     def slope(self, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivative by s [1/m] of vectors ``unit`` (..., points), and their jumps.
@@ -201,8 +210,9 @@ class Friction:
         """
         own = self.collocation
         by_element = own.by_element(unit)
-        slope = (by_element @ self._differentiate.T) / own.step[:, np.newaxis]
-        ends = by_element @ self._ends.T
+        slope = by_element @ self._differentiate
+        slope /= own.step[:, np.newaxis]
+        ends = by_element @ self._ends
         return slope.reshape(unit.shape), ends[..., 1:, 0] - ends[..., :-1, 1]
 
     def integrate(self, rate: FloatArray, kinks: FloatArray) -> FloatArray:
@@ -218,4 +228,4 @@ class Friction:
 
 def length_of(vectors: FloatArray) -> FloatArray:
     """Lengths (...) of ``vectors`` (3, ...)."""
-    return np.asarray(np.sqrt(np.einsum('i...,i...->...', vectors, vectors)))
+    return np.asarray(np.sqrt(np.add.reduce(vectors * vectors)))

@@ -1,13 +1,7 @@
 """Balance of an arm that tendons with friction alone load.
 
-The unknowns are the angles theta_j that the tendons turn by since the base. The rate c_j of each
-follows from the tensions T_k of all at the same place, and these from the angles, dT_k = sigma_k
-mu_k T_k dtheta_k, for sigma_k of -1 or 1 where a tendon slips and 0 where it sticks. So the change
-of angles that leaves nothing of left_j = int_0^s c_j ds - theta_j solves
-
-    dtheta_j(s) = left_j(s) + int_0^s sum_k (dc_j / dT_k) sigma_k mu_k T_k dtheta_k ds
-
-(Volterra's equation), and Newton's method takes few steps.
+The unknowns are the angles that the tendons turn by since the base. Newton's method finds them in
+few steps, by how they and the cross sections change together, see `coupling`.
 """
 
 from __future__ import annotations
@@ -18,23 +12,25 @@ import numpy as np
 
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.sliding.friction import Friction, Sliding, Turning
-from octo_arm_model.core.numerics.batched_ldlt import factorise, substitute
-from octo_arm_model.core.numerics.vectors import cross
+from octo_arm_model.core.loaded.sliding.coupling import (
+    EXACT,
+    Coupling,
+    change_of,
+    couplings,
+    next_angle,
+    predicted_angle,
+)
+from octo_arm_model.core.loaded.sliding.friction import Friction, Sliding
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
 from octo_arm_model.core.section.strain_measures import (
     check_fibres,
-    derivatives_by_twist,
-    lengthening_by_twist,
     to_scaled,
     to_twist,
 )
 
 TOLERANCE = 1e-9  # of the tensions along tendons, relative
 MOST = 100  # Newton steps
-# Relative tolerance of each step, found by iterating Volterra's equation, and most iterations.
-EXACT, MOST_INNER = 1e-2, 20
 _SLOW = 3  # number of the step from a known balance at which the coupling is computed anew
 CHANGED = 0.2  # relative change of tensions up to which a known balance predicts the next
 
@@ -57,19 +53,6 @@ class Sections(Protocol):
         Raises:
             SolveError: if there is no balance.
         """
-
-
-class Coupling(NamedTuple):
-    """Derivatives of cross sections in balance by the local tension of each tendon.
-
-    Attributes:
-        by_pull: of the twist [1/(N m) and 1/N], (n, tendons, batch, points).
-        rates: of the rate at which each tendon (first axis) turns, by the tension of each (second
-            axis) [rad / (N m)], (tendons, tendons, batch, points).
-    """
-
-    by_pull: FloatArray
-    rates: FloatArray
 
 
 class Slid(NamedTuple):
@@ -115,10 +98,7 @@ def balance(
     angle = np.zeros((friction.coefficient.size, len(tensions), friction.points))
     if known is not None:
         sliding = Sliding(*friction.tensions(tensions, before, known.angle))
-        change = sliding.tensions - known.sliding.tensions
-        rate = np.einsum('jkbn,kbn->jbn', known.coupling.rates, change)
-        turned = known.angle + friction.collocation.integrate_from_base(rate)
-        angle = next_angle(friction, known.angle, turned, known.coupling, sliding)
+        angle = predicted_angle(friction, known.sliding, known.angle, known.coupling, sliding)
         left = change_of(friction, known.angle, angle)
     for steps in range(1, MOST + 1):
         sliding = Sliding(*friction.tensions(tensions, before, angle))
@@ -141,47 +121,6 @@ def balance(
         angle = next_angle(friction, now.angle, turning.angle, coupling, sliding)
         last, left = left, change_of(friction, now.angle, angle)
     raise ConvergenceError('the tension along the tendons', left, MOST)
-
-
-def couplings(
-    energy: SectionEnergy, twist: FloatArray, local_tensions: FloatArray, turning: Turning
-) -> Coupling:
-    """`Coupling` of cross sections in balance at ``twist`` (n, batch, points).
-
-    Under ``local_tensions`` (tendons, batch, points) [N] of tendons that turn as in ``turning``.
-    Approximate: the change of the tendons' directions within the sections is neglected.
-    """
-    _, hessian = derivatives_by_twist(energy, twist, local_tensions)
-    towards = lengthening_by_twist(energy, twist, local_tensions)
-    by_pull = -substitute(factorise(hessian), towards)
-    # |kappa x e| changes by this times a change of kappa.
-    rate = np.where(turning.rate > 0.0, turning.rate, np.inf)
-    across = cross(turning.tangents.unit, turning.curvature / rate)
-    return Coupling(by_pull, np.einsum('ijbn,ikbn->jkbn', across, by_pull[:3]))
-
-
-def next_angle(
-    friction: Friction, angle: FloatArray, turned: FloatArray, coupling: Coupling, sliding: Sliding
-) -> FloatArray:
-    """Angles (tendons, batch, points) [rad] after a Newton step from ``angle``, never negative.
-
-    ``sliding`` are the tendons at ``angle``, and ``turned`` the angles by which they turn in the
-    balance under those tensions. Where both agree there is no step, however rough ``coupling`` is.
-    """
-    by_angle = sliding.slip * friction.mu * sliding.tensions
-    left = turned - angle
-    moved, small = left, EXACT * np.abs(left).max(initial=0.0)
-    for _ in range(MOST_INNER):
-        rate = np.einsum('jkbn,kbn->jbn', coupling.rates, by_angle * moved)
-        last, moved = moved, left + friction.collocation.integrate_from_base(rate)
-        if np.abs(moved - last).max(initial=0.0) <= small:
-            break
-    return np.asarray(np.maximum(angle + moved, 0.0))
-
-
-def change_of(friction: Friction, angle: FloatArray, new: FloatArray) -> float:
-    """Largest relative change of the tensions as angles change from ``angle`` to ``new``."""
-    return float((friction.mu * np.abs(new - angle)).max(initial=0.0))
 
 
 def has_converged(left: float, last: float) -> bool:

@@ -52,15 +52,17 @@ def tangents(energy: SectionEnergy, twist: FloatArray) -> Tangents:
     """`Tangents` of the tendons of ``energy`` under ``twist`` (4 or 6, batch, nodes)."""
     width, _, _ = energy.widening(twist[3])
     x, y, dx, dy = energy.x, energy.y, energy.dx, energy.dy
-    t, n, b, stretch = twist[:4]
-    u = np.empty((3, *np.broadcast_shapes(x.shape, stretch.shape)))
-    u[0] = stretch + width * (n * y - b * x)
-    u[1] = width * (dx - t * y)
-    u[2] = width * (dy + t * x)
+    t, n, b = width * twist[:3]
+    along = n * y
+    u = np.empty((3, *along.shape))
+    np.add(along - b * x, twist[3], out=u[0])
+    np.subtract(width * dx, t * y, out=u[1])
+    np.add(width * dy, t * x, out=u[2])
     if len(twist) == 6:
         u[1:] += twist[4:, np.newaxis]
-    length = np.sqrt(np.einsum('i...,i...->...', u, u))
-    return Tangents(u / length, length)
+    length = np.sqrt(np.add.reduce(u * u))
+    u /= length
+    return Tangents(u, length)
 
 
 def direction_by_twist(energy: SectionEnergy, twist: FloatArray, change: FloatArray) -> FloatArray:

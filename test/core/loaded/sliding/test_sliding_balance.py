@@ -11,7 +11,8 @@ from octo_arm_model import Arm, Body, Loads, Material, Section, Solver
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.loaded.rod import LoadedRod
-from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections, couplings
+from octo_arm_model.core.loaded.sliding.coupling import couplings
+from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
