@@ -236,13 +236,10 @@ class Solver:
                 raise ConfigError(f'loads.{what} have no derivatives by their magnitude')
         return self._statics.sensitivity_to_loads(backbone, loads)
 
-    def tip_curvature(
-        self, backbone: Backbone, by_force: FloatArray, by: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """See `tip_curvature`, of a single solution of this solver."""
+    def tip_curvature(self, backbone: Backbone, change: FloatArray) -> FloatArray:
+        """See `tip_curvature`, of a single solution of this solver and a ``change`` of it."""
         integrate = None if self._compiled is None else add_up_curvature()
-        force = backbone.tip_wrench[:3]
-        return tip_curvature(backbone.position, by_force, by, force, integrate)
+        return tip_curvature(backbone.position, change, backbone.tip_wrench[:3], integrate)
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip's position [m] and rotation vector [rad] in base_frame.

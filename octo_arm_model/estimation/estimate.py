@@ -57,10 +57,10 @@ class Estimate:
 
         To first order from a state nearby: a tenth of a standard deviation off at most.
         """
-        at, shape = self._at, self._at.solved
-        if at.x is not self.mean:
-            shape = at.change.moved(shape, self.mean - at.x)
-        return at.model.real(self.mean, shape)
+        at = self._at
+        if at.x is self.mean:
+            return at.model.real(self.mean, at.solved)
+        return at.change.moved(at.solved, self.mean - at.x, at.model.acting(self.mean))
 
     @functools.cached_property
     def pose_covariance(self) -> FloatArray:

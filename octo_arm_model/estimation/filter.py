@@ -63,8 +63,9 @@ def next_step(
 
     The state is looked for from that of the last one; where there is none, of a step ``near``.
     """
-    belief, refused = prior(model), frozenset[str]()
-    if last is not None:
+    if last is None:
+        belief, refused = prior(model), frozenset[str]()
+    else:
         belief = predict(model, last.updated.belief, time - last.time)
         refused = last.updated.refused
     start = last or near

@@ -32,26 +32,29 @@ _MOST = 24  # pieces of the arm: the error of the integrals is a thousandth then
 
 def tip_curvature(
     position: FloatArray,
-    by_force: FloatArray,
-    by: FloatArray,
+    change: FloatArray,
     force: FloatArray,
     integrate: Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None] | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Second derivatives of the tip's position by quantities that are no forces on it.
+) -> FloatArray:
+    """Second derivatives of the tip's position, (3, 3 + n, 3 + n).
 
-    ``position`` (stations, 3) is that of stations, ``by_force`` and ``by`` their changes of pose
-    (stations, 6, ...) by forces on the tip along all axes and by n quantities, ``force`` (3,) acts
-    on the tip; ``integrate`` is `add_up` in machine code, if there is. Returns them, (3, n, n),
-    and for each axis k what the first of two quantities adds that is a unit force along it,
-    (k, 3, n).
+    By forces on the tip along all axes, which come first, and by n quantities that are none.
+    ``position`` (stations, 3) is that of stations, ``change`` (stations, 6, 3 + n) that of their
+    pose by all of these, ``force`` (3,) acts on the tip; ``integrate`` is `add_up` in machine
+    code, if there is.
     """
     some = _some(len(position))
-    change = np.concatenate([by_force[some], by[some]], axis=2).transpose(1, 0, 2)
     total = change.shape[2]
     second = np.empty((6, total, total))
-    at = position[some].T.copy()
-    (integrate or add_up)(at, np.ascontiguousarray(change), force.copy(), second)
-    return second[3:, 3:, 3:], second[:3, :3, 3:]
+    at = position.take(some, axis=0).T.copy()
+    by = np.ascontiguousarray(change.take(some, axis=0).transpose(1, 0, 2))
+    (integrate or add_up)(at, by, force.copy(), second)
+    found = second[3:]
+    # What a unit force along each axis adds, as the one or as the other quantity.
+    by_unit = second[:3, :3]
+    found[:, :3] += by_unit.transpose(1, 0, 2)
+    found[:, :, :3] += by_unit.transpose(1, 2, 0)
+    return found
 
 
 def add_up(at: FloatArray, change: FloatArray, force: FloatArray, second: FloatArray) -> None:

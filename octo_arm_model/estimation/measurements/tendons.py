@@ -29,15 +29,25 @@ class _OfTendons(Measurement):
         """See `Measurement`."""
         return self.name, self._tendons
 
-    def _which(self, at: Prediction) -> list[int]:
+    def _which(self, at: Prediction) -> tuple[int, ...]:
         names = at.model.arm.tendon_names
         wanted = names if self._tendons is None else self._tendons
         self.check_size(len(wanted), 'one for each tendon')
-        for name in wanted:
-            if name not in names:
-                known = ', '.join(names)
-                raise MeasurementError(f'{self.name}: unknown tendon {name}; this arm has {known}')
-        return [names.index(name) for name in wanted]
+        return _numbers(self.name, names, wanted)
+
+
+@functools.lru_cache(maxsize=64)
+def _numbers(what: str, names: tuple[str, ...], wanted: tuple[str, ...]) -> tuple[int, ...]:
+    """Where tendons that are ``wanted`` are among the ``names`` of all.
+
+    Raises:
+        MeasurementError: if one is not; ``what`` is measured of it.
+    """
+    for name in wanted:
+        if name not in names:
+            known = ', '.join(names)
+            raise MeasurementError(f'{what}: unknown tendon {name}; this arm has {known}')
+    return tuple(names.index(name) for name in wanted)
 
 
 class Tensions(_OfTendons):
@@ -54,7 +64,7 @@ class Tensions(_OfTendons):
         """Change of what is predicted by the state, (m, state)."""
         state = at.model.state
         parts = [part for part in (state.tension, state.tension_bias) if part.stop > part.start]
-        return _sums(tuple(self._which(at)), tuple(part.start for part in parts), state.size)
+        return _sums(self._which(at), tuple(part.start for part in parts), state.size)
 
     def each_apart(self, at: Prediction) -> Iterator[tuple[Measurement, Measurement]]:
         """See `Measurement`."""
@@ -103,10 +113,10 @@ class TendonDisplacements(_OfTendons):
         """What was measured less what is predicted, (m,) [m]."""
         stretched = at.model.tendon_compliance * at.x[at.model.state.tension]
         drawn_in = at.model.solver.rest_lengths.ravel() - at.tendon_lengths + stretched
-        return self.value - drawn_in[self._which(at)]
+        return self.value - drawn_in[list(self._which(at))]
 
     def jacobian(self, at: Prediction) -> FloatArray:
         """Change of what is predicted by the state, (m, state)."""
         by_state, state = -at.change.tendon_length, at.model.state
         by_state[:, state.tension] += np.diag(at.model.tendon_compliance)
-        return by_state[self._which(at)]
+        return by_state[list(self._which(at))]

@@ -24,7 +24,7 @@ from octo_arm_model.core.errors import (
     SolveError,
     TensionError,
 )
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.loaded.continuation import TOLERANCE
 from octo_arm_model.core.rod.backbone import Backbone
@@ -186,22 +186,39 @@ class ArmModel:
         """
         if change.by_tip_force is None:
             return None
-        state = self.state
-        shaping, force = state.shaping, state.tip_force
-        by, by_unit = self.solver.tip_curvature(
-            backbone, change.by_tip_force, change.pose[:, :, shaping]
-        )
-        found = np.zeros((3, state.size, state.size))
-        found[:, shaping[:, np.newaxis], shaping] = by
-        if _has(force):
-            found[:, force, shaping] += by_unit.transpose(1, 0, 2) / self.stiffness(x)
-            found[:, shaping, force] += by_unit.transpose(1, 2, 0) / self.stiffness(x)
-        return found
+        others, where = self._curved
+        by = np.concatenate([change.by_tip_force, change.pose.take(others, axis=2)], axis=2)
+        second = self.solver.tip_curvature(backbone, by)
+        size, ratio = self.state.size, self.stiffness(x)
+        if ratio != 1.0:
+            second[:, :3] /= ratio
+            second[:, :, :3] /= ratio
+        if not _has(self.state.tip_force):
+            second = second[:, 3:, 3:]
+        found = np.zeros((3, size * size))
+        found[:, where] = second.reshape(3, -1)
+        return found.reshape(3, size, size)
+
+    @functools.cached_property
+    def _curved(self) -> tuple[IntArray, IntArray]:
+        """Components that change the shape but as forces on the tip, and where second derivatives.
+
+        These are by forces on the tip, which come first, and by the others, in a matrix (n, n) as
+        one row.
+        """
+        force = np.arange(self.state.size)[self.state.tip_force]
+        others = np.setdiff1d(self.state.shaping, force)
+        each = np.concatenate([force, others])
+        return others, (each[:, np.newaxis] * self.state.size + each).ravel()
+
+    def acting(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tensions and wrench on the tip in ``x``, as those of a `Backbone`."""
+        return x[self.state.tension].reshape(self.arm.tension_shape), self.tip_wrench(x)
 
     def real(self, x: FloatArray, backbone: Backbone) -> Backbone:
         """``backbone`` with the tensions and the wrench on the tip of ``x``."""
-        tensions = x[self.state.tension].reshape(self.arm.tension_shape)
-        return dataclasses.replace(backbone, tensions=tensions, tip_wrench=self.tip_wrench(x))
+        tensions, tip_wrench = self.acting(x)
+        return dataclasses.replace(backbone, tensions=tensions, tip_wrench=tip_wrench)
 
     def _transmitted(self, x: FloatArray) -> FloatArray:
         """Tension along every tendon over that at the base, one for all where none is lost."""

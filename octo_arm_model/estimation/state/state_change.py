@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.kinematics import unit
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.numerics.vectors import cross
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change
 
@@ -69,27 +68,32 @@ class StateChange:
         """Change of the length of every tendon [m], (tendons, state)."""
         return self._chained([one.change.tendon_length for one in self._parts])
 
-    def moved(self, backbone: Backbone, by: FloatArray) -> Backbone:
+    def moved(
+        self, backbone: Backbone, by: FloatArray, acting: tuple[FloatArray, FloatArray]
+    ) -> Backbone:
         """The ``backbone`` that this is the change of after a small change ``by`` of the state.
 
-        Stations alone: what `Solver.solve` starts from stays.
+        ``acting`` are the tensions and the wrench on the tip then. Stations alone: what
+        `Solver.solve` starts from stays.
         """
-        pose, strain = self.pose @ by, self.strain @ by
-        x, y, z = (0.5 * pose[:, 3:]).T
-        quaternion = np.empty_like(backbone.quaternion)
-        turned = Quaternions(1.0 + 1j * x, y + 1j * z).times(
-            Quaternions.from_xyzw(backbone.quaternion)
-        )
-        unit(turned).write_xyzw(quaternion)
+        pose, strain = _times(self.pose, by), _times(self.strain, by)
+        half, (vector, scalar) = 0.5 * pose[:, 3:], np.split(backbone.quaternion, [3], axis=1)
+        # The product of quaternions of a small rotation and of the orientation before it.
+        turned = np.empty_like(backbone.quaternion)
+        turned[:, :3] = vector + scalar * half + cross(half.T, vector.T).T
+        turned[:, 3] = scalar[:, 0] - np.add.reduce(half * vector, axis=1)
+        turned /= np.sqrt(np.add.reduce(turned * turned, axis=1, keepdims=True))
         tau, xi, k, q = strain.T
         return dataclasses.replace(
             backbone,
             position=backbone.position + pose[:, :3],
-            quaternion=quaternion,
+            quaternion=turned,
             tau=backbone.tau + tau,
             xi=backbone.xi + xi,
             k=backbone.k + k,
             q=backbone.q + q,
+            tensions=acting[0],
+            tip_wrench=acting[1],
         )
 
     def _chained(self, changes: Sequence[FloatArray]) -> FloatArray:
@@ -98,3 +102,8 @@ class StateChange:
             if where.stop > where.start:
                 np.multiply(change[..., columns], scale, out=found[..., where])
         return found
+
+
+def _times(change: FloatArray, by: FloatArray) -> FloatArray:
+    """Product of a ``change`` (stations, k, n) and ``by`` (n,), as one of matrices."""
+    return (change.reshape(-1, by.size) @ by).reshape(change.shape[:2])

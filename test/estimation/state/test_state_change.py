@@ -45,7 +45,7 @@ def test_a_backbone_is_moved_to_first_order() -> None:
     off = []
     for size in (1.0, 0.5):
         by = size * 1e-2 * at.x
-        found = at.change.moved(at.solved, by)
+        found = at.change.moved(at.solved, by, model.acting(at.x + by))
         expected = Prediction(model, at.x + by, at.solved).solved
         turned = (
             Rotation.from_quat(found.quaternion) * Rotation.from_quat(expected.quaternion).inv()
@@ -57,6 +57,8 @@ def test_a_backbone_is_moved_to_first_order() -> None:
             np.abs(found.q - expected.q).max(),
         ])  # fmt: skip
         np.testing.assert_allclose(np.linalg.norm(found.quaternion, axis=1), 1.0)
+        np.testing.assert_allclose(found.tensions.ravel(), (at.x + by)[:4])
+        np.testing.assert_allclose(found.tip_wrench[:3], (at.x + by)[4:] + WEIGHT.tip_force)
     # What is left is of second order.
     np.testing.assert_array_less(off[1], 0.3 * np.array(off[0]))
     assert off[0][0] < 1e-4
