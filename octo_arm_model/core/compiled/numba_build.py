@@ -34,7 +34,7 @@ from octo_arm_model.core.compiled.models import (
     winding_kernels,
 )
 from octo_arm_model.core.compiled.models.arm_tables import no_arm, no_grid
-from octo_arm_model.core.compiled.numerics import least_squares_kernels
+from octo_arm_model.core.compiled.numerics import least_squares_kernels, posterior_kernels
 from octo_arm_model.core.compiled.section import length_kernels, minimum_kernels, section_kernels
 from octo_arm_model.core.compiled.section.section_tables import no_exact
 from octo_arm_model.core.sensitivity import tip_curvature
@@ -120,13 +120,24 @@ add_up_curvature = _made(
     tip_curvature.add_up, np.ones((3, 2)), np.ones((6, 2, 3)), np.ones(3), np.ones((6, 3, 3))
 )
 _ONE, _SQUARE, _SECOND = np.ones(1), np.ones((1, 1)), np.ones((1, 1, 1))
-# A belief; a state, with what is left there and its derivatives.
+# A belief; a state, with what is left there and its derivatives, and the slope of what is least.
 _BELIEF, _LOCAL = (_ONE, _SQUARE), (_ONE, _ONE, _SQUARE, _SECOND)
-whiten_residuals = _made(
-    least_squares_kernels.whiten_residuals, *_BELIEF, _SQUARE, *_LOCAL, _SQUARE, _SQUARE, *_LOCAL
-)
 second_order_step = _made(
     least_squares_kernels.second_order_step, *_BELIEF, _ONE, *_LOCAL, _ONE, 0.5, 1, _ONE
+)
+find_posterior = _made(
+    posterior_kernels.find_posterior, *_BELIEF, _SQUARE, _SQUARE, _SQUARE, 1.0, *_LOCAL, 0.5, 1,
+    _SQUARE, _SQUARE, _SQUARE, *_LOCAL, _ONE, _ONE,
+)  # fmt: skip
+second_order_mean = _made(
+    posterior_kernels.second_order_mean, *_BELIEF, *_LOCAL, _ONE, 0.5, 1, 0, 1, 1, 1.0, 1, _ONE,
+    1.0, 1.0, _ONE,
+)  # fmt: skip
+learn_second = _made(
+    posterior_kernels.learn_second, _SECOND, _SECOND, _ONE, _SQUARE, _SQUARE, _ONE, _ONE
+)
+conclude = _made(
+    posterior_kernels.conclude, _ONE, _SQUARE, *_LOCAL, _SQUARE, _SQUARE, _SQUARE, _ONE, _SQUARE
 )
 
 

@@ -74,8 +74,9 @@ class Curvature(NamedTuple):
         """Whether a ``change`` (n,) of the state leads to this ``jacobian``, nearly."""
         moved = (jacobian - self.jacobian) * stddev
         off = float(np.linalg.norm(moved - (self.second @ change) * stddev))
-        least = _SMALL * float(np.linalg.norm(jacobian * stddev))
-        return off <= max(_OFF * float(np.linalg.norm(moved)), least)
+        return is_foretold(
+            off, float(np.linalg.norm(moved)), float(np.linalg.norm(jacobian * stddev))
+        )
 
     def after(self, change: FloatArray, jacobian: FloatArray, scale: FloatArray) -> Curvature:
         """The nearest ones that make the last Jacobian this one, with a ``change`` of the state.
@@ -92,6 +93,11 @@ class Curvature(NamedTuple):
         both = (left @ change)[:, np.newaxis, np.newaxis] * (along[:, np.newaxis] * along)
         second = self.second + across + across.transpose(0, 2, 1) - both
         return self._replace(second=second, jacobian=jacobian)
+
+
+def is_foretold(off: float, moved: float, jacobian: float) -> bool:
+    """Whether a Jacobian is as foretold, by norms of what is ``off`` of what ``moved`` of it."""
+    return off <= max(_OFF * moved, _SMALL * jacobian)
 
 
 def stddev_of(belief: Belief) -> FloatArray:

@@ -15,21 +15,15 @@ import numpy as np
 
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.beliefs.belief import Belief, Gain, gain, normalised_square
+from octo_arm_model.estimation.beliefs.belief import Belief, gain, normalised_square
+from octo_arm_model.estimation.beliefs.compiled_posterior import posterior_of
 from octo_arm_model.estimation.beliefs.curvature import (
     Curvature,
     renewed,
     renewed_along,
     stddev_of,
 )
-from octo_arm_model.estimation.beliefs.posterior import Posterior, Step
-from octo_arm_model.estimation.beliefs.posterior_mean import (
-    Agreement,
-    agreement,
-    gain_of_part,
-    gradient,
-    share_of,
-)
+from octo_arm_model.estimation.beliefs.posterior_mean import Agreement
 from octo_arm_model.estimation.measurements import (
     Measurement,
     jacobians,
@@ -59,7 +53,7 @@ class Fit(NamedTuple):
     Attributes:
         belief: after them.
         at: a prediction nearly of its mean, about which they were linearised: a tenth of a
-            standard deviation off at most, or as far as they bend little, `Posterior.is_straight`.
+            standard deviation off at most, or as far as they bend little, `Bend.is_little`.
         innovation: measured less predicted before, by that linearisation, (m,).
         innovation_root: of its covariance, (m, m).
         square: least sum of squares of noise and change of the state that explains them.
@@ -94,7 +88,6 @@ def fit(
     stddev = stddev_of(prior)
     scale = np.where(at.model.state.shapes, stddev, np.inf)
     left, jacobian = residuals(measurements, at), jacobians(measurements, at)
-    by = gain(prior.root, jacobian, noise)
     given, is_given = seconds(measurements, at)
     if known is not None and not is_new and known.is_near(jacobian, stddev):
         known = known._replace(jacobian=jacobian)
@@ -102,10 +95,11 @@ def fit(
         agreed = Agreement() if known is None else known.agreed
         known = Curvature.flat(jacobian, agreed).moved(given)
         if not is_given:
+            by = gain(prior.root, jacobian, noise)
             known = renewed(known, measurements, at, stddev_of(Belief(at.x, by.root)))
     known = known.moved(given)
-    posterior = Posterior(prior, noise, at.model, known.agreed.weight)
-    local = posterior.local(at.x, left, jacobian, known.second, by)
+    posterior = posterior_of(prior, noise, at.model, known.agreed.weight)
+    local = posterior.local(at.x, left, jacobian, known.second)
     step = posterior.step(local, local.x)
     size, first = math.inf, step.cost
     evaluations = renewals = 0
@@ -128,47 +122,31 @@ def fit(
             part *= shorter
         shape = at.solved
         jacobian = jacobians(measurements, at)
-        by = gain(prior.root, jacobian, noise)
-        change = at.x - before.x
         given, _ = seconds(measurements, at)
-        known = known.halfway(given)
-        is_right = known.foretells(change, jacobian, stddev)
-        known = known.after(change, jacobian, scale).moved(given)
-        if not is_right:
+        change = at.x - before.x
+        known, is_foretold = posterior.learn(known, change, jacobian, given, stddev, scale)
+        if not is_foretold:
             if renewals == _RENEWALS:
                 break
             renewals += 1
+            by = gain(prior.root, jacobian, noise)
             after = stddev_of(Belief(at.x, by.root))
             known = renewed_along(by, known, measurements, at, after, scale)
-        local = posterior.local(at.x, left, jacobian, known.second, by)
+        local = posterior.local(at.x, left, jacobian, known.second)
         step = posterior.step(local, at.x)
         is_last = step.size <= _TOLERANCE or (
-            is_given and step.size <= _STRAIGHT and posterior.is_straight(local, step.x, by)
+            is_given and step.size <= _STRAIGHT and posterior.bend(local, step.x).is_little
         )
         if is_last and step.cost <= first + _RISE:
-            return _fit(prior, step, at, left, jacobian, by, known)
+            by, told = local.by, posterior.conclude(local, left, jacobian, known.second)
+            belief = Belief(step.x, by.root, told.scatter)
+            known = known._replace(agreed=known.agreed.after(told.agreed), share=told.share)
+            square = told.square + step.beyond
+            return Fit(belief, at, told.innovation, by.innovation_root, square, known)
         if step.size > _GROWTH * size:
             break
         size = step.size
     raise ConvergenceError('the estimate', step.size, evaluations)
-
-
-def _fit(
-    prior: Belief,
-    step: Step,
-    at: Prediction,
-    left: FloatArray,
-    jacobian: FloatArray,
-    by: Gain,
-    known: Curvature,
-) -> Fit:
-    """The `Fit` that a last ``step`` from the state ``at`` leads to."""
-    found = _linearised(prior, step.x, at, left, jacobian, by)
-    whole = gradient(by.gain, known.second)
-    part = gradient(gain_of_part(prior.scattered, jacobian, by), known.second)
-    agreed = known.agreed.after(agreement(by, part, found.innovation, known.second))
-    known = known._replace(agreed=agreed, share=share_of(part, whole, by))
-    return found._replace(square=found.square + step.beyond, curvature=known)
 
 
 def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Prediction) -> Fit:
@@ -179,19 +157,7 @@ def fit_at_mode(prior: Belief, measurements: Sequence[Measurement], at: Predicti
     """
     left, jacobian = residuals(measurements, at), jacobians(measurements, at)
     by = gain(prior.root, jacobian, noise_root(measurements))
-    return _linearised(prior, at.x, at, left, jacobian, by)
-
-
-def _linearised(
-    prior: Belief,
-    mean: FloatArray,
-    at: Prediction,
-    left: FloatArray,
-    jacobian: FloatArray,
-    by: Gain,
-) -> Fit:
-    """The `Fit` of this ``mean`` by measurements linearised ``at`` a state nearly the same."""
     innovation = left + jacobian @ (at.x - prior.mean)
     square = normalised_square(innovation, by.innovation_root)
-    belief = prior.corrected(mean, by, jacobian)
+    belief = prior.corrected(at.x, by, jacobian)
     return Fit(belief, at, innovation, by.innovation_root, square, None)

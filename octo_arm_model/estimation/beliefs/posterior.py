@@ -8,72 +8,32 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dposv, dpotrf
 
-from octo_arm_model.core.compiled.kernel_compiler import entry_point
-from octo_arm_model.core.compiled.models.arm_tables import own
-from octo_arm_model.core.compiled.numba_build import second_order_step, whiten_residuals
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.beliefs.belief import Belief, Gain, solve_lower
-from octo_arm_model.estimation.beliefs.posterior_mean import gain_of_part, gradient
+from octo_arm_model.estimation.beliefs.belief import (
+    Belief,
+    gain,
+    normalised_square,
+    solve_lower,
+)
+from octo_arm_model.estimation.beliefs.curvature import Curvature
+from octo_arm_model.estimation.beliefs.local import Bend, Conclusion, Local, Step
+from octo_arm_model.estimation.beliefs.posterior_mean import (
+    agreement,
+    gain_of_part,
+    gradient,
+    share_of,
+)
 from octo_arm_model.estimation.state.prediction import ArmModel
 
-_MOST_OF_MODEL = 8  # steps within a local model
-_OFF, _TURNED = 0.1, 0.3  # parts of the noise, of what is straight: its values, its spread
-_LAST = 1.0  # step within it that is the last
-_HALVED = 5  # times that such a step is halved
-_BENT = 0.8  # part of its stiffness that a direction may lose as measurements bend
-_MOST_BENT = 50  # halvings of what it loses
-
-
-class Local(NamedTuple):
-    """What measurements predict about one state, to second order, in standard deviations.
-
-    Attributes:
-        x: the state, in its own units.
-        z: its distance from the mean before, (n,).
-        left: measured less predicted there, (m,).
-        jacobian: of what is predicted, (m, n).
-        second: its second derivatives, (m, n, n).
-        slope: gradient of what is least, by which the mean is not the most probable state, (n,).
-    """
-
-    x: FloatArray
-    z: FloatArray
-    left: FloatArray
-    jacobian: FloatArray
-    second: FloatArray
-    slope: FloatArray
-
-    @property
-    def square(self) -> float:
-        """Sum of squares of the change of the state and of the noise."""
-        return float(self.z @ self.z) + float(self.left @ self.left)
-
-    def about(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Measured less predicted in ``z``, and the Jacobian there."""
-        change = z - self.z
-        bent = self.second @ change
-        return self.left - (self.jacobian + 0.5 * bent) @ change, self.jacobian + bent
-
-
-class Step(NamedTuple):
-    """A step of the iteration from ``start`` to ``x``.
-
-    Attributes:
-        size: in standard deviations a component.
-        beyond: square of how far the mean is beyond the possible states.
-        cost: what is least at the end, in squares of standard deviations, but for a constant.
-    """
-
-    start: FloatArray
-    x: FloatArray
-    size: float
-    beyond: float
-    cost: float
+MOST_OF_MODEL = 8  # steps within a local model
+LAST = 1.0  # step within it that is the last
+HALVED = 5  # times that such a step is halved
+BENT = 0.8  # part of its stiffness that a direction may lose as measurements bend
+MOST_BENT = 50  # halvings of what it loses
 
 
 class Posterior:
@@ -84,20 +44,13 @@ class Posterior:
 
         ``weight`` is that of the shift to the mean; 0 leads to the most probable state.
         """
-        self._prior, self._model, self._weight = prior, model, weight
+        self._prior, self._model, self._noise, self._weight = prior, model, noise, weight
         self._per_noise = solve_lower(noise, np.eye(len(noise)))
-        self._is_compiled = model.solver.is_compiled
-        if self._is_compiled:
-            self._whiten, self._step = (
-                entry_point(kernel()) for kernel in (whiten_residuals, second_order_step)
-            )
-            self._known = own(prior.mean), own(prior.root)
-            self._per_noise = own(self._per_noise)
 
     def local(
-        self, x: FloatArray, left: FloatArray, jacobian: FloatArray, second: FloatArray, by: Gain
+        self, x: FloatArray, left: FloatArray, jacobian: FloatArray, second: FloatArray
     ) -> Local:
-        """Of derivatives in their own units, see `Local`, and what they make ``by`` themselves.
+        """Of derivatives in their own units, see `Local`.
 
         Raises:
             ValueError: if residuals and derivatives are not of the same measurements and state.
@@ -107,24 +60,21 @@ class Posterior:
         if shapes != (n, m, (m,), (m, n, n)):
             # Machine code does not check them.
             raise ValueError(f'{shapes} do not go with a Jacobian of shape {(m, n)}')
-        slope = np.zeros(n)
+        return self._local(x, left, jacobian, second)
+
+    def _local(
+        self, x: FloatArray, left: FloatArray, jacobian: FloatArray, second: FloatArray
+    ) -> Local:
+        root, (m, n) = self._prior.root, jacobian.shape
+        by, slope = gain(root, jacobian, self._noise), np.zeros(n)
         if self._weight:
             part = gain_of_part(self._prior.scattered, jacobian, by)
             slope = self._weight * (gradient(part, second) @ root)
-        if self._is_compiled:
-            local = Local(
-                x, np.empty(n), np.empty(m), np.empty((m, n)), np.empty((m, n, n)), slope
-            )
-            self._whiten(
-                *self._known, self._per_noise,
-                *(np.array(given, np.float64, order='C') for given in (x, left, jacobian, second)),
-                np.empty((n, n)), np.empty((n, n)), *local[1:5],
-            )  # fmt: skip
-            return local
         # By products: with this many columns BLAS's dtrsm lets threads wait for each other.
         bent = (self._per_noise @ second.reshape(m, n * n)).reshape(m, n, n)
         return Local(
             x,
+            by,
             self._away(x),
             self._per_noise @ left,
             self._per_noise @ jacobian @ root,
@@ -132,16 +82,42 @@ class Posterior:
             slope,
         )
 
-    def is_straight(self, local: Local, x: FloatArray, by: Gain) -> bool:
-        """Whether measurements bend little from the state of a ``local`` model to ``x``.
-
-        Neither what they predict there nor its spread, by what they make of the belief ``by``
-        themselves, is off by more than a part of the noise.
-        """
+    def bend(self, local: Local, x: FloatArray) -> Bend:
+        """How measurements bend from the state of a ``local`` model to ``x``."""
         bent = local.second @ (self._away(x) - local.z)
         off = 0.5 * (bent @ (self._away(x) - local.z))
-        turned = bent @ solve_lower(self._prior.root, by.root)
-        return bool(np.linalg.norm(off) <= _OFF and np.linalg.norm(turned) <= _TURNED)
+        turned = bent @ solve_lower(self._prior.root, local.by.root)
+        return Bend(float(np.linalg.norm(off)), float(np.linalg.norm(turned)))
+
+    def learn(
+        self, known: Curvature, change: FloatArray, jacobian: FloatArray, given: FloatArray,
+        stddev: FloatArray, scale: FloatArray,
+    ) -> tuple[Curvature, bool]:  # fmt: skip
+        """What is ``known`` after a ``change`` (n,) of the state, and whether that was foretold.
+
+        The ``jacobian`` (m, n) is that there; ``given``, ``stddev`` and ``scale`` are those of
+        `Curvature`.
+        """
+        halfway = known.halfway(given)
+        is_foretold = halfway.foretells(change, jacobian, stddev)
+        return halfway.after(change, jacobian, scale).moved(given), is_foretold
+
+    def conclude(
+        self, local: Local, left: FloatArray, jacobian: FloatArray, second: FloatArray
+    ) -> Conclusion:
+        """What measurements tell by a ``local`` model, of these derivatives in their own units."""
+        prior, by = self._prior, local.by
+        innovation = left + jacobian @ (local.x - prior.mean)
+        whole = gradient(by.gain, second)
+        part = gradient(gain_of_part(prior.scattered, jacobian, by), second)
+        scatter = prior.corrected(local.x, by, jacobian).scattered
+        return Conclusion(
+            innovation,
+            normalised_square(innovation, by.innovation_root),
+            scatter,
+            agreement(by, part, innovation, second),
+            share_of(part, whole, by),
+        )
 
     def square(self, x: FloatArray, left: FloatArray) -> float:
         """`Local.square` in a state ``x``, where so much is ``left``."""
@@ -153,10 +129,10 @@ class Posterior:
 
     def mean(self, local: Local, step: Step) -> FloatArray:
         """The mean by a ``local`` model, from a ``step`` on."""
-        for _ in range(_MOST_OF_MODEL):
-            if step.size <= _LAST:
+        for _ in range(MOST_OF_MODEL):
+            if step.size <= LAST:
                 break
-            for halved in range(_HALVED):
+            for halved in range(HALVED):
                 new = self.step(local, step.start + 0.5**halved * (step.x - step.start))
                 if new.cost <= step.cost:
                     break
@@ -167,15 +143,6 @@ class Posterior:
 
     def step(self, local: Local, x: FloatArray) -> Step:
         """Newton's step from ``x`` to the mean by a ``local`` model."""
-        if self._is_compiled:
-            wanted = np.empty(x.size)
-            size, cost = self._step(
-                *self._known, own(x), local.z, local.left, local.jacobian, local.second,
-                local.slope, _BENT, _MOST_BENT, wanted,
-            )  # fmt: skip
-            # Where a tension would be below zero what is nearest is looked for below.
-            if not wanted[self._model.state.tension].min() < 0.0:
-                return Step(x, wanted, size, 0.0, cost)
         m, n = local.jacobian.shape
         z, left, jacobian = local.z, local.left, local.jacobian
         if x is not local.x:
@@ -220,16 +187,16 @@ def _least_squares(
 
 
 def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
-    """A ``change`` (n,) divided by 1 - ``bent`` (n, n), of which no part is above `_BENT`.
+    """A ``change`` (n,) divided by 1 - ``bent`` (n, n), of which no part is above `BENT`.
 
     Where one is, all of them are halved until none is.
     """
     one = _identity(change.size)
     # By Cholesky alone: eigenvalues take longer, and much longer where threads of LAPACK wait.
-    for _ in range(_MOST_BENT):
+    for _ in range(MOST_BENT):
         every = bent.ravel()
         # No part is above the root of the sum of all squares.
-        if every @ every <= _BENT * _BENT or dpotrf(_BENT * one - bent, lower=1)[1] == 0:
+        if every @ every <= BENT * BENT or dpotrf(BENT * one - bent, lower=1)[1] == 0:
             return np.asarray(dposv(one - bent, change, lower=1)[1])
         bent = 0.5 * bent
     return change

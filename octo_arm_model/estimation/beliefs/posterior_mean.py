@@ -104,9 +104,13 @@ def agreement(
     form = solve_lower(root, (second @ (by.root @ shift)) @ by.gain @ root)
     form = 0.5 * (form + form.T)
     stddev = math.sqrt(2.0) * float(np.linalg.norm(form))
+    white = solve_lower(root, innovation)
+    return agreement_by(float(white @ form @ white), expected, stddev)
+
+
+def agreement_by(drawn: float, expected: float, stddev: float) -> Agreement:
+    """That of an innovation which has ``drawn`` the mode by so much of what was ``expected``."""
     if not expected > 0.0 or not stddev:
         return Agreement()
-    white = solve_lower(root, innovation)
-    off = (float(white @ form @ white) - expected) / stddev
-    off = min(max(off, -_LARGEST), _LARGEST)
+    off = min(max((drawn - expected) / stddev, -_LARGEST), _LARGEST)
     return Agreement(1.0 + off * stddev / expected, (expected / stddev) ** 2)

@@ -8,7 +8,10 @@ from estimation_arms import RUBBER, rubber
 
 from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.estimation.beliefs.belief import Belief, gain
-from octo_arm_model.estimation.beliefs.posterior import Posterior, Step
+from octo_arm_model.estimation.beliefs.compiled_posterior import posterior_of
+from octo_arm_model.estimation.beliefs.curvature import Curvature
+from octo_arm_model.estimation.beliefs.local import Step
+from octo_arm_model.estimation.beliefs.posterior import Posterior
 from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
 
@@ -24,13 +27,15 @@ SECOND += SECOND.transpose(0, 2, 1)
 START = PRIOR.mean + 0.3
 NOISE = np.diag([0.5, 0.6, 0.7])
 
+needs_numba = pytest.mark.skipif(not is_available(), reason='numba is not installed')
+
 
 @pytest.mark.parametrize('noise', [1.0, 1e-9])
 def test_a_linear_measurement_takes_one_step_to_what_a_kalman_filter_says(noise: float) -> None:
     root = noise * np.diag([1.0, 2.0, 3.0])
     posterior = Posterior(PRIOR, root, MODEL, 0.7)
     by = gain(PRIOR.root, JACOBIAN, root)
-    local = posterior.local(START, LEFT, JACOBIAN, np.zeros_like(SECOND), by)
+    local = posterior.local(START, LEFT, JACOBIAN, np.zeros_like(SECOND))
     step = posterior.step(local, START)
     expected = PRIOR.mean + by.gain @ (LEFT + JACOBIAN @ (START - PRIOR.mean))
     np.testing.assert_allclose(step.x, expected, rtol=1e-9)
@@ -41,8 +46,7 @@ def test_a_linear_measurement_takes_one_step_to_what_a_kalman_filter_says(noise:
 
 def descended(posterior: Posterior, bent: float) -> tuple[Step, np.ndarray]:
     """The last of many steps, and the gradient of the cost where it leads, by differences."""
-    by = gain(PRIOR.root, JACOBIAN, NOISE)
-    local = posterior.local(START, LEFT, JACOBIAN, bent * SECOND, by)
+    local = posterior.local(START, LEFT, JACOBIAN, bent * SECOND)
     step = posterior.step(local, posterior.mean(local, posterior.step(local, START)))
     for _ in range(100):
         step = posterior.step(local, step.x)
@@ -73,7 +77,7 @@ def test_no_tension_is_less_than_zero_and_how_far_beyond_the_mean_is_counts() ->
     # It says that the first tendon pushes.
     jacobian = np.eye(3, SIZE)
     by = gain(prior.root, jacobian, NOISE)
-    local = posterior.local(prior.mean, np.array([-2.0, 0.0, 0.0]), jacobian, 0.0 * SECOND, by)
+    local = posterior.local(prior.mean, np.array([-2.0, 0.0, 0.0]), jacobian, 0.0 * SECOND)
     step = posterior.step(local, prior.mean)
     assert step.x[0] == 0.0
     free = prior.mean + by.gain @ [-2.0, 0.0, 0.0]
@@ -89,33 +93,51 @@ def test_no_tension_is_less_than_zero_and_how_far_beyond_the_mean_is_counts() ->
 def test_it_is_straight_as_far_as_values_and_their_spread_bend_by_parts_of_the_noise() -> None:
     posterior = Posterior(PRIOR, NOISE, MODEL, 0.0)
     by = gain(PRIOR.root, JACOBIAN, NOISE)
-    local = posterior.local(START, LEFT, JACOBIAN, SECOND, by)
+    local = posterior.local(START, LEFT, JACOBIAN, SECOND)
     bent = np.linalg.solve(NOISE, SECOND.reshape(3, -1)).reshape(SECOND.shape)
     change = RNG.normal(size=SIZE)
     off = 0.5 * np.linalg.norm(bent @ change @ change)
     turned = np.linalg.norm(bent @ change @ by.root)
     most = min(np.sqrt(0.1 / off), 0.3 / turned)
-    assert posterior.is_straight(local, START + 0.99 * most * change, by)
-    assert not posterior.is_straight(local, START + 1.01 * most * change, by)
+    assert posterior.bend(local, START + 0.99 * most * change).is_little
+    assert not posterior.bend(local, START + 1.01 * most * change).is_little
 
 
-@pytest.mark.skipif(not is_available(), reason='numba is not installed')
+def machine(noise: np.ndarray, weight: float = 0.7) -> tuple[Posterior, Posterior]:
+    """A posterior by NumPy, and the same in machine code."""
+    unknowns = Unknowns(Walk(1.0), tip_force=Walk(0.01))
+    model = ArmModel(RUBBER, unknowns, 'exact', stations=31, compiled=True)
+    prior = PRIOR._replace(scatter=0.7 * PRIOR.covariance)
+    plain, quick = (posterior_of(prior, noise, one, weight) for one in (MODEL, model))
+    assert type(plain) is not type(quick)
+    return plain, quick
+
+
+def assert_close(found: object, expected: object, rtol: float = 1e-10) -> None:
+    """All numbers of one tuple are those of the other, within a part of the largest of each."""
+    for one, other in zip(found, expected, strict=True):
+        if isinstance(other, tuple):
+            assert_close(one, other, rtol)
+        else:
+            np.testing.assert_allclose(one, other, rtol=0.0, atol=rtol * np.abs(other).max())
+
+
+@needs_numba
 @pytest.mark.parametrize(
     # What bends by a million times its noise leaves a step that rounding alone changes.
     ('bent', 'exact'), [(0.0, 1.0), (0.05, 1.0), (1.0, 1.0), (5.0, 1.0), (0.0, 1e-6), (0.05, 1e-6)]
 )  # fmt: skip
-def test_machine_code_takes_the_same_steps(bent: float, exact: float) -> None:
-    unknowns, random = Unknowns(Walk(1.0), tip_force=Walk(0.01)), np.random.default_rng(7)
-    machine = ArmModel(RUBBER, unknowns, 'exact', stations=31, compiled=True)
+@pytest.mark.parametrize('weight', [0.0, 0.7])
+def test_machine_code_takes_the_same_steps(bent: float, exact: float, weight: float) -> None:
+    random = np.random.default_rng(7)
     noise = NOISE + np.tril(random.normal(size=(3, 3)), -1)
     noise[2] *= exact
-    by = gain(PRIOR.root, JACOBIAN, noise)
-    plain, quick = (Posterior(PRIOR, noise, model, 0.7) for model in (MODEL, machine))
+    plain, quick = machine(noise, weight)
     # As BLAS leaves them, along columns.
     given = LEFT, np.asfortranarray(JACOBIAN), np.asfortranarray(bent * SECOND)
-    expected, found = (one.local(START, *given, by) for one in (plain, quick))
-    for one, other in zip(found, expected):
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12 * np.abs(other).max())
+    expected, found = (one.local(START, *given) for one in (plain, quick))
+    assert found.own is not None
+    assert_close(found[:7], expected[:7], 1e-10 if exact == 1.0 else 1e-7)
     for x in (found.x, START + random.normal(size=SIZE)):
         one, other = quick.step(found, x), plain.step(expected, x)
         np.testing.assert_allclose(
@@ -125,10 +147,76 @@ def test_machine_code_takes_the_same_steps(bent: float, exact: float) -> None:
         assert one.size == pytest.approx(other.size, rel=1e-7)
         assert one.cost == pytest.approx(other.cost, rel=1e-9)
         assert one.beyond == pytest.approx(other.beyond, rel=1e-7, abs=1e-7)
+        bends = quick.bend(found, one.x), plain.bend(expected, other.x)
+        np.testing.assert_allclose(*bends, rtol=1e-5 if exact == 1.0 else 1e-2)
+
+
+@needs_numba
+def test_machine_code_goes_the_same_way_to_the_mean_as_single_steps() -> None:
+    plain, quick = machine(0.1 * NOISE)
+    local = plain.local(START, LEFT, JACOBIAN, 0.2 * SECOND)
+    first = plain.step(local, START)
+    taken = [first]
+    found = quick.mean(quick.local(START, LEFT, JACOBIAN, 0.2 * SECOND), first)
+    np.testing.assert_allclose(found, plain.mean(local, first), rtol=1e-7)
+    while taken[-1].size > 1.0:
+        taken.append(plain.step(local, taken[-1].x))
+    assert len(taken) > 2
+    np.testing.assert_array_equal(first.x, taken[0].x)  # which machine code may not overwrite
+
+
+@needs_numba
+def test_no_tension_is_less_than_zero_in_machine_code_either() -> None:
+    plain, quick = machine(NOISE)
+    jacobian = np.eye(3, SIZE)
+    for left in (-7.0, -70.0):
+        given = PRIOR.mean, np.array([left, 0.0, 0.0]), jacobian, 0.01 * SECOND
+        expected, found = (one.local(*given) for one in (plain, quick))
+        assert found.own is None
+        steps = [one.step(local, PRIOR.mean) for one, local in ((quick, found), (plain, expected))]
+        assert_close(*steps, rtol=1e-9)
+        assert steps[0].beyond > 0.0
+        means = quick.mean(found, steps[0]), plain.mean(expected, steps[1])
+        np.testing.assert_allclose(*means, rtol=1e-7)
+        assert means[0][0] >= 0.0
+
+
+@needs_numba
+@pytest.mark.parametrize('size', [0.0, 1.0])
+def test_machine_code_learns_the_same(size: float) -> None:
+    plain, quick = machine(NOISE)
+    random = np.random.default_rng(11)
+    change, moved = size * random.normal(size=SIZE), random.normal(size=(3, SIZE))
+    stddev, scale = random.uniform(0.5, 2.0, (2, SIZE))
+    scale[2] = np.inf
+    given = SECOND + random.normal(size=SECOND.shape)
+    for other in (SECOND, given):
+        known = Curvature(SECOND, JACOBIAN, SECOND)
+        expected, found = (
+            one.learn(known, change, JACOBIAN + 0.1 * moved, other, stddev, scale)
+            for one in (plain, quick)
+        )
+        assert found[1] == expected[1]
+        np.testing.assert_allclose(found[0].second, expected[0].second, rtol=1e-10, atol=1e-12)
+        assert found[0].given is other
+    right = known.jacobian + SECOND @ change
+    assert all(one.learn(known, change, right, SECOND, stddev, scale)[1] for one in (plain, quick))
+
+
+@needs_numba
+def test_machine_code_concludes_the_same() -> None:
+    plain, quick = machine(0.1 * NOISE)
+    expected, found = (
+        one.conclude(one.local(START, LEFT, JACOBIAN, SECOND), LEFT, JACOBIAN, SECOND)
+        for one in (plain, quick)
+    )
+    assert expected.agreed.information > 0.0
+    assert 0.0 < expected.share < 1.0
+    assert_close(found, expected)
 
 
 def test_what_does_not_go_together_is_refused() -> None:
-    posterior, by = Posterior(PRIOR, NOISE, MODEL, 0.0), gain(PRIOR.root, JACOBIAN, NOISE)
+    posterior = Posterior(PRIOR, NOISE, MODEL, 0.0)
     for left, second in ((LEFT[:2], SECOND), (LEFT, SECOND[:2]), (LEFT, SECOND[:, :3])):
         with pytest.raises(ValueError, match='do not go with'):
-            posterior.local(START, left, JACOBIAN, second, by)
+            posterior.local(START, left, JACOBIAN, second)
