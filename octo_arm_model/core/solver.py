@@ -205,14 +205,17 @@ class Solver:
                 raise
             return self._solve(tensions, tip_wrench, None, before)
 
-    def sensitivity(self, backbone: Backbone) -> Sensitivity:
+    def sensitivity(self, backbone: Backbone, *, by_offsets: bool = True) -> Sensitivity:
         """First derivatives of a single solution of this solver.
+
+        Without ``by_offsets``, which takes less time, those by offsets and sheaths of tendons may
+        be None where there are some.
 
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
         self._own_twist(backbone)
-        return self._statics.sensitivity(backbone)
+        return self._statics.sensitivity(backbone, by_offsets)
 
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
         """Change of a single solution of this solver per unit of each of ``loads``.

@@ -178,11 +178,12 @@ class CompiledRod:
         return self._rod.equilibrium.energy.local_tensions(tensions[np.newaxis])
 
     def differentiate(
-        self, condition: Condition, shape: Shape, dead: tuple[FloatArray, FloatArray] | None
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        self, condition: Condition, shape: Shape, dead: tuple[FloatArray, FloatArray] | None,
+        by_offsets: bool = True,
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
         """`Differentiate` of the rod."""
         tensions = condition.tensions
-        columns = len(dead[0]) if dead else 2 * tensions.size + 8
+        columns = len(dead[0]) if dead else (1 + by_offsets) * tensions.size + 8
         pose = np.empty((self._stations, 6, columns))
         strain = np.empty((self._stations, 4, columns))
         length = np.empty((tensions.size, columns))

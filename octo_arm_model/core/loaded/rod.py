@@ -77,9 +77,10 @@ Slide: TypeAlias = Callable[[FloatArray, FloatArray | None], FloatArray]
 # From a condition and the shape of its equilibrium: changes of pose (stations, 6, columns), strain
 # (stations, 4, columns) and tendon length (tendons, columns). Columns are dead loads whose
 # resultants per unit, force and moment (loads, 3, points) in base_frame, are given; without them
-# the wrench on the tip, tensions, E, nu and offsets. Raises ConvergenceError.
+# the wrench on the tip, tensions, E, nu and, if these are wanted, offsets. Raises
+# ConvergenceError.
 Differentiate: TypeAlias = Callable[
-    [Condition, Shape, tuple[FloatArray, FloatArray] | None],
+    [Condition, Shape, tuple[FloatArray, FloatArray] | None, bool],
     tuple[FloatArray, FloatArray, FloatArray],
 ]
 

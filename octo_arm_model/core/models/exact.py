@@ -145,9 +145,9 @@ class Exact:
             return self.rods.at_nodes(backbone)
         return self.sections.local_tensions(backbone.tensions.reshape(1, -1))[:, 0]
 
-    def sensitivity(self, backbone: Backbone) -> Sensitivity:
+    def sensitivity(self, backbone: Backbone, by_offsets: bool = True) -> Sensitivity:
         """First derivatives of ``backbone`` by all quantities of `Sensitivity`."""
-        return derivatives(*self._balance_of(backbone))
+        return derivatives(*self._balance_of(backbone), by_offsets)
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
         """Covariance of the tip of ``backbone``, by reciprocity where that holds."""

@@ -65,7 +65,7 @@ class PapersModel(UnloadedStatics):
         by = {'tension': tip[:, :-1], 'youngs_modulus': tip[:, -1:]}
         return uncertainty.tip_covariance([by.get(name) for name in uncertainty.quantities])
 
-    def sensitivity(self, backbone: Backbone) -> Sensitivity:
+    def sensitivity(self, backbone: Backbone, by_offsets: bool = True) -> Sensitivity:
         """First derivatives of ``backbone`` by tensions and E."""
         twist, frames = self._twist_and_frames(backbone)
         changes, count = self._changes(backbone), backbone.tensions.size

@@ -72,7 +72,7 @@ class SlidingClosedForm(UnloadedStatics):
         """Covariance of the tip of ``backbone``, see `Statics`."""
         return self.sensitivity(backbone).tip_covariance(uncertainty)
 
-    def sensitivity(self, backbone: Backbone) -> Sensitivity:
+    def sensitivity(self, backbone: Backbone, by_offsets: bool = True) -> Sensitivity:
         """First derivatives of ``backbone`` by tensions, E and friction.
 
         Raises:

@@ -100,8 +100,8 @@ class Statics(Protocol):
     def local_tensions(self, backbone: Backbone) -> FloatArray:
         """Tension of every tendon of a single solution at every node [N], (tendons, nodes)."""
 
-    def sensitivity(self, backbone: Backbone) -> Sensitivity:
-        """First derivatives of a single solution of this model."""
+    def sensitivity(self, backbone: Backbone, by_offsets: bool = True) -> Sensitivity:
+        """First derivatives of a single solution of this model, see `Solver.sensitivity`."""
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip of a single solution, see `Solver.tip_covariance`."""

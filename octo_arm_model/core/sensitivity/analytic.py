@@ -34,8 +34,12 @@ from octo_arm_model.core.sensitivity.imbalance import Imbalance
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 
-def derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> Sensitivity:
+def derivatives(
+    rod: LoadedRod, condition: Condition, shape: Shape, by_offsets: bool = True
+) -> Sensitivity:
     """First derivatives at the equilibrium ``shape`` of a loaded ``rod``.
+
+    Unless ``by_offsets`` none by the offsets and the sheaths of tendons without friction.
 
     Raises:
         LoadError: if a load states no tangent stiffness.
@@ -43,17 +47,19 @@ def derivatives(rod: LoadedRod, condition: Condition, shape: Shape) -> Sensitivi
     """
     rod.equilibrium.require_tangents('sensitivity')
     if rod.differentiate is None:
-        return _derivatives(rod, rod.equilibrium.state(condition, shape))
-    found = rod.differentiate(condition, shape, None)
+        state = rod.equilibrium.state(condition, shape)
+        return _derivatives(rod, state, by_offsets or state.sliding is not None)
+    found = rod.differentiate(condition, shape, None, by_offsets)
     tendons = condition.tensions.size
     wrench, tension, young, poisson, offset = _split(*found, [6, tendons, 1, 1])
-    return Sensitivity(tension, young, wrench, poisson, offset)
+    return Sensitivity(tension, young, wrench, poisson, offset if by_offsets else None)
 
 
-def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
+def _derivatives(rod: LoadedRod, state: State, by_offsets: bool) -> Sensitivity:
     """`derivatives` at the equilibrium ``state``, by NumPy.
 
-    Columns: tensions, wrench on the tip, E, nu, offsets, sheath stiffnesses, with friction mu.
+    Columns: tensions, wrench on the tip, E, nu, then, ``by_offsets``, offsets and sheath
+    stiffnesses, and with friction mu.
     """
     problem, parameters = rod.equilibrium, rod.parameters
     energy, twist = problem.energy, state.shape.twist
@@ -63,20 +69,23 @@ def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
         local_tensions = state.sliding.tensions
     count, tendons = len(twist), tensions.size
     imbalance = Imbalance(energy, parameters, twist, local_tensions)
-    strain, by_sheath = imbalance.strain, imbalance.by_sheath_stiffness
-    sheaths = by_sheath.shape[1]
-    more = sheaths
+    strain, sheaths, more = imbalance.strain, 0, 0
+    if by_offsets:
+        by_sheath = imbalance.by_sheath_stiffness
+        sheaths = by_sheath.shape[1]
+        more = tendons + sheaths
     if state.sliding is not None:
         # Imbalances by tension follow from the local changes; friction adds a column per tendon.
-        more, direct = sheaths + tendons, _direct(rod, state, state.sliding, sheaths)
-    columns = np.zeros((6, 2 * tendons + 8 + more, twist.shape[1]))
+        more, direct = more + tendons, _direct(rod, state, state.sliding, sheaths)
+    columns = np.zeros((6, tendons + 8 + more, twist.shape[1]))
     if state.sliding is None:
         columns[:count, :tendons] = imbalance.by_tension
     columns[:, tendons : tendons + 6] = problem.tip_wrenches(state)
     columns[:count, tendons + 6, np.newaxis] = imbalance.by_youngs_modulus
     columns[:count, tendons + 7, np.newaxis] = imbalance.by_poisson_ratio
-    columns[:count, tendons + 8 : 2 * tendons + 8] = imbalance.by_offset
-    columns[:count, 2 * tendons + 8 : 2 * tendons + 8 + sheaths] = by_sheath
+    if by_offsets:
+        columns[:count, tendons + 8 : 2 * tendons + 8] = imbalance.by_offset
+        columns[:count, 2 * tendons + 8 : 2 * tendons + 8 + sheaths] = by_sheath
     response, slid = respond(problem, problem.linearised(state), state, columns[:count], direct)
     pose, strains = read_out(rod, state, response)
     weights = problem.collocation.weights
@@ -90,16 +99,17 @@ def _derivatives(rod: LoadedRod, state: State) -> Sensitivity:
     else:
         length += np.einsum('jn,jcn->jc', at_place, slid)
         mean = rod.mean_along_tendons(slid)
-    own = parameters.length_by_offset(strain, local_tensions) @ weights
-    length[tendon, tendons + 8 + tendon] += own
+    if by_offsets:
+        own = parameters.length_by_offset(strain, local_tensions) @ weights
+        length[tendon, tendons + 8 + tendon] += own
     if sheaths:
         own = parameters.length_by_sheath(strain, local_tensions) @ weights
         length[tendon, 2 * tendons + 8 + tendon] += own
     tension, wrench, young, poisson, offset, sheath, friction = _split(
-        pose, strains, length, [tendons, 6, 1, 1, tendons, sheaths], mean
+        pose, strains, length, [tendons, 6, 1, 1, by_offsets * tendons, sheaths], mean
     )
     return Sensitivity(
-        tension, young, wrench, poisson, offset,
+        tension, young, wrench, poisson, offset if by_offsets else None,
         sheath if sheaths else None,
         None if slid is None else friction,
     )  # fmt: skip

@@ -33,7 +33,7 @@ def by_loads(rod: LoadedRod, condition: Condition, shape: Shape, loads: Sequence
     dead = [rod.dead_resultants(one) for one in loads]
     force, moment = (np.array(part) for part in zip(*dead, strict=True))
     if rod.differentiate is not None:
-        return Change(*rod.differentiate(condition, shape, (force, moment)))
+        return Change(*rod.differentiate(condition, shape, (force, moment), False))
     state, twist = problem.state(condition, shape), shape.twist
     response = problem.linearised(state).solve(_wrenches(problem, state, force, moment))
     pose, strains = read_out(rod, state, response)

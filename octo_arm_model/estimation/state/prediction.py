@@ -157,7 +157,7 @@ class ArmModel:
         ratio, state = self._set_magnitudes(x), self.state
         self._effort.check()
         self._effort.take(1)
-        by = self.solver.sensitivity(backbone)
+        by = self.solver.sensitivity(backbone, by_offsets=False)
         along = self._transmitted(x) / ratio
         lost, every = -along * x[state.tension], slice(None)
         parts = [

@@ -295,6 +295,25 @@ def test_by_the_friction_of_each_tendon(solved: Solved) -> None:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize('is_compiled', [False, True])
+def test_without_offsets_all_else_is_the_same(solved: Solved, is_compiled: bool) -> None:
+    if is_compiled:
+        pytest.importorskip('numba')
+    solver = solved.case.solver(compiled=is_compiled)
+    backbone = solver.solve(solved.case.tensions)
+    whole, some = (solver.sensitivity(backbone, by_offsets=wanted) for wanted in (True, False))
+    if not solved.case.friction:
+        assert some.by_offset is None
+    for name, change in vars(some).items():
+        if change is not None:
+            one, other = arrays_of(change), arrays_of(getattr(whole, name))
+            for found, expected in zip(one, other, strict=True):
+                atol = 1e-9 * np.abs(expected).max(initial=0.0)
+                np.testing.assert_allclose(found, expected, rtol=0.0, atol=atol)
+    assert some.by_tip_wrench is not None
+    assert some.by_poisson_ratio is not None
+
+
 def test_at_the_base_nothing_moves(solved: Solved) -> None:
     for change in filter(None, vars(solved.sensitivity).values()):
         np.testing.assert_array_equal(change.pose[0], 0.0)

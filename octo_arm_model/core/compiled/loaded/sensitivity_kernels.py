@@ -73,8 +73,8 @@ def differentiate(
     columns) and ``strain`` (stations, 4, columns) at the stations and of the tendons' ``length``
     (tendons, columns). If dead loads are given by ``force`` and ``moment``, as in `dead_wrenches`,
     there is one column for each. Otherwise the first six columns belong to the wrench on the tip
-    and the others to the parameters of `find_imbalance`. The ``system`` is given or filled in as
-    in `linearise`.
+    and the others to the parameters of `find_imbalance`, with offsets or without. The ``system``
+    is given or filled in as in `linearise`.
 
     Returns:
         The sign of the determinant of the system; 0 where it is singular.
@@ -106,7 +106,7 @@ def differentiate(
     read_changes(tables, state, change, turn, pose, strain)
     weigh(tables, stretch)
     np.dot(stretch.reshape(tendons, 4 * count), change.reshape(4 * count, columns), length)
-    if not len(force):
+    if columns > tendons + 8 and not len(force):
         for tendon in range(tendons):
             length[tendon, tendons + 8 + tendon] += own[tendon]
     return sign
