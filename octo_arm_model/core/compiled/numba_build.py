@@ -133,9 +133,6 @@ second_order_mean = _made(
     posterior_kernels.second_order_mean, *_BELIEF, *_LOCAL, _ONE, 0.5, 1, 0, 1, 1, 1.0, 1, _ONE,
     1.0, 1.0, _ONE,
 )  # fmt: skip
-learn_second = _made(
-    posterior_kernels.learn_second, _SECOND, _SECOND, _ONE, _SQUARE, _SQUARE, _ONE, _ONE
-)
 conclude = _made(
     posterior_kernels.conclude, _ONE, _SQUARE, *_LOCAL, _SQUARE, _SQUARE, _SQUARE, _ONE, _SQUARE
 )

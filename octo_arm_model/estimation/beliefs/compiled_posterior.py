@@ -9,13 +9,11 @@ from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.numba_build import (
     conclude,
     find_posterior,
-    learn_second,
     second_order_mean,
     second_order_step,
 )
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief, Gain
-from octo_arm_model.estimation.beliefs.curvature import Curvature, is_foretold
 from octo_arm_model.estimation.beliefs.local import Bend, Conclusion, Local, Step
 from octo_arm_model.estimation.beliefs.posterior import (
     BENT,
@@ -90,18 +88,6 @@ class CompiledPosterior(Posterior):
         if local.own is not None and x is local.own[0].x:
             return local.own[1]
         return super().bend(local, x)
-
-    def learn(
-        self, known: Curvature, change: FloatArray, jacobian: FloatArray, given: FloatArray,
-        stddev: FloatArray, scale: FloatArray,
-    ) -> tuple[Curvature, bool]:  # fmt: skip
-        """See `Posterior`."""
-        second = own(known.second)
-        norms = entry_point(learn_second())(
-            second, own(0.5 * (given - known.given)), own(change), own(jacobian - known.jacobian),
-            own(jacobian), own(stddev), own(scale),
-        )  # fmt: skip
-        return known._replace(second=second, jacobian=jacobian, given=given), is_foretold(*norms)
 
     def conclude(
         self, local: Local, left: FloatArray, jacobian: FloatArray, second: FloatArray

@@ -1,10 +1,11 @@
 """How what measurements predict bends: second derivatives, learnt while a filter runs.
 
-Measurements of the tip give most of theirs by geometry. The others, and what that leaves out,
-change slowly: every two Jacobians tell the second derivatives along the way from one to the
-other (symmetric secant update, Powell 1970). Where they foretell a Jacobian badly they are found
-anew by differences, along what the measurements correct; where nothing is known of states nearby
-all are, for which the arm is solved once for each component of the state.
+Measurements of the tip give theirs by geometry. Where all do, by all that the shape depends on,
+nothing is learnt: a step that leads far tells as much of third derivatives as of what geometry
+leaves out. Others change slowly: every two Jacobians tell the second derivatives along the way
+from one to the other (symmetric secant update, Powell 1970). Where they foretell a Jacobian badly
+they are found anew by differences, along what the measurements correct; where nothing is known of
+states nearby all are, for which the arm is solved once for each component of the state.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ class Curvature(NamedTuple):
         given: what measurements themselves say of them there, see `Measurement.second`.
         agreed: how innovations drew the mode so far.
         share: part of the whole shift to the mean, see `share_of`.
+        begun: what was given where the last fit began; None before the end of one.
     """
 
     second: FloatArray
@@ -43,11 +45,16 @@ class Curvature(NamedTuple):
     given: FloatArray
     agreed: Agreement = Agreement()
     share: float = 1.0
+    begun: FloatArray | None = None
 
     @property
     def weight(self) -> float:
         """Of the whole shift to the mean."""
         return self.agreed.weight * self.share
+
+    def of_given(self, jacobian: FloatArray, given: FloatArray) -> Curvature:
+        """Those ``given`` alone, where what is predicted has a ``jacobian``."""
+        return self._replace(second=given, jacobian=jacobian, given=given)
 
     @classmethod
     def flat(cls, jacobian: FloatArray, agreed: Agreement = Agreement()) -> Curvature:
@@ -74,9 +81,8 @@ class Curvature(NamedTuple):
         """Whether a ``change`` (n,) of the state leads to this ``jacobian``, nearly."""
         moved = (jacobian - self.jacobian) * stddev
         off = float(np.linalg.norm(moved - (self.second @ change) * stddev))
-        return is_foretold(
-            off, float(np.linalg.norm(moved)), float(np.linalg.norm(jacobian * stddev))
-        )
+        least = _SMALL * float(np.linalg.norm(jacobian * stddev))
+        return off <= max(_OFF * float(np.linalg.norm(moved)), least)
 
     def after(self, change: FloatArray, jacobian: FloatArray, scale: FloatArray) -> Curvature:
         """The nearest ones that make the last Jacobian this one, with a ``change`` of the state.
@@ -93,11 +99,6 @@ class Curvature(NamedTuple):
         both = (left @ change)[:, np.newaxis, np.newaxis] * (along[:, np.newaxis] * along)
         second = self.second + across + across.transpose(0, 2, 1) - both
         return self._replace(second=second, jacobian=jacobian)
-
-
-def is_foretold(off: float, moved: float, jacobian: float) -> bool:
-    """Whether a Jacobian is as foretold, by norms of what is ``off`` of what ``moved`` of it."""
-    return off <= max(_OFF * moved, _SMALL * jacobian)
 
 
 def stddev_of(belief: Belief) -> FloatArray:

@@ -19,7 +19,6 @@ from octo_arm_model.estimation.beliefs.belief import (
     normalised_square,
     solve_lower,
 )
-from octo_arm_model.estimation.beliefs.curvature import Curvature
 from octo_arm_model.estimation.beliefs.local import Bend, Conclusion, Local, Step
 from octo_arm_model.estimation.beliefs.posterior_mean import (
     agreement,
@@ -88,19 +87,6 @@ class Posterior:
         off = 0.5 * (bent @ (self._away(x) - local.z))
         turned = bent @ solve_lower(self._prior.root, local.by.root)
         return Bend(float(np.linalg.norm(off)), float(np.linalg.norm(turned)))
-
-    def learn(
-        self, known: Curvature, change: FloatArray, jacobian: FloatArray, given: FloatArray,
-        stddev: FloatArray, scale: FloatArray,
-    ) -> tuple[Curvature, bool]:  # fmt: skip
-        """What is ``known`` after a ``change`` (n,) of the state, and whether that was foretold.
-
-        The ``jacobian`` (m, n) is that there; ``given``, ``stddev`` and ``scale`` are those of
-        `Curvature`.
-        """
-        halfway = known.halfway(given)
-        is_foretold = halfway.foretells(change, jacobian, stddev)
-        return halfway.after(change, jacobian, scale).moved(given), is_foretold
 
     def conclude(
         self, local: Local, left: FloatArray, jacobian: FloatArray, second: FloatArray

@@ -24,11 +24,12 @@ from octo_arm_model.core.errors import (
     SolveError,
     TensionError,
 )
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.loaded.continuation import TOLERANCE
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
+from octo_arm_model.estimation.state.curved_tip import CurvedTip
 from octo_arm_model.estimation.state.effort import Effort
 from octo_arm_model.estimation.state.state_change import Part, StateChange
 from octo_arm_model.estimation.state.unit_loads import unit_loads
@@ -74,6 +75,7 @@ class ArmModel:
         """
         self.arm, self.loads = arm, loads
         self.state = state = State(unknowns, arm)
+        self._curved_tip = CurvedTip(state)
         if loads.scaled:
             raise ConfigError('loads.scaled are those of the estimator itself, expected none')
         if loads.others and unknowns.log_modulus is not None:
@@ -186,30 +188,10 @@ class ArmModel:
         """
         if change.by_tip_force is None:
             return None
-        others, where = self._curved
-        by = np.concatenate([change.by_tip_force, change.pose.take(others, axis=2)], axis=2)
-        second = self.solver.tip_curvature(backbone, by)
-        size, ratio = self.state.size, self.stiffness(x)
-        if ratio != 1.0:
-            second[:, :3] /= ratio
-            second[:, :, :3] /= ratio
-        if not _has(self.state.tip_force):
-            second = second[:, 3:, 3:]
-        found = np.zeros((3, size * size))
-        found[:, where] = second.reshape(3, -1)
-        return found.reshape(3, size, size)
-
-    @functools.cached_property
-    def _curved(self) -> tuple[IntArray, IntArray]:
-        """Components that change the shape but as forces on the tip, and where second derivatives.
-
-        These are by forces on the tip, which come first, and by the others, in a matrix (n, n) as
-        one row.
-        """
-        force = np.arange(self.state.size)[self.state.tip_force]
-        others = np.setdiff1d(self.state.shaping, force)
-        each = np.concatenate([force, others])
-        return others, (each[:, np.newaxis] * self.state.size + each).ravel()
+        by = self._curved_tip.columns(change, change.by_tip_force)
+        return self._curved_tip.by_state(
+            self.solver.tip_curvature(backbone, by), self.stiffness(x)
+        )
 
     def acting(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tensions and wrench on the tip in ``x``, as those of a `Backbone`."""

@@ -140,6 +140,8 @@ class State:
         size: how many they are.
         shapes: whether the shape depends on a component, (n,).
         shaping: numbers of those on which it does.
+        is_geometric: whether the shape depends on tensions and a force on the tip alone, by which
+            `tip_curvature` tells its second derivatives; by others it leaves out more.
         scatters: whether each component scatters about zero, see `Walk`, (n,).
         tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus,
         tension_loss: where each is in the vector; empty slices for what is not estimated.
@@ -175,6 +177,10 @@ class State:
         self.shapes = np.ones(self.size, dtype=bool)
         self.shapes[self.tension_bias] = False
         self.shaping = np.flatnonzero(self.shapes)
+        self.is_geometric = not (
+            unknowns.tip_moment or unknowns.point_forces or unknowns.current
+            or unknowns.log_modulus
+        )  # fmt: skip
         self.scatters = np.array([walk.scatters for walk in self._walks])
         self._stddev, self._rate, self._time = np.array(
             [(walk.stddev, walk.rate, walk.correlation_time) for walk in self._walks]

@@ -9,7 +9,6 @@ from estimation_arms import RUBBER, rubber
 from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.estimation.beliefs.belief import Belief, gain
 from octo_arm_model.estimation.beliefs.compiled_posterior import posterior_of
-from octo_arm_model.estimation.beliefs.curvature import Curvature
 from octo_arm_model.estimation.beliefs.local import Step
 from octo_arm_model.estimation.beliefs.posterior import Posterior
 from octo_arm_model.estimation.state.prediction import ArmModel
@@ -179,28 +178,6 @@ def test_no_tension_is_less_than_zero_in_machine_code_either() -> None:
         means = quick.mean(found, steps[0]), plain.mean(expected, steps[1])
         np.testing.assert_allclose(*means, rtol=1e-7)
         assert means[0][0] >= 0.0
-
-
-@needs_numba
-@pytest.mark.parametrize('size', [0.0, 1.0])
-def test_machine_code_learns_the_same(size: float) -> None:
-    plain, quick = machine(NOISE)
-    random = np.random.default_rng(11)
-    change, moved = size * random.normal(size=SIZE), random.normal(size=(3, SIZE))
-    stddev, scale = random.uniform(0.5, 2.0, (2, SIZE))
-    scale[2] = np.inf
-    given = SECOND + random.normal(size=SECOND.shape)
-    for other in (SECOND, given):
-        known = Curvature(SECOND, JACOBIAN, SECOND)
-        expected, found = (
-            one.learn(known, change, JACOBIAN + 0.1 * moved, other, stddev, scale)
-            for one in (plain, quick)
-        )
-        assert found[1] == expected[1]
-        np.testing.assert_allclose(found[0].second, expected[0].second, rtol=1e-10, atol=1e-12)
-        assert found[0].given is other
-    right = known.jacobian + SECOND @ change
-    assert all(one.learn(known, change, right, SECOND, stddev, scale)[1] for one in (plain, quick))
 
 
 @needs_numba

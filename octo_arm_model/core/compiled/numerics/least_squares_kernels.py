@@ -76,6 +76,46 @@ def find_away(mean: FloatArray, root: FloatArray, x: FloatArray, z: FloatArray) 
         z[i] = value / root[i, i]
 
 
+@borrows
+def find_gain(
+    root: FloatArray, jacobian: FloatArray, noise_root: FloatArray, array: FloatArray,
+    gain: FloatArray, innovation_root: FloatArray, root_after: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in what linear measurements of ``jacobian`` (m, n) make of a belief of this ``root``.
+
+    The ``gain`` (n, m), the lower triangular roots of the covariances of the residuals, (m, m),
+    and of the belief after, (n, n). ``array`` (m + n, m + n) is scratch space.
+    """
+    m, n = jacobian.shape
+    for i in range(m + n):
+        for j in range(m + n):
+            array[i, j] = 0.0
+    for j in range(m):
+        for k in range(j + 1):
+            array[k, j] = noise_root[j, k]
+        for i in range(n):
+            value = 0.0
+            for p in range(i, n):
+                value += jacobian[j, p] * root[p, i]
+            array[m + i, j] = value
+    for j in range(n):
+        for i in range(j + 1):
+            array[m + i, m + j] = root[j, i]
+    triangulate(array, m + n)
+    for k in range(m + n):
+        # Rows of either sign are a root: make it that of Cholesky.
+        sign = np.copysign(1.0, array[k, k])
+        for j in range(k, m + n):
+            array[k, j] *= sign
+    for i in range(m):
+        for j in range(m):
+            innovation_root[i, j] = array[j, i] if j <= i else 0.0
+    for i in range(n):
+        for j in range(n):
+            root_after[i, j] = array[m + j, m + i] if j <= i else 0.0
+        divide(array, array[:m, m + i], gain[i])
+
+
 def second_order_step(
     mean: FloatArray, root: FloatArray, x: FloatArray, about: FloatArray, left: FloatArray,
     jacobian: FloatArray, second: FloatArray, slope: FloatArray, most_bent: float, halvings: int,

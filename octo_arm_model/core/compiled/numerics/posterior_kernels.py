@@ -10,54 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.numerics.least_squares_kernels import (
-    divide,
     find_away,
+    find_gain,
     second_order_step,
-    triangulate,
     whiten_residuals,
 )
 from octo_arm_model.core.compiled.numerics.references import borrows
 from octo_arm_model.core.hints import FloatArray
-
-
-@borrows
-def find_gain(
-    root: FloatArray, jacobian: FloatArray, noise_root: FloatArray, array: FloatArray,
-    gain: FloatArray, innovation_root: FloatArray, root_after: FloatArray,
-) -> None:  # fmt: skip
-    """Fill in what linear measurements of ``jacobian`` (m, n) make of a belief of this ``root``.
-
-    The ``gain`` (n, m), the lower triangular roots of the covariances of the residuals, (m, m),
-    and of the belief after, (n, n). ``array`` (m + n, m + n) is scratch space.
-    """
-    m, n = jacobian.shape
-    for i in range(m + n):
-        for j in range(m + n):
-            array[i, j] = 0.0
-    for j in range(m):
-        for k in range(j + 1):
-            array[k, j] = noise_root[j, k]
-        for i in range(n):
-            value = 0.0
-            for p in range(i, n):
-                value += jacobian[j, p] * root[p, i]
-            array[m + i, j] = value
-    for j in range(n):
-        for i in range(j + 1):
-            array[m + i, m + j] = root[j, i]
-    triangulate(array, m + n)
-    for k in range(m + n):
-        # Rows of either sign are a root: make it that of Cholesky.
-        sign = np.copysign(1.0, array[k, k])
-        for j in range(k, m + n):
-            array[k, j] *= sign
-    for i in range(m):
-        for j in range(m):
-            innovation_root[i, j] = array[j, i] if j <= i else 0.0
-    for i in range(n):
-        for j in range(n):
-            root_after[i, j] = array[m + j, m + i] if j <= i else 0.0
-        divide(array, array[:m, m + i], gain[i])
 
 
 @borrows
@@ -201,51 +160,6 @@ def second_order_mean(
             break
         start[:], wanted[:], size, cost = tried, new, new_size, new_cost
     return True
-
-
-def learn_second(
-    second: FloatArray, halfway: FloatArray, change: FloatArray, moved: FloatArray,
-    jacobian: FloatArray, stddev: FloatArray, scale: FloatArray,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Make ``second`` (m, n, n) derivatives those that a change of the Jacobian tells.
-
-    ``moved`` (m, n) is that, to ``jacobian``, by a ``change`` (n,) of the state; ``halfway`` (m,
-    n, n) is half of what `Curvature.given` changes by. The compiled counterpart of
-    `Curvature.after`, between `Curvature.halfway` and `Curvature.moved`.
-
-    Returns:
-        Norms of what was not foretold, of what moved and of the Jacobian, see
-        `Curvature.foretells`.
-    """
-    m, n = jacobian.shape
-    along, across = np.empty(n), np.empty(n)
-    size = 0.0
-    for i in range(n):
-        along[i] = change[i] / scale[i] ** 2
-        size += along[i] * change[i]
-    if size != 0.0:
-        for i in range(n):
-            along[i] /= size
-    off, all_moved, whole = 0.0, 0.0, 0.0
-    for k in range(m):
-        both = 0.0
-        for i in range(n):
-            value = moved[k, i]
-            for j in range(n):
-                value -= (second[k, i, j] + halfway[k, i, j]) * change[j]
-            across[i] = value
-            both += value * change[i]
-            off += (value * stddev[i]) ** 2
-            all_moved += (moved[k, i] * stddev[i]) ** 2
-            whole += (jacobian[k, i] * stddev[i]) ** 2
-        for i in range(n):
-            for j in range(n):
-                second[k, i, j] += 2.0 * halfway[k, i, j]
-                if size != 0.0:
-                    second[k, i, j] += (
-                        across[i] * along[j] + along[i] * across[j] - both * along[i] * along[j]
-                    )
-    return np.sqrt(off), np.sqrt(all_moved), np.sqrt(whole)
 
 
 def conclude(
