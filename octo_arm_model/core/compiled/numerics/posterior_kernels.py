@@ -76,7 +76,7 @@ def find_posterior(
 
     Returns:
         As `second_order_step`, and by how much measurements bend on the step as
-        `Posterior.is_straight` has it: what they predict and its spread, in parts of the noise.
+        `Bend` has it: what they predict and its spread, in parts of the noise.
     """
     m, n = derivatives.shape
     bent, half, whole = np.empty((n, n)), np.empty((n, n)), np.empty((m + n, m + n))
