@@ -26,7 +26,7 @@ from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections, ba
 from octo_arm_model.core.loaded.state import Condition, State
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
-from octo_arm_model.core.rod.solution import Shape, Solution
+from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
 from octo_arm_model.core.section.elastic_laws import Law
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
@@ -231,6 +231,10 @@ class LoadedRod:
 
     def _read_from(self, other: LoadedRod) -> Readout:
         return other._own.readout(self._own.s, self._own.s)
+
+    def along_tendons(self, tensions: FloatArray) -> TendonTensions:
+        """``tensions`` (tendons, ..., points) [N] along tendons with friction, at stations too."""
+        return TendonTensions(tensions, self.stations.interpolate(tensions))
 
     def mean_along_tendons(self, values: FloatArray) -> FloatArray:
         """Means of ``values`` (tendons, columns, points) over the unloaded lengths of the tendons.

@@ -20,7 +20,7 @@ from octo_arm_model.core.loaded.stability import LeastEnergy, least_energy
 from octo_arm_model.core.loaded.state import Condition, Stability
 from octo_arm_model.core.numerics.floating_point import silenced
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
+from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.strain_measures import have_fibres, to_scaled
 
 if TYPE_CHECKING:
@@ -154,16 +154,13 @@ class Settling:
                 if len(numbers) < len(shapes):
                     part, strain = state.of(np.array(numbers)), strain[:, numbers]
                     hessian = hessian[:, :, numbers]
-                along, tendons = part.sliding, None
+                sliding, tendons = part.sliding, None
+                if sliding is not None:
+                    tendons = rod.along_tendons(sliding.tensions[:, 0])
                 if energy.displaces_tendons:
-                    energy.check_tendons(
-                        strain,
-                        energy.local_tensions(part.condition.tensions) if along is None
-                        else along.tensions,
-                    )  # fmt: skip
-                if along is not None:
-                    pull = along.tensions[:, 0]
-                    tendons = TendonTensions(pull, rod.stations.interpolate(pull))
+                    pull = part.condition.tensions
+                    local = energy.local_tensions(pull) if sliding is None else sliding.tensions
+                    energy.check_tendons(strain, local)
                 read = read_out(rod, part, hessian)
                 for i, number in enumerate(numbers):
                     outcomes[number] = Solution(

@@ -17,7 +17,7 @@ from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.sliding import Rods
 from octo_arm_model.core.numerics.floating_point import silenced
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.rod.solution import Shape, Solution, TendonTensions
+from octo_arm_model.core.rod.solution import Shape, Solution
 from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled
 
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
@@ -120,8 +120,7 @@ class LoadedExact:
         local_tensions, tendons = energy.local_tensions(tensions[np.newaxis]), None
         if state.sliding is not None:
             local_tensions = state.sliding.tensions
-            along = local_tensions[:, 0]
-            tendons = TendonTensions(along, rod.stations.interpolate(along))
+            tendons = rod.along_tendons(local_tensions[:, 0])
         energy.check_tendons(strain, local_tensions)
         twist, position, quaternion = rod.read_out(state)
         return Solution(

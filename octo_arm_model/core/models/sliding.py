@@ -13,7 +13,7 @@ from octo_arm_model.core.loaded.rod import CUTS, LoadedRod
 from octo_arm_model.core.loaded.sliding.friction import Friction
 from octo_arm_model.core.loaded.sliding.sliding_balance import Sections, Slid, balance
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.rod.solution import Solution, TendonTensions
+from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.strain_measures import to_scaled
 
 
@@ -100,9 +100,8 @@ class Rods:
         strain = to_scaled(energy.law, slid.twist)
         energy.check_tendons(strain, local_tensions)
         energy.check_stable(strain, local_tensions)
-        along = friction.of_all(local_tensions)
         iterations = np.full(len(rows), slid.steps)
-        tendons = TendonTensions(along, rod.stations.interpolate(along))
+        tendons = rod.along_tendons(friction.of_all(local_tensions))
         solution = Solution(
             rod.nodes.interpolate(slid.twist), answer.residual, iterations, tendons=tendons
         )
