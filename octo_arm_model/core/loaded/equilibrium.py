@@ -120,15 +120,10 @@ class Equilibrium:
         else:
             # As a batch of cross sections, of one arm or several.
             batch = twist.reshape(len(twist), -1, twist.shape[-1])
-            if self.friction is None:
-                energy, local_tensions, scale = self.pulled(condition.tensions)
-            else:
+            if self.friction is not None and sliding is None:
                 tensions = np.atleast_2d(condition.tensions)
-                if sliding is None:
-                    sliding = self.friction.slide_along(batch, tensions, condition.before)
-                some = self.friction.pulled(tensions)
-                energy, local_tensions = some.energy, sliding.tensions[some.pull]
-                scale = force_scale(energy, local_tensions)
+                sliding = self.friction.slide_along(batch, tensions, condition.before)
+            energy, local_tensions, scale = self.pulled(condition.tensions, sliding)
             if is_to_be_linearised:
                 gradient, hessian = derivatives_by_twist(energy, batch, local_tensions)
                 hessian = hessian.reshape(len(twist), *twist.shape)
@@ -195,8 +190,16 @@ class Equilibrium:
         moment, _ = self._resultants(state.condition, state.shape.orientation)
         return moment
 
-    def pulled(self, tensions: FloatArray) -> Pulled:
-        """What is pulled by ``tensions``, (tendons,) or (arms, tendons) [N]."""
+    def pulled(self, tensions: FloatArray, sliding: Sliding | None = None) -> Pulled:
+        """What is pulled by ``tensions``, (tendons,) or (arms, tendons) [N].
+
+        Tendons with friction pull as they are ``sliding``.
+        """
+        if self.friction is not None and sliding is not None:
+            some = self.friction.pulled(np.atleast_2d(tensions))
+            local_tensions = sliding.tensions[some.pull]
+            scale = force_scale(some.energy, local_tensions)
+            return Pulled(some.energy, local_tensions, scale)
         last = self._pulled_last
         if last is None or last[0] is not tensions:
             found = self.energy.pulled(np.atleast_2d(tensions))
@@ -208,11 +211,7 @@ class Equilibrium:
         if state.hessian is not None:
             return state.hessian
         twist = state.shape.twist
-        if self.friction is not None and state.sliding is not None:
-            some = self.friction.pulled(np.atleast_2d(state.condition.tensions))
-            energy, local_tensions = some.energy, state.sliding.tensions[some.pull]
-        else:
-            energy, local_tensions, _ = self.pulled(state.condition.tensions)
+        energy, local_tensions, _ = self.pulled(state.condition.tensions, state.sliding)
         batch = twist.reshape(len(twist), -1, twist.shape[-1])
         hessian = derivatives_by_twist(energy, batch, local_tensions)[1]
         return hessian.reshape(len(twist), *twist.shape)

@@ -13,7 +13,6 @@ from octo_arm_model.core.loaded.sliding.sliding_tendons import SlidingTendons
 from octo_arm_model.core.loaded.stability import SAME, SAME_LOADS
 from octo_arm_model.core.loaded.state import Condition, State, in_sections, relative
 from octo_arm_model.core.rod.solution import Shape
-from octo_arm_model.core.section.newton import force_scale
 from octo_arm_model.core.section.strain_measures import gradient_by_twist, pull_by_twist
 
 
@@ -77,16 +76,12 @@ class KnownBalance:
             or any(one != wrench for one in condition.tip_wrench.tolist())
         ):  # fmt: skip
             return None
-        sliding, were_pulled = None, None
-        if tendons is None:
-            energy, pull, scale = problem.pulled(tensions)
-        else:
-            assert problem.friction is not None and state.sliding is not None
+        sliding, either = None, tensions
+        if tendons is not None:
             # Those that were pulled, too.
-            both = np.concatenate([tensions, before.tensions.reshape(1, -1)])
-            some, sliding = problem.friction.pulled(both), tendons.at(tendons.angle)
-            energy, pull = some.energy, sliding.tensions[some.pull]
-            scale, were_pulled = force_scale(energy, pull), state.sliding.tensions[some.pull]
+            sliding = tendons.at(tendons.angle)
+            either = np.concatenate([tensions, before.tensions.reshape(1, -1)])
+        energy, pull, scale = problem.pulled(either, sliding)
         # With an axis of arms.
         twist, points = shape.twist, shape.twist.shape[-1]
         rotation = state.rotation.reshape(3, 3, 1, points)
@@ -98,10 +93,10 @@ class KnownBalance:
             residual = relative(imbalance, scale, loads)
         else:
             # Tendons that stay on their paths pull in proportion to their tensions.
-            if were_pulled is None:
+            if state.sliding is None:
                 energy, more = problem.energy.pulled(tensions - before.tensions.ravel())
             else:
-                more = pull - were_pulled
+                more = pull - state.sliding.tensions[either.any(axis=0)]
             imbalance = -pull_by_twist(energy, twist, more)
             residual = state.residual + relative(imbalance, scale, loads)
         if (arms := len(tensions)) > 1:

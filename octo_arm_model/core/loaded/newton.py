@@ -184,9 +184,10 @@ def newton_of_all(
                 continue
             except ConvergenceError:
                 pass
+        ended = now.ended(system)
         if tendons is not None:
-            tendons = tendons.after_turning(float(np.max(now.moved)))
-        found.append((arms, now.ended(system)._replace(tendons=tendons)))
+            ended = ended._replace(tendons=tendons.after_turning(float(np.max(now.moved))))
+        found.append((arms, ended))
     return found
 
 

@@ -73,13 +73,14 @@ class Settling:
         self, wanted: Condition, shape: Shape, spending: Spending
     ) -> Solution | Shape | None:
         """`Settle` of the rod."""
-        if self._rod.equilibrium.friction is not None and self._kept.about(shape.twist) is None:
+        known = self._kept.about(shape.twist)
+        if known is None and self._rod.equilibrium.friction is not None:
             return None
         condition = wanted._replace(
             tensions=wanted.tensions[np.newaxis], tip_wrench=wanted.tip_wrench[np.newaxis]
         )
         with silenced():
-            found = self._settle(condition, shape)[0]
+            found = self._settle(condition, shape, known)[0]
         spending.add(found.iterations, 0.0, found.residual, found.twist)
         if isinstance(found.outcome, Solution):
             return found.outcome._replace(iterations=spending.iterations)
@@ -91,6 +92,7 @@ class Settling:
         None for arms that have to be solved one by one.
         """
         found: list[Solution | None] = []
+        known = self._kept.about(shape.twist)
         for first in range(0, len(wanted.tensions), _TOGETHER):
             part = slice(first, first + _TOGETHER)
             condition = wanted._replace(
@@ -101,19 +103,22 @@ class Settling:
                 a, b = shape.orientation
                 begin = Shape(shape.twist[:, part], Quaternions(a[part], b[part]))
             try:
-                outcomes = [settled.outcome for settled in self._settle(condition, begin)]
+                settled = self._settle(condition, begin, known)
+                outcomes = [one.outcome for one in settled]
             except SolveError:
                 outcomes = [None] * len(condition.tensions)
             found += [one if isinstance(one, Solution) else None for one in outcomes]
         return found
 
-    def _settle(self, wanted: Condition, shape: Shape) -> list[Settled]:
-        """As `settle_all`, of few arms.
+    def _settle(
+        self, wanted: Condition, shape: Shape, known: KnownBalance | None
+    ) -> list[Settled]:
+        """As `settle_all`, of few arms, from a balance that is ``known``, if any.
 
         Raises:
             SolveError: if a tendon is pressed out of the body.
         """
-        arms, known = len(wanted.tensions), self._kept.about(shape.twist)
+        arms = len(wanted.tensions)
         if shape.twist.ndim == 2:
             a, b = (part[np.newaxis] for part in shape.orientation)
             shape = Shape(shape.twist[:, np.newaxis], Quaternions(a, b))

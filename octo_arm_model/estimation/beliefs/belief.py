@@ -48,13 +48,9 @@ class Belief(NamedTuple):
         """
         if not growth.any() and (decay == 1.0).all():
             return self
-        n = growth.size
-        array = np.zeros((n, 2 * n))
-        np.multiply(decay[:, np.newaxis], self.root, out=array[:, :n])
-        array.ravel()[n :: 2 * n + 1] = growth  # on a diagonal, as that of the scatter below
+        root = lower_root([decay[:, np.newaxis] * self.root, np.diag(growth)])
         scatter = decay[:, np.newaxis] * self.scattered * decay
-        scatter.ravel()[:: n + 1] += scatters * growth**2
-        return Belief(decay * self.mean, _lower_root(array), scatter)
+        return Belief(decay * self.mean, root, scatter + np.diag(scatters * growth**2))
 
     def corrected(self, mean: FloatArray, by: Gain, jacobian: FloatArray) -> Belief:
         """After linear measurements of ``jacobian`` (m, n), which lead to that ``mean``."""

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.vectors import cross
+from octo_arm_model.core.loaded.kinematics import unit
+from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change
 
@@ -77,17 +78,17 @@ class StateChange:
         `Solver.solve` starts from stays.
         """
         pose, strain = _times(self.pose, by), _times(self.strain, by)
-        half, (vector, scalar) = 0.5 * pose[:, 3:], np.split(backbone.quaternion, [3], axis=1)
-        # The product of quaternions of a small rotation and of the orientation before it.
-        turned = np.empty_like(backbone.quaternion)
-        turned[:, :3] = vector + scalar * half + cross(half.T, vector.T).T
-        turned[:, 3] = scalar[:, 0] - np.add.reduce(half * vector, axis=1)
-        turned /= np.sqrt(np.add.reduce(turned * turned, axis=1, keepdims=True))
+        x, y, z = (0.5 * pose[:, 3:]).T
+        quaternion = np.empty_like(backbone.quaternion)
+        turned = Quaternions(1.0 + 1j * x, y + 1j * z).times(
+            Quaternions.from_xyzw(backbone.quaternion)
+        )
+        unit(turned).write_xyzw(quaternion)
         tau, xi, k, q = strain.T
         return dataclasses.replace(
             backbone,
             position=backbone.position + pose[:, :3],
-            quaternion=turned,
+            quaternion=quaternion,
             tau=backbone.tau + tau,
             xi=backbone.xi + xi,
             k=backbone.k + k,

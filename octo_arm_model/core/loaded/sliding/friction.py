@@ -146,9 +146,7 @@ class Friction:
         if self._gives_way:
             placed = placed.placed(to_scaled(placed.law, twist), local_tensions)
         found = tangents(placed, twist)
-        slope, kinks = self.slope(found.unit)
-        bent = cross(twist[:3, np.newaxis], found.unit)
-        bent += slope
+        bent, kinks = self.derivative(twist, found.unit)
         rate = length_of(bent)
         angle = self.integrate(rate, kink_angle(*kinks))
         return Turning(angle, rate, bent, kinks, found)
@@ -202,18 +200,23 @@ class Friction:
         np.copyto(slip, -1.0, where=held <= low * (1.0 + SAME))
         return np.minimum(np.maximum(held, low), high), slip
 
-    def slope(self, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivative by s [1/m] of vectors ``unit`` (..., points), and their jumps.
+    def derivative(self, twist: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivative by s [1/m] of vectors ``unit`` (3, tendons, batch, points), and their jumps.
+
+        Both are in the axes of the cross sections, which turn by the ``twist`` (n, batch, points).
 
         Returns:
-            (..., points), and the jumps between elements, (..., elements - 1).
+            (3, tendons, batch, points), and the jumps between elements, (3, tendons, batch,
+            elements - 1).
         """
         own = self.collocation
         by_element = own.by_element(unit)
         slope = by_element @ self._differentiate
         slope /= own.step[:, np.newaxis]
         ends = by_element @ self._ends
-        return slope.reshape(unit.shape), ends[..., 1:, 0] - ends[..., :-1, 1]
+        derivative = cross(twist[:3, np.newaxis], unit)
+        derivative += slope.reshape(unit.shape)
+        return derivative, ends[..., 1:, 0] - ends[..., :-1, 1]
 
     def integrate(self, rate: FloatArray, kinks: FloatArray) -> FloatArray:
         """Integral of ``rate`` (..., points) from the base to each point, with kinks.

@@ -17,7 +17,7 @@ from octo_arm_model.core.section.condensed import Condensed
 from octo_arm_model.core.section.formulas import offset_direction
 from octo_arm_model.core.section.parameter_derivatives import ParameterDerivatives
 from octo_arm_model.core.section.strain_measures import scaled_change, to_scaled
-from octo_arm_model.core.section.tendons.tendon_tangents import curvature, direction_by_twist
+from octo_arm_model.core.section.tendons.tendon_tangents import direction_by_twist
 
 _STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts as straight [rad]
 
@@ -136,8 +136,8 @@ class FrictionChanges:
         """
         friction, turning = self._friction, self._turning
         moved = turning.tangents.turned(change)
-        slope, kinks = friction.slope(moved)
-        bends = np.stack(curvature(*self._twist[:3], *moved, *slope)) + turned
+        derivative, kinks = friction.derivative(self._twist, moved)
+        bends = derivative + turned
         along = np.einsum('i...,i...->...', turning.curvature, bends)
         size = np.broadcast_to(turning.rate, along.shape)
         rate = np.divide(along, size, out=np.zeros_like(along), where=size > 0.0)

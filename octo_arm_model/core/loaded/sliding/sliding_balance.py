@@ -23,11 +23,7 @@ from octo_arm_model.core.loaded.sliding.coupling import (
 from octo_arm_model.core.loaded.sliding.friction import Friction, Sliding
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import initial_strain, minimise
-from octo_arm_model.core.section.strain_measures import (
-    check_fibres,
-    to_scaled,
-    to_twist,
-)
+from octo_arm_model.core.section.strain_measures import check_fibres, to_scaled, to_twist
 
 TOLERANCE = 1e-9  # of the tensions along tendons, relative
 MOST = 100  # Newton steps
