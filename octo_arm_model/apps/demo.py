@@ -10,14 +10,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import rclpy
-from rclpy.node import Node
 
 from octo_arm_model.config.presets import find_config, find_path
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.ros.client.client import POSES, ArmClient
-from octo_arm_model.ros.start import start_ros
+from octo_arm_model.ros.start import client_node
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.touched_arm import touched
@@ -113,9 +111,7 @@ def _show(options: argparse.Namespace) -> int:
     commands.append(('octo_arm_model.ros.simulator.main', *common, *parameter_arguments(playing)))
     with contextlib.ExitStack() as stack:
         started = stack.enter_context(children(commands))
-        stack.callback(rclpy.try_shutdown)
-        start_ros([])
-        client = ArmClient(Node(_PROG))
+        client = ArmClient(stack.enter_context(client_node(_PROG)))
         server = open_page(options, stack)
         if server is None:
             step = _watching(client)

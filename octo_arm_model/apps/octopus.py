@@ -24,7 +24,7 @@ from octo_arm_model.ros.child_processes import children, ended, parameter_argume
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.node.main import OctoArmNode, make_executor
-from octo_arm_model.ros.start import start_ros
+from octo_arm_model.ros.start import client_node, start_ros
 from octo_arm_model.simulation.profiles.commands import find_profile
 from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
@@ -159,9 +159,7 @@ def _show(options: argparse.Namespace) -> int:
         ('octo_arm_model.apps.octopus', path, '--host-arms', *map(str, group)) for group in groups
     ]
     with contextlib.ExitStack() as stack:
-        stack.callback(rclpy.try_shutdown)
-        start_ros([])
-        node = Node(_PROG)
+        node = stack.enter_context(client_node(_PROG))
         crawl = Crawl(node, config, options.movement or movement_of(config.arm))
         clients = [ArmClient(node, f'arm_{number}') for number in range(1, ARMS + 1)]
         for client in clients:

@@ -1,12 +1,14 @@
-"""Initialise ROS in a program: its arguments, and failures as one-line errors with a hint."""
+"""Start and end ROS in a program: arguments, one-line errors with a hint, a client's node."""
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import rclpy
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from octo_arm_model.core.errors import ConfigError
@@ -41,3 +43,22 @@ def start_ros(
         reason = str(error).split(', at /')[0]
         hints = [hint.format(here=Path.cwd()) for part, hint in _HINTS.items() if part in reason]
         raise ConfigError('; '.join([reason, *hints])) from error
+
+
+@contextlib.contextmanager
+def client_node(name: str, arguments: Sequence[str] = ()) -> Iterator[Node]:
+    """Initialise rclpy with ``arguments`` and create a node, which is destroyed with the block.
+
+    Raises:
+        ConfigError: as `start_ros`.
+    """
+    start_ros(arguments)
+    try:
+        node = Node(name)
+        try:
+            yield node
+        finally:
+            # Threads of DDS that a forgotten node leaves running crash in a process that ends.
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()

@@ -6,12 +6,9 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-import rclpy
-from rclpy.node import Node
-
 from octo_arm_model.ros.child_processes import stop_signals
 from octo_arm_model.ros.client.client import ArmClient
-from octo_arm_model.ros.start import split_arguments, start_ros
+from octo_arm_model.ros.start import client_node, split_arguments
 from octo_arm_model.terminal import fail, make_parser, missing, status_of
 from octo_arm_model.viewer.options import add_address
 
@@ -47,18 +44,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     is_over = stop_signals()
 
     def show() -> int:
-        start_ros(of_ros)
-        client = ArmClient(Node(_PROG), options.namespace)
-        with serving(options.host, options.port, options.allow_origin) as server:
-            viewer = Viewer(server, client)
+        with (
+            client_node(_PROG, of_ros) as node,
+            serving(options.host, options.port, options.allow_origin) as server,
+        ):
+            viewer = Viewer(server, ArmClient(node, options.namespace))
             while not is_over():
                 viewer.step()
         return 0
 
-    try:
-        return status_of(_PROG, show)
-    finally:
-        rclpy.try_shutdown()
+    return status_of(_PROG, show)
 
 
 if __name__ == '__main__':

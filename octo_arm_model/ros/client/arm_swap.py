@@ -11,13 +11,13 @@ from rcl_interfaces.srv import ListParameters, SetParametersAtomically
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from octo_arm_model.config.parameter import Parameter, refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.ros.live_parameters import ros_parameter
+from octo_arm_model.ros.start import client_node
 
 _QUESTIONS = 2  # requests sent before a node counts as one that does not answer
 
@@ -40,11 +40,8 @@ def swap_arm(
         ConfigError: if there is no such node, it has no arm, it does not know a parameter, a value
             is of the wrong type, or the node refuses.
     """
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        _swap(rclpy.create_node('octo_arm_load'), values, others, node_name, timeout)
-    finally:
-        rclpy.try_shutdown()
+    with client_node('octo_arm_load') as node:
+        _swap(node, values, others, node_name, timeout)
 
 
 def _swap(

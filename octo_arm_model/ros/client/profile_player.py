@@ -8,16 +8,16 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
+from rclpy.node import Node
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
-from octo_arm_model.ros.start import start_ros
+from octo_arm_model.ros.start import client_node
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
 from octo_arm_model.simulation.profiles.profile import CommandProfile, transition
@@ -62,25 +62,20 @@ def play(
     """
     check_profile(profile, config.arm, tendon_limits(config))
     received: list[int] = []  # signals, which would otherwise leave the tendons tensioned
-    with on_signals(received.append, _SAME_SIGNAL):
-        start_ros([])
-        try:
-            commands = _open(topic, config)
-            publisher = commands.publisher
-            player = _Player(commands, config, rate, received)
-            if _find_listener(publisher, timeout, received, report):
-                player.play(profile, speed, loop, partial(report, 'playing'))
-                if release:
-                    player.release(partial(report, 'releasing'))
-            # The process must not end before the last command has arrived.
-            publisher.wait_for_all_acked(Duration(seconds=_FLUSH_TIMEOUT))
-        finally:
-            rclpy.try_shutdown()
+    with on_signals(received.append, _SAME_SIGNAL), client_node('octo_arm_player') as node:
+        commands = _open(node, topic, config)
+        publisher = commands.publisher
+        player = _Player(commands, config, rate, received)
+        if _find_listener(publisher, timeout, received, report):
+            player.play(profile, speed, loop, partial(report, 'playing'))
+            if release:
+                player.release(partial(report, 'releasing'))
+        # The process must not end before the last command has arrived.
+        publisher.wait_for_all_acked(Duration(seconds=_FLUSH_TIMEOUT))
 
 
-def _open(topic: str, config: Config) -> CommandPublisher:
-    """Publisher of commands, on a node of its own; ConfigError if ``topic`` is no name."""
-    node = rclpy.create_node('octo_arm_player')
+def _open(node: Node, topic: str, config: Config) -> CommandPublisher:
+    """Publisher of commands; ConfigError if ``topic`` is no name."""
     try:
         return CommandPublisher(node, topic, config)
     except InvalidTopicNameException as error:
