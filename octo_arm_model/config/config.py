@@ -164,6 +164,11 @@ class Config:
             **self.solver_options | ({} if stations is None else {'stations': stations}),
         )
 
+    def has_balance_of(self, other: Config) -> bool:
+        """Whether its solver finds the shapes of that of ``other``, at the same stations."""
+        mine, theirs = ((one.arm, one.model, one.solver_options) for one in (self, other))
+        return mine == theirs
+
     @property
     def solver_options(self) -> dict[str, Any]:
         """Options of every `Solver` of this arm, besides its model and budget."""

@@ -11,7 +11,6 @@ from octo_arm_model.analysis.winding.displacement import solve_displacements
 from octo_arm_model.analysis.winding.newton import Wound
 from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
@@ -42,13 +41,33 @@ class WoundSequence:
         self.tensions: FloatArray | None = None
         self._last: Backbone | Wound | None = None
 
-    def change_arm(self, arm: Arm) -> tuple[str, ...]:
-        """Go on with another ``arm``; returns the driven tendons it does not have, let go."""
-        gone = tuple(name for name in self.displacements if name not in arm.tendon_names)
+    def change_config(self, before: Config, now: Config) -> list[str]:
+        """Go on with the arm of ``now`` after that of ``before``.
+
+        Nothing is forgotten where both have the same balance, and tensions are not where both have
+        the same tendons. Returns a sentence about each thing that was given and is not used any
+        more.
+        """
+        dropped = []
+        gone = [name for name in self.displacements if name not in now.arm.tendon_names]
         if gone:
             self.displacements = {}
-        self.tensions = self._last = None
-        return gone
+            dropped.append(f'displacements dropped: this arm has no tendon {gone[0]}')
+        if self.tensions is not None:
+            if now.arm.tendon_names == before.arm.tendon_names:
+                self.tensions = self.tensions.reshape(now.arm.tension_shape)
+            else:
+                self.tensions = None
+                if self.displacements:
+                    dropped.append('tensions dropped: this arm has other tendons')
+        if not now.has_balance_of(before):
+            last, self._last = self._last, None
+            backbone = last.backbone if isinstance(last, Wound) else last
+            if backbone is not None and backbone.point_tensions is not None:
+                dropped.append(
+                    'friction history forgotten: arm, model, base, loads or stations have changed'
+                )
+        return dropped
 
     def answer(
         self,

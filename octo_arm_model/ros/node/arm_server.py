@@ -69,8 +69,9 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
     def _change_arm(self, before: Prepared | None, now: Prepared) -> None:
         self._tip_wrench.change_arm(before, now)
         config, logger = now.config, self._node.get_logger()
-        if gone := self._winding.change_arm(config.arm):
-            logger.warning(f'displacements dropped: this arm has no tendon {gone[0]}')
+        if before is not None:
+            for dropped in self._winding.change_config(before.config, config):
+                logger.warning(dropped)
         how = ' (compiled)' if now.solver.is_compiled else ''
         logger.info(
             f'{config.model}{how}, {len(config.arm.sections)} section(s), {config.arm.length} m, '

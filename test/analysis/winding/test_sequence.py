@@ -180,3 +180,53 @@ def test_the_accuracy_of_encoders_is_in_the_covariance_of_the_tip(prototype: Con
     # Of tensions it says nothing.
     found = winding.answer(solver, config, None, 1, tensions=HIGH, displacements={})
     assert not found.covariance.any()
+
+
+def test_what_leaves_the_balance_as_it_is_forgets_nothing(rubbing: Config) -> None:
+    winding = WoundSequence(FrictionMemory())
+    first, second = rubbing.arm.tendon_names[:2]
+    pulled = winding.answer(rubbing.solver(), rubbing, None, 0, tensions=HIGH).backbone
+    now = dataclasses.replace(rubbing, markers_rate=10.0, friction_memory=5.0)
+    assert winding.change_config(rubbing, now) == []
+    solver = now.solver()
+    released = winding.answer(solver, now, None, 1, tensions=LOW).backbone
+    expected = solver.follow(LOW, pulled)
+    np.testing.assert_allclose(released.position, expected.position, rtol=0.0, atol=1e-12)
+    assert np.linalg.norm(released.tip - solver.solve(LOW).tip) > 1e-3
+    # Nor what drives tendons: the one that is not driven by length is pulled as before.
+    held = float(displacements_of(solver, released).ravel()[0])
+    winding.answer(solver, now, None, 2, displacements={first: held})
+    assert winding.change_config(now, rubbing) == []
+    again = winding.answer(rubbing.solver(), rubbing, None, 3, displacements={first: held})
+    assert again.backbone.tensions[0, 1] == LOW[0, 1]
+    np.testing.assert_allclose(again.backbone.position, released.position, rtol=0.0, atol=1e-6)
+
+
+def test_another_balance_has_another_history_and_the_same_tensions(rubbing: Config) -> None:
+    winding = WoundSequence(FrictionMemory())
+    first = rubbing.arm.tendon_names[0]
+    winding.answer(rubbing.solver(), rubbing, None, 0, tensions=HIGH)
+    now = dataclasses.replace(rubbing, arm=dataclasses.replace(rubbing.arm, friction=4 * (0.2,)))
+    said = winding.change_config(rubbing, now)
+    assert said == ['friction history forgotten: arm, model, base, loads or stations have changed']
+    found = winding.answer(now.solver(), now, None, 1, displacements={first: 0.01}).backbone
+    wound = solve_displacements(
+        now.solver(), {first: 0.01}, dict(zip(now.arm.tendon_names[1:], HIGH[0, 1:].tolist()))
+    )
+    np.testing.assert_allclose(found.position, wound.backbone.position, rtol=0.0, atol=1e-9)
+
+
+def test_tensions_of_other_tendons_are_dropped(prototype: Config) -> None:
+    config = dataclasses.replace(prototype, model='exact')
+    first, *rest = config.arm.tendon_names
+    for names, said in (
+        ((first, 'a', 'b', 'c'), 'tensions dropped: this arm has other tendons'),
+        (('d', *rest), f'displacements dropped: this arm has no tendon {first}'),
+    ):
+        winding = WoundSequence(FrictionMemory())
+        winding.answer(config.solver(), config, None, 0, tensions=HIGH)
+        winding.answer(config.solver(), config, None, 1, displacements={first: 0.01})
+        arm = dataclasses.replace(config.arm, tendon_names=names)
+        other = dataclasses.replace(config, arm=arm)
+        assert winding.change_config(config, other) == [said]
+        assert winding.tensions is None

@@ -43,6 +43,9 @@ def test_a_loop_has_two_shapes_and_a_gap_ends_the_memory():
         client.ask('tendon_tensions', HIGH)
         np.testing.assert_allclose(tip_of(client.ask('tendon_tensions', LOW)), down.tip, atol=1e-9)
         assert_profiles(client, profiles, LOW, down)
+        # A parameter that the balance does not depend on leaves the history as it is.
+        assert client.change(markers_rate=10.0) == (True, '')
+        np.testing.assert_allclose(tip_of(client.ask('tendon_tensions', LOW)), down.tip, atol=1e-9)
         _, values = client.status('solver')
         assert values['friction history kept'] == 'True'
         forgotten = int(values['friction history forgotten after a gap'])
