@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +13,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 _END_TIMEOUT = 10.0  # [s] from SIGTERM to SIGKILL
+# Where the system has it a command begins with this, which ends it with its parent: SIGKILL gives
+# that no time to.
+_END_WITH_PARENT = ('setpriv', '--pdeathsig', 'TERM')
 
 
 def stop_signals() -> Callable[[], bool]:
@@ -38,11 +42,12 @@ def parameter_arguments(values: Mapping[str, Any]) -> list[str]:
 def children(commands: Sequence[Sequence[str]]) -> Iterator[list[subprocess.Popen[bytes]]]:
     """Run Python modules, each with its arguments, until the block ends."""
     started: list[subprocess.Popen[bytes]] = []
+    before = _END_WITH_PARENT if shutil.which(_END_WITH_PARENT[0]) else ()
     try:
         for command in commands:
             # A session of its own: the terminal's Ctrl-C reaches this process alone.
             started.append(
-                subprocess.Popen([sys.executable, '-m', *command], start_new_session=True)
+                subprocess.Popen([*before, sys.executable, '-m', *command], start_new_session=True)
             )
         yield started
     finally:
@@ -61,6 +66,7 @@ def ended(started: Sequence[subprocess.Popen[bytes]]) -> str:
     """A sentence about the first child that has ended by itself; empty while all run."""
     for child in started:
         if (status := child.poll()) is not None:
-            module = str(child.args[2]) if isinstance(child.args, list) else ''
+            words = list(map(str, child.args)) if isinstance(child.args, list) else []
+            module = words[words.index('-m') + 1] if '-m' in words else ''
             return f'{module} ended by itself with status {status}'
     return ''

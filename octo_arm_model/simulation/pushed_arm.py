@@ -39,12 +39,23 @@ class PushedArm:
             config.arm,
             Unknowns(_ANY, point_forces=points),
             config.model,
+            has_history=True,
             compiled=None,
             budget=Budget(config.solve_budget.iterations),
             **config.solver_options,
         )
         self._noise = np.random.default_rng(sensors.seed)
+        self._config = config
         self._at: Prediction | None = None
+
+    def go_on_from(self, before: PushedArm) -> None:
+        """Be in the shape, and with the history of the tendons, of the same arm ``before``.
+
+        Of another arm, or one that is pushed elsewhere, nothing is known.
+        """
+        places = self._model.state.unknowns == before._model.state.unknowns
+        if places and self._config.has_balance_of(before._config):
+            self._at = before._at
 
     def solve(self, tensions: FloatArray, force: FloatArray) -> None:
         """Be in the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].

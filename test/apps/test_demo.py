@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import shutil
 import signal
 import socket
 import time
@@ -123,6 +124,17 @@ def test_the_demonstration_ends_with_its_node(started):
     assert program.process.returncode == 1
     assert 'octo_arm_model.ros.node.main ended by itself with status -9' in complaints
     assert program.family() == set()
+
+
+@pytest.mark.skipif(not shutil.which('setpriv'), reason='needs setpriv')
+def test_what_is_killed_leaves_nothing_behind(started):
+    program = started('demo', 'renda2012_prototype', '--no-viewer')
+    program.line(NUMBERS)
+    program.process.kill()
+    assert program.process.wait(DEADLINE) == -signal.SIGKILL
+    end = time.monotonic() + DEADLINE
+    while program.family():
+        assert time.monotonic() < end, f'after {DEADLINE} s they still run'
 
 
 def test_what_is_ended_while_it_starts_leaves_nothing_behind(started):

@@ -107,3 +107,32 @@ def test_what_cannot_be_solved_is_refused_with_a_reason() -> None:
     seen = {'model': 'renda2012', 'sensors.tip_pose_rate': 10.0}
     assert SimulatorConfig.from_parameters({**VALUES, **seen}).pushed_arm is not None
     assert SimulatorConfig.from_parameters(VALUES).pushed_arm is None
+
+
+def test_tendons_with_friction_keep_their_history_while_they_are_pushed() -> None:
+    rough = dataclasses.replace(CONFIG, arm=dataclasses.replace(CONFIG.arm, friction=4 * (0.2,)))
+    loads = Loads(points=(PointLoad(0.1, tuple(FORCE)),))
+    solver = dataclasses.replace(rough, loads=loads).solver()
+    push = Push(tuple(FORCE), 0.1)
+    arm = PushedArm(rough, push, EXACT)
+    pulled = None
+    for part in (0.6, 1.0, 0.7):
+        pulled = solver.follow(part * TENSIONS.reshape(1, -1), pulled)
+        arm.solve(part * TENSIONS, FORCE)
+        np.testing.assert_allclose(arm.tip_pose().position, pulled.tip, rtol=0.0, atol=1e-8)
+    assert np.linalg.norm(pulled.tip - solver.solve([0.7 * TENSIONS]).tip) > 1e-4
+    # A change of what does not concern the balance leaves them as they are.
+    quieter = dataclasses.replace(rough, markers_rate=5.0)
+    other = PushedArm(quieter, push, dataclasses.replace(EXACT, markers_rate=1.0))
+    other.go_on_from(arm)
+    other.solve(0.72 * TENSIONS, FORCE)
+    expected = solver.follow(0.72 * TENSIONS.reshape(1, -1), pulled)
+    np.testing.assert_allclose(other.tip_pose().position, expected.tip, rtol=0.0, atol=1e-8)
+    # What is pushed elsewhere, or another arm, begins anew.
+    for config, elsewhere in ((rough, Push(tuple(FORCE), 0.2)), (CONFIG, push)):
+        anew = PushedArm(config, elsewhere, EXACT)
+        anew.go_on_from(arm)
+        anew.solve(0.72 * TENSIONS, FORCE)
+        fresh = PushedArm(config, elsewhere, EXACT)
+        fresh.solve(0.72 * TENSIONS, FORCE)
+        np.testing.assert_array_equal(anew.tip_pose().position, fresh.tip_pose().position)

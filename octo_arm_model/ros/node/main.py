@@ -24,7 +24,7 @@ from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.middleware import bound_memory
 from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.start import split_arguments, start_ros
-from octo_arm_model.ros.work.interruption import install, interruptible
+from octo_arm_model.ros.work.interruption import ignore_signals, install, interruptible
 from octo_arm_model.terminal import fail, make_parser
 
 _DESCRIPTION = 'A node of ROS 2, until Ctrl-C. Its arguments are those of ROS, after --ros-args.'
@@ -112,6 +112,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
             node.destroy_node()
         rclpy.try_shutdown()
         faulthandler.cancel_dump_traceback_later()
+        ignore_signals()
     return 0
 
 

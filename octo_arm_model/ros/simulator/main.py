@@ -100,8 +100,10 @@ class SimulatorNode(CheckedNode):
         if any(name.startswith('push.') for name in names):
             self._push.forget()
         tendons = config.arm.tendon_names
+        if before is not None and before.pushed_arm and config.pushed_arm:
+            config.pushed_arm.go_on_from(before.pushed_arm)
         if before is not None and (
-            config.model != before.model or (config.limits != before.limits).any()
+            not config.model.has_balance_of(before.model) or (config.limits != before.limits).any()
         ):
             if self._control is not None and self._control.displacements:
                 self.get_logger().warning('tendons are no longer driven by length: another arm')

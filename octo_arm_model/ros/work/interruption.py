@@ -40,6 +40,12 @@ def install() -> None:
         signal.signal(number, _on_signal)
 
 
+def ignore_signals() -> None:
+    """Ignore SIGINT and SIGTERM from now on: they would kill a Python that is ending."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+
+
 def _on_signal(number: int, frame: FrameType | None) -> None:
     _State.has_come = True
     if _State.is_running and _is_called_by_llvm(frame):

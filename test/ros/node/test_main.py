@@ -32,6 +32,17 @@ def test_node_ends_cleanly(how):
         check_end(client.process, 0)
 
 
+@pytest.mark.parametrize('again', [signal.SIGINT, signal.SIGTERM])
+def test_signals_that_come_while_it_ends_change_nothing(again):
+    with running('ros.node.main') as client:
+        client.connect()
+        client.process.send_signal(signal.SIGINT)
+        # Until the end: also while Python frees its modules, with its handlers gone.
+        while client.process.poll() is None:
+            client.process.send_signal(again)
+        check_end(client.process, 0)
+
+
 def test_a_middleware_that_does_not_let_go_does_not_keep_the_node():
     # Waits in C, as Fast DDS does, where Python's threads and signal handlers get no turn.
     program = """
