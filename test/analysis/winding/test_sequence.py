@@ -184,7 +184,7 @@ def test_the_accuracy_of_encoders_is_in_the_covariance_of_the_tip(prototype: Con
 
 def test_what_leaves_the_balance_as_it_is_forgets_nothing(rubbing: Config) -> None:
     winding = WoundSequence(FrictionMemory())
-    first, second = rubbing.arm.tendon_names[:2]
+    first = rubbing.arm.tendon_names[0]
     pulled = winding.answer(rubbing.solver(), rubbing, None, 0, tensions=HIGH).backbone
     now = dataclasses.replace(rubbing, markers_rate=10.0, friction_memory=5.0)
     assert winding.change_config(rubbing, now) == []

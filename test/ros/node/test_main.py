@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -12,6 +13,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from live_nodes import (
     CONFIG_FILE,
     DEADLINE,
+    PERIOD,
     check_end,
     environment,
     file_with,
@@ -40,6 +42,7 @@ def test_signals_that_come_while_it_ends_change_nothing(again):
         # Until the end: also while Python frees its modules, with its handlers gone.
         while client.process.poll() is None:
             client.process.send_signal(again)
+            time.sleep(PERIOD)
         check_end(client.process, 0)
 
 
