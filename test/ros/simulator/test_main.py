@@ -154,11 +154,16 @@ def test_winches_reel_in_lengths_and_their_encoders_read_them() -> None:
         controller.wait(
             lambda: any('displacements refused' in log.msg for log in controller.logs), 'a refusal'
         )
+        # So it is after a change of what the balance does not depend on.
+        assert controller.change(markers_rate=7.0) == (True, '')
         controller.measured.clear()
         controller.wait(lambda: controller.measured, 'readings')
         np.testing.assert_allclose(
             controller.measured[-1].tension, expected.backbone.tensions.ravel(), atol=1e-7
         )
+        assert controller.change(profile__name='ramps') == (True, '')
+        said = 'the profile leaves out, as driven by length: tendon_1_1 tendon_2_2'
+        controller.wait(lambda: any(said in log.msg for log in controller.logs), 'a warning')
         lengths.publish(JointState())
         controller.reach(given.ravel())
 
