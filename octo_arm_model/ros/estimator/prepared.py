@@ -58,6 +58,13 @@ class PreparedEstimator(Prepared):
         prepared.tracker().add(0, [rest]).estimate.pose_covariance  # noqa: B018
         return prepared
 
+    def estimates_as(self, other: PreparedEstimator) -> bool:
+        """Whether it makes of measurements what ``other`` does."""
+        mine, theirs = (
+            (one.settings, one.config.load_cells, one.config.base_frame) for one in (self, other)
+        )
+        return mine == theirs and self.config.has_balance_of(other.config)
+
     def tracker(self) -> Tracker:
         """A tracker of the arm that begins with the prior."""
         return Tracker.from_settings(self.settings, self.models, self.settings.window)

@@ -89,11 +89,12 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         def pose_of(frame: str, stamp_ns: int) -> Pose:
             return self._frames.pose_of(frame, config.base_frame, stamp_ns)
 
-        self._waiting.forget()
         self._measured = MeasuredArm(config, settings.noise, pose_of)
         self._stamps.ahead = config.diagnostic_limits.ahead_limit
-        if self._tracker is not None:
-            self._begin_anew()
+        if before is None or not now.estimates_as(before):
+            self._waiting.forget()
+            if self._tracker is not None:
+                self._begin_anew()
         self._node.get_logger().info(
             f'{config.arm.length} m in {config.base_frame}, contact: '
             + '; '.join([', '.join(now.models), *settings.notes])

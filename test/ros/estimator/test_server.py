@@ -24,6 +24,7 @@ pytestmark = pytest.mark.slow
 FORCE = np.array([0.0, -0.004, 0.008])
 PRIOR = 0.01  # standard deviation of each component of the force [N]
 BOTH = ('tendon_tensions', 'measured/tip_pose')
+GATES = itertools.count()
 
 
 @pytest.fixture(scope='module')
@@ -37,11 +38,11 @@ def shared():
 def client(shared):
     """A client of a node that knows nothing yet, of an arm that nothing touches."""
     shared.tensions, shared.force, shared.scale = TENSIONS, np.zeros(3), 1.0
+    # Another gate each time, nearly the same one, makes the estimate begin anew.
     usual = {
         'contact': 'tip', 'contact_s': [], 'tension_bias_stddev': 0.0,
-        'displacement_stddev': 2e-4,
+        'displacement_stddev': 2e-4, 'gate': 0.9999 + 1e-9 * next(GATES),
     }  # fmt: skip
-    # Any change of a parameter makes the estimate begin anew.
     given = {f'estimator__{name}': value for name, value in usual.items()}
     assert shared.change(**given) == (True, '')
     return shared
@@ -370,6 +371,16 @@ def test_noise_that_is_larger_than_told_is_said(client):
     assert 'innovations of tensions are larger than told' in status.message, values
     assert status.level == DiagnosticStatus.WARN
     assert client.change(estimator__gate=0.9999) == (True, '')
+
+
+def test_what_does_not_concern_the_estimate_leaves_it_as_it_is(client):
+    client.force = FORCE
+    client.measure(1000.0 + 0.05 * np.arange(12))
+    for change, goes_on in (({'markers_rate': 7.0}, True), ({'estimator__gate': 0.99}, False)):
+        assert client.change(**change) == (True, '')
+        client.tell('tendon_tensions', 1000.6)
+        stddev = client.wrench('tip_wrench/estimate')[1]
+        assert (stddev[1:].max() < 0.5 * PRIOR) == goes_on, stddev
 
 
 def test_a_bias_of_the_load_cells_is_estimated_where_it_may_be(client):
