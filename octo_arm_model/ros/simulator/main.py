@@ -119,8 +119,8 @@ class SimulatorNode(CheckedNode):
         if before is None or 'profile.name' in names:
             self._is_playing, self._played = config.profile is not None, 0.0
             if self._is_playing and self._control is not None and self._control.displacements:
-                names = ' '.join(self._control.displacements)
-                self.get_logger().warning(f'the profile leaves out, as driven by length: {names}')
+                driven = ' '.join(self._control.displacements)
+                self.get_logger().warning(f'the profile leaves out, as driven by length: {driven}')
         if before is None or config.rate != before.rate:
             if self._timer is not None:
                 self.destroy_timer(self._timer)
