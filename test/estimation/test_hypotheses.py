@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from estimation_arms import TENSIONS, rubber
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.hypotheses import Hypotheses
 from octo_arm_model.estimation.measurements import Markers, Tensions
 from octo_arm_model.estimation.state.prediction import Prediction
@@ -97,3 +97,11 @@ def test_late_measurements_count_as_in_time() -> None:
         assert one.probability == pytest.approx(other.probability, rel=1e-3)
         assert one.estimate.time == other.estimate.time == pytest.approx(0.3)
         np.testing.assert_allclose(one.estimate.mean, other.estimate.mean, atol=1e-4)
+
+
+def test_without_a_finite_likelihood_no_hypothesis_is_true() -> None:
+    bank = Hypotheses(models())
+    with pytest.raises(SolveError, match='the estimate is not finite'):
+        bank.add(0.0, [Tensions(TENSIONS, 1e-20)])
+    ranked = bank.add(0.0, [Tensions(TENSIONS, 0.01)])
+    assert sum(one.probability for one in ranked) == pytest.approx(1.0)

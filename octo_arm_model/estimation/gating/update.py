@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Sequence
+
+import numpy as np
 
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
+from octo_arm_model.core.numerics.floating_point import silenced
 from octo_arm_model.estimation.beliefs.belief import Belief, lower_root
 from octo_arm_model.estimation.beliefs.curvature import Curvature
 from octo_arm_model.estimation.gating.judgement import Judged, judge
@@ -33,8 +37,44 @@ def update(
 
     Raises:
         SolveError: if the arm has no trustworthy shape, or the iteration does not converge, or
-            takes too much.
+            takes too much, or numbers do not resolve what is known.
         MeasurementError: if a measurement does not fit the arm.
+    """
+    try:
+        with silenced():  # what overflows or divides by zero is not finite in the end
+            found = _update(model, belief, measurements, last, gate)
+    except np.linalg.LinAlgError as error:
+        raise _unresolved(measurements) from error
+    state = found.belief
+    is_finite = np.isfinite(state.mean).all() and np.isfinite(state.root).all()
+    if not (is_finite and math.isfinite(found.log_likelihood)):
+        raise _unresolved(measurements)
+    return found
+
+
+def _unresolved(measurements: Sequence[Measurement]) -> SolveError:
+    """Why ``measurements`` and what was known before them make no finite belief."""
+    noise = ', '.join(
+        f'{one.name} to {math.sqrt(one.covariance.diagonal().min()):.3g}' for one in measurements
+    )
+    return SolveError(
+        f'the estimate is not finite: standard deviations of what is measured ({noise}) and of '
+        'what was known before differ by more than numbers resolve'
+    )
+
+
+def _update(
+    model: ArmModel,
+    belief: Belief,
+    measurements: Sequence[Measurement],
+    last: Updated | None,
+    gate: float,
+) -> Updated:
+    """See `update`; perhaps of numbers that are not finite.
+
+    Raises:
+        LinAlgError: if a matrix is singular or not finite.
+        OctoArmError: as `update`.
     """
     near = Nearby(None, {}, gate) if last is None else Nearby(last.at, last.curvatures, gate)
     with model.within(ITERATIONS) as effort:

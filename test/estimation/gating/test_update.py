@@ -12,6 +12,7 @@ from checkout import ROOT
 from estimation_arms import LIKELY, TENSIONS, WEIGHT, rubber
 from scipy.spatial.transform import Rotation
 
+from octo_arm_model.core.errors import SolveError
 from octo_arm_model.estimation.beliefs.belief import Belief
 from octo_arm_model.estimation.beliefs.fit import Fit, fit
 from octo_arm_model.estimation.filter import Filter
@@ -184,3 +185,23 @@ def test_without_a_past_a_right_tip_is_never_refused() -> None:
     for measured, _ in simulated(121, 2026)[::15]:
         found = Filter(model).add(0.0, measured)
         assert all(one.is_accepted for one in found.innovations)
+
+
+@pytest.mark.parametrize(('walk', 'noise'), [(Walk(10.0, 5.0), 1e-20), (Walk(1e29, 1e29), 0.02)])
+@pytest.mark.parametrize('others', [[], [TipPosition(TRUTH.solved.tip, 1e-3)]])
+def test_what_numbers_do_not_resolve_is_refused_and_says_of_what(
+    walk: Walk, noise: float, others: list[Measurement]
+) -> None:
+    own = Filter(rubber(Unknowns(walk, tip_force=LIKELY)))
+    with pytest.raises(SolveError, match=f'not finite.*tensions to {noise:g}'):
+        own.add(0.0, [Tensions(TENSIONS, noise), *others])
+
+
+def test_two_exact_sensors_that_differ_are_refused() -> None:
+    """Their covariance is singular."""
+    tip, turned = TRUTH.solved.tip, TRUTH.solved.quaternion[-1]
+    own = Filter(MODEL)
+    with pytest.raises(SolveError, match='tip position to 1e-10, tip pose to 1e-10'):
+        for step in range(3):
+            lie = TipPosition(tip + [0.0, 1e-3 * step, 0.0], 1e-10)
+            own.add(0.1 * step, [Tensions(TENSIONS, 0.02), lie, TipPose(tip, turned, 1e-10)])

@@ -429,6 +429,8 @@ def test_parameters_that_cannot_be_are_refused_and_all_goes_on(client):
     ):
         done, why = client.change(**{f'estimator__{name}': value})
         assert not done and words in why
+    done, why = client.change(tension_stddev=1e-20)
+    assert not done and 'differ by more than numbers resolve' in why
     client.measure([1000.0])
 
 
