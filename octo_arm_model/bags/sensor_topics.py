@@ -14,6 +14,8 @@ from octo_arm_model.bags.store.records import Record
 from octo_arm_model.bags.tensions import TYPES, TensionTopic, pick_tensions, read_topic
 from octo_arm_model.bags.topics import measured_topics, names, namespace, only_one, pick_usual
 from octo_arm_model.config.config import Config
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.validation import LARGEST
 from octo_arm_model.core.errors import BagError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.estimation.measurements import Measurement, Tensions
@@ -146,8 +148,8 @@ def read_tension_rows(
         for record, reading in read_topic(reader, sensors.tensions, raw.read):
             if reading.tensions is None:
                 refusals.count(record.topic, reading.reason)
-            elif not np.isfinite(reading.tensions).all():
-                refusals.count(record.topic, 'a tension is not finite')
+            elif reason := _immeasurable(reading.tensions.ravel(), config.arm):
+                refusals.count(record.topic, reason)
             else:
                 times.append((reading.stamp_ns, record.received_ns))
                 rows.append(reading.tensions.ravel())
@@ -155,6 +157,18 @@ def read_tension_rows(
     table = np.array(rows, np.float64).reshape(-1, len(config.arm.tendons))
     stamps, received = np.array(times, np.int64).reshape(-1, 2).T
     return RecordedTensions(stamps, received, table)
+
+
+def _immeasurable(tensions: FloatArray, arm: Arm) -> str:
+    """Why ``tensions`` (tendons,) [N] are no `Tensions` of ``arm``; '' if they are."""
+    wrong = ~(np.abs(tensions) <= LARGEST)  # those that are no numbers, too
+    if not wrong.any():
+        return ''
+    number = int(wrong.argmax())
+    return (
+        f'reading of {arm.tendon_names[number]} is {tensions[number]:g} N, expected a finite '
+        f'number of at most {LARGEST:g}'
+    )
 
 
 def read_measured(

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.validation import LARGEST
 from octo_arm_model.core.errors import ConfigError, shown
 from octo_arm_model.core.section.highest_tensions import bending_force, default_highest
 from octo_arm_model.estimation.parameters import (
@@ -183,6 +184,7 @@ def _unknowns(
     if not rate and recorded is not None and recorded.rate > 0.0:
         rate = recorded.rate
         notes.append(f'tensions change by {rate:.3g} N in a second (as fast as recorded)')
+        _check_recorded('tensions change by', rate, 'N in a second', 'estimator.tension_rate')
     elif not rate:
         most = f'up to {max(highest):.3g} N'
         notes.append(f'tensions change by {most} in a second (what each tendon is pulled by)')
@@ -222,6 +224,18 @@ def _unknowns(
     return hypotheses
 
 
+def _check_recorded(what: str, value: float, unit: str, name: str) -> None:
+    """Check what is taken from a recording where the parameter ``name`` is not given.
+
+    Raises:
+        ConfigError: if it is beyond the range of that parameter.
+    """
+    if value > LARGEST:
+        raise ConfigError(
+            f'{what} {value:.3g} {unit} as recorded, expected at most {LARGEST:g}: give {name}'
+        )
+
+
 def _noise(
     given: Mapping[str, Any],
     config: Config,
@@ -232,6 +246,7 @@ def _noise(
     known, tension = config.uncertainty, config.uncertainty.tension
     if not tension and recorded is not None and recorded.noise > 0.0:
         tension = recorded.noise
+        _check_recorded('tensions vary by', tension, 'N', 'tension_stddev')
         notes.append(f'tensions are measured to {tension:.3g} N (as their differences vary)')
     elif not tension:
         tension = _TENSION

@@ -88,6 +88,7 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path: Path) -> None:
 def test_messages_that_measure_nothing_are_told(tmp_path: Path) -> None:
     content = [
         tensions(0, [np.nan, 0, 0, 0]), markers(5, 2), tensions(10, [0.1, 0, 0, 0]),
+        tensions(20, [0, 0, -1e200, 0]),
         Sample('/measured/markers', 'geometry_msgs/msg/PoseArray', START, b'\0\1\0\0broken'),
     ]  # fmt: skip
     refusals = Refusals()
@@ -99,10 +100,16 @@ def test_messages_that_measure_nothing_are_told(tmp_path: Path) -> None:
         groups = read_measured(reader, sensors, rows, arm, refusals)
     assert len(groups) == 1
     reasons = ' | '.join(refusals.examples.values())
-    for words in ('not finite', '2 marker(s), expected 1', 'bytes that are no geometry_msgs'):
+    for words in (
+        f'reading of {NAMES[0]} is nan N, expected a finite number of at most 1e+30',
+        f'reading of {NAMES[2]} is -1e+200 N, expected',
+        '2 marker(s), expected 1',
+        'bytes that are no geometry_msgs',
+    ):
         assert words in reasons
+    np.testing.assert_array_equal(rows.rows, [[0.1, 0.0, 0.0, 0.0]])
     assert [topic for topic, _ in refusals.counts] == [
-        '/tendon_tensions',
+        *2 * ['/tendon_tensions'],
         *2 * ['/measured/markers'],
     ]
 

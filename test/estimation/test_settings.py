@@ -10,7 +10,7 @@ import pytest
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.core.errors import ConfigError, OctoArmError
 from octo_arm_model.core.section.highest_tensions import bending_force, default_highest
 from octo_arm_model.estimation.parameters import BENT, ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
@@ -62,6 +62,27 @@ def test_what_the_arm_and_the_recording_say_comes_first() -> None:
     given = {f'{PREFIX}tension_rate': 1.5}
     found = EstimatorSettings.from_parameters(given, CONFIG, recorded)
     assert rates(found) == [1.5] * 4
+
+
+@pytest.mark.parametrize(
+    ('recorded', 'given', 'words'),
+    [
+        (TensionStatistics(0.01, 3e33), {'estimator.tension_rate': 0.5},
+         r'tensions change by 3e\+33 N in a second as recorded, .* give estimator.tension_rate'),
+        (TensionStatistics(2e30, 0.2), {'tension_stddev': 0.02},
+         r'tensions vary by 2e\+30 N as recorded, expected at most 1e\+30: give tension_stddev'),
+    ],
+)  # fmt: skip
+def test_what_a_recording_says_is_within_the_range_of_the_parameter_or_not_needed(
+    recorded: TensionStatistics, given: dict[str, float], words: str
+) -> None:
+    with pytest.raises(ConfigError, match=words):
+        EstimatorSettings.from_parameters({}, CONFIG, recorded)
+    of_arm = {name: value for name, value in given.items() if not name.startswith(PREFIX)}
+    config = Config.from_parameters({**VALUES, **of_arm})
+    EstimatorSettings.from_parameters(
+        {name: given[name] for name in given.keys() - of_arm.keys()}, config, recorded
+    )
 
 
 @pytest.mark.parametrize(
