@@ -19,6 +19,10 @@ _PART = 0.02
 _TIMES_NOISE = 4.0
 # Of normal noise the standard deviation is so many times the median of the absolute values.
 MAD = 1.4826
+# Of noise: least parts of readings that are another than before and of these changes that turn
+# back, and the largest part of the range that they are.
+_MOVED, _TURNED, _LITTLE = 0.05, 0.5, 0.25
+_ROUNDING = 1e-12  # of the largest reading
 _FIRST_BLOCK = 64
 _RAMP_PART = 0.05  # of the highest tension
 MOST_WINDOWS = 1000  # of a ramp
@@ -66,11 +70,33 @@ class SteadyRule:
 def reading_noise(tensions: FloatArray) -> float:
     """Standard deviation of a reading of ``tensions`` (n, tendons), the largest of them [N].
 
-    From the differences of neighbouring readings, each of which has the noise of both.
+    From the differences of neighbouring readings, each of which has the noise of both. Readings
+    that equal the one before tell nothing where they are those of a slack tendon, which stay at
+    zero, or repeated until the next one of the cell. They are left out where the others change as
+    noise does, often, to and fro and by little: one of twenty readings at least is another than
+    before, half of these changes are followed by one of the other sign (of white noise two of
+    three are), and they are usually at most a quarter of all that the tension changes by.
+    Otherwise what changes is the tension itself, by steps or ramps, and equal readings count as
+    the differences of zero that they are. Of a load cell that reads in steps it is of the size of
+    a step where readings change as often as that, and 0 where nothing changes.
     """
-    changes = [np.abs(np.diff(column[np.isfinite(column)])) for column in tensions.T]
-    usual = max((float(np.median(change)) for change in changes if change.size), default=0.0)
-    return float(MAD * usual / np.sqrt(2.0))
+    columns = (column[np.isfinite(column)] for column in tensions.T)
+    return float(MAD * max(map(_usual_change, columns), default=0.0) / np.sqrt(2.0))
+
+
+def _usual_change(readings: FloatArray) -> float:
+    """Median change from one of ``readings`` (n,) to the next, see `reading_noise` [N]."""
+    if readings.size < 2:
+        return 0.0
+    changes = np.abs(np.diff(readings))
+    # Up to the rounding of whoever calculated or scaled them they are equal.
+    is_other = changes > _ROUNDING * np.abs(readings).max()
+    usual = float(np.median(np.where(is_other, changes, 0.0)))
+    turned = np.diff(np.signbit(np.diff(readings)[is_other]))
+    if not turned.size or is_other.mean() < _MOVED or turned.mean() < _TURNED:
+        return usual
+    of_others = float(np.median(changes[is_other]))
+    return of_others if of_others <= _LITTLE * np.ptp(readings) else usual
 
 
 def held_readings(rows: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ from octo_arm_model.experiment.shapes.steady_windows import (
     SteadyRule,
     Window,
     ramp_windows,
+    reading_noise,
     steady_windows,
 )
 
@@ -106,3 +107,47 @@ def test_what_is_too_short_to_settle_is_no_window() -> None:
 def test_rules_that_make_no_sense_are_refused(rule: dict[str, float]) -> None:
     with pytest.raises(ArmDefinitionError):
         SteadyRule(**rule)
+
+
+TIME = 0.01 * np.arange(4000)
+NOISE = np.random.default_rng(3).standard_normal(TIME.size)
+
+
+@pytest.mark.parametrize('slack', [0.3, 0.5, 0.8])
+def test_readings_of_a_slack_tendon_do_not_hide_the_noise_of_the_taut_one(slack: float) -> None:
+    pulled = np.where(TIME < slack * TIME[-1], 0.0, 0.5 + 0.005 * NOISE)
+    idle = np.zeros(TIME.size)
+    assert reading_noise(np.stack([pulled, idle], axis=1)) == pytest.approx(0.005, rel=0.1)
+    # A tendon that is slack reads noise above zero, and zero below it.
+    clipped = np.maximum(pulled + np.where(pulled, 0.0, 0.005 * NOISE - 0.003), 0.0)
+    assert 0.003 < reading_noise(clipped[:, np.newaxis]) < 0.006
+
+
+def test_readings_that_are_repeated_have_the_noise_of_those_of_the_cell() -> None:
+    read = np.repeat(0.5 + 0.005 * NOISE[::10], 10)
+    assert reading_noise(read[:, np.newaxis]) == pytest.approx(0.005, rel=0.15)
+
+
+@pytest.mark.parametrize('noise', [0.2, 0.5, 1.0])
+def test_a_load_cell_that_reads_in_steps_has_a_noise_of_the_size_of_these(noise: float) -> None:
+    step = 0.01
+    pulled = 0.5 + 0.1 * np.sin(TIME) + step * noise * NOISE
+    found = reading_noise(step * np.round(pulled / step)[:, np.newaxis])
+    assert 0.3 * step < found < 2.0 * step
+
+
+@pytest.mark.parametrize('hold', [1.0, 3.0])
+@pytest.mark.parametrize('ramp', [0.1, 0.5])
+def test_steps_and_ramps_without_noise_have_none(hold: float, ramp: float) -> None:
+    for levels in (HELD, [0.0, 2.0] * 4, [0.0, 0.3, 0.0, 0.6, 0.0, 0.9]):
+        _, pulled = staircase(levels, hold=hold, ramp=ramp)
+        assert reading_noise(pulled[:, np.newaxis]) == 0.0
+        assert reading_noise(pulled[::10, np.newaxis]) == 0.0
+        rounded = pulled * (1.0 + 1e-16 * np.sign(NOISE[: pulled.size]))
+        assert reading_noise(rounded[:, np.newaxis]) == 0.0
+
+
+@pytest.mark.parametrize('rows', [0, 1, 2, 100])
+def test_where_nothing_changes_there_is_no_noise(rows: int) -> None:
+    assert reading_noise(np.full((rows, 2), 0.7)) == 0.0
+    assert reading_noise(np.full((rows, 2), np.nan)) == 0.0
