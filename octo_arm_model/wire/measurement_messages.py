@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.config.config import Config
+from octo_arm_model.core.arm.validation import LARGEST
 from octo_arm_model.core.errors import MeasurementError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
@@ -28,6 +29,7 @@ from octo_arm_model.estimation.measurements import (
     TipPosition,
 )
 from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
+from octo_arm_model.estimation.measurements.measurement import magnitudes
 from octo_arm_model.estimation.settings import SensorNoise
 from octo_arm_model.wire.displacement_messages import (
     DISPLACEMENT_TYPE,
@@ -112,11 +114,18 @@ def _displacements(message: Any, arm: MeasuredArm) -> Measurement:
 def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
     at, turned = message.pose.pose.position, message.pose.pose.orientation
-    position = rotation.apply([at.x, at.y, at.z]) + origin
+    # All is checked as it came: a rotation makes of one wrong number several.
+    position = rotation.apply(magnitudes('tip pose: position', [at.x, at.y, at.z])) + origin
     own: FloatArray = np.array(message.pose.covariance, np.float64).reshape(6, 6)
+    wrong = ~(np.abs(own) <= LARGEST**2)  # what is no number, too
+    if wrong.any():
+        i, j = np.argwhere(wrong)[0]
+        raise MeasurementError(
+            f'its covariance is {own[i, j]:g} at {i}, {j}, expected finite numbers of at most '
+            f'{LARGEST**2:g}'
+        )
     deviation = np.sqrt(np.abs(np.diag(own)))
-    with np.errstate(invalid='ignore', over='ignore'):
-        skew = np.abs(own - own.T) > _ASYMMETRY * np.outer(deviation, deviation)
+    skew = np.abs(own - own.T) > _ASYMMETRY * np.outer(deviation, deviation)
     if skew.any():
         i, j = np.argwhere(skew)[0]
         raise MeasurementError(
@@ -165,7 +174,8 @@ def _markers(message: Any, arm: MeasuredArm) -> Measurement:
         raise MeasurementError('it shows no marker')
     s = np.array(noise.marker_s)[seen]
     stddev = float(np.hypot(noise.marker, noise.model_position))
-    return Markers(s, rotation.apply(points[seen]) + origin, stddev)
+    shown = magnitudes('markers: value', points[seen])
+    return Markers(s, rotation.apply(shown) + origin, stddev)
 
 
 def _base_wrench(message: Any, arm: MeasuredArm) -> Measurement:
@@ -175,7 +185,8 @@ def _base_wrench(message: Any, arm: MeasuredArm) -> Measurement:
             'estimator.base_force_stddev or base_moment_stddev is 0: its noise is not known'
         )
     force, moment = message.wrench.force, message.wrench.torque
-    wrench = np.array([force.x, force.y, force.z, moment.x, moment.y, moment.z], np.float64)
+    numbers = [force.x, force.y, force.z, moment.x, moment.y, moment.z]
+    wrench = magnitudes('base wrench: value', numbers)
     # From the axes and the origin of its frame to those of base_frame, about the base.
     turn = np.kron(np.eye(2), rotation.as_matrix())
     away = skew((origin - np.array(arm.config.base.position))[:, np.newaxis])[..., 0]

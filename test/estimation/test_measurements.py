@@ -155,7 +155,10 @@ def test_the_base_wrench_is_the_sum_of_all_loads() -> None:
     ('make', 'message'),
     [
         (lambda: TipPosition([0.0, np.nan, 0.0], 1.0), 'finite'),
-        (lambda: TipPosition([0.0, 0.0, 0.0], 0.0), 'standard deviations of at least 1e-30'),
+        (lambda: TipPosition([0.0, 0.0, 0.0], 0.0), r'deviation of 0, expected 1e-30 to 1e\+30'),
+        (lambda: TipPosition([0.0, 0.0, 0.0], 1e200), r'standard deviation of 1e\+200, expected'),
+        (lambda: TipPosition(np.zeros(3), 1e-300 * np.eye(3)), 'standard deviation of 1e-150'),
+        (lambda: TipPosition(np.zeros(3), np.diag([1.0, 1e300, 1.0])), r'deviation of 1e\+150'),
         (lambda: TipPosition([0.0, -1e31, 0.0], 1e-3), r'expected numbers of at most 1e\+30'),
         (lambda: TipPosition([0.0, 0.0, 0.0], [1.0, 1.0]), '3 standard deviations'),
         (lambda: TipPosition([0.0, 0.0, 0.0], -np.eye(3)), 'positive definite'),

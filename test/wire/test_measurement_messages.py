@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -243,6 +244,43 @@ def test_what_is_no_measurement_is_refused_in_a_line(
     with pytest.raises(OctoArmError, match=words) as refused:
         MEASUREMENT_TOPICS[name].read(message, arm(values))
     assert '\n' not in str(refused.value)
+
+
+@pytest.mark.parametrize('frame', [FRAME, 'camera'])
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e200, 1.7e308])
+def test_what_is_no_number_is_refused_as_it_came(frame: str, value: float) -> None:
+    """In a turned frame too, where one wrong number would make several, and without warnings."""
+    seen, place, turned = arm(pose_of=pose_of), np.array([0.1, value, 0.2]), np.eye(4)[3]
+    covariance = np.eye(6)
+    covariance[4, 4] = value
+    points, wrench = np.full((3, 3), 0.1), np.array([0.1, 0.2, 0.3, value, 0.0, 0.0])
+    points[1, 0] = value
+    shown = re.escape(f'{value:g}')
+    for name, message, words in (
+        ('measured/tip_pose', tip_pose(place, turned, np.eye(6), frame),
+         rf'tip pose: position is \[0.1, {re.escape(repr(value))}, 0.2\], expected '),
+        ('measured/tip_pose', tip_pose(np.zeros(3), turned, covariance, frame),
+         rf'its covariance is {shown} at 4, 4, expected finite numbers of at most 1e\+60'),
+        ('measured/base_wrench', base_wrench(wrench, frame),
+         rf'base wrench: value is \[0.1, 0.2, 0.3, {re.escape(repr(value))}, 0.0, 0.0\]'),
+    ):  # fmt: skip
+        with pytest.raises(MeasurementError, match=words):
+            MEASUREMENT_TOPICS[name].read(message, seen)
+    if not np.isnan(value):  # which is a marker that is hidden
+        with pytest.raises(MeasurementError, match='marker'):
+            MEASUREMENT_TOPICS['measured/markers'].read(markers(points, frame), seen)
+
+
+@pytest.mark.parametrize('variance', [1e-300, 5e-324])
+def test_a_covariance_too_small_for_numbers_is_refused(variance: float) -> None:
+    message = tip_pose(np.zeros(3), np.eye(4)[3], variance * np.eye(6), 'camera')
+    with pytest.raises(MeasurementError, match='tip pose: noise has a standard deviation of'):
+        MEASUREMENT_TOPICS['measured/tip_pose'].read(message, arm(pose_of=pose_of))
+
+
+def test_readings_that_no_number_holds_once_scaled_are_refused() -> None:
+    with pytest.raises(MeasurementError, match='expected finite numbers'):
+        tensions_of(np.full(CONFIG.arm.tension_shape, 1e308), arm(tension_scale=[10.0] * 4))
 
 
 def test_the_types_are_those_of_ros() -> None:

@@ -42,22 +42,14 @@ class Measurement(abc.ABC):
             MeasurementError: if they are not finite numbers of such sizes, or the noise is no
                 positive definite covariance.
         """
-        self.value = numbers(f'{self.name}: value', value).ravel()
+        self.value = magnitudes(f'{self.name}: value', value).ravel()
         size = self.value.size
         if not 0 < size <= _LARGEST:
             expected = f'1 to {_LARGEST} numbers'
             raise MeasurementError(f'{self.name}: value has {size} numbers, expected {expected}')
-        if (np.abs(self.value) > LARGEST).any():
-            raise MeasurementError(
-                f'{self.name}: value is {shown(value)}, expected numbers of at most {LARGEST:g}'
-            )
         given = numbers(f'{self.name}: noise', noise)
         if given.ndim < 2 and given.size in (1, size):
-            if not (given >= SMALLEST).all():
-                raise MeasurementError(
-                    f'{self.name}: noise is {shown(noise)}, expected standard deviations of at '
-                    f'least {SMALLEST:g}'
-                )
+            self._check_deviations(given)
             self.covariance = np.diag(np.broadcast_to(given, size) ** 2)
             self.noise_root: FloatArray = np.sqrt(self.covariance)
             return
@@ -66,13 +58,29 @@ class Measurement(abc.ABC):
                 f'{self.name}: noise has shape {given.shape}, expected {size} standard deviations '
                 f'or a covariance ({size}, {size})'
             )
-        self.covariance = 0.5 * (given + given.T)
+        variances = given.diagonal()
+        if (variances > 0.0).all():
+            self._check_deviations(np.sqrt(variances))
+        self.covariance = 0.5 * given + 0.5 * given.T
         try:
             self.noise_root = np.asarray(np.linalg.cholesky(self.covariance), np.float64)
         except np.linalg.LinAlgError:
             raise MeasurementError(
                 f'{self.name}: noise is {shown(noise)}, expected a positive definite covariance'
             ) from None
+
+    def _check_deviations(self, noise: FloatArray) -> None:
+        """Check the standard deviations of the ``noise``.
+
+        Raises:
+            MeasurementError: if one is not within `SMALLEST` and `LARGEST`.
+        """
+        wrong = noise[~((noise >= SMALLEST) & (noise <= LARGEST))]
+        if wrong.size:
+            raise MeasurementError(
+                f'{self.name}: noise has a standard deviation of {wrong.flat[0]:g}, expected '
+                f'{SMALLEST:g} to {LARGEST:g}'
+            )
 
     @property
     def kind(self) -> Hashable:
@@ -166,3 +174,17 @@ def numbers(name: str, value: ArrayLike) -> FloatArray:
     if array is None or not np.isfinite(array).all():
         raise MeasurementError(f'{name} is {shown(value)}, expected finite numbers')
     return array.copy()
+
+
+def magnitudes(name: str, value: ArrayLike) -> FloatArray:
+    """`numbers`, as large as a measurement may be at most.
+
+    Raises:
+        MeasurementError: if it is not of finite numbers, or one is beyond `LARGEST`.
+    """
+    found = numbers(name, value)
+    if (np.abs(found) > LARGEST).any():
+        raise MeasurementError(
+            f'{name} is {shown(value)}, expected numbers of at most {LARGEST:g}'
+        )
+    return found

@@ -255,7 +255,7 @@ def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
         ('tendon_displacements', long, '5000 displacements, this arm has 4'),
         ('measured/tip_pose', elsewhere, "its frame is 'camera', and no frame"),
         ('measured/tip_pose', unmeasured, 'tip pose: position is'),
-        ('measured/tip_pose', boundless, 'tip pose: value is'),
+        ('measured/tip_pose', boundless, 'tip pose: position is'),
         ('measured/tip_pose', unturned, 'tip pose: quaternion is'),
         ('measured/tip_pose', impossible, 'tip pose: noise is'),
         ('measured/markers', many, 'it has 20000 marker(s), expected 2'),
