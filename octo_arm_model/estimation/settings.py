@@ -198,6 +198,11 @@ def _unknowns(
         if not given['tension_loss_stddev']:
             notes.append(f'friction may hold back {loss:.3g} of each tension')
     if config.uncertainty.youngs_modulus:
+        if arm.sheath_stiffness:
+            raise ConfigError(
+                f'material.youngs_modulus_stddev is {config.uncertainty.youngs_modulus:g}, '
+                'expected 0 with tendons.sheath_stiffness, which is not in proportion to E'
+            )
         fixed['log_modulus'] = Walk(config.uncertainty.youngs_modulus)
     if given['contact'] == 'none':
         return {'none': Unknowns(**fixed)}

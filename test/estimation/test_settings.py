@@ -174,6 +174,15 @@ def test_wrong_values_are_named(values: dict[str, Any], words: str) -> None:
         settings(**values)
 
 
+def test_an_unknown_modulus_and_sheaths_are_refused_by_their_parameters() -> None:
+    values = {**VALUES, 'model': 'exact', 'tendons.sheath_stiffness': [2.5e5]}
+    settings(Config.from_parameters(values))
+    both = Config.from_parameters({**values, 'material.youngs_modulus_stddev': 0.05})
+    words = 'youngs_modulus_stddev is 0.05, expected 0 with tendons.sheath_stiffness'
+    with pytest.raises(ConfigError, match=words):
+        settings(both)
+
+
 def test_friction_makes_the_loss_of_tension_unknown() -> None:
     rough = Config.from_parameters({**VALUES, 'model': 'exact', 'tendons.friction': [0.1]})
     found = settings(rough)
