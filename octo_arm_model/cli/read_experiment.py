@@ -128,10 +128,8 @@ def read_alignment(words: Sequence[str]) -> Alignment | None:
         raise ConfigError(
             f'--align is {" ".join(words)}, expected fit, none or X Y Z QX QY QZ QW'
         ) from None
-    try:
-        return Alignment.from_pose(Pose((x, y, z), (a, b, c, d)))
-    except ConfigError as error:
-        raise ConfigError(f'--align: {str(error).replace("base.", "")}') from error
+    pose = Pose.called('--align: position', '--align: quaternion', (x, y, z), (a, b, c, d))
+    return Alignment.from_pose(pose)
 
 
 def _columns(words: Sequence[str]) -> dict[str, str]:

@@ -44,10 +44,10 @@ class Refusals:
         return dict(sorted(own, key=lambda pair: -pair[1]))
 
     def lines(self) -> list[str]:
-        """A line for each topic and reason, most frequent first."""
+        """A line for each topic and reason, most frequent first; what is of none names none."""
         ordered = sorted(self.counts.items(), key=lambda item: -item[1])
         lines = [
-            f'{topic}: {count} left out, as {self.examples[topic, kind]}'
+            f'{topic and f"{topic}: "}{count} left out, as {self.examples[topic, kind]}'
             for (topic, kind), count in ordered
         ]
         return lines + self.hints

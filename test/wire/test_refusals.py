@@ -26,3 +26,10 @@ def test_what_is_kept_is_bounded_whatever_comes() -> None:
     assert found.total == 10_000
     assert len(found.counts) <= 51
     assert found.of('/a')['other reasons'] == 9_950
+
+
+def test_what_is_of_no_topic_names_none() -> None:
+    found = Refusals()
+    found.count('', 'the estimate did not converge')
+    assert found.lines() == ['1 left out, as the estimate did not converge']
+    assert found.in_short == '; 1 left out, as the estimate did not converge'

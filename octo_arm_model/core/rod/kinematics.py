@@ -43,23 +43,48 @@ class Pose:
 
     def __post_init__(self) -> None:
         """Validate, and make the quaternion unit to rounding."""
-        for name, size in (('position', 3), ('quaternion', 4)):
-            values = getattr(self, name)
-            array = real_numbers(values)
-            if array is None or array.shape != (size,) or not (np.abs(array) <= FARTHEST).all():
-                raise ConfigError(
-                    f'base.{name} is {shown(values)}, expected {size} finite numbers of at most '
-                    f'{FARTHEST:g}'
-                )
-            if name == 'quaternion':
-                norm = float(np.linalg.norm(array))
-                if abs(norm - 1.0) > 1e-3:
-                    raise ConfigError(
-                        f'base.quaternion is {values!r} of length {norm:.6g}, '
-                        'expected x, y, z, w of length 1'
-                    )
-                array = array / norm
-            object.__setattr__(self, name, tuple(array.tolist()))
+        array = _numbers('base.position', self.position, 3)
+        object.__setattr__(self, 'position', tuple(array.tolist()))
+        array = _unit('base.quaternion', self.quaternion)
+        object.__setattr__(self, 'quaternion', tuple(array.tolist()))
+
+    @classmethod
+    def called(
+        cls,
+        position_name: str,
+        quaternion_name: str,
+        position: tuple[float, float, float],
+        quaternion: tuple[float, float, float, float],
+    ) -> Pose:
+        """Of a ``position`` and a ``quaternion`` that errors call by these names.
+
+        Raises:
+            ConfigError: as of a `Pose`.
+        """
+        _numbers(position_name, position, 3)
+        _unit(quaternion_name, quaternion)
+        return cls(position, quaternion)
+
+
+def _numbers(name: str, values: object, size: int) -> FloatArray:
+    """The ``values`` of what errors call ``name``, (size,)."""
+    array = real_numbers(values)
+    if array is None or array.shape != (size,) or not (np.abs(array) <= FARTHEST).all():
+        raise ConfigError(
+            f'{name} is {shown(values)}, expected {size} finite numbers of at most {FARTHEST:g}'
+        )
+    return array
+
+
+def _unit(name: str, values: object) -> FloatArray:
+    """The quaternion ``values`` of what errors call ``name``, of length 1 to rounding, (4,)."""
+    array = _numbers(name, values, 4)
+    norm = float(np.linalg.norm(array))
+    if abs(norm - 1.0) > 1e-3:
+        raise ConfigError(
+            f'{name} is {values!r} of length {norm:.6g}, expected x, y, z, w of length 1'
+        )
+    return np.asarray(array / norm)
 
 
 class Frame(NamedTuple):

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from octo_arm_model.core.errors import MeasurementError, listed
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.limits import MAX_NAME
 from octo_arm_model.core.numerics.interpolation import interpolated
 from octo_arm_model.core.rod.kinematics import Pose
 
@@ -159,6 +160,7 @@ class TransformTree:
 
         Raises:
             MeasurementError: if nothing connects the two, or a transform between is not known.
+            ConfigError: if it is farther away than a `Pose` may be.
         """
 
         def refuse(reason: str) -> None:
@@ -176,7 +178,10 @@ class TransformTree:
                 turned, place = turn.inv() * turned, turn.apply(place - shift, inverse=True)
         x, y, z = place.tolist()
         qx, qy, qz, qw = turned.as_quat().tolist()
-        return Pose((x, y, z), (qx, qy, qz, qw))
+        of = f'of {frame[:MAX_NAME]!r}'
+        return Pose.called(
+            f'the position {of}', f'the rotation {of}', (x, y, z), (qx, qy, qz, qw)
+        )  # fmt: skip
 
     def known_until(self, frame: str, target: str) -> float:
         """Stamp [ns] after which the pose of ``frame`` in ``target`` is not known; inf for none.

@@ -127,7 +127,10 @@ class SensorFrames:
 
     def _add(self, one: Any, is_static: bool) -> None:
         shift, turn = one.transform.translation, one.transform.rotation
-        pose = Pose((shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w))
+        pose = Pose.called(
+            'transform.translation', 'transform.rotation',
+            (shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w),
+        )  # fmt: skip
         stamp = Stamp.of(one.header.stamp).ns
         frames = self._tree.frames
         if len(frames) >= _MOST and one.child_frame_id not in frames:

@@ -195,6 +195,9 @@ def test_impossible_base_poses_are_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         Pose(position, quaternion)
+    named = message.replace('base.position', 'shift').replace('base.quaternion', 'turn')
+    with pytest.raises(ConfigError, match=named):
+        Pose.called('shift', 'turn', position, quaternion)
 
 
 def test_a_rounded_base_quaternion_is_made_unit() -> None:

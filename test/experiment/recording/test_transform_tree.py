@@ -13,7 +13,7 @@ from recordings import Sample
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.cli.main import main
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.errors import ConfigError, MeasurementError
 from octo_arm_model.experiment.recording import measured_topics
 from octo_arm_model.experiment.recording.transform_tree import TransformTree
 
@@ -206,6 +206,9 @@ def test_a_pose_in_another_frame_is_that_of_the_transforms_between() -> None:
         tree.pose('tracker', 'arm_base', 11)
     with pytest.raises(MeasurementError, match="no frame 'elbow'"):
         tree.pose('elbow', 'arm_base', 0)
+    tree.add('tracker', 'moon', 0, np.array([2e9, 0.0, 0.0]), np.eye(4)[3], True)
+    with pytest.raises(ConfigError, match=r"the position of 'moon' is .*, expected 3 finite"):
+        tree.pose('moon', 'tracker', 0)
 
 
 def moving(*stamps: int, child: str = 'b', tree: TransformTree | None = None) -> TransformTree:

@@ -71,7 +71,8 @@ def test_a_transform_that_is_none_does_not_hide_those_behind_it(node, wait, capf
 
     wait(heard)
     assert asked(frames, 'lens').position == (0.3, 0.0, 0.0)
-    assert "/tf_static refused: 'twisted': " in capfd.readouterr().err
+    told = "/tf_static refused: 'twisted': transform.rotation is (0.0, 0.0, 0.0, 7.0) of length 7"
+    assert told in capfd.readouterr().err
     frames.close()
 
 
