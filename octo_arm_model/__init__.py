@@ -31,7 +31,7 @@ from octo_arm_model.core.errors import (
 )
 from octo_arm_model.core.once import solve
 from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.core.rod.pose import Pose
 from octo_arm_model.core.section.sheaths.sheath_stiffness import estimate_sheath_stiffness
 from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
 from octo_arm_model.core.solver import MODELS, Solver

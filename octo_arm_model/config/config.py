@@ -26,7 +26,7 @@ from octo_arm_model.core.arm.validation import not_negative
 from octo_arm_model.core.errors import ArmDefinitionError, ConfigError, shown
 from octo_arm_model.core.limits import MAX_YAML_BYTES, MIN_RATE
 from octo_arm_model.core.loaded.budget import Budget
-from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.core.rod.pose import Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
 from octo_arm_model.core.sensitivity.results import Uncertainty
 from octo_arm_model.core.solver import Solver

@@ -10,7 +10,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
-from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.core.rod.pose import Pose
 from octo_arm_model.core.solver import Solver
 
 

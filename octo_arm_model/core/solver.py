@@ -28,7 +28,8 @@ from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import DEFAULT_STATIONS, StationGrid
-from octo_arm_model.core.rod.kinematics import Frame, Pose
+from octo_arm_model.core.rod.kinematics import Frame
+from octo_arm_model.core.rod.pose import Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.section.paper_balance import SectionStiffness
 from octo_arm_model.core.section.tendons.tendon_lengths import TendonLengths

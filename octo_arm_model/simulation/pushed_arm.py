@@ -9,7 +9,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.validation import within
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
-from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.core.rod.pose import Pose
 from octo_arm_model.estimation.measurements import Markers, Measurement
 from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction

@@ -17,7 +17,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.interpolation import interpolated
-from octo_arm_model.core.rod.kinematics import Pose
+from octo_arm_model.core.rod.pose import Pose
 from octo_arm_model.core.solver import Solver
 
 RANGE = 2.0  # [s] searched either way
