@@ -178,7 +178,7 @@ class _Search:
         """Local minimum of the error within the bounds, from ``part`` on."""
         inside = np.clip(part, 1e-6, 1.0 - 1e-6)
         found = least_squares(
-            self.error, inside, self.jacobian, (0.0, 1.0), xtol=1e-12, ftol=1e-12, gtol=1e-12,
+            self.error, inside, self.jacobian, (0.0, 1.0), xtol=1e-12, ftol=1e-12, gtol=None,
             x_scale=1.0, max_nfev=60,
         )  # fmt: skip
         # The method keeps off the bounds: tensions within 1e-6 of zero are set to zero.

@@ -21,6 +21,9 @@ from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity
 
 _LARGEST = 1e9  # number of a target; squares of larger ones may overflow
+# Cosine of the angle between tangents that are opposite: a rotation from one to the other has any
+# axis there, and least sine of that angle by which the axis is told.
+_OPPOSITE, _NO_DIRECTION = -0.999999, 1e-4
 
 
 class Target(Protocol):
@@ -140,17 +143,26 @@ class Bending:
     def error(self, backbone: Backbone) -> FloatArray:
         """Angle from the target tangent to that of the tip, along two axes normal to it."""
         tangent, wanted, across = self._directions(backbone)
-        factor, _ = _angle_over_sine(float(tangent @ wanted))
-        return self.length_per_radian * factor * across @ np.cross(wanted, tangent)
+        cosine, sine = float(tangent @ wanted), across @ np.cross(wanted, tangent)
+        if cosine < _OPPOSITE:
+            size, direction = _towards(sine)
+            return self.length_per_radian * (np.pi - np.arcsin(size)) * direction
+        return self.length_per_radian * _angle_over_sine(cosine)[0] * sine
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
         """Derivative of `error` for the rotation of the tip."""
         tangent, wanted, across = self._directions(backbone)
         turned = np.cross(change.tip[3:].T, tangent)
-        factor, slope = _angle_over_sine(float(tangent @ wanted))
-        sine = across @ np.cross(wanted, tangent)
-        rate = factor * across @ np.cross(wanted, turned).T
-        return self.length_per_radian * (rate + slope * np.outer(sine, turned @ wanted))
+        cosine, sine = float(tangent @ wanted), across @ np.cross(wanted, tangent)
+        by_cosine, by_sine = turned @ wanted, across @ np.cross(wanted, turned).T
+        if cosine < _OPPOSITE:
+            size, direction = _towards(sine)
+            along = direction @ by_sine
+            closer = np.outer(direction, cosine * along - size * by_cosine)
+            aside = (by_sine - np.outer(direction, along)) / max(size, _NO_DIRECTION)
+            return self.length_per_radian * (closer + (np.pi - np.arcsin(size)) * aside)
+        factor, slope = _angle_over_sine(cosine)
+        return self.length_per_radian * (factor * by_sine + slope * np.outer(sine, by_cosine))
 
     def _directions(self, backbone: Backbone) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Tangent of the tip, target tangent, and two directions normal to the latter (2, 3)."""
@@ -246,9 +258,14 @@ class Stiffness:
         return float(1.0 / (self.direction @ compliance @ self.direction))
 
 
+def _towards(sine: FloatArray) -> tuple[float, FloatArray]:
+    """Length and direction of a vector ``sine`` (2,), an arbitrary one where it has none."""
+    size = float(np.linalg.norm(sine))
+    return min(size, 1.0), sine / size if size else np.array([1.0, 0.0])
+
+
 def _angle_over_sine(cosine: float) -> tuple[float, float]:
     """Angle over its sine, and the derivative of that by the cosine."""
-    cosine = max(-0.999999, cosine)  # Opposite tangents: the axis of the rotation is arbitrary.
     if cosine > 1.0 - 1e-8:
         return 1.0, -1.0 / 3.0
     factor = float(np.arccos(cosine) / np.sqrt(1.0 - cosine * cosine))
