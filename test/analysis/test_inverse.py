@@ -7,10 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
+    Arm,
     BackboneShape,
     Bending,
+    Body,
     Config,
     Loads,
+    Material,
+    Section,
     Solver,
     Stiffness,
     TensionError,
@@ -79,6 +83,30 @@ def test_bending_turns_the_tip_as_far_as_wanted_in_the_plane_wanted(
     assert found.reached
     assert np.arccos(t) == pytest.approx(1.1, abs=1e-4)
     assert np.angle(np.exp(1j * (np.arctan2(b, n) - plane))) == pytest.approx(0.0, abs=1e-4)
+
+
+def test_an_arm_that_is_straight_is_not_bent_by_half_a_turn(solver: Solver) -> None:
+    found = find_tensions(solver, Bending(0.5, np.pi), HIGHEST)
+    base, tip = (Rotation.from_quat(found.backbone.quaternion[i].copy()) for i in (0, -1))
+    t, _, _ = (base.inv() * tip).apply([1.0, 0.0, 0.0])
+    assert found.reached and t < -1.0 + 1e-9
+
+
+@pytest.mark.parametrize('scale', [1e-2, 1.0, 30.0])
+@pytest.mark.parametrize('parts', [(0.0, 0.0, 0.0), (0.5, 0.5, 0.0), (0.3, 0.6, 0.2)])
+def test_targets_at_the_edge_of_what_can_be_reached_are_found(
+    scale: float, parts: tuple[float, ...]
+) -> None:
+    # Small arms, and tendons that have to be slack, which bounds hold at zero.
+    length, radius = 0.3 * scale, 0.015 * scale
+    angles = (0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0)
+    section = Section(length, 0.6 * radius, 0.3 * radius, angles=angles)
+    arm = Arm(Material(1e5), Body(length, radius, 0.5 * radius), (section,))
+    solver, unit = Solver(arm, 'exact', 31), 10.0 * scale**2
+    known = solver.solve(unit * np.array([parts]))
+    found = find_tensions(solver, TipPosition(known.tip), 2.0 * unit)
+    assert found.reached, found.error
+    np.testing.assert_allclose(found.backbone.tip, known.tip, rtol=0.0, atol=1e-6 * length)
 
 
 def test_a_backbone_seen_by_a_camera_is_followed(solver: Solver) -> None:

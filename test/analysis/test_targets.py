@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from differences import jacobian as derivative
+from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
     BackboneShape,
@@ -43,6 +44,31 @@ def test_jacobians_of_targets_are_their_derivatives(solver: Solver, name: str) -
 
     expected = derivative(error, backbone.tensions.ravel(), step=1e-4)
     np.testing.assert_allclose(got, expected, atol=2e-6 * np.abs(expected).max())
+
+
+def test_the_error_of_a_bending_angle_is_the_angle_up_to_half_a_turn(solver: Solver) -> None:
+    straight = solver.solve(np.zeros((3, 4)))
+    for angle in (0.5, 3.0, np.pi - 1.3e-3, np.pi - 1e-4, np.pi - 1e-9, np.pi):
+        error = np.linalg.norm(Bending(0.5, angle, 1.0).error(straight))
+        assert error == pytest.approx(angle, abs=1e-9)
+
+
+@pytest.mark.parametrize('short', [1e-3, 4e-4])
+def test_the_jacobian_of_a_bending_angle_is_its_derivative_near_half_a_turn(
+    solver: Solver, short: float
+) -> None:
+    backbone = solver.solve(TENSIONS + 0.05)
+    base, tip = (Rotation.from_quat(np.array(backbone.quaternion[i])) for i in (0, -1))
+    t, n, b = (base.inv() * tip).apply([1.0, 0.0, 0.0])
+    # Nearly opposite to where the tip points.
+    target = Bending(float(np.arctan2(-b, -n)), float(np.pi - np.arccos(t) - short), 1.0)
+    got = target.jacobian(backbone, solver.sensitivity(backbone).by_tension)
+
+    def error(tensions: np.ndarray) -> np.ndarray:
+        return target.error(solver.solve(tensions.reshape(3, 4)))
+
+    expected = derivative(error, backbone.tensions.ravel(), step=1e-6)
+    np.testing.assert_allclose(got, expected, atol=1e-3 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(

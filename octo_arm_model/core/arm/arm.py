@@ -51,8 +51,8 @@ class Arm:
             `MAX_SECTIONS`, with `MAX_TENDONS` tendons in all.
         tendon_names: one per tendon, section by section; ``tendon_<i>_<j>`` unless given.
         axial_stiffness: E A of each tendon [N], 0 for an inextensible one. This and the next three
-            are one number for all tendons or one per tendon; stored per tendon, or empty where
-            all are zero.
+            are tuples of one number for all tendons or one per tendon; stored per tendon, or empty
+            where all are zero.
         free_length: length of each tendon between the base and its winch [m].
         sheath_stiffness: k of `core.section.sheaths.sheath` [Pa], 0 for a tendon that cannot leave
             its path in the cross section.

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.loaded.equilibrium import Equilibrium
+from octo_arm_model.core.loaded.linearised import Response
 from octo_arm_model.core.loaded.newton import Newton
 from octo_arm_model.core.loaded.sliding.sliding_response import newton_step
 from octo_arm_model.core.loaded.stability import stability_of
@@ -25,9 +28,12 @@ _LONGER = 1.7  # times the step before, at most
 _PER_DESCENT = 200
 _BEYOND = 0.05  # load step past the end of a branch, from where energy is minimised
 _PERTURBATION = 0.02  # of an unstable equilibrium [rad]
+# Residual from which on Newton's method may lead to the next equilibrium, stable or not, and what
+# part of it a step has to leave at most.
+_NEARLY, _QUICK = 1e-7, 0.5
 # Damping, in parts of the stiffness of the sections: the first, the least that it is raised to and
 # the largest; and by how much it is raised.
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RAISED = 4.0, 1e-2, 1e9, 4.0
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RAISED = 4.0, 1e-4, 1e9, 4.0
 
 
 def follow(
@@ -115,6 +121,15 @@ def _unbalanced(state: State, iterations: int) -> ConvergenceError:
     )
 
 
+def _are_near(problem: Equilibrium, before: Shape | None, now: Shape) -> bool:
+    """Whether an arm that was perturbed from the shape ``before`` is no farther away ``now``."""
+    if before is None:
+        return False
+    twist = (now.twist - before.twist)[:, np.newaxis]
+    change = Response(twist, np.zeros((3, *twist.shape[1:])))
+    return float(problem.turn(change)) <= 2.0 * _PERTURBATION
+
+
 def _levenberg_marquardt(
     problem: Equilibrium, condition: Condition, shape: Shape, spending: Spending, part: float
 ) -> State:
@@ -133,20 +148,37 @@ def _levenberg_marquardt(
     """
     state = problem.state(condition, shape)
     damping = _FIRST_DAMPING
+    unstable: Shape | None = None
     for _ in range(_PER_DESCENT):
         spending.add(1, part, state.residual, state.shape.twist)
         if state.residual <= TOLERANCE:
-            stability = stability_of(problem, state)
-            if stability.softest_mode is None:
+            mode = stability_of(problem, state).softest_mode
+            if mode is None or _are_near(problem, unstable, state.shape):
+                # Where it stays when it is perturbed the energy is level in that direction, as of
+                # an upright arm that may fall to any side.
                 return state
-            # Unstable equilibrium: perturb along the softest mode, in either direction.
-            perturbed = problem.moved(state.shape, stability.softest_mode, _PERTURBATION)
-            state, damping = problem.state(condition, perturbed), _FIRST_DAMPING
+            # Unstable equilibrium: perturb along the softest mode, downhill if it is inclined.
+            unstable = state.shape
+            moved = math.copysign(_PERTURBATION, problem.work(state, mode))
+            state = problem.state(condition, problem.moved(unstable, mode, moved))
+            damping = _FIRST_DAMPING
         if damping > _MOST_DAMPING:
             break
         heavier = max(_RAISED * damping, _LEAST_DAMPING)
         try:
-            step = newton_step(problem, problem.linearised(state, damping), state)
+            if state.residual <= _NEARLY:
+                step = newton_step(problem, problem.linearised(state), state)
+                new = problem.state(condition, problem.moved(state.shape, step))
+                if new.residual <= _QUICK * state.residual:
+                    state = new
+                    continue
+            system = problem.linearised(state, damping)
+            # Where the second variation is not positive a step leads to a saddle of the energy,
+            # on the other side of it perhaps.
+            if stability_of(problem, state, system).is_stable is False:
+                damping = heavier
+                continue
+            step = newton_step(problem, system, state)
             new = problem.state(condition, problem.moved(state.shape, step))
         except ConvergenceError:
             damping = heavier

@@ -8,7 +8,7 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.rod.solution import Shape
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Backbone:
     """Shape of the arm at every station, from base to tip. Its arrays are read-only.
 
