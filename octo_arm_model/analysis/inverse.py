@@ -25,9 +25,14 @@ from octo_arm_model.core.solver import Solver
 
 # A target is reached where the error is below this part of the length of the arm.
 REACHED = 1e-6
+_MET = 1e-10  # likewise, where the search ends
 _STARTS = 8
 _INDEPENDENT = 1e-6  # over the largest singular value: smaller ones count as zero
 _STIFFNESS_STEP = 1e-4  # over the bound: step of a tension for the derivative of the stiffness
+
+
+class _Met(Exception):
+    """The target is met; the search ends there."""
 
 
 @dataclass(frozen=True)
@@ -177,14 +182,26 @@ class _Search:
     def approach(self, part: FloatArray) -> FloatArray:
         """Local minimum of the error within the bounds, from ``part`` on."""
         inside = np.clip(part, 1e-6, 1.0 - 1e-6)
-        found = least_squares(
-            self.error, inside, self.jacobian, (0.0, 1.0), xtol=1e-12, ftol=1e-12, gtol=None,
-            x_scale=1.0, max_nfev=60,
-        )  # fmt: skip
+        last = inside
+
+        def error(part: FloatArray) -> FloatArray:
+            nonlocal last
+            found, last = self.error(part), part.copy()
+            if np.linalg.norm(found) <= _MET * self._solver.arm.length:
+                raise _Met
+            return found
+
+        try:
+            last = least_squares(
+                error, inside, self.jacobian, (0.0, 1.0), xtol=1e-12, ftol=1e-12, gtol=None,
+                x_scale=1.0, max_nfev=60,
+            ).x  # fmt: skip
+        except _Met:
+            pass
         # The method keeps off the bounds: tensions within 1e-6 of zero are set to zero.
-        rounded = np.where(found.x < 1e-6, 0.0, found.x)
-        near = self.distance(rounded) <= self.distance(found.x) + 1e-9 * self._solver.arm.length
-        minimum = np.asarray(rounded if near else found.x)
+        rounded = np.where(last < 1e-6, 0.0, last)
+        near = self.distance(rounded) <= self.distance(last) + 1e-9 * self._solver.arm.length
+        minimum = np.asarray(rounded if near else last)
         self._kept[minimum.tobytes()] = self._evaluate(minimum)
         return minimum
 
