@@ -266,5 +266,5 @@ def test_where_no_time_has_a_shape_the_reason_is_the_error() -> None:
         recorded = read_recorded(reader, Sources(values=values))
     one = recorded.groups[0][0]
     crushed = one._replace(measurement=Tensions([3e4, 0.0, 0.0, 0.0], 0.1))
-    with pytest.raises(SolveError, match=r'no estimate at any time; .*: 1 left out, as '):
+    with pytest.raises(SolveError, match=r'no estimate at any time; 1 left out, as tensions '):
         estimate(dataclasses.replace(recorded, groups=[[crushed]]))
