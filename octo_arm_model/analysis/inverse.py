@@ -32,7 +32,15 @@ _STIFFNESS_STEP = 1e-4  # over the bound: step of a tension for the derivative o
 
 
 class _Met(Exception):
-    """The target is met; the search ends there."""
+    """The target is met; the search ends there.
+
+    Attributes:
+        part: where it is, tensions over their bounds.
+    """
+
+    def __init__(self, part: FloatArray) -> None:
+        super().__init__()
+        self.part = part
 
 
 @dataclass(frozen=True)
@@ -182,13 +190,11 @@ class _Search:
     def approach(self, part: FloatArray) -> FloatArray:
         """Local minimum of the error within the bounds, from ``part`` on."""
         inside = np.clip(part, 1e-6, 1.0 - 1e-6)
-        last = inside
 
         def error(part: FloatArray) -> FloatArray:
-            nonlocal last
-            found, last = self.error(part), part.copy()
+            found = self.error(part)
             if np.linalg.norm(found) <= _MET * self._solver.arm.length:
-                raise _Met
+                raise _Met(part.copy())
             return found
 
         try:
@@ -196,8 +202,8 @@ class _Search:
                 error, inside, self.jacobian, (0.0, 1.0), xtol=1e-12, ftol=1e-12, gtol=None,
                 x_scale=1.0, max_nfev=60,
             ).x  # fmt: skip
-        except _Met:
-            pass
+        except _Met as met:
+            last = met.part
         # The method keeps off the bounds: tensions within 1e-6 of zero are set to zero.
         rounded = np.where(last < 1e-6, 0.0, last)
         near = self.distance(rounded) <= self.distance(last) + 1e-9 * self._solver.arm.length

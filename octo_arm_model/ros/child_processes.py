@@ -66,7 +66,7 @@ def ended(started: Sequence[subprocess.Popen[bytes]]) -> str:
     """A sentence about the first child that has ended by itself; empty while all run."""
     for child in started:
         if (status := child.poll()) is not None:
-            words = list(map(str, child.args)) if isinstance(child.args, list) else []
-            module = words[words.index('-m') + 1] if '-m' in words else ''
+            assert isinstance(child.args, list)  # as `children` starts it
+            module = child.args[child.args.index('-m') + 1]
             return f'{module} ended by itself with status {status}'
     return ''

@@ -61,9 +61,8 @@ class WoundSequence:
                 if self.displacements:
                     dropped.append('tensions dropped: this arm has other tendons')
         if not now.has_balance_of(before):
-            last, self._last = self._last, None
-            backbone = last.backbone if isinstance(last, Wound) else last
-            if backbone is not None and backbone.point_tensions is not None:
+            shape, self._last = self._shape, None
+            if shape is not None and shape.point_tensions is not None:
                 dropped.append(
                     'friction history forgotten: arm, model, base, loads or stations have changed'
                 )
@@ -101,6 +100,11 @@ class WoundSequence:
             self.tensions, self.displacements = before
             raise
 
+    @property
+    def _shape(self) -> Backbone | None:
+        """The last shape, however it was driven."""
+        return self._last.backbone if isinstance(self._last, Wound) else self._last
+
     def _recalled(self, time_ns: int, seconds: float, source: str) -> Backbone | Wound | None:
         """What to continue from; see `FrictionMemory.recall`."""
         last = self._last
@@ -115,8 +119,7 @@ class WoundSequence:
         arm, uncertainty = config.arm, config.uncertainty
         tensions = self.tensions if self.tensions is not None else np.zeros(arm.tension_shape)
         if not self.displacements:
-            last = self._last.backbone if isinstance(self._last, Wound) else self._last
-            backbone = solver.follow(tensions, last, tip_wrench)
+            backbone = solver.follow(tensions, self._shape, tip_wrench)
             self._last = backbone
             if not has_covariance:
                 return Answer(backbone, None)

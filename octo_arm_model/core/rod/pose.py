@@ -45,9 +45,12 @@ class Pose:
         Raises:
             ConfigError: as of a `Pose`.
         """
-        _numbers(position_name, position, 3)
-        _unit(quaternion_name, quaternion)
-        return cls(position, quaternion)
+        try:
+            return cls(position, quaternion)
+        except ConfigError:
+            _numbers(position_name, position, 3)
+            _unit(quaternion_name, quaternion)
+            raise
 
 
 def _numbers(name: str, values: object, size: int) -> FloatArray:

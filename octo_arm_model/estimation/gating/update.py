@@ -40,9 +40,19 @@ def update(
             takes too much, or numbers do not resolve what is known.
         MeasurementError: if a measurement does not fit the arm.
     """
+    near = Nearby(None, {}, gate) if last is None else Nearby(last.at, last.curvatures, gate)
     try:
-        with silenced():  # what overflows or divides by zero is not finite in the end
-            found = _update(model, belief, measurements, last, gate)
+        # What overflows or divides by zero is not finite in the end.
+        with silenced(), model.within(ITERATIONS) as effort:
+            judged = nearby(model, belief, measurements, last, near)
+            if judged is None:
+                judged = judge(model, belief, measurements, last, near)
+                effort.check()  # what is refused may be so for want of iterations
+                if judged.refused:
+                    with contextlib.suppress(SolveError):
+                        judged = without_one(model, belief, judged, last, near) or judged
+        with silenced():
+            found = _updated(belief, judged, last, gate)
     except np.linalg.LinAlgError as error:
         raise _unresolved(measurements) from error
     state = found.belief
@@ -63,28 +73,13 @@ def _unresolved(measurements: Sequence[Measurement]) -> SolveError:
     )
 
 
-def _update(
-    model: ArmModel,
-    belief: Belief,
-    measurements: Sequence[Measurement],
-    last: Updated | None,
-    gate: float,
-) -> Updated:
-    """See `update`; perhaps of numbers that are not finite.
+def _updated(belief: Belief, judged: Judged, last: Updated | None, gate: float) -> Updated:
+    """``belief`` after measurements as they are ``judged``; perhaps of numbers not finite.
 
     Raises:
         LinAlgError: if a matrix is singular or not finite.
-        OctoArmError: as `update`.
+        SolveError: as `update`.
     """
-    near = Nearby(None, {}, gate) if last is None else Nearby(last.at, last.curvatures, gate)
-    with model.within(ITERATIONS) as effort:
-        judged = nearby(model, belief, measurements, last, near)
-        if judged is None:
-            judged = judge(model, belief, measurements, last, near)
-            effort.check()  # what is refused may be so for want of iterations
-            if judged.refused:
-                with contextlib.suppress(SolveError):
-                    judged = without_one(model, belief, judged, last, near) or judged
     linear, found, squares = judged.linear, judged.found, judged.squares
     accepted = {id(one) for one in judged.accepted}
     innovations, size = [], 0

@@ -88,11 +88,12 @@ def _usual_change(readings: FloatArray) -> float:
     """Median change from one of ``readings`` (n,) to the next, see `reading_noise` [N]."""
     if readings.size < 2:
         return 0.0
-    changes = np.abs(np.diff(readings))
+    steps = np.diff(readings)
+    changes = np.abs(steps)
     # Up to the rounding of whoever calculated or scaled them they are equal.
     is_other = changes > _ROUNDING * np.abs(readings).max()
     usual = float(np.median(np.where(is_other, changes, 0.0)))
-    turned = np.diff(np.signbit(np.diff(readings)[is_other]))
+    turned = np.diff(np.signbit(steps[is_other]))
     if not turned.size or is_other.mean() < _MOVED or turned.mean() < _TURNED:
         return usual
     of_others = float(np.median(changes[is_other]))
