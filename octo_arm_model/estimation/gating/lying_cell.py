@@ -10,7 +10,12 @@ import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.chi_square import chi_square_limit
-from octo_arm_model.estimation.beliefs.belief import Belief, lower_root, normalised_square
+from octo_arm_model.estimation.beliefs.belief import (
+    Belief,
+    lower_root,
+    normalised_square,
+    solve_lower,
+)
 from octo_arm_model.estimation.gating.judgement import Judged, agreeing
 from octo_arm_model.estimation.gating.taken import Nearby, Taken, take_linear, take_together
 from octo_arm_model.estimation.gating.updated import Updated
@@ -122,8 +127,10 @@ def _explained(belief: Belief, measurements: Sequence[Measurement], at: Predicti
     jacobian, noise = jacobians(measurements, at), noise_root(measurements)
     left = residuals(measurements, at) + jacobian @ (at.x - belief.mean)
     told = jacobian @ belief.root
-    weight = np.linalg.inv(told @ told.T + noise @ noise.T)
-    return np.asarray((weight @ left) ** 2 / weight.diagonal())
+    # By the root: the covariance of noise a million times smaller is singular by rounding.
+    white = solve_lower(lower_root([told, noise]), np.column_stack([left, np.eye(left.size)]))
+    each = white[:, 1:]
+    return np.asarray((each.T @ white[:, 0]) ** 2 / (each**2).sum(axis=0))
 
 
 def _still_refused(
