@@ -24,7 +24,7 @@ def shown(value: object) -> str:
 
 def listed(names: Sequence[str]) -> str:
     """``names`` on one line for a message, at most `_LISTED` of them, long ones cut."""
-    text = printable(', '.join(name[:_SHOWN] for name in names[:_LISTED]))
+    text = printable(', '.join(name[:_SHOWN] or "''" for name in names[:_LISTED]))
     more = len(names) - _LISTED
     return f'{text} and {more} more' if more > 0 else text or 'none'
 

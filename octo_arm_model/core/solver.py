@@ -44,9 +44,9 @@ class Solver:
     """Solves one arm with one model, many times.
 
     Everything that does not depend on the tensions is tabulated once. Results are kept for the
-    next solve: not for two threads at once. Solutions passed to it must be its own: those of
-    another model, grid or number of points are refused, those of an arm that differs in
-    parameters only are not detected.
+    next solve: not for two threads at once, but each may take a copy. Solutions passed to it must
+    be its own, or a copy's: those of another model, grid or number of points are refused, those of
+    an arm that differs in parameters only are not detected.
 
     Attributes:
         arm: the arm.
@@ -91,6 +91,10 @@ class Solver:
         if material not in LAWS:
             raise ConfigError(f'material.law is {material!r}, expected one of {", ".join(LAWS)}')
         self.arm, self.model, self.base, self.loads = arm, model, base, loads
+        self._anew = functools.partial(
+            Solver, arm, model, stations, base, material=material, shear=shear, loads=loads,
+            compiled=compiled, budget=budget,
+        )  # fmt: skip
         frame = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
         loads.check_inside(arm.length)
         self.grid = StationGrid.build(arm, stations, loads.breaks, loads.knots)
@@ -110,6 +114,10 @@ class Solver:
         if Compiled.covers(self._statics) and (is_available() if compiled is None else compiled):
             self._compiled = Compiled(self._statics, self.grid, setup.base)
         self._batches = BatchSolver(model, self._statics, setup, self._compiled)
+
+    def __reduce__(self) -> tuple[functools.partial[Solver], tuple[()]]:
+        """A copy, one in another process as well, is prepared from the same arguments."""
+        return self._anew, ()
 
     @property
     def is_compiled(self) -> bool:

@@ -27,6 +27,8 @@ def test_what_refuses_a_name_shows_it_printable() -> None:
     with pytest.raises(TensionError, match='more than once: tendon') as caught:
         values_by_name([HOSTILE, HOSTILE], [1.0, 2.0], 'tension')
     assert str(caught.value).isprintable()
+    with pytest.raises(TensionError, match="more than once: ''"):
+        values_by_name(['', ''], [1.0, 2.0], 'tension')
     with pytest.raises(TensionError, match='unknown tendon tendon') as caught:
         check_displacements(arm, {HOSTILE: 0.1}, {})
     assert str(caught.value).isprintable()

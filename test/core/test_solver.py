@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -285,6 +287,19 @@ def test_solve_is_a_solver_in_one_call(table4: Config, model: str) -> None:
     assert backbone.model == model
     expected = table4.solver(model, 51).solve(MIXED)
     np.testing.assert_allclose(backbone.position, expected.position, atol=1e-12)
+
+
+def test_a_copy_and_a_pickled_solver_solve_as_it_does_from_what_it_solved(
+    table4: Config, model: str
+) -> None:
+    solver = table4.solver(model, 51)
+    before = solver.solve(MIXED)
+    expected = solver.solve(1.01 * MIXED, start=before)
+    for own in (copy.deepcopy(solver), pickle.loads(pickle.dumps(solver))):
+        assert own is not solver
+        start = pickle.loads(pickle.dumps(before))
+        found = own.solve(1.01 * MIXED, start=start)
+        np.testing.assert_array_equal(found.position, expected.position)
 
 
 # What is refused -------------------------------------------------------------------------------
