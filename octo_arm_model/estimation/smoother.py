@@ -22,6 +22,7 @@ from octo_arm_model.estimation.beliefs.belief import (
     log_determinant,
     lower_root,
     normalised_square,
+    solve_lower,
 )
 from octo_arm_model.estimation.beliefs.posterior import nearest_possible
 from octo_arm_model.estimation.course_curvature import Bent, bent_at, gradient_at, weight_of
@@ -258,5 +259,5 @@ def _smoothed(model: ArmModel, steps: Sequence[Step], filtered: list[Belief]) ->
 def _back(belief: Belief, decay: FloatArray, predicted: Belief) -> FloatArray:
     """Gain of the smoother: how a state follows from the one ``predicted`` from it."""
     across = (decay[:, np.newaxis] * belief.root) @ belief.root.T
-    half = np.linalg.solve(predicted.root, across)
-    return np.linalg.solve(predicted.root.T, half).T
+    half = solve_lower(predicted.root, across)
+    return solve_lower(predicted.root, half, is_transposed=True).T
