@@ -17,6 +17,7 @@ import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import ZERO, Loads, ScaledLoads
+from octo_arm_model.core.arm.validation import LARGEST
 from octo_arm_model.core.errors import (
     ConfigError,
     ConvergenceError,
@@ -40,6 +41,7 @@ from octo_arm_model.estimation.state.unknowns import State, Unknowns
 BUDGET = Budget(iterations=30, residual=TOLERANCE)
 
 _FORCE, _MOMENT = slice(0, 3), slice(3, 6)  # of a wrench
+_MOST = math.log(LARGEST)  # of the logarithm of a ratio of stiffnesses
 _ONE = np.ones(1)
 
 
@@ -131,8 +133,17 @@ class ArmModel:
         return wrench
 
     def stiffness(self, x: FloatArray) -> float:
-        """E in ``x`` over that of the arm as described."""
+        """E in ``x`` over that of the arm as described.
+
+        Raises:
+            SolveError: if it is beyond all that is, as where a search went astray.
+        """
         ratio = x[self.state.log_modulus]
+        if ratio.size and not abs(ratio[0]) <= _MOST:
+            raise SolveError(
+                f'no shape that explains what was measured: E is exp({ratio[0]:.3g}) times that '
+                'of the arm as described'
+            )
         return math.exp(ratio[0]) if ratio.size else 1.0
 
     def solve(self, x: FloatArray, start: Backbone | None) -> Backbone:

@@ -207,3 +207,21 @@ def test_a_sensor_that_two_contradict_is_refused_however_exact_they_are() -> Non
         used = [one.is_accepted for one in own.innovations]
         assert used == [True, lie == 0.0, True]
         assert np.abs(own.last.updated.shape.tip - tip).max() < 1e-12
+
+
+@pytest.mark.parametrize('noise', [1e-12, 1e-20])
+def test_a_search_that_takes_the_modulus_beyond_numbers_goes_on_elsewhere(noise: float) -> None:
+    """For a pose that is exact, it says, and a little off it tries an E that has no exponential."""
+    own = Filter(rubber(Unknowns(Walk(1.0, 0.5), tip_force=LIKELY, log_modulus=Walk(0.3))))
+    own.add(0.0, [Tensions(TENSIONS, 0.02)])
+    shape = own.last.updated.shape
+    pose = TipPose(shape.tip + [0.0, 1e-2, 0.0], shape.quaternion[-1], noise)
+    own.add(0.1, [Tensions(TENSIONS, 0.02), pose])
+    assert np.isfinite(own.last.updated.belief.root).all()
+
+
+@pytest.mark.parametrize('log', [-1e3, 80.0, 1e3, np.nan])
+def test_an_arm_of_an_impossible_modulus_has_no_shape(log: float) -> None:
+    model = rubber(Unknowns(Walk(1.0, 0.5), log_modulus=Walk(0.3)))
+    with pytest.raises(SolveError, match='E is exp'):
+        Prediction(model, np.append(TENSIONS, log), None).solved  # noqa: B018
