@@ -29,6 +29,10 @@ class LengthControl:
         self._wound: Wound | None = None
         self._shape: Backbone | None = None
 
+    def go_on_with(self, solver: Solver) -> None:
+        """Solve by another ``solver`` of the same arm from now on, whose budget is another."""
+        self._solver = solver
+
     def command(self, displacements: Mapping[str, float], tensions: FloatArray) -> None:
         """Hold ``displacements`` from now on, beside the commanded ``tensions`` (tendons,) [N].
 

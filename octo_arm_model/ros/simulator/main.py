@@ -106,8 +106,13 @@ class SimulatorNode(CheckedNode):
             not config.model.has_balance_of(before.model) or (config.limits != before.limits).any()
         ):
             if self._control is not None and self._control.displacements:
-                self.get_logger().warning('tendons are no longer driven by length: another arm')
+                what = 'limits' if config.model.has_balance_of(before.model) else 'arm'
+                self.get_logger().warning(
+                    f'tendons are no longer driven by length: another {what}'
+                )
             self._control = None
+        elif self._control is not None and config.model != before.model:
+            self._control.go_on_with(config.solver)  # whose budget may be another
         if before is None or tendons != before.arm.tendon_names:
             self._hardware = SimulatedHardware(config.hardware, len(tendons))
             self._command: FloatArray = np.zeros(len(tendons))
