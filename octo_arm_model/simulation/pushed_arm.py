@@ -51,10 +51,11 @@ class PushedArm:
     def go_on_from(self, before: PushedArm) -> None:
         """Be in the shape, and with the history of the tendons, of the same arm ``before``.
 
-        Of another arm, or one that is pushed elsewhere, nothing is known.
+        Of another arm, or one that is pushed elsewhere than at the tip, nothing is known.
         """
-        places = self._model.state.unknowns == before._model.state.unknowns
-        if places and self._config.has_balance_of(before._config):
+        # A push at the tip, or none, leaves the points of the arm as they are.
+        mine, theirs = (one._model.solver.grid.nodes for one in (self, before))
+        if np.array_equal(mine, theirs) and self._config.has_balance_of(before._config):
             self._at = before._at
 
     def solve(self, tensions: FloatArray, force: FloatArray) -> None:

@@ -136,3 +136,20 @@ def test_tendons_with_friction_keep_their_history_while_they_are_pushed() -> Non
         fresh = PushedArm(config, elsewhere, EXACT)
         fresh.solve(0.72 * TENSIONS, FORCE)
         np.testing.assert_array_equal(anew.tip_pose().position, fresh.tip_pose().position)
+
+
+def test_tendons_keep_their_history_where_a_push_at_the_tip_ends_or_begins() -> None:
+    rough = dataclasses.replace(CONFIG, arm=dataclasses.replace(CONFIG.arm, friction=4 * (0.2,)))
+    for before, now in ((FORCE, np.zeros(3)), (np.zeros(3), FORCE)):
+        # One that is pushed by the same forces, and always may be.
+        arms = [PushedArm(rough, Push(tuple(given)), EXACT) for given in (before, FORCE)]
+        for part in (0.6, 1.0, 0.7):
+            for arm in arms:
+                arm.solve(part * TENSIONS, before)
+        other = PushedArm(rough, Push(tuple(now)), EXACT)
+        other.go_on_from(arms[0])
+        tips = []
+        for arm in (other, arms[1]):
+            arm.solve(0.7 * TENSIONS, now)
+            tips.append(arm.tip_pose().position)
+        np.testing.assert_allclose(*tips, rtol=0.0, atol=1e-6)

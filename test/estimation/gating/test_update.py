@@ -211,7 +211,7 @@ def test_a_sensor_that_two_contradict_is_refused_however_exact_they_are() -> Non
 
 @pytest.mark.parametrize('noise', [1e-12, 1e-20])
 def test_a_search_that_takes_the_modulus_beyond_numbers_goes_on_elsewhere(noise: float) -> None:
-    """For a pose that is exact, it says, and a little off it tries an E that has no exponential."""
+    """For a pose that is exact, it says, and a little off it tries an E beyond all numbers."""
     own = Filter(rubber(Unknowns(Walk(1.0, 0.5), tip_force=LIKELY, log_modulus=Walk(0.3))))
     own.add(0.0, [Tensions(TENSIONS, 0.02)])
     shape = own.last.updated.shape
