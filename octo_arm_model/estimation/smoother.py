@@ -16,6 +16,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import ConvergenceError, MeasurementError, SolveError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.floating_point import silenced
 from octo_arm_model.estimation.beliefs.belief import (
     Belief,
     gain,
@@ -78,6 +79,12 @@ def smooth_steps(model: ArmModel, steps: Sequence[Step]) -> list[Estimate]:
     """
     if not steps:
         return []
+    with silenced():  # what is divided by zero is not finite, and no course leads there
+        return _smooth_steps(model, steps)
+
+
+def _smooth_steps(model: ArmModel, steps: Sequence[Step]) -> list[Estimate]:
+    """`smooth_steps`; perhaps by numbers that are not finite."""
     points = [step.updated.at for step in steps]
     about = _Pass(model, steps, points, [None] * len(steps))
     for _ in range(_MOST):

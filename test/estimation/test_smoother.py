@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import sys
 
@@ -11,7 +12,7 @@ from checkout import ROOT
 from estimation_arms import TENSIONS, rubber
 from scipy.stats import chi2
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.smoother import smooth
@@ -138,3 +139,12 @@ def test_what_it_refuses() -> None:
     with pytest.raises(MeasurementError, match='in order'):
         smooth(model, [(1.0, made), (0.5, made)])
     assert smooth(model, []) == []
+
+
+@pytest.mark.filterwarnings('error')
+def test_numpy_does_not_warn_of_tensions_that_are_exact_and_hardly_change() -> None:
+    model = rubber(Unknowns(Walk(1.0, 1e-19)))
+    tip = Prediction(model, TENSIONS, None).solved.tip
+    made = [Tensions(TENSIONS, 1.6e-16), TipPosition(tip, 1e-4)]
+    with contextlib.suppress(SolveError):
+        smooth(model, [(0.1 * time, made) for time in range(4)])
