@@ -48,15 +48,18 @@ class PushedArm:
         self._config = config
         self._at: Prediction | None = None
 
-    def go_on_from(self, before: PushedArm) -> None:
+    def go_on_from(self, before: PushedArm) -> bool:
         """Be in the shape, and with the history of the tendons, of the same arm ``before``.
 
-        Of another arm, or one that is pushed elsewhere than at the tip, nothing is known.
+        Of another arm, or one that is pushed elsewhere than at the tip, nothing is known. Returns
+        whether tendons with friction are therefore pulled anew.
         """
         # A push at the tip, or none, leaves the points of the arm as they are.
         mine, theirs = (one._model.solver.grid.nodes for one in (self, before))
         if np.array_equal(mine, theirs) and self._config.has_balance_of(before._config):
             self._at = before._at
+            return False
+        return before._at is not None and before.at.solved.point_tensions is not None
 
     def solve(self, tensions: FloatArray, force: FloatArray) -> None:
         """Be in the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].

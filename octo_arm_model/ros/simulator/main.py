@@ -100,19 +100,8 @@ class SimulatorNode(CheckedNode):
         if any(name.startswith('push.') for name in names):
             self._push.forget()
         tendons = config.arm.tendon_names
-        if before is not None and before.pushed_arm and config.pushed_arm:
-            config.pushed_arm.go_on_from(before.pushed_arm)
-        if before is not None and (
-            not config.model.has_balance_of(before.model) or (config.limits != before.limits).any()
-        ):
-            if self._control is not None and self._control.displacements:
-                what = 'limits' if config.model.has_balance_of(before.model) else 'arm'
-                self.get_logger().warning(
-                    f'tendons are no longer driven by length: another {what}'
-                )
-            self._control = None
-        elif self._control is not None and config.model != before.model:
-            self._control.go_on_with(config.solver)  # whose budget may be another
+        if before is not None:
+            self._go_on(before, config)
         if before is None or tendons != before.arm.tendon_names:
             self._hardware = SimulatedHardware(config.hardware, len(tendons))
             self._command: FloatArray = np.zeros(len(tendons))
@@ -130,6 +119,23 @@ class SimulatorNode(CheckedNode):
             if self._timer is not None:
                 self.destroy_timer(self._timer)
             self._timer = self.create_timer(1.0 / config.rate, partial(self._do, self._step))
+
+    def _go_on(self, before: SimulatorConfig, config: SimulatorConfig) -> None:
+        """Go on with the arm ``before``, pushed and driven by length, if ``config`` has it too."""
+        pushed = config.pushed_arm
+        if pushed and before.pushed_arm and pushed.go_on_from(before.pushed_arm):
+            self.get_logger().warning(
+                'friction history forgotten: another arm, or pushed at another s'
+            )
+        is_same = config.model.has_balance_of(before.model)
+        if is_same and (config.limits == before.limits).all():
+            if self._control is not None:
+                self._control.go_on_with(config.solver)  # whose budget may be another
+            return
+        if self._control is not None and self._control.displacements:
+            other = 'other limits' if is_same else 'another arm'
+            self.get_logger().warning(f'tendons are no longer driven by length: {other}')
+        self._control = None
 
     @property
     def _config(self) -> SimulatorConfig:
