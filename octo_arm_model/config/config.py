@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +24,12 @@ from octo_arm_model.config.yaml_files import read_text
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.validation import not_negative
-from octo_arm_model.core.errors import ArmDefinitionError, ConfigError, shown
+from octo_arm_model.core.errors import (
+    ArmDefinitionError,
+    ConfigError,
+    ContinuationError,
+    shown,
+)
 from octo_arm_model.core.limits import MAX_YAML_BYTES, MIN_RATE
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.pose import Pose
@@ -163,6 +169,22 @@ class Config:
             budget=Budget(self.solve_budget.iterations) if budget is None else budget,
             **self.solver_options | ({} if stations is None else {'stations': stations}),
         )
+
+    def node_solver(self) -> Solver:
+        """As `solver`, for a node: within the whole `solve_budget`, and ready to solve.
+
+        Tables are made and machine code is loaded at the first use: here, before messages come.
+
+        Raises:
+            OctoArmError: as `solver`, or if the unloaded arm has no shape.
+        """
+        solver = self.solver(budget=self.solve_budget)
+        # A solve beyond its budget is reported when one comes.
+        with contextlib.suppress(ContinuationError):
+            backbone = solver.solve(0.0 * solver.rest_lengths)
+            solver.tendon_lengths(backbone)
+            solver.sensitivity(backbone)
+        return solver
 
     def has_balance_of(self, other: Config) -> bool:
         """Whether its solver finds the shapes of that of ``other``, at the same stations."""

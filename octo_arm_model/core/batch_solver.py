@@ -12,7 +12,6 @@ from octo_arm_model.core.compiled.compiled import Compiled
 from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Spending
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.backbone import Backbone
@@ -85,7 +84,7 @@ class BatchSolver:
         """As `Solver.wind`, with the whole wrench ``tip_wrench`` (6,) on the tip [N, N m]."""
         results, setup = Results((), self._setup.grid, self._setup.base), self._setup
         results.make_room()
-        spending = Spending(setup.budget)
+        spending = setup.allowance.spending()
         if self._compiled is None or not self._compiled.wind(
             given, driven, reeled, tip_wrench, start, results, spending
         ):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +22,7 @@ from octo_arm_model.core.errors import (
     LoadError,
 )
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.loaded.budget import Allowance, Budget
 from octo_arm_model.core.loaded.loading.load_limits import LoadLimits, tip_wrench_of
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS, STATICS
 from octo_arm_model.core.models.statics import Setup, Statics
@@ -76,7 +77,7 @@ class Solver:
         only) and ``loads`` act in every solve; these three are for the model exact, and the law
         is ignored by the others, which are linear. Compiled kernels solve where they cover the
         model and the arm (`Compiled.covers`), if ``compiled`` or, if that is None, if numba is
-        installed and works. ``budget`` limits the continuation of one loaded arm.
+        installed and works. ``budget`` limits the continuation of one loaded arm; see `together`.
 
         Raises:
             ConfigError: if there is no such model or material, they do not go together, the model
@@ -98,7 +99,8 @@ class Solver:
         frame = Frame(np.array(base.position), Quaternions.from_xyzw(base.quaternion))
         loads.check_inside(arm.length)
         self.grid = StationGrid.build(arm, stations, loads.breaks, loads.knots)
-        setup = Setup(arm, self.grid, frame, LAWS[material], shear, loads, budget)
+        self._allowance = Allowance(budget)
+        setup = Setup(arm, self.grid, frame, LAWS[material], shear, loads, self._allowance)
         self._statics: Statics = STATICS[model](setup)
         self.law = self._statics.law
         if shear and not (self._statics.strains == 6 and material == 'linear'):
@@ -205,14 +207,27 @@ class Solver:
             OctoArmError: as `solve`.
         """
         before = None if last is None else last.point_tensions
-        try:
-            return self._solve(tensions, tip_wrench, last, before)
-        except ContinuationError:
-            raise  # The budget does not allow a second attempt.
-        except ConvergenceError:
-            if last is None:
-                raise
-            return self._solve(tensions, tip_wrench, None, before)
+        with self.together():
+            try:
+                return self._solve(tensions, tip_wrench, last, before)
+            except ContinuationError:
+                raise  # The budget does not allow a second attempt.
+            except ConvergenceError:
+                if last is None:
+                    raise
+                return self._solve(tensions, tip_wrench, None, before)
+
+    def together(self) -> AbstractContextManager[None]:
+        """Within it all solves have the time of one budget together, its iterations each."""
+        return self._allowance.together()
+
+    def check_time(self) -> None:
+        """Check that time is left of what is solved `together`.
+
+        Raises:
+            ContinuationError: if none is.
+        """
+        self._allowance.check()
 
     def sensitivity(self, backbone: Backbone, *, by_offsets: bool = True) -> Sensitivity:
         """First derivatives of a single solution of this solver.

@@ -80,7 +80,7 @@ class SimulatorConfig:
     @functools.cached_property
     def solver(self) -> Solver:
         """Solver of the arm, for lengths of tendons."""
-        return self.model.solver()
+        return self.model.node_solver()
 
     @functools.cached_property
     def pushed_arm(self) -> PushedArm | None:

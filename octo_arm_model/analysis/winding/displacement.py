@@ -56,7 +56,8 @@ def solve_displacements(
 
     Raises:
         TensionError: if a tendon is unknown, named in both, or a value is impossible.
-        ConvergenceError: if no tensions were found that hold these lengths.
+        ConvergenceError: if no tensions were found that hold these lengths; a `ContinuationError`
+            if that would take more time than the budget of one solve.
         OctoArmError: as `Solver.solve`.
     """
     arm = solver.arm
@@ -65,20 +66,21 @@ def solve_displacements(
     driven = np.array([name in displacements for name in arm.tendon_names])
     wanted = np.array([displacements.get(name, np.nan) for name in arm.tendon_names])
     current = np.array([given.get(name, 0.0) for name in arm.tendon_names])
-    backbone = start.backbone if isinstance(start, Wound) else start
-    kind = SlidingWinding if arm.friction else Winding
-    problem = kind(solver, driven, wanted, tip_wrench, backbone)
-    if backbone is None:
-        return problem.solve(current, None)
-    begin = np.where(driven, backbone.tensions.ravel(), current)
-    try:
-        if isinstance(start, Wound):
-            return problem.follow(begin, start)
-        return problem.solve(begin, backbone)
-    except ContinuationError:
-        raise  # Its budget is spent.
-    except SolveError:
-        return problem.solve(current, None)
+    with solver.together():
+        backbone = start.backbone if isinstance(start, Wound) else start
+        kind = SlidingWinding if arm.friction else Winding
+        problem = kind(solver, driven, wanted, tip_wrench, backbone)
+        if backbone is None:
+            return problem.solve(current, None)
+        begin = np.where(driven, backbone.tensions.ravel(), current)
+        try:
+            if isinstance(start, Wound):
+                return problem.follow(begin, start)
+            return problem.solve(begin, backbone)
+        except ContinuationError:
+            raise  # Its budget is spent.
+        except SolveError:
+            return problem.solve(current, None)
 
 
 def check_displacements(

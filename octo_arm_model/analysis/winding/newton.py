@@ -118,6 +118,7 @@ class Winding:
                     step = self._step(tensions, displacement, changes)
                 new = np.maximum(0.0, tensions + part * step)
                 moved = new - tensions
+                self._solver.check_time()  # A step beyond the budget counts as one too long.
                 try:
                     found, reached = self._solve(new, backbone)
                 except SolveError:

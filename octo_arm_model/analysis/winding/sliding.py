@@ -82,6 +82,7 @@ class SlidingWinding(Winding):
         merits = [self._merit(tensions, displacement)]
         least, waited, best = np.inf, 0, backbone
         for _ in range(_MOST):
+            self._solver.check_time()
             left, waited = self._left(tensions, displacement), waited + 1
             if left < least:
                 waited = 0 if left < 0.5 * least else waited
@@ -203,6 +204,7 @@ class SlidingWinding(Winding):
         least = _DIFFERENCE * max(float(tensions.max()), _DIFFERENCE * usual)
         size = np.fmax(least, np.minimum(over, _FARTHEST * tensions))
         for k in np.flatnonzero(self._free(tensions, displacement)):
+            self._solver.check_time()
             moved = tensions.copy()
             is_let_out = displacement[k] > self._wanted[k] and tensions[k] > size[k]
             moved[k] += -size[k] if is_let_out else size[k]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from octo_arm_model.core.errors import ConfigError, ContinuationError
@@ -50,9 +52,10 @@ class Spending:
         residual: that may be left, see `Budget`.
     """
 
-    def __init__(self, budget: Budget) -> None:
-        """Start the clock of a solve that may take ``budget``."""
-        self._budget, self._begin = budget, time.monotonic()
+    def __init__(self, budget: Budget, begin: float | None = None) -> None:
+        """Start the clock of a solve that may take ``budget``; or it runs since ``begin``."""
+        self._budget = budget
+        self._begin = time.monotonic() if begin is None else begin
         self.residual = budget.residual
         self.iterations = 0
 
@@ -73,3 +76,43 @@ class Spending:
             spent = f'{self._budget.seconds:g} s'
         if spent:
             raise ContinuationError(spent, part, residual, self.iterations, iterate)
+
+
+class Allowance:
+    """What the solves of one arm may take: each its budget, or several together the time of one.
+
+    Attributes:
+        budget: the budget.
+    """
+
+    def __init__(self, budget: Budget) -> None:
+        """Of this ``budget``."""
+        self.budget = budget
+        self._begin: float | None = None
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """What is solved within it has the time of one budget in all."""
+        outer = self._begin
+        self._begin = time.monotonic() if outer is None else outer
+        try:
+            yield
+        finally:
+            self._begin = outer
+
+    def spending(self) -> Spending:
+        """Of one solve that begins now."""
+        return Spending(self.budget, self._begin)
+
+    def check(self) -> None:
+        """Check that time is left of what is solved `together`.
+
+        Raises:
+            ContinuationError: if none is.
+        """
+        try:
+            self.spending().add(0, 0.0, math.inf, None)
+        except ContinuationError as error:
+            spent = f'{self.budget.seconds:g} s'
+            error.args = (f'solves that belong together have spent their budget of {spent}',)
+            raise

@@ -70,7 +70,7 @@ class Exact:
         self.slides = bool(arm.friction)
         self._is_loaded = not self._rod(0).equilibrium.loads.is_empty
         self.unloaded = UnloadedExact(setup)
-        self._loaded = LoadedExact(self._rod, self.rods, setup.budget)
+        self._loaded = LoadedExact(self._rod, self.rods, setup.allowance)
 
     def use(self, compiled: Callable[[LoadedRod], None]) -> None:
         """Have ``compiled`` put its kernels into every loaded rod that is made from now on."""

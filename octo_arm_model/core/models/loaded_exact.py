@@ -8,7 +8,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget, Spending
+from octo_arm_model.core.loaded.budget import Allowance, Spending
 from octo_arm_model.core.loaded.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, follow
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.settle import Settling
@@ -27,12 +27,12 @@ _COARSE = 3  # points in each of the elements in which an arm is followed from i
 class LoadedExact:
     """Balances of one arm under loads."""
 
-    def __init__(self, rod: Callable[..., LoadedRod], rods: Rods, budget: Budget) -> None:
+    def __init__(self, rod: Callable[..., LoadedRod], rods: Rods, allowance: Allowance) -> None:
         """``rod`` returns the rod of a level, or one with fewer points in each element.
 
-        ``rods`` are the same without fewer points, and ``budget`` is what one solve may take.
+        ``rods`` are the same without fewer points, and ``allowance`` is what solves may take.
         """
-        self._rod, self._rods, self._budget = rod, rods, budget
+        self._rod, self._rods, self._allowance = rod, rods, allowance
 
     def settle_all(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Backbone | None
@@ -51,7 +51,7 @@ class LoadedExact:
             return nothing
         wanted = Condition(tensions, tip_wrench, 1.0)
         found = rod.settle.settle_all(wanted, _near(start, rod, wanted))
-        most = self._budget.iterations
+        most = self._allowance.budget.iterations
         return [one if one is not None and one.iterations <= most else None for one in found]
 
     def _level_of(self, start: Backbone | None) -> int:
@@ -73,7 +73,7 @@ class LoadedExact:
         """
         level = self._level_of(start)
         wanted = Condition(tensions, tip_wrench, 1.0, self._rods.at_level(before, level))
-        spending, rod = Spending(self._budget), self._rod(level)
+        spending, rod = self._allowance.spending(), self._rod(level)
         shape, found = None if start is None else start.shape, None
         if rod.settle is not None and not (shape is None and _needs_start(rod)):
             if shape is None:

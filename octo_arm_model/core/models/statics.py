@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.loaded.budget import Allowance
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
@@ -37,7 +37,7 @@ class Setup(NamedTuple):
         law: elastic law that was asked for; the paper's models are linear whatever it is.
         shear: whether cross sections shear.
         loads: what loads the arm but its tendons and the wrench on its tip.
-        budget: what one solve may take, where equilibria are followed.
+        allowance: what solves may take, where equilibria are followed.
     """
 
     arm: Arm
@@ -46,7 +46,7 @@ class Setup(NamedTuple):
     law: Law
     shear: bool
     loads: Loads
-    budget: Budget
+    allowance: Allowance
 
     @property
     def batch(self) -> int:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
 from typing import Any
 
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.messages import message_class
 
@@ -36,11 +34,4 @@ class Prepared:
         config = Config.from_parameters(values)
         if config.tension_type:
             message_class(config.tension_type)
-        solver = config.solver(budget=config.solve_budget)
-        # Tables are made and machine code is loaded at the first use: here, before messages come.
-        # A solve beyond its budget is reported when one comes.
-        with contextlib.suppress(ContinuationError):
-            backbone = solver.solve(0.0 * solver.rest_lengths)
-            solver.tendon_lengths(backbone)
-            solver.sensitivity(backbone)
-        return cls(values, config, solver)
+        return cls(values, config, config.node_solver())

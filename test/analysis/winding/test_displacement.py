@@ -17,8 +17,11 @@ from octo_arm_model import Arm, Config, Loads, Solver, TensionError, Wound, solv
 from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.core.errors import ContinuationError
+from octo_arm_model.core.loaded.budget import Budget
 
 TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)
+IN_AIR = Loads(gravity=(0.0, 0.0, -9.81))
 
 
 @pytest.fixture(scope='module')
@@ -262,3 +265,23 @@ def test_derivatives_of_a_wound_arm_are_those_by_differences(table4: Config, loa
     np.testing.assert_allclose(
         found.held.by_tip_wrench.tip[:3], by_wrench, atol=2e-6 * np.abs(by_wrench).max()
     )
+
+
+@pytest.mark.parametrize('friction', [(), (0.1,)], ids=['smooth', 'rough'])
+@pytest.mark.parametrize('loads', [Loads(), IN_AIR], ids=['unloaded', 'air'])
+def test_the_solves_of_a_winding_have_the_time_of_one_budget_together(
+    table4: Config, loads: Loads, friction: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = dataclasses.replace(
+        table4.arm.with_density(1080.0), axial_stiffness=(2000.0,), friction=friction
+    )
+    clock = iter(np.arange(0.0, 1e4, 1e-3))
+    monkeypatch.setattr('octo_arm_model.core.loaded.budget.time.monotonic', lambda: next(clock))
+    reeled = {name: 0.05 for name in arm.tendon_names}
+    # Of a clock that ticks whenever it is looked at, a budget is an exact number of looks.
+    solver = Solver(arm, 'exact', loads=loads, budget=Budget(seconds=0.002))
+    with pytest.raises(ContinuationError, match='spent (its|their) budget'):
+        solve_displacements(solver, reeled)
+    assert next(clock) < 0.01
+    with solver.together():
+        solver.check_time()  # Time begins anew.
