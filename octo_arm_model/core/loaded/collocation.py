@@ -17,7 +17,7 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
-from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.core.rod.grid import StationGrid, apart
 
 # Points in each element; where tendons have friction and there are few elements, and so long ones,
 # in which kinks of the tensions lie that no points resolve; and in each of more elements than
@@ -81,7 +81,8 @@ class Collocation:
         """
         ends, section = [0.0], []
         for panel in grid.panels:
-            inside = sorted({s for s in knots if panel.start < s < panel.stop})
+            inside = [s for s in knots if panel.start < s < panel.stop]
+            inside = apart(inside, [panel.start, panel.stop], arm.length)
             for start, stop in itertools.pairwise([panel.start, *inside, panel.stop]):
                 parts = _parts(arm, start, stop)
                 ends += _cut(np.concatenate([[start], parts]), cuts)

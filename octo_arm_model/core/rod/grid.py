@@ -7,7 +7,9 @@ panels there is an interval of zero length, so that its two ends hold the values
 
 from __future__ import annotations
 
+import bisect
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +57,8 @@ class Panel:
 def panels_of(arm: Arm, breaks: tuple[float, ...] = ()) -> tuple[Panel, ...]:
     """Panels of ``arm`` from the base to the tip, cut at ``breaks`` [m] as well."""
     anchorages = [section.anchorage for section in arm.sections]
-    inside = {*anchorages, *breaks} - {0.0, arm.length}
+    own = {*anchorages} - {0.0, arm.length}
+    inside = own.union(apart(breaks, [0.0, *own, arm.length], arm.length))
     stops = sorted(inside) + [arm.length]
     panels = []
     for start, stop in zip([0.0, *stops[:-1]], stops, strict=True):
@@ -155,6 +158,21 @@ class StationGrid:
             if isinstance(array, np.ndarray):
                 array.setflags(write=False)
         return grid
+
+
+def apart(places: Iterable[float], others: Sequence[float], length: float) -> list[float]:
+    """Those of ``places`` that do not coincide, up to rounding, with one before or of ``others``.
+
+    Sorted; ``length`` is that of the arm.
+    """
+    known = sorted(others)
+    found = []
+    for place in sorted(places):
+        after = bisect.bisect(known, place)
+        if all(abs(one - place) > _SAME * length for one in known[max(after - 1, 0) : after + 1]):
+            known.insert(after, place)
+            found.append(place)
+    return found
 
 
 def _share_intervals(lengths: list[float], total: int) -> list[int]:

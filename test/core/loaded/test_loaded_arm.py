@@ -345,6 +345,20 @@ def test_where_arm_and_loads_are_not_smooth_may_come_in_any_order(
     np.testing.assert_allclose(found.tip, expected.tip, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize('place', [0.06, float(np.nextafter(0.06, 1.0)), 0.15, 3 * 0.05])
+def test_a_load_may_lie_beside_a_point_of_a_table_by_rounding(place: float) -> None:
+    radius = Table((0.0, 0.06, 0.15, 0.45), (0.015, 0.012, 0.01, 0.008))
+    sections = Section(0.45, 0.006, 0.004), Section(0.3, 0.006, 0.006)
+    arm = Arm(Material(1.1e5, 0.45), ProfiledBody(0.45, radius), sections)
+    found, expected = (
+        Solver(arm, 'exact', loads=Loads(points=(PointLoad(s, (0.0, 0.0, -0.1)),)))
+        for s in (place, round(place, 9))
+    )
+    rest = np.zeros((2, 4))
+    assert len(found.grid.panels) == len(expected.grid.panels)
+    np.testing.assert_allclose(found.solve(rest).tip, expected.solve(rest).tip, atol=1e-12)
+
+
 @pytest.mark.parametrize('compiled', [False, None], ids=['numpy', 'compiled where it can be'])
 def test_scaled_loads_are_loads_of_their_magnitude(compiled: bool | None) -> None:
     point = PointLoad(0.15, (0.0, 0.01, 0.005), (1e-4, 0.0, 2e-4))
