@@ -280,7 +280,7 @@ def test_the_solves_of_a_winding_have_the_time_of_one_budget_together(
     reeled = {name: 0.05 for name in arm.tendon_names}
     # Of a clock that ticks whenever it is looked at, a budget is an exact number of looks.
     solver = Solver(arm, 'exact', loads=loads, budget=Budget(seconds=0.002))
-    with pytest.raises(ContinuationError, match='spent (its|their) budget'):
+    with pytest.raises(ContinuationError, match=r'spent (its|their) budget'):
         solve_displacements(solver, reeled)
     assert next(clock) < 0.01
     with solver.together():
