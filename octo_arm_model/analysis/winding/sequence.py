@@ -15,14 +15,22 @@ from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.core.sensitivity.results import Uncertainty
 from octo_arm_model.core.solver import Solver
 
 
 class Answer(NamedTuple):
-    """A shape, and the covariance (6, 6) of its tip; None where it was not asked for."""
+    """A shape, and what is known of its tip.
+
+    Attributes:
+        backbone: the shape.
+        covariance: of the pose of the tip, (6, 6); None where it was not asked for, or is unknown.
+        unknown: why it is unknown, as where tendons with friction stick.
+    """
 
     backbone: Backbone
     covariance: FloatArray | None
+    unknown: OctoArmError | None = None
 
 
 class WoundSequence:
@@ -116,24 +124,34 @@ class WoundSequence:
     def _answer(
         self, solver: Solver, config: Config, tip_wrench: FloatArray | None, has_covariance: bool
     ) -> Answer:
-        arm, uncertainty = config.arm, config.uncertainty
-        tensions = self.tensions if self.tensions is not None else np.zeros(arm.tension_shape)
+        none = np.zeros(config.arm.tension_shape)
+        tensions = none if self.tensions is None else self.tensions
         if not self.displacements:
-            backbone = solver.follow(tensions, self._shape, tip_wrench)
-            self._last = backbone
-            if not has_covariance:
-                return Answer(backbone, None)
-            return Answer(backbone, solver.tip_covariance(backbone, uncertainty))
+            backbone = self._last = solver.follow(tensions, self._shape, tip_wrench)
+        else:
+            backbone = self._wound(solver, config, tensions, tip_wrench)
+        if not has_covariance:
+            return Answer(backbone, None)
+        try:
+            return Answer(backbone, self._covariance(solver, config.uncertainty))
+        except OctoArmError as error:
+            return Answer(backbone, None, error)
+
+    def _wound(
+        self, solver: Solver, config: Config, tensions: FloatArray, tip_wrench: FloatArray | None
+    ) -> Backbone:
         given = {
             name: float(tension)
-            for name, tension in zip(arm.tendon_names, tensions.ravel(), strict=True)
+            for name, tension in zip(config.arm.tendon_names, tensions.ravel(), strict=True)
             if name not in self.displacements
         }
         wound = solve_displacements(solver, self.displacements, given, self._last, tip_wrench)
         self._last = wound
-        if not has_covariance:
-            return Answer(wound.backbone, None)
-        covariance = np.zeros((6, 6))
-        if uncertainty.is_any:
-            covariance = wound_sensitivity(solver, wound).tip_covariance(uncertainty)
-        return Answer(wound.backbone, covariance)
+        return wound.backbone
+
+    def _covariance(self, solver: Solver, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance (6, 6) of the tip of the last shape."""
+        if isinstance(self._last, Wound) and uncertainty.is_any:
+            return wound_sensitivity(solver, self._last).tip_covariance(uncertainty)
+        assert self._shape is not None
+        return solver.tip_covariance(self._shape, uncertainty)

@@ -19,6 +19,7 @@ from octo_arm_model.core.section.highest_tensions import default_highest
 from octo_arm_model.wire.cdr.backbone import (
     TENDON_LENGTHS,
     TENSION_ESTIMATES,
+    TIP_POSE,
     BackboneBatchWriter,
     BackboneWriter,
 )
@@ -33,14 +34,14 @@ class Answer(NamedTuple):
 
     Attributes:
         messages: bytes of the message on each of the topics, in their order, but on
-            `TENSION_ESTIMATES`, the last, only where tendons are driven by length; none where
-            there is no trustworthy answer.
-        reason: why there is none, or ''.
+            `TENSION_ESTIMATES`, the last, only where tendons are driven by length; None instead
+            of one that cannot be written. None at all where there is no trustworthy answer.
+        reason: why one or all are missing, or ''.
         is_failure: whether the model had no answer, and not the message nothing for the arm.
         tensions: those of all tendons that hold the shape [N]; None if the message had them.
     """
 
-    messages: Sequence[bytes | memoryview]
+    messages: Sequence[bytes | memoryview | None]
     reason: str = ''
     is_failure: bool = False
     tensions: FloatArray | None = None
@@ -92,22 +93,25 @@ class Answers:
 
     def _answer_alone(self, reading: Reading) -> Answer:
         try:
-            backbone, covariance = self._winding.answer(
+            backbone, covariance, unknown = self._winding.answer(
                 self._solver, self._config, None, reading.stamp_ns,
                 reading.tensions, reading.displacements,
             )  # fmt: skip
         except OctoArmError as error:
             # Displacements may be those of tendons that the arm does not have.
             return Answer((), str(error), is_failure=isinstance(error, SolveError))
-        assert covariance is not None
         writer, stamp = self._writer, reading.stamp
-        messages = list(writer.all(backbone, covariance, *stamp))
+        known = np.zeros((6, 6)) if covariance is None else covariance
+        messages: list[bytes | None] = [*writer.all(backbone, known, *stamp)]
+        if covariance is None:
+            messages[self.topics.index(TIP_POSE)] = None
         if TENDON_LENGTHS in self.topics:
             lengths = self._solver.tendon_lengths(backbone)
             messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
         if self._winding.displacements:
             messages.append(writer.tensions(backbone.tensions, *stamp))
-        return Answer(messages, tensions=backbone.tensions)
+        reason = '' if unknown is None else f'{TIP_POSE} unknown: {unknown}'
+        return Answer(messages, reason, tensions=backbone.tensions)
 
     def _answer_together(self, readings: Sequence[Reading]) -> list[Answer]:
         if not readings:

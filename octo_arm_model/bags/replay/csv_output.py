@@ -61,7 +61,7 @@ class CsvAnswers(CsvFiles):
         tensions = reading.tensions if answer.tensions is None else answer.tensions
         assert tensions is not None
         self._tensions[topic].writerow([round(time, 9), *tensions.ravel().tolist()])
-        data = {name: bytes(message) for name, message in zip(topics, answer.messages)}
+        data = {name: bytes(one) for name, one in zip(topics, answer.messages) if one is not None}
         _, poses = read_poses(data['backbone/poses'])
         one: Any = known_types().deserialize_cdr(data['strains'], ANSWERS['strains'])
         table = np.column_stack([one.s, poses[:, :3], one.tau, one.xi, one.k, one.q])

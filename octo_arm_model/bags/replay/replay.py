@@ -73,7 +73,7 @@ def replay(
                 report.copied += 1
             if number in answers:
                 answered = zip(of_topic[record.topic].connections, answers[number].messages)
-                messages += [(connection, received, data) for connection, data in answered]
+                messages += [(one, received, data) for one, data in answered if data is not None]
         writer.write(messages)
         done += len(records)
         progress(done, total)

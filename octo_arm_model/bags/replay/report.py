@@ -31,7 +31,8 @@ class TopicReport:
         failed: how many the model had no trustworthy answer to.
         unsorted: how many have a stamp before that of the last one.
         skips: the first of those refused and failed.
-        reasons: how many there are of each reason, by an example of it.
+        reasons: how many answers, or poses of the tip, are missing for each reason, by an
+            example of it.
     """
 
     model: str
@@ -47,6 +48,8 @@ class TopicReport:
         """Count an ``answer``."""
         if answer.messages:
             self.answered += 1
+            if answer.reason:
+                self.refusals.count('', answer.reason)
             return
         if answer.is_failure:
             self.failed += 1

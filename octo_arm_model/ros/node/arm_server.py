@@ -10,6 +10,7 @@ from sensor_msgs.msg import JointState
 
 from octo_arm_model.analysis.winding.sequence import WoundSequence
 from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.core.errors import in_short
 from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.messages import decoded
@@ -20,6 +21,7 @@ from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.node.services import answer_find_tensions, answer_solve
 from octo_arm_model.ros.work.queued_service import QueuedService, Steps
+from octo_arm_model.wire.cdr.backbone import TIP_POSE
 from octo_arm_model.wire.displacement_messages import DISPLACEMENTS, read_displacements
 from octo_arm_model.wire.stamp import Stamp
 
@@ -114,6 +116,9 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         )  # fmt: skip
         duration = time.perf_counter() - began
         outbox.publish(answer.backbone, answer.covariance, at)
+        if answer.unknown is not None:
+            self._diagnostics.tip_unknown(answer.unknown)
+            self._refusal_log.say(TIP_POSE, f'not published: {in_short(answer.unknown)}')
         if winding.displacements:
             outbox.publish_tensions(answer.backbone, at)
         self._diagnostics.answered(answer.backbone, duration)

@@ -55,7 +55,7 @@ class Diagnostics:
         self._received = 0
         self._newest: dict[str, float] = {}
         self._last: float | None = None
-        self._reason = self._failure = ''
+        self._reason = self._failure = self._unknown = ''
         self._refusals = Refusals()
         self._residual, self._iterations, self._busy = 0.0, 0, 0.0
         self._has_history = False
@@ -116,6 +116,11 @@ class Diagnostics:
         self._iterations = int(backbone.iterations)
         self._has_history = backbone.point_tensions is not None
 
+    def tip_unknown(self, error: OctoArmError) -> None:
+        """Count a backbone whose tip has no covariance because of ``error``."""
+        self._count('tip unknown')
+        self._unknown = in_short(error)
+
     def refused(self, topic: str, error: OctoArmError) -> None:
         """Count a message that was not answered because of ``error``."""
         self.heard.note(topic)
@@ -137,7 +142,10 @@ class Diagnostics:
 
     def _solver(self) -> DiagnosticStatus:
         failed, answered = self._lately['failed'], self._lately['answered']
+        unknown = self._lately['tip unknown']
         problem = self._idle or (f'no answer to {failed}: {self._failure}' if failed else '')
+        if unknown and not problem:
+            problem = f'no covariance, and so no tip_pose, for {unknown}: {self._unknown}'
         level = DiagnosticStatus.ERROR if failed and not answered else DiagnosticStatus.WARN
         return make_status('solver', level, problem, 'solving' if answered else 'waiting', {
             'model': self._model,
@@ -148,6 +156,7 @@ class Diagnostics:
             'failures': self._totals['failed'],
             'beyond solve_budget': self._totals['unaffordable'],
             'last failure': self._failure,
+            'shapes without tip_pose': self._totals['tip unknown'],
             'friction history kept': self._has_history,
             'friction history forgotten after a gap': self.memory.forgotten if self.memory else 0,
         })  # fmt: skip

@@ -15,12 +15,13 @@ from octo_arm_model.wire.cdr.templates import BatchTemplate, Template
 
 # Of tendons; the second only where some are driven by length.
 TENDON_LENGTHS, TENSION_ESTIMATES = 'tendon_lengths', 'tendon_tension_estimates'
+TIP_POSE = 'tip_pose'  # whose covariance may be unknown
 # Topics on which a backbone is published, and their types.
 BACKBONE_TOPICS: dict[str, str] = {
     'backbone/path': 'nav_msgs/msg/Path',
     'backbone/poses': 'geometry_msgs/msg/PoseArray',
     'strains': 'octo_arm_msgs/msg/SectionStrains',
-    'tip_pose': 'geometry_msgs/msg/PoseWithCovarianceStamped',
+    TIP_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
 }
 
 

@@ -182,6 +182,27 @@ def test_the_accuracy_of_encoders_is_in_the_covariance_of_the_tip(prototype: Con
     assert not found.covariance.any()
 
 
+@pytest.mark.parametrize('given', ['tensions', 'displacements'])
+def test_where_a_tendon_sticks_the_shape_is_known_and_its_covariance_is_not(
+    rubbing: Config, given: str
+) -> None:
+    config = dataclasses.replace(rubbing, uncertainty=Uncertainty(tension=0.02, displacement=1e-4))
+    solver, winding = config.solver(), WoundSequence(FrictionMemory())
+    found = winding.answer(solver, config, None, 0, tensions=HIGH)
+    assert found.covariance.any() and found.unknown is None
+    # One is let go a little, the other stays as it is.
+    wanted: dict[str, Any] = {'tensions': HIGH - [[0.01, 0.0, 0.0, 0.0]]}
+    if given == 'displacements':
+        first, reeled = config.arm.tendon_names[0], displacements_of(solver, found.backbone)[0, 0]
+        wanted = {'displacements': {first: reeled - 1e-6}}
+    expected = WoundSequence(FrictionMemory())
+    expected.answer(solver, config, None, 0, tensions=HIGH)
+    alone = expected.answer(solver, config, None, 1, **wanted, has_covariance=False)
+    found = winding.answer(solver, config, None, 1, **wanted)
+    assert found.covariance is None and 'sticks' in str(found.unknown)
+    np.testing.assert_array_equal(found.backbone.position, alone.backbone.position)
+
+
 def test_what_leaves_the_balance_as_it_is_forgets_nothing(rubbing: Config) -> None:
     winding = WoundSequence(FrictionMemory())
     first = rubbing.arm.tendon_names[0]

@@ -40,7 +40,7 @@ from recordings import (
     write_bag,
 )
 
-from octo_arm_model import Backbone, Config, load_config
+from octo_arm_model import Backbone, Config, Uncertainty, load_config
 from octo_arm_model.bags.arms import find_arms
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.replay import replay as module
@@ -139,6 +139,22 @@ def test_every_model_answers_alike_alone_and_side_by_side(
     for reading, answer in zip(readings, answers, strict=True):
         expected = expected_messages(config, solver.solve(reading.tensions), reading.stamp_ns)
         assert [bytes(message) for message in answer.messages] == expected
+
+
+def test_a_shape_without_derivatives_is_answered_without_the_pose_of_its_tip() -> None:
+    config = load_config(preset_path('renda2012_prototype'))
+    rough = dataclasses.replace(config.arm, friction=(0.3,))
+    uncertain = Uncertainty(tension=0.02)
+    config = dataclasses.replace(config, model='exact', arm=rough, uncertainty=uncertain)
+    high = np.array([[1.0, 0.3, 0.0, 0.0]])
+    # The second sticks wherever the tendons are pulled a little less.
+    readings = [Reading(Stamp.from_ns(START + i), (1.0 - 0.001 * i) * high, '') for i in range(2)]
+    answers = Answers(config)
+    first, second = answers.answer(readings)
+    missing = [message is None for message in second.messages]
+    assert missing == [topic == 'tip_pose' for topic in answers.topics]
+    assert None not in first.messages and not first.reason
+    assert second.reason.startswith('tip_pose unknown: no derivatives') and not second.is_failure
 
 
 @pytest.mark.usefixtures('to_the_last_bit')

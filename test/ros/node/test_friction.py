@@ -55,6 +55,15 @@ def test_a_loop_has_two_shapes_and_a_gap_ends_the_memory():
         )
         _, values = client.status('solver')
         assert int(values['friction history forgotten after a gap']) == forgotten + 1
+        # Where a tendon sticks there are no derivatives: a listener does not cost the shape.
+        assert client.change(tension_stddev=0.02) == (True, '')
+        client.ask('tendon_tensions', HIGH)
+        second = client.send('tendon_tensions', 0.999 * HIGH)
+        shapes, tips = client.answers['backbone/path'], client.answers['tip_pose']
+        client.wait(lambda: shapes[-1].header.stamp.sec == second, 'a shape')
+        assert tips[-1].header.stamp.sec < second
+        _, values = client.status('solver')
+        assert values['shapes without tip_pose'] == '1'
         refused = (False, 'friction_memory is -1.0, expected a finite time >= 0 [s]')
         assert client.change(friction_memory=-1.0) == refused
 
