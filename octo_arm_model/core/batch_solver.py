@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from octo_arm_model.core.compiled.compiled import Compiled
 from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.backbone import Backbone
@@ -57,25 +58,59 @@ class BatchSolver:
         # One arm has no axis of a batch: NumPy takes much less time.
         read_out = self._compiled.read_out if self._compiled is not None else None
         results = Results(lead and (batch,), grid, base, read_out)
+        groups = self._groups(flat_wrenches) if lead and is_loaded else None
+        if groups is None:
+            numbers = range(batch)
+            self._fill(results, numbers, flat, flat_wrenches, start, before, is_loaded)
+            return results.backbone(self._model, tensions, wrenches, lead, self._reach)
+        results.make_room()
+        for arms, is_loaded in groups:
+            part = Results((arms.size,), grid, base, read_out)
+            self._fill(part, arms, flat[arms], flat_wrenches[arms], start, before, is_loaded)
+            results.put(arms, part)
+        return results.backbone(self._model, tensions, wrenches, lead, self._reach)
+
+    def _groups(self, wrenches: FloatArray) -> tuple[tuple[IntArray, bool], ...] | None:
+        """Numbers of the arms that are not loaded, and of those that are; None if all are.
+
+        Each is solved as it is alone. ``wrenches`` (batch, 6) [N, N m] are those on the tips.
+        """
+        loaded = wrenches.any(axis=1)
+        if loaded.all() or self._statics.is_loaded(np.zeros(6)):
+            return None
+        return (np.flatnonzero(~loaded), False), (np.flatnonzero(loaded), True)
+
+    def _fill(
+        self, results: Results, numbers: Sequence[int] | IntArray, tensions: FloatArray,
+        wrenches: FloatArray, start: Backbone | None, before: FloatArray | None, is_loaded: bool,
+    ) -> None:  # fmt: skip
+        """Solve for ``tensions`` (arms, tendons) and ``wrenches`` (arms, 6); fill in ``results``.
+
+        ``numbers`` are those of the arms within the batch.
+
+        Raises:
+            SolveError: if the model has no trustworthy answer.
+        """
+        batch = len(numbers)
         if self._compiled is not None and not is_loaded:
             results.make_room()
             # Arms for which the kernels do not converge are solved, or refused, by NumPy.
-            parts = [slice(one, one + 1) for one in self._compiled.solve(flat, results, before)]
+            failed = self._compiled.solve(tensions, results, before)
+            parts = [slice(one, one + 1) for one in failed]
         else:
-            if lead:
+            if not results.is_one:
                 results.make_room()
             size = self._size
             parts = [slice(i, min(i + size, batch)) for i in range(0, batch, size)]
         for part in parts:
             one = 0 if results.is_one else part
             try:
-                solution = self._statics.solve(flat[one], flat_wrenches[one], start, before)
+                solution = self._statics.solve(tensions[one], wrenches[one], start, before)
                 results.add(() if results.is_one else part, solution)
             except SolveError as error:
-                if batch > 1:
-                    error.in_batch(part.start, part.stop - part.start)
+                if not results.is_one:
+                    error.in_batch(numbers[part])
                 raise
-        return results.backbone(self._model, tensions, wrenches, lead, self._reach)
 
     def wind(
         self, given: FloatArray, driven: NDArray[np.bool_], reeled: Reeled,

@@ -158,7 +158,7 @@ class Renda2012:
             try:
                 residual[arm], sweeps[arm] = self._imbalance(one, imbalance[:, arm])
             except ConvergenceError as error:
-                error.in_batch(arm, 1)
+                error.in_batch([arm])
                 raise
         return residual, sweeps
 

@@ -126,6 +126,14 @@ class Results:
         np.divide(at_stations[:3], stretch, out=strains[:3])
         np.subtract(stretch, 1.0, out=strains[3])
 
+    def put(self, arms: IntArray, part: Results) -> None:
+        """Store ``part``, which has the arms of these numbers; there is room for them."""
+        for mine, theirs in zip(self.arrays, part.arrays, strict=True):
+            mine[arms] = theirs
+        self.strains[:, arms] = part.strains
+        if part._station_tensions is not None:
+            self._add_stations(arms, part._station_tensions)
+
     def set_tendons(self, points: FloatArray, stations: FloatArray) -> None:
         """Store the tensions along tendons with friction [N].
 
@@ -142,9 +150,13 @@ class Results:
             self._station_tensions = tendons.stations.T
             return
         at_stations = np.moveaxis(tendons.stations, 0, -1)
+        self._add_stations(part, at_stations)
+
+    def _add_stations(self, part: slice | tuple[()] | IntArray, tensions: FloatArray) -> None:
+        """Store the ``tensions`` (arms, stations, tendons) of the arms ``part`` of a batch."""
         if self._station_tensions is None:
-            self._station_tensions = np.empty((*self._lead, *at_stations.shape[-2:]))
-        self._station_tensions[part] = at_stations
+            self._station_tensions = np.empty((*self._lead, *tensions.shape[-2:]))
+        self._station_tensions[part] = tensions
 
     def _read_all(self, read_out: ReadOut, part: slice | tuple[()], twist: FloatArray) -> None:
         """Store the arms ``part`` by one call of ``read_out`` each."""

@@ -655,6 +655,30 @@ def test_a_failed_balance_and_a_failed_continuation_say_so_each(
         solver.solve(np.zeros((3, 4)))
 
 
+@pytest.mark.parametrize('friction', [(), (0.1,)], ids=['smooth', 'rough'])
+@pytest.mark.parametrize('compiled', [False, None], ids=['numpy', 'compiled where it can be'])
+def test_arms_of_a_batch_that_are_not_loaded_are_solved_as_alone(
+    table4: Config, compiled: bool | None, friction: tuple[float, ...]
+) -> None:
+    arm = dataclasses.replace(table4.arm, friction=friction)
+    solver = Solver(arm, 'exact', compiled=compiled)
+    tensions = 0.05 * np.arange(48.0).reshape(4, 3, 4)
+    wrenches = np.zeros((4, 6))
+    wrenches[[1, 2], 2] = 0.002, -0.001
+    together = solver.solve(tensions, wrenches)
+    for number, (given, wrench) in enumerate(zip(tensions, wrenches, strict=True)):
+        alone = solver.solve(given, wrench)
+        for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q', 'slid_tensions'):
+            found, expected = getattr(together, name), getattr(alone, name)
+            if expected is not None:
+                scale = np.abs(expected).max()
+                tolerance = (1e-12 if name in ('position', 'quaternion') else 1e-10) * scale
+                np.testing.assert_allclose(found[number], expected, rtol=0.0, atol=tolerance)
+    tensions[2, 1, 1] = 1e5
+    with pytest.raises(SolveError, match=r'in set 2$'):
+        solver.solve(tensions, wrenches)
+
+
 def test_a_batch_under_loads_is_its_sets_one_by_one() -> None:
     solver = Solver(HELICAL, 'exact', 31, loads=EVERYTHING)
     tensions = HELICAL_TENSIONS * np.linspace(0.0, 1.0, 3).reshape(3, 1, 1)
