@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from octo_arm_model.core.errors import MeasurementError, SolveError
@@ -24,9 +24,7 @@ from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.state.prediction import ArmModel
 
-ITERATIONS = (
-    20_000  # of Newton's method for shapes, of each model in all trials of a new beginning
-)
+ITERATIONS = 20_000  # of Newton's method, of each model in all trials of a new beginning
 
 
 class Beginning(NamedTuple):
@@ -121,15 +119,35 @@ class Tracker:
         """How many measurements came too late."""
         return self._late + self._bank.late
 
-    def add(self, stamp_ns: int, measurements: Sequence[Measurement]) -> Tracked:
+    def add(
+        self,
+        stamp_ns: int,
+        measurements: Sequence[Measurement],
+        pause: Callable[[], None] | None = None,
+    ) -> Tracked:
         """Take ``measurements`` made at ``stamp_ns`` [ns].
 
-        Where it fails nothing changes but the counts.
+        Where it fails nothing changes but the counts. ``pause`` is called before every solve.
 
         Raises:
             MeasurementError: if they come too late, or do not fit the arm.
             SolveError: if the arm has no trustworthy shape, or the estimate does not converge.
         """
+        with self._within(math.inf, pause):
+            return self._add(stamp_ns, measurements)
+
+    @contextlib.contextmanager
+    def _within(
+        self, iterations: float, pause: Callable[[], None] | None = None
+    ) -> Iterator[None]:
+        """Each model solves as `ArmModel.within`."""
+        with contextlib.ExitStack() as stack:
+            for model in self._models:
+                stack.enter_context(model.within(iterations, pause))
+            yield
+
+    def _add(self, stamp_ns: int, measurements: Sequence[Measurement]) -> Tracked:
+        """As `add`."""
         origin = stamp_ns if self.origin_ns is None else self.origin_ns
         time = 1e-9 * (stamp_ns - origin)
         try:
@@ -169,9 +187,7 @@ class Tracker:
         readings = self._contradiction.readings() if time >= self._newest else []
         if not readings:
             return None
-        with contextlib.ExitStack() as stack:
-            for model in self._models:
-                stack.enter_context(model.within(ITERATIONS))
+        with self._within(ITERATIONS):
             trials = [_Trial(self._begin(), readings)]
             if refused := trials[0].refused:
                 # Of sensors that contradict each other the first is believed: let the others be.

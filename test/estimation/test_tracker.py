@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
 from octo_arm_model import Solver
 from octo_arm_model.core.errors import MeasurementError, SolveError
+from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.state.prediction import ArmModel
@@ -204,6 +207,51 @@ def test_a_failure_changes_nothing_but_the_counts() -> None:
     other.add(ORIGIN, given)
     found, expected = (one.add(ORIGIN + SECOND // 5, given).estimate for one in (tracker, other))
     np.testing.assert_allclose(found.mean, expected.mean, rtol=0, atol=1e-12)
+
+
+def test_it_pauses_before_every_solve_and_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    models, pauses, seen = places(), [0], [0]
+    for model in models.values():
+        follow = model.solver.follow
+
+        def checked(*given: Any, follow: Callable[..., Backbone] = follow) -> Backbone:
+            assert pauses[0] > seen[0]
+            seen[0] = pauses[0]
+            return follow(*given)
+
+        monkeypatch.setattr(model.solver, 'follow', checked)
+
+    def pause() -> None:
+        pauses[0] += 1
+
+    paused, plain = Tracker(models), Tracker(places())
+    for step in range(2):
+        given = [Tensions(TENSIONS, 0.01), TipPosition(tip(), 1e-3)]
+        found = paused.add(ORIGIN + step * SECOND, given, pause)
+        expected = plain.add(ORIGIN + step * SECOND, given)
+        np.testing.assert_array_equal(found.estimate.mean, expected.estimate.mean)
+    assert seen[0] > 2
+
+
+def test_what_is_ended_in_a_pause_leaves_all_as_it_was() -> None:
+    class Ended(BaseException):
+        pass
+
+    left = [3]
+
+    def pause() -> None:
+        left[0] -= 1
+        if not left[0]:
+            raise Ended
+
+    one, other = (Tracker({'tip': rubber(FORCE_AT_TIP)}) for _ in range(2))
+    for tracker in (one, other):
+        tracker.add(ORIGIN, [Tensions(TENSIONS, 0.01)])
+    with pytest.raises(Ended):
+        one.add(ORIGIN + SECOND, [TipPosition(tip() + 0.02, 1e-3)], pause)
+    given = [TipPosition(tip(), 1e-3)]
+    found, expected = (tracker.add(ORIGIN + SECOND, given) for tracker in (one, other))
+    np.testing.assert_array_equal(found.estimate.mean, expected.estimate.mean)
 
 
 def test_of_nothing_accepted_the_mean_is_not_a_number() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from octo_arm_model.core.errors import SolveError
 
 
@@ -11,10 +13,18 @@ class Effort:
     Derivatives count as one.
     """
 
-    def __init__(self, iterations: float, within: Effort | None = None) -> None:
-        """Of so many ``iterations``, and of no more than are left ``within`` another."""
+    def __init__(
+        self,
+        iterations: float,
+        within: Effort | None = None,
+        pause: Callable[[], None] | None = None,
+    ) -> None:
+        """Of so many ``iterations``, and of no more than are left ``within`` another.
+
+        ``pause`` is called at every `check`, which comes before every solve.
+        """
         self._iterations = self._left = iterations
-        self._within = within
+        self._within, self._pause = within, pause
 
     def take(self, iterations: int) -> None:
         """Note ``iterations`` made."""
@@ -28,6 +38,8 @@ class Effort:
         Raises:
             SolveError: if there are none.
         """
+        if self._pause is not None:
+            self._pause()
         if self._left <= 0.0:
             raise SolveError(
                 f'the estimate did not converge within {self._iterations:g} iterations of shapes'

@@ -10,7 +10,7 @@ import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -115,10 +115,12 @@ class ArmModel:
             self.solver.check_tip_wrench(np.full(6, np.finfo(float).tiny))  # a model with loads
 
     @contextlib.contextmanager
-    def within(self, iterations: int) -> Iterator[Effort]:
+    def within(
+        self, iterations: float, pause: Callable[[], None] | None = None
+    ) -> Iterator[Effort]:
         """Solve no more than ``iterations`` of Newton's method make, together; see `Effort`."""
         outer = self._effort
-        self._effort = Effort(iterations, outer)
+        self._effort = Effort(iterations, outer, pause)
         try:
             yield self._effort
         finally:

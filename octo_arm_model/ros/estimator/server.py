@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from rclpy.node import Node
 
@@ -20,6 +21,8 @@ from octo_arm_model.ros.estimator.waiting_messages import WaitingMessages
 from octo_arm_model.ros.messages import decoded, message_class
 from octo_arm_model.ros.node.inputs.tension_subscription import LatestSubscription
 from octo_arm_model.ros.node.server import Server
+from octo_arm_model.ros.work.queued_service import Steps
+from octo_arm_model.ros.work.sliced_call import SLICE, SlicedCall
 from octo_arm_model.wire.measurement_messages import (
     MEASUREMENT_TOPICS,
     MeasuredArm,
@@ -48,6 +51,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._others: list[LatestSubscription] = []
         self._frames = SensorFrames(node)
         self._waiting = WaitingMessages(self._intake, self._frames)
+        self._under_way: tuple[str, Steps] | None = None
 
     def _open(self) -> None:
         self._begin_anew()
@@ -80,6 +84,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._others = []
         self._waiting.close()
         self._frames.close()
+        self._drop_under_way()
         self._tracker = None
         self._status.follow(None, None)
 
@@ -106,6 +111,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._measured = None
 
     def _begin_anew(self) -> Tracker:
+        self._drop_under_way()
         self._tracker = tracker = self._arm.tracker()
         self._newest = Stamp(0, 0)
         self._stamps.forget()
@@ -120,19 +126,58 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._take(topic, stamp, tensions_of(readings, self._measured_arm()))
 
     def _take(self, topic: str, stamp: Stamp | None, measurement: Measurement) -> None:
-        """Correct the estimate by a ``measurement`` and publish it; OctoArmError if refused."""
-        arm, tracker, outbox = self._arm, self._tracker, self._publishers
-        assert tracker is not None and outbox is not None
+        """Begin to correct the estimate by a ``measurement``; OctoArmError if refused at once."""
+        tracker = self._tracker
+        assert tracker is not None and self._under_way is None
         self._diagnostics.received(topic, stamp)
         at = self._stamps.resolve(stamp)
-        if back := self._stamps.runs_back(topic, at, arm.settings.window):
+        if back := self._stamps.runs_back(topic, at, self._arm.settings.window):
             words = f'stamps run back by {back:.3g} s; the estimate begins anew'
             self._refusal_log.say(topic, words)
             self._status.ran_back(topic)
             tracker = self._begin_anew()
+        self._under_way = topic, self._correct(tracker, topic, at, measurement)
+        self._go_on()
+
+    def _go_on(self) -> bool:
+        """Do the next slice of the correction under way, before what else is due.
+
+        Sensors contradict each other in such ways that one takes many seconds. The next message
+        waits for all of it, requests for parameters only for a slice.
+        """
+        if self._under_way is None:
+            return False  # dropped meanwhile
+        topic, steps = self._under_way
+        self._under_way = None
+        try:
+            next(steps)
+        except StopIteration:
+            return False
+        except OctoArmError as error:
+            self._refuse(topic, error)
+            return False
+        self._under_way = topic, steps
+        self._work.add_first(self._go_on)
+        return False
+
+    def _drop_under_way(self) -> None:
+        """End a correction in the midst of it: its tracker is given up."""
+        if self._under_way is not None:
+            _, steps = self._under_way
+            self._under_way = None
+            steps.close()
+
+    def _correct(self, tracker: Tracker, topic: str, at: Stamp, measurement: Measurement) -> Steps:
+        """Correct the estimate and publish it, yielding in the midst; OctoArmError if refused."""
+
+        def add(pause: Callable[[], None]) -> Tracked:
+            return tracker.add(at.ns, [measurement], pause)
+
         began = time.perf_counter()
-        tracked = tracker.add(at.ns, [measurement])
+        tracked = yield from SlicedCall(add, SLICE).steps()
         duration = time.perf_counter() - began
+        arm, outbox = self._arm, self._publishers  # perhaps changed meanwhile
+        assert outbox is not None
         self._newest = max(self._newest, at)
         if tracked.begins_anew:
             words = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -21,10 +21,8 @@ from octo_arm_model.ros.messages import (
     wrench_values,
 )
 from octo_arm_model.ros.work.queued_service import Steps
-from octo_arm_model.ros.work.sliced_call import SlicedCall
+from octo_arm_model.ros.work.sliced_call import SLICE, SlicedCall
 from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
-
-SLICE = 0.02  # [s] of a search between two looks at what else is to be done
 
 
 def answer_solve(
@@ -67,7 +65,7 @@ def answer_find_tensions(
         def search(pause: Callable[[], None]) -> Inverse:
             return find_tensions(solver, target, highest, stiffness=stiffness, pause=pause)
 
-        found = yield from _in_slices(SlicedCall(search, SLICE))
+        found = yield from SlicedCall(search, SLICE).steps()
     except OctoArmError as error:
         response.success, response.message = False, str(error)
         return
@@ -75,17 +73,6 @@ def answer_find_tensions(
     response.message = '' if found.reached else 'out of reach; this is as near as was found'
     response.tensions = tensions_message(found.backbone.tensions, solver.arm, now, frame_id)
     response.tip = pose_message(found.backbone.position[-1], found.backbone.quaternion[-1])
-
-
-def _in_slices(call: SlicedCall[Inverse]) -> Generator[None, None, Inverse]:
-    """Do ``call``, yielding between slices; returns its result."""
-    try:
-        while not call.advance():
-            yield
-    except GeneratorExit:
-        call.abandon()
-        raise
-    return call.result()
 
 
 def _highest(request: FindTensions.Request, solver: Solver) -> FloatArray:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from typing import Generic, TypeVar
 
 Result = TypeVar('Result')
+SLICE = 0.02  # [s] of a long call between two looks at what else is to be done
 LONGEST_WAIT = 0.5  # [s] for a signal that came just before a wait
 
 
@@ -20,8 +22,8 @@ class _Abandoned(BaseException):
 class SlicedCall(Generic[Result]):
     """Runs a function that calls ``pause`` now and then; at each of these it may be suspended.
 
-    The optimisers of SciPy cannot return in the middle of their work. The function therefore runs
-    on a thread of its own, but only while `advance` waits for it: never beside the caller.
+    Searches cannot return in the middle of their work. The function therefore runs on a thread of
+    its own, but only while `advance` waits for it: never beside the caller, but after a signal.
     """
 
     def __init__(self, function: Callable[[Callable[[], None]], Result], seconds: float) -> None:
@@ -57,9 +59,27 @@ class SlicedCall(Generic[Result]):
         assert self._result is not None
         return self._result
 
+    def steps(self) -> Generator[None, None, Result]:
+        """Do all slices, yielding between them; returns the result, raises what `result` does.
+
+        Where it is closed, or a signal ends a slice, the function is abandoned.
+        """
+        try:
+            while not self.advance():
+                yield
+        except BaseException:
+            self.abandon()
+            raise
+        return self.result()
+
     def abandon(self) -> None:
-        """End a suspended function, from its ``pause``."""
+        """End the function, from its next ``pause``.
+
+        A suspended one has ended when this returns, and what it worked with is free again.
+        """
+        self._until = -math.inf
         self._resume.put(False)
+        self._thread.join(LONGEST_WAIT)  # bounded: in the midst of a slice the pause may be far
 
     def _run(self) -> None:
         try:

@@ -63,7 +63,39 @@ def test_an_abandoned_call_ends_where_it_paused():
     call = SlicedCall(function, 0.0)
     assert not call.advance()
     call.abandon()
-    call._thread.join()
+    assert ended == ['here']
+
+
+def test_steps_yield_between_slices_and_return_what_the_function_does():
+    def caller():
+        return (yield from SlicedCall(function, 0.0).steps())
+
+    def function(pause):
+        pause()
+        pause()
+        return 'all'
+
+    steps = caller()
+    next(steps)
+    next(steps)
+    with pytest.raises(StopIteration) as end:
+        next(steps)
+    assert end.value.value == 'all'
+
+
+def test_steps_that_are_closed_have_ended_the_function():
+    ended = []
+
+    def function(pause):
+        try:
+            pause()
+        finally:
+            ended.append('here')
+
+    steps = SlicedCall(function, 0.0).steps()
+    next(steps)
+    assert ended == []
+    steps.close()
     assert ended == ['here']
 
 
