@@ -85,7 +85,7 @@ def find_tensions(
         stiffness: target stiffness, reached by co-contraction.
         start: tensions at which the search starts [N].
         seed: of the random starts.
-        pause: called before every solve.
+        pause: called before every solve and every derivative.
 
     Raises:
         TensionError: if ``highest`` or ``start`` do not fit the arm.
@@ -155,6 +155,7 @@ class _Search:
             backbone = self._solver.solve(tensions.reshape(shape), start=self._last)
             self._last = backbone
             self.iterations += 1
+            self._pause()  # derivatives take longer than the solve where tendons have friction
             self._solved = key, backbone, self._solver.sensitivity(backbone)
         return self._solved[1:]
 
