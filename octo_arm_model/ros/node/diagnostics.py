@@ -18,6 +18,7 @@ from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.node.heard_inputs import HeardInputs
 from octo_arm_model.ros.node.stepped_clock import SteppedClock
 from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.ros.work.interruption import until_shutdown
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp
 
@@ -136,7 +137,8 @@ class Diagnostics:
     def _report(self) -> None:
         more = (part(self._idle) for part in self.parts)
         statuses = self._solver(), self._input(), self._output(), *more
-        self._publisher.publish(diagnostics_message(self._node, *statuses))
+        with until_shutdown(self._node.context):
+            self._publisher.publish(diagnostics_message(self._node, *statuses))
         self._lately.clear()
         self._topics, self._received, self._busy = {}, 0, 0.0
 
