@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from octo_arm_model.core.compiled.compiled import Compiled
 from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models.statics import Setup, Statics
 from octo_arm_model.core.rod.assembly import Results
 from octo_arm_model.core.rod.backbone import Backbone
@@ -65,12 +65,12 @@ class BatchSolver:
             return results.backbone(self._model, tensions, wrenches, lead, self._reach)
         results.make_room()
         for arms, is_loaded in groups:
-            part = Results((arms.size,), grid, base, read_out)
+            part = Results((len(arms),), grid, base, read_out)
             self._fill(part, arms, flat[arms], flat_wrenches[arms], start, before, is_loaded)
             results.put(arms, part)
         return results.backbone(self._model, tensions, wrenches, lead, self._reach)
 
-    def _groups(self, wrenches: FloatArray) -> tuple[tuple[IntArray, bool], ...] | None:
+    def _groups(self, wrenches: FloatArray) -> tuple[tuple[list[int], bool], ...] | None:
         """Numbers of the arms that are not loaded, and of those that are; None if all are.
 
         Each is solved as it is alone. ``wrenches`` (batch, 6) [N, N m] are those on the tips.
@@ -78,10 +78,10 @@ class BatchSolver:
         loaded = wrenches.any(axis=1)
         if loaded.all() or self._statics.is_loaded(np.zeros(6)):
             return None
-        return (np.flatnonzero(~loaded), False), (np.flatnonzero(loaded), True)
+        return tuple((np.flatnonzero(loaded == one).tolist(), one) for one in (False, True))
 
     def _fill(
-        self, results: Results, numbers: Sequence[int] | IntArray, tensions: FloatArray,
+        self, results: Results, numbers: Sequence[int], tensions: FloatArray,
         wrenches: FloatArray, start: Backbone | None, before: FloatArray | None, is_loaded: bool,
     ) -> None:  # fmt: skip
         """Solve for ``tensions`` (arms, tendons) and ``wrenches`` (arms, 6); fill in ``results``.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from octo_arm_model.core.hints import IntArray
-
 _SHOWN = 200  # characters of a value or name in a message
 _LISTED = 20  # names in a message
 _LONGEST = 300  # characters of a message of `in_short`
@@ -106,7 +104,7 @@ class SolveError(OctoArmError, ArithmeticError):
         super().__init__(message)
         self.number = number
 
-    def in_batch(self, numbers: Sequence[int] | IntArray) -> None:
+    def in_batch(self, numbers: Sequence[int]) -> None:
         """Add to the message the set of the batch, or all those of these ``numbers``."""
         where = f'sets {numbers[0]} to {numbers[-1]}'
         if self.number is not None or len(numbers) == 1:

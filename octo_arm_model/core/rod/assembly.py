@@ -126,7 +126,7 @@ class Results:
         np.divide(at_stations[:3], stretch, out=strains[:3])
         np.subtract(stretch, 1.0, out=strains[3])
 
-    def put(self, arms: IntArray, part: Results) -> None:
+    def put(self, arms: list[int], part: Results) -> None:
         """Store ``part``, which has the arms of these numbers; there is room for them."""
         for mine, theirs in zip(self.arrays, part.arrays, strict=True):
             mine[arms] = theirs
@@ -152,7 +152,7 @@ class Results:
         at_stations = np.moveaxis(tendons.stations, 0, -1)
         self._add_stations(part, at_stations)
 
-    def _add_stations(self, part: slice | tuple[()] | IntArray, tensions: FloatArray) -> None:
+    def _add_stations(self, part: slice | tuple[()] | list[int], tensions: FloatArray) -> None:
         """Store the ``tensions`` (arms, stations, tendons) of the arms ``part`` of a batch."""
         if self._station_tensions is None:
             self._station_tensions = np.empty((*self._lead, *tensions.shape[-2:]))

@@ -277,7 +277,7 @@ def test_the_solves_of_a_winding_have_the_time_of_one_budget_together(
     )
     clock = iter(np.arange(0.0, 1e4, 1e-3))
     monkeypatch.setattr('octo_arm_model.core.loaded.budget.time.monotonic', lambda: next(clock))
-    reeled = {name: 0.05 for name in arm.tendon_names}
+    reeled = dict.fromkeys(arm.tendon_names, 0.05)
     # Of a clock that ticks whenever it is looked at, a budget is an exact number of looks.
     solver = Solver(arm, 'exact', loads=loads, budget=Budget(seconds=0.002))
     with pytest.raises(ContinuationError, match=r'spent (its|their) budget'):
