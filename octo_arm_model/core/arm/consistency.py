@@ -18,7 +18,7 @@ from octo_arm_model.core.hints import FloatArray
 _CHECKED = 257
 # Rounding by which a tendon on the surface may lie outside the body, over the radius of the base.
 _ROUNDING = 1e-12
-_APART = 1e-9  # of the length, that anchorages are apart at least
+_APART = 1e-9  # part of its place by which an anchorage is before the next at least
 
 
 def check_profiles(material: Material, body: Body | ProfiledBody) -> None:
@@ -70,7 +70,7 @@ def _check_section(
             f'at most the length of the arm, {body.length} [m]',
         )
     # Nearer ones would have an element between them that is as long as rounding.
-    if section.anchorage > previous - _APART * body.length:
+    if section.anchorage > previous * (1.0 - _APART):
         raise ArmDefinitionError(
             f'{where}.anchorage',
             section.anchorage,
