@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 
@@ -207,14 +208,15 @@ class Solver:
             OctoArmError: as `solve`.
         """
         before = None if last is None else last.point_tensions
-        with self.together():
-            try:
-                return self._solve(tensions, tip_wrench, last, before)
-            except ContinuationError:
-                raise  # The budget does not allow a second attempt.
-            except ConvergenceError:
-                if last is None:
-                    raise
+        began = time.monotonic()
+        try:
+            return self._solve(tensions, tip_wrench, last, before)
+        except ContinuationError:
+            raise  # The budget does not allow a second attempt.
+        except ConvergenceError:
+            if last is None:
+                raise
+            with self._allowance.together(began):
                 return self._solve(tensions, tip_wrench, None, before)
 
     def together(self) -> AbstractContextManager[None]:

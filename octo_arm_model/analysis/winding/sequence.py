@@ -124,8 +124,9 @@ class WoundSequence:
     def _answer(
         self, solver: Solver, config: Config, tip_wrench: FloatArray | None, has_covariance: bool
     ) -> Answer:
-        none = np.zeros(config.arm.tension_shape)
-        tensions = none if self.tensions is None else self.tensions
+        tensions = self.tensions
+        if tensions is None:
+            tensions = np.zeros(config.arm.tension_shape)
         if not self.displacements:
             backbone = self._last = solver.follow(tensions, self._shape, tip_wrench)
         else:

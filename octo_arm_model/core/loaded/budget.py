@@ -91,10 +91,14 @@ class Allowance:
         self._begin: float | None = None
 
     @contextlib.contextmanager
-    def together(self) -> Iterator[None]:
-        """What is solved within it has the time of one budget in all."""
+    def together(self, began: float | None = None) -> Iterator[None]:
+        """What is solved within it has the time of one budget in all, which ``began`` then or now.
+
+        ``began`` is of `time.monotonic` [s].
+        """
         outer = self._begin
-        self._begin = time.monotonic() if outer is None else outer
+        if outer is None:
+            self._begin = time.monotonic() if began is None else began
         try:
             yield
         finally:

@@ -129,7 +129,7 @@ class SimulatorNode(CheckedNode):
             )
         is_same = config.model.has_balance_of(before.model)
         if is_same and (config.limits == before.limits).all():
-            if self._control is not None:
+            if self._control is not None and config.model != before.model:
                 self._control.go_on_with(config.solver)  # whose budget may be another
             return
         if self._control is not None and self._control.displacements:
