@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from brief import IS_BRIEF, make_parser
 from geometry_msgs.msg import Point, Pose, PoseArray, PoseWithCovarianceStamped, WrenchStamped
-from node import Participant, processor_time, running
+from node import Participant, new_domain, processor_time, running
 from octo_arm_msgs.msg import TendonTensions
 from sensor_msgs.msg import JointState
 
@@ -149,14 +149,13 @@ def main() -> None:
     """Print the table."""
     make_parser(__doc__).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    first_domain = 86 + 2 * (os.getpid() % 4)
     print(f'{STATIONS} stations, covariance at every one; one message at a time')
     print(
         f'{"node":20}{"told":24}{"CPU ms":>9}{"ms":>9}{"estimates/s of one core":>26}{"x node":>9}'
     )
     node = 0.0
-    for number, name in enumerate(NODES):
-        for topic, spent, took in measure(name, first_domain + number):
+    for name in NODES:
+        for topic, spent, took in measure(name, new_domain()):
             node = node or spent
             rate = 1.0 / max(spent, 1e-9)
             print(f'{name:20}{topic:24}{1e3 * spent:9.2f}{1e3 * took:9.2f}{rate:26.0f}'

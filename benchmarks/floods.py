@@ -20,7 +20,7 @@ import numpy as np
 from brief import IS_BRIEF, make_parser
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from node import CONFIG, IN_AIR, OURS, Participant, question, running
+from node import CONFIG, IN_AIR, OURS, Participant, new_domain, question, running
 from octo_arm_msgs.msg import TendonTensions
 from octo_arm_msgs.srv import FindTensions, Solve
 from rcl_interfaces.srv import GetParameters
@@ -119,7 +119,7 @@ def main() -> None:
     """Print the table."""
     make_parser(__doc__).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    domain = 72 + os.getpid() % 28
+    domain = new_domain()
     command = [*OURS, *IN_AIR, '--log-level', 'error']
     with running(command, domain), contextlib.closing(Flooder(domain)) as flooder:
         floods: dict[str, Callable[[], None] | None] = {

@@ -50,6 +50,9 @@ from octo_arm_model.ros.messages import backbone_messages
 from octo_arm_model.ros.node import main as our_node
 from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
 
+sys.path.insert(0, os.path.join(os.path.dirname(__file__), '..', 'test'))
+from ros_domains import new_domain
+
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
 QUIET = ['--ros-args', '--log-level', 'warn']
@@ -346,11 +349,7 @@ def main() -> None:
     """Print the table."""
     make_parser(__doc__).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    first_domain = 72 + 7 * (os.getpid() % 4)
-    turns = [
-        {kind: measure(kind, first_domain + i) for i, kind in enumerate(COMMANDS)}
-        for _ in range(TURNS)
-    ]
+    turns = [{kind: measure(kind, new_domain()) for kind in COMMANDS} for _ in range(TURNS)]
     results = {kind: Measured.best([turn[kind] for turn in turns]) for kind in COMMANDS}
     print(f'{CONFIG.stations} stations, {CONFIG.model}; one by one, and as many as are answered')
     ratios = ''.join(f'{f"x {other}":>9}' for other in OTHERS)

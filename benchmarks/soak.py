@@ -28,7 +28,7 @@ import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, WrenchStamped
-from node import processor_time
+from node import new_domain, processor_time
 from octo_arm_msgs.msg import TendonTensions
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
@@ -517,9 +517,10 @@ def asked_at(rate: float, clients: list[Client], seconds: float) -> list[float]:
     return [len(client.answers) / seconds for client in clients]
 
 
-def run(part: float, domain: int) -> list[list[str]]:
+def run(part: float) -> list[list[str]]:
     """All parts for ``part`` of the full length; returns rows of (what, outcome)."""
     rows = []
+    domain = new_domain()
     process = start_node(domain)
     client = Client(domain)
     try:
@@ -535,8 +536,8 @@ def run(part: float, domain: int) -> list[list[str]]:
         process.send_signal(signal.SIGINT)
         end(process, {0})
     for row in (
-        recorded(domain + 1, max(60.0 * part, 2.0)),
-        octopus(domain + 1, max(10.0 * part, 1.0)),
+        recorded(new_domain(), max(60.0 * part, 2.0)),
+        octopus(new_domain(), max(10.0 * part, 1.0)),
     ):
         rows.append(row)
         print(*row, sep=': ', flush=True)
@@ -547,9 +548,8 @@ def main() -> None:
     """Run it and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n', maxsplit=1)[0])
     parser.add_argument('--part', type=float, default=1.0, help='of the full length')
-    parser.add_argument('--domain', type=int, default=77, help='ROS domain of its own')
     options = parser.parse_args()
-    run(options.part, options.domain)
+    run(options.part)
 
 
 if __name__ == '__main__':

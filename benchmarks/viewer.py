@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import rclpy
 from brief import IS_BRIEF, make_parser
-from node import COMMANDS, Client, question
+from node import COMMANDS, Client, new_domain, question
 from rclpy.node import Node
 
 from octo_arm_model.ros.child_processes import stop_signals
@@ -137,7 +137,7 @@ def main() -> None:
     """Print the table."""
     make_parser(__doc__).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    domain = 60 + os.getpid() % 20
+    domain = new_domain()
     os.environ['ROS_DOMAIN_ID'] = str(domain)
     node = subprocess.Popen([sys.executable, *COMMANDS['ours']])
     results: dict[str, list[Measured]] = {kind: [] for kind in KINDS}

@@ -20,6 +20,7 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / 'test'))
 from browser import Browser  # noqa: E402 - what drives the browser is with the tests of it
+from ros_domains import new_domain  # noqa: E402
 
 from octo_arm_model import load_config  # noqa: E402
 from octo_arm_model.config.presets import preset_path  # noqa: E402
@@ -154,9 +155,9 @@ def main() -> int:
         return 2
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    # A domain of its own: no other arm is in the picture.
+    # No other arm is in the picture.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+    os.environ['ROS_DOMAIN_ID'] = str(new_domain())
     for take in (bends, fetching, octopus):
         take(folder)
     return 0

@@ -1,6 +1,6 @@
 """Nodes as processes of their own, and clients that talk to them over DDS.
 
-Every process started here is in a ROS domain of its own, which `new_domain` hands out.
+Every process started here is in a ROS domain of its own, see `ros_domains`.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_domains import new_domain, reserved_domain  # noqa: F401 - tests take both from here
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
@@ -64,13 +65,6 @@ OUTPUTS = {
 }
 # What the node says before it is discovered is kept for whoever subscribes later.
 LOG_QOS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_LARGEST_DOMAIN = 100  # beyond it the ports of DDS are among those that Linux hands out
-_domains = itertools.count(7 * os.getpid())
-
-
-def new_domain():
-    """A ROS domain that no process of this test run is in."""
-    return 1 + next(_domains) % _LARGEST_DOMAIN
 
 
 def environment(domain, **more):
@@ -354,22 +348,23 @@ def running(
     module, *arguments, files=(CONFIG_FILE,), client=NodeClient, node='octo_arm', domain=None
 ):
     """A node in a domain of its own, or one given, and its client, which has its ``process``."""
-    domain = domain or new_domain()
-    process = start_node(module, domain, *arguments, files=files)
-    connected = client(domain, node)
-    connected.process = process
-    try:
-        yield connected
-        if process.returncode is None:  # else the test itself has waited for the end
-            assert process.poll() is None, process.communicate()[1]
-    except BaseException:
-        process.kill()
-        process.communicate()
-        raise
-    finally:
-        connected.close()
-    if process.returncode is None:
-        stop(process)
+    given = contextlib.nullcontext(domain)
+    with reserved_domain() if domain is None else given as domain:
+        process = start_node(module, domain, *arguments, files=files)
+        connected = client(domain, node)
+        connected.process = process
+        try:
+            yield connected
+            if process.returncode is None:  # else the test itself has waited for the end
+                assert process.poll() is None, process.communicate()[1]
+        except BaseException:
+            process.kill()
+            process.communicate()
+            raise
+        finally:
+            connected.close()
+        if process.returncode is None:
+            stop(process)
 
 
 def assert_is_backbone(answers, tensions):

@@ -11,13 +11,12 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 
 import soak
-from live_nodes import new_domain
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.endurance
 
 
 def test_the_node_stands_abuse(capfd):
-    rows = soak.run(0.004, new_domain())
+    rows = soak.run(0.004)
     outcome = dict(row[-2:] for row in rows)
     assert outcome['killed and started again'].endswith('s later')
     assert 'no wrong shape' in outcome['5 changes of parameters']
