@@ -1,12 +1,17 @@
-"""Settings and fixtures of the core's tests; nothing of ROS."""
+"""Settings of all tests, and fixtures of the core's; nothing of ROS."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import signal
+from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+import ros_domains
 from checkout import PAPERS_PRESETS
 from hypothesis import HealthCheck, settings
 from workspaces import HIGHEST
@@ -27,12 +32,62 @@ settings.register_profile(
 settings.load_profile('octo_arm_model')
 
 
-def pytest_configure() -> None:
-    """Let programs under test hear signals that shells have their background jobs ignore."""
+_MOST = 5.0  # of processor time for a test of `make test` [s]
+_before = 0.0
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Set what programs under test inherit."""
+    # They hear signals that shells have their background jobs ignore ...
     for number in (signal.SIGINT, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_IGN:
             how = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
             signal.signal(number, how)
+    # ... and are in a ROS domain of this process where a test gives them no other.
+    domain = contextlib.ExitStack()
+    os.environ['ROS_DOMAIN_ID'] = str(domain.enter_context(ros_domains.reserved_domain()))
+    config.add_cleanup(domain.close)
+
+
+@pytest.fixture(scope='module', autouse=True)
+def domains_of_a_file() -> Iterator[None]:
+    """Give back the ROS domains of a file when all in it has ended."""
+    yield
+    ros_domains.release()
+
+
+def _processor_time() -> float:
+    """Of this process and of those that it has waited for [s]."""
+    return sum(os.times()[:4])
+
+
+def pytest_runtest_logstart() -> None:
+    """Begin to count the processor time of a test."""
+    global _before
+    _before = _processor_time()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Any:
+    """Give the report of each phase of a test its processor time, which workers hand over."""
+    global _before
+    report = yield
+    before, _before = _before, _processor_time()
+    report.processor_time = _before - before
+    return report
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Name the tests of `make test` that took more processor time than they should."""
+    spent: Counter[str] = Counter()
+    for report in (one for reports in terminalreporter.stats.values() for one in reports):
+        if 'endurance' not in getattr(report, 'keywords', ()):
+            spent[report.nodeid] += getattr(report, 'processor_time', 0.0)
+    dear = [(name, seconds) for name, seconds in spent.most_common() if seconds > _MOST]
+    if dear:
+        terminalreporter.section(f'more than {_MOST:.0f} s of processor time')
+        for name, seconds in dear:
+            terminalreporter.line(f'{seconds:6.1f} s  {name}')
 
 
 @pytest.fixture(params=PAPERS_PRESETS)
