@@ -3,8 +3,10 @@
 # make touch      the same arm, pushed again and again: from tensions, tip and markers with noise
 #                 an estimator finds the force, and says how well it knows the shape
 # make octopus    eight arms around a body, crawling
-# make test       all tests; ARGS='-k name' passes options to pytest,
-#                 NUMPY=1.26 SCIPY=1.11 tests on those versions
+# make test       what a change must pass; ARGS='-k name' passes options to pytest, -n 0 among
+#                 them for one process, as a debugger needs
+# make test-all   all tests, statistics and endurance too; once more with other rounding
+# make test-oldest  what solves and fits on the oldest NumPy and SciPy: PYTHON=python3.12
 # make lint       style (ruff's and ROS's), types, and what may import what
 # make bench      speed, as ratios
 # make soak       the node under abuse for an hour; PART=0.01 for a minute
@@ -17,10 +19,12 @@ PART ?= 1.0
 ARM ?= config/renda2012_table4.yaml
 PORT ?= 8080
 export PYTHON
-export OCTO_ARM_NUMPY := $(NUMPY)
-export OCTO_ARM_SCIPY := $(SCIPY)
+# Tests of a file run in one worker, which starts the nodes that they share once.
+PYTEST = -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+NUMERIC = test/core test/analysis test/estimation test/experiment
+OLDEST = .ros/oldest
 
-.PHONY: help run touch octopus test lint bench soak docs screenshots prepare clean
+.PHONY: help run touch octopus test test-all test-oldest lint bench soak docs screenshots prepare clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -35,7 +39,22 @@ octopus: prepare
 	@tools/with_ros octo_arm_octopus $(ARM) --port $(PORT)
 
 test: prepare
-	@tools/with_ros python -m pytest $(ARGS)
+	@tools/with_ros python $(PYTEST) -m 'not endurance' $(ARGS)
+
+# Nehalem: a kernel of OpenBLAS that rounds otherwise, without fused products.
+test-all: prepare
+	@tools/with_ros python $(PYTEST) $(ARGS)
+	@$(if $(ARGS),,OPENBLAS_CORETYPE=Nehalem tools/with_ros python $(PYTEST) -m 'not endurance' $(NUMERIC))
+
+# Without numba, which Ubuntu 24.04 does not have.
+test-oldest: $(OLDEST)/installed
+	@$(OLDEST)/bin/python $(PYTEST) -m 'not endurance' $(NUMERIC) $(ARGS)
+
+$(OLDEST)/installed: tools/requirements-oldest.txt
+	@echo preparing $(OLDEST), a minute
+	@$(PYTHON) -m venv --clear $(OLDEST)
+	@$(OLDEST)/bin/python -m pip install -q --disable-pip-version-check -r $<
+	@touch .ros/COLCON_IGNORE $@
 
 lint: prepare
 	@tools/with_ros ruff check

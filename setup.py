@@ -41,6 +41,7 @@ setup(
             'numba',
             'pillow',
             'pytest',
+            'pytest-xdist',
             'selenium',
         ],
         'validation': ['scikit-fem'],

