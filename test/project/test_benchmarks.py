@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from checkout import ROOT
 
-pytestmark = pytest.mark.slow
 FOLDER = ROOT / 'benchmarks'
 # Run by others.
 PARTS = {'brief.py', 'loaded_bvp.py', 'soak.py', 'tip_force_scenario.py'}
@@ -25,6 +24,7 @@ NEEDED = {
 }
 
 
+@pytest.mark.endurance
 @pytest.mark.parametrize('name', sorted(BENCHMARKS))
 def test_every_benchmark_runs_to_its_end(name: str, tmp_path: Path) -> None:
     for module in NEEDED.get(name, []):

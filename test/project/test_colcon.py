@@ -8,8 +8,6 @@ import pytest
 import yaml
 from checkout import ROOT
 
-pytestmark = pytest.mark.slow
-
 PACKAGES = ['octo_arm_msgs', 'octo_arm_model']  # in the order they must be built
 
 needs_colcon = pytest.mark.skipif(shutil.which('colcon') is None, reason='needs colcon')

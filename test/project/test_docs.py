@@ -1,63 +1,150 @@
-"""The manual builds without a warning, and its code blocks run."""
+"""The README and the manual: what their blocks of code print is what they say, and links lead on.
+
+The convention: a block of `python` or `sh` (commands of `octo-arm`) that prints is followed by a
+block of `output`. Its words are those that are printed, its numbers those to the digits that it
+gives, and `...` stands for what is longer, or differs by machine. Blocks of `yaml` are parameter
+files of arms, and of `text` are not run: diagrams, and commands that do not end, take minutes, or
+need an installed ROS or files of the reader.
+"""
 
 import re
+import shlex
 import subprocess
 import sys
+from itertools import pairwise
 
 import pytest
 from checkout import ROOT
 
 from octo_arm_model import load_config
+from octo_arm_model.cli.main import build_parser, main
 from octo_arm_model.config.parameters import PARAMETERS
 
-pytestmark = pytest.mark.slow
+PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
+LANGUAGES = {'python', 'sh', 'yaml', 'text', 'output'}
+# Pages on which commands record an experiment and fit it; `make test` checks their options.
+LONG = {'README', 'bags', 'effects'}
+NUMBER = r'[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?'
 
-PAGES = sorted((ROOT / 'docs').glob('*.md'))
-# Text blocks are not run: diagrams, and commands that do not end or need an installed ROS.
-LANGUAGES = {'python', 'sh', 'yaml', 'text'}
 
-
-def blocks(page, language):
+def blocks(page, *languages):
+    """Code of a page, and what is stated that it prints."""
     fenced = re.findall(r'^```(\S+)\n(.*?)^```', page.read_text(), re.DOTALL | re.MULTILINE)
-    found = {name for name, _ in fenced if not name.startswith('{')}
+    fenced = [(name, code) for name, code in fenced if not name.startswith('{')]
+    found = {name for name, _ in fenced}
     assert found <= LANGUAGES, f'{page.name} has blocks in {found - LANGUAGES}'
-    return [code for name, code in fenced if name == language]
+    return [
+        (code, after[1] if after[0] == 'output' else '')
+        for (name, code), after in pairwise([*fenced, ('', '')])
+        if name in languages
+    ]
 
 
-def pages_with(language):
-    return [pytest.param(page, id=page.stem) for page in PAGES if blocks(page, language)]
+def commands(script):
+    """The commands of a script, each as a list of its words."""
+    lines = script.replace('\\\n', ' ').splitlines()
+    return [words for line in lines if (words := shlex.split(line, comments=True))]
+
+
+def pages_with(*languages, long=()):
+    return [
+        pytest.param(
+            page, id=page.stem, marks=[pytest.mark.endurance] if page.stem in long else []
+        )
+        for page in PAGES
+        if blocks(page, *languages)
+    ]
+
+
+def assert_prints(printed, stated):
+    """Check what is ``printed`` against what is ``stated``, by the convention above."""
+    both = f'stated:\n{stated}\nprinted:\n{printed}'
+    # Arrays are aligned by spaces.
+    printed, stated = (re.sub(r'(?<=\[) +| +(?=\])', '', one.strip()) for one in (printed, stated))
+    numbers, pattern = [], ''
+    for part in re.split(rf'({NUMBER}|\.\.\.|\s+)', stated):
+        if re.fullmatch(NUMBER, part):
+            numbers.append(part)
+            pattern += f'({NUMBER})'
+        else:
+            pattern += '.*?' if part == '...' else r'\s+' if part.isspace() else re.escape(part)
+    found = re.fullmatch(pattern, printed, re.DOTALL)
+    assert found, both
+    for number, expected in zip(found.groups(), numbers, strict=True):
+        mantissa, _, exponent = expected.partition('e')
+        digits = len(mantissa.partition('.')[2]) - int(exponent or 0)
+        # Whole numbers are counts; the last digit of others may be rounded otherwise.
+        off = 0.0 if expected.lstrip('+-').isdigit() else 1.01 * 10.0**-digits
+        assert abs(float(number) - float(expected)) <= off, f'{number}, not {expected}; {both}'
+
+
+@pytest.mark.parametrize(
+    ('printed', 'stated', 'is_so'),
+    [
+        ('[0.04154 2.   ]', '[ 0.0415 2.0]', True),
+        ('[0.04174 2.]', '[0.0415 2.0]', False),
+        ('[0. 0. 0.]', '[0.0021 0.0 0.0]', False),
+        ('3 of 5 used', '4 of 5 used', False),
+        ('-1.24e-05 m', '-1.2e-05 m', True),
+        ('-1.44e-05 m', '-1.2e-05 m', False),
+        ('read\nin 3.1 s\ndone  5', 'read\n...\ndone 5', True),
+        ('read\nin 3.1 s', 'read\n...\ndone', False),
+        ('anything', '', False),
+    ],
+)
+def test_what_is_printed_is_compared_to_the_digits_stated(printed, stated, is_so):
+    if is_so:
+        assert_prints(printed, stated)
+    else:
+        with pytest.raises(AssertionError):
+            assert_prints(printed, stated)
 
 
 @pytest.mark.parametrize('page', pages_with('python'))
-def test_python_runs(page, monkeypatch):
+def test_python_prints_what_is_stated(page, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     names = {}
-    for code in blocks(page, 'python'):
+    for code, stated in blocks(page, 'python'):
         exec(code, names)
+        assert_prints(capsys.readouterr().out, stated)
+
+
+@pytest.mark.parametrize('page', pages_with('sh', long=LONG))
+def test_commands_print_what_is_stated(page, monkeypatch, tmp_path, capsys):
+    (tmp_path / 'config').symlink_to(ROOT / 'config')
+    monkeypatch.chdir(tmp_path)
+    for script, stated in blocks(page, 'sh'):
+        for program, *arguments in commands(script):
+            assert program == 'octo-arm', f'{program} is not run: that is a block of text'
+            assert main(arguments) == 0, (arguments, capsys.readouterr().err)
+        assert_prints(capsys.readouterr().out, stated)
+
+
+@pytest.mark.parametrize('page', pages_with('sh', 'text'))
+def test_commands_have_these_options(page):
+    for script, _ in blocks(page, 'sh', 'text'):
+        if 'octo-arm ' in script:
+            for words in commands(script):
+                if 'octo-arm' in words:
+                    build_parser().parse_args(words[words.index('octo-arm') + 1 :])
 
 
 @pytest.mark.parametrize('page', pages_with('yaml'))
 def test_configurations_are_arms(page, tmp_path):
-    for number, text in enumerate(blocks(page, 'yaml')):
+    for number, (text, _) in enumerate(blocks(page, 'yaml')):
         file = tmp_path / f'{number}.yaml'
         file.write_text(text)
         load_config(file).solver()
 
 
-@pytest.mark.parametrize('page', pages_with('sh'))
-def test_commands_run(page, tmp_path):
-    (tmp_path / 'config').symlink_to(ROOT / 'config')
-    for script in blocks(page, 'sh'):
-        ran = subprocess.run(
-            ['bash', '-euo', 'pipefail', '-c', script],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=300,
-        )
-        assert ran.returncode == 0, f'{script}\n{ran.stderr}'
+def test_links_of_the_readme_lead_to_files():
+    links = re.findall(r'\]\((?!http)([^)#]+)', PAGES[0].read_text())
+    assert links
+    missing = [link for link in links if not (ROOT / link).exists()]
+    assert not missing
 
 
+@pytest.mark.endurance  # a change must pass `make docs`
 def test_manual_builds_without_a_warning(tmp_path):
     pytest.importorskip('sphinx', reason='needs sphinx')
     pytest.importorskip('myst_parser', reason='needs myst-parser')

@@ -6,8 +6,6 @@ import sys
 import pytest
 from checkout import ROOT
 
-pytestmark = pytest.mark.slow
-
 EXAMPLES = sorted((ROOT / 'examples').glob('[1-46]_*.py'))
 
 
