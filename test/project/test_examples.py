@@ -18,6 +18,7 @@ def test_example_runs(example):
     assert ran.stdout
 
 
+@pytest.mark.endurance
 def test_the_loop_closes():
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
