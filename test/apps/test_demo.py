@@ -23,8 +23,6 @@ from octo_arm_model.apps import demo
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.profiles.commands import find_profile
 
-pytestmark = pytest.mark.slow
-
 NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')
 
 

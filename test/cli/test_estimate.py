@@ -28,7 +28,6 @@ def short_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(path, hold=0.8, ramp=0.2, tension_rate=10.0, camera_rate=5.0, marker_rate=5.0)
 
 
-@pytest.mark.slow
 def test_the_summary_says_when_and_how_hard(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = run(capsys, 'estimate', str(touched_bag()), *TIP, '--clock-offset', '0')
     assert status == 0

@@ -17,8 +17,6 @@ from rosgraph_msgs.msg import Clock
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize('kind', [SetParameters, SetParametersAtomically])
 def test_a_parameter_of_no_known_type_is_refused(client, kind):

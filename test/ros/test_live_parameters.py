@@ -18,8 +18,6 @@ from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import is_of_every_node
 from octo_arm_model.config.parameters import PARAMETERS
 
-pytestmark = pytest.mark.slow
-
 # Everything in tables: none of the parameters that they take the place of is given.
 TABULATED = """\
 /**:

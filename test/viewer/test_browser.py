@@ -15,8 +15,6 @@ from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.viewer.commander import as_shell_line
 
-pytestmark = pytest.mark.slow
-
 REST = [450.0, 0.0, 0.0]
 SOLVER = CONFIG.solver()
 

@@ -4,12 +4,9 @@ import re
 import time
 
 import numpy as np
-import pytest
 from browser_or_skip import Browser, colours
 from estimator_nodes import estimating
 from live_nodes import new_domain, start, stop
-
-pytestmark = pytest.mark.slow
 
 
 def green(png):

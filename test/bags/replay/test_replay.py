@@ -473,7 +473,6 @@ def test_a_signal_that_ends_it_leaves_no_bag(
     assert [path.name for path in tmp_path.iterdir()] == ['in']
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('storage', STORAGES)
 @pytest.mark.parametrize('limit', [1000, 300_000, 1_500_000])
 def test_a_full_disk_leaves_no_bag(tmp_path: Path, storage: str, limit: int) -> None:
@@ -559,7 +558,6 @@ def test_friction_remembers_the_tensions_before(tmp_path: Path) -> None:
 # Beside the node --------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures('installed_to_the_last_bit')
 def test_the_node_answers_the_messages_of_a_bag_with_the_same_bytes(tmp_path: Path) -> None:
     pytest.importorskip('rclpy', reason='needs ROS 2')

@@ -143,7 +143,6 @@ def test_with_friction_displacements_slide_on_from_tensions(tmp_path: Path) -> N
     assert np.linalg.norm(fresh.tip - expected.tip) > 1e-5
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures('installed_to_the_last_bit')
 def test_the_node_answers_displacements_of_a_bag_with_the_same_bytes(tmp_path: Path) -> None:
     pytest.importorskip('rclpy', reason='needs ROS 2')

@@ -18,8 +18,6 @@ from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.client.arm_swap import swap_arm
 
-pytestmark = pytest.mark.slow
-
 
 def load(client, *arguments):
     """Run `octo-arm load`; returns its status and what it wrote to stdout and stderr."""

@@ -20,7 +20,6 @@ from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS, OUT
 from octo_arm_model.wire.cdr.covariance import COVARIANCE
 from octo_arm_model.wire.cdr.estimate import CONTACT
 
-pytestmark = pytest.mark.slow
 TOPICS = {**POSES, 'strains': DETAILS['strains']}
 
 

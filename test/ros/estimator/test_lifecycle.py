@@ -9,8 +9,6 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from estimator_nodes import INPUTS, estimating
 from lifecycle_msgs.msg import Transition
 
-pytestmark = pytest.mark.slow
-
 
 def test_a_managed_estimator_estimates_while_it_is_active_and_then_anew():
     with estimating(module='ros.estimator.lifecycle') as client:

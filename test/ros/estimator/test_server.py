@@ -19,8 +19,6 @@ from visualization_msgs.msg import MarkerArray
 
 from octo_arm_model import Loads, PointLoad
 
-pytestmark = pytest.mark.slow
-
 FORCE = np.array([0.0, -0.004, 0.008])
 PRIOR = 0.01  # standard deviation of each component of the force [N]
 BOTH = ('tendon_tensions', 'measured/tip_pose')

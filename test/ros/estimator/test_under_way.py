@@ -18,8 +18,6 @@ from octo_arm_model.estimation.tracker import Tracker
 from octo_arm_model.ros.estimator import server
 from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
 
-pytestmark = pytest.mark.slow
-
 TOPIC = 'tendon_tensions'
 SECOND = 10**9
 

@@ -17,8 +17,6 @@ from rosgraph_msgs.msg import Clock
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize('topic', INPUTS)
 def test_every_input_is_answered_with_the_backbone_of_its_tensions(client, topic):

@@ -16,8 +16,6 @@ from sensor_msgs.msg import JointState
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 
-pytestmark = pytest.mark.slow
-
 
 def test_stamps_that_run_backwards_and_two_sources_are_diagnosed(client):
     client.stamps = itertools.count(1000)

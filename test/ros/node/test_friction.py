@@ -16,8 +16,6 @@ from octo_arm_model import Solver
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 
-pytestmark = pytest.mark.slow
-
 HIGH = np.full((3, 4), 0.02) + [[0.0], [0.0], [1.0]] * np.array([1.0, 0.5, 0.0, 0.0])
 LOW = 0.5 * HIGH
 SETTINGS = {'model': 'exact', 'tendons.friction': [0.2], 'friction_memory': 5.0}

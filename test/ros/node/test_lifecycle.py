@@ -13,8 +13,6 @@ from live_nodes import NO_TRANSITION, assert_is_backbone, check_end, file_with, 
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture
 def managed():

@@ -23,8 +23,6 @@ from live_nodes import (
     start_node,
 )
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])
 def test_node_ends_cleanly(how):

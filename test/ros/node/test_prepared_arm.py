@@ -21,7 +21,6 @@ from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
 from octo_arm_model.ros.estimator.prepared import PreparedEstimator
 from octo_arm_model.ros.node.prepared_arm import Prepared
 
-pytestmark = pytest.mark.slow
 EXTREMES = (1e300, 1e160, 1e-160, 1e-300)
 LOADED = {
     **load_parameters(preset_path('renda2012_prototype')), 'stations': 11, 'model': 'exact',

@@ -10,8 +10,6 @@ from live_nodes import CONFIG, NAMES
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE as PLANE
 
-pytestmark = pytest.mark.slow
-
 FETCHING_IN_PLANE = np.array(PLANE)
 CELLS = [f'LC {number}' for number in range(12)]
 

@@ -10,8 +10,6 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 
 from octo_arm_msgs.srv import FindTensions, Solve
 
-pytestmark = pytest.mark.slow
-
 
 def test_the_service_solve_answers_like_the_core_and_explains_refusals(loaded):
     request = Solve.Request()

@@ -11,8 +11,6 @@ from sensor_msgs.msg import JointState, LaserScan
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 
-pytestmark = pytest.mark.slow
-
 TENSIONS = np.array(FETCHING_IN_PLANE)
 EXPECTED = CONFIG.solver().solve(TENSIONS)
 CELLS = [f'LC {number}' for number in range(12)]

@@ -14,8 +14,6 @@ from octo_arm_model import displacements_of, load_config, solve_displacements, w
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 
-pytestmark = pytest.mark.slow
-
 TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)
 OPTIONS = (
     '-p', 'model:=exact', '-p', 'tendons.axial_stiffness:=[800.0]', '-p',

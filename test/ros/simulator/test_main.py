@@ -36,8 +36,6 @@ from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.simulation.parameters import PARAMETERS, for_arm_node
 from octo_arm_model.simulation.profiles.commands import find_profile
 
-pytestmark = pytest.mark.slow
-
 EXAMPLE = CONFIG_FILE.with_name('simulator.yaml')
 SLACK = np.zeros(12)
 PLANE, SPACE = np.ravel(FETCHING_IN_PLANE), np.ravel(FETCHING_IN_SPACE)

@@ -16,8 +16,6 @@ from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.touched_arm import touched
 
-pytestmark = pytest.mark.slow
-
 FILE = preset_path('renda2012_prototype')
 CONFIG = load_config(FILE)
 OF_SIMULATOR, OF_ESTIMATOR = touched(CONFIG)

@@ -13,8 +13,6 @@ from octo_arm_msgs.srv import FindTensions
 
 from octo_arm_model.ros.work.interruption import until_shutdown
 
-pytestmark = pytest.mark.slow
-
 # The solver sends the signal itself and then never returns.
 PROGRAM = """
 import os, signal, sys, time

@@ -14,8 +14,6 @@ from octo_arm_model.ros.node.main import make_executor
 from octo_arm_model.ros.work.queued_service import MOST_WAITING, QueuedService
 from octo_arm_model.ros.work.work_queue import WorkQueue
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(params=['events', 'single-threaded'])
 def executor(request, context):

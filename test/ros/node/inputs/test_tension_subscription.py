@@ -9,8 +9,6 @@ from live_nodes import OUTPUTS, assert_is_backbone, running
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize('data', [b'\x00\x01', bytes(range(80)), b'\xff' * 200])
 def test_bytes_that_are_no_message_are_refused(client, data):

@@ -13,7 +13,6 @@ from rcl_interfaces.srv import GetParameters
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 
-pytestmark = pytest.mark.slow
 # What is not about the budget has one that a busy machine keeps to.
 AFFORDED = ('-p', 'solve_budget.seconds:=60.0')
 

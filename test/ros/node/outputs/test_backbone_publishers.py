@@ -11,8 +11,6 @@ from std_msgs.msg import String
 
 from octo_arm_model import load_config
 
-pytestmark = pytest.mark.slow
-
 
 def test_whoever_comes_late_hears_what_the_arm_is(client, tmp_path):
     heard = []

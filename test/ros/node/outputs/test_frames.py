@@ -16,8 +16,6 @@ from tf2_msgs.msg import TFMessage
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.ros.node.outputs.backbone_publishers import frames_class
 
-pytestmark = pytest.mark.slow
-
 
 def test_frames_lead_from_the_base_to_the_tip():
     with running(

@@ -16,8 +16,6 @@ from octo_arm_model.ros.node.outputs.output import Output
 from octo_arm_model.wire.cdr.drawing import MarkersWriter
 from octo_arm_model.wire.stamp import Stamp
 
-pytestmark = pytest.mark.slow
-
 
 def test_the_arm_is_drawn_for_whoever_looks(client):
     drawn = []

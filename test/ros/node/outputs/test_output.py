@@ -19,8 +19,6 @@ from octo_arm_model.ros.node.outputs.backbone_publishers import BackbonePublishe
 from octo_arm_model.ros.node.outputs.output import Output
 from octo_arm_model.wire.stamp import Stamp
 
-pytestmark = pytest.mark.slow
-
 
 def test_a_message_is_heard_while_somebody_subscribes(make_node):
     node = make_node('heard')
