@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, PoseArray, PoseWithCovarianceStamped, WrenchStamped
-from live_nodes import RosClient, running
+from live_nodes import RosClient, hosting, running
 from octo_arm_msgs.msg import BackboneCovariance, TendonTensions
 from sensor_msgs.msg import JointState
 
@@ -165,7 +165,13 @@ class EstimatorClient(RosClient):
         return np.array([force.x, force.y, force.z]), np.sqrt(covariance.diagonal()[:3])
 
 
-def estimating(*arguments, module='ros.estimator.main', files=(FILE,), domain=None):
+def estimating(domain=None):
     """The node as a process of its own, and its client."""
-    return running(module, *ARGUMENTS, *arguments, files=files, client=EstimatorClient,
+    return running('ros.estimator.main', *ARGUMENTS, files=(FILE,), client=EstimatorClient,
                    node='octo_arm_estimator', domain=domain)  # fmt: skip
+
+
+def estimating_here(make_node, *arguments):
+    """A node in this process that its client spins."""
+    return hosting(make_node, *ARGUMENTS, *arguments, files=(FILE,), client=EstimatorClient,
+                   node='octo_arm_estimator')  # fmt: skip

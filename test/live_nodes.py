@@ -6,11 +6,13 @@ Every process started here is in a ROS domain of its own, see `ros_domains`.
 from __future__ import annotations
 
 import contextlib
+import gc
 import itertools
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 
@@ -33,7 +35,9 @@ from sensor_msgs.msg import JointState
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import message_class
-from octo_arm_model.ros.node.main import make_executor
+from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
+from octo_arm_model.ros.node.main import OctoArmNode, make_executor
+from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # [s] for anything that takes milliseconds on an idle machine; long, since only what fails waits.
@@ -43,11 +47,11 @@ PERIOD = 0.02  # [s] between polls of what is not waited for by an executor
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
 NAMES = list(CONFIG.arm.tendon_names)
-# Modules of the nodes, and their names.
+# What makes the nodes, and their names.
 NODES = {
-    'node': ('ros.node.main', 'octo_arm'),
-    'lifecycle': ('ros.node.lifecycle', 'octo_arm'),
-    'simulator': ('ros.simulator.main', 'octo_arm_sim'),
+    'node': (OctoArmNode, 'octo_arm'),
+    'lifecycle': (ManagedOctoArmNode, 'octo_arm'),
+    'simulator': (SimulatorNode, 'octo_arm_sim'),
 }
 INPUTS = {topic: message_class(kind.type_name) for topic, kind in TENSION_TOPICS.items()}
 # Inputs of the node as reliable as its outputs, for tests that count every message.
@@ -56,6 +60,8 @@ RELIABLE = [
     for topic in (*INPUTS, 'tip_wrench')
     for word in ('-p', f'qos_overrides./{topic}.subscription.reliability:=reliable')
 ]
+# What is not about the budget has one that a busy machine keeps to.
+AFFORDED = ('-p', 'solve_budget.seconds:=60.0')
 OUTPUTS = {
     'backbone/path': Path,
     'backbone/poses': PoseArray,
@@ -365,6 +371,53 @@ def running(
             connected.close()
         if process.returncode is None:
             stop(process)
+
+
+@contextlib.contextmanager
+def hosting(
+    make_node, *arguments, files=(CONFIG_FILE,), client=NodeClient, node='octo_arm', domain=None
+):
+    """As `running`, with a node in this process that works while its client waits.
+
+    It costs a tenth of the processor time of a process, which imports everything anew. Of nodes
+    of one name in a process only the first is heard in /rosout.
+    """
+    connected, made = client(domain or new_domain(), node), None
+    given = [word for file in files for word in ('--params-file', str(file))]
+    try:
+        made = make_node(
+            context=connected.context,
+            cli_args=['--ros-args', '-r', f'__node:={node}', *given, *map(str, arguments)],
+            use_global_arguments=False,
+        )
+        connected.executor.add_node(made)
+        yield connected
+    finally:
+        if made is not None:
+            connected.executor.remove_node(made)
+            made.destroy_node()
+        connected.close()
+        # A managed node, whose parts refer to it, frees its publisher of logs no earlier.
+        del made
+        gc.collect()
+
+
+@contextlib.contextmanager
+def spinning(client):
+    """A node that its ``client`` hosts works, whatever is done meanwhile."""
+    is_over = threading.Event()
+
+    def spin():
+        while not is_over.is_set():
+            client.spin()
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        thread.join()
 
 
 def assert_is_backbone(answers, tensions):

@@ -1,4 +1,8 @@
-"""Running nodes that the tests of a module share."""
+"""Nodes that tests share, and programs run within a test."""
+
+import gc
+import logging
+import signal
 
 import numpy as np
 import pytest
@@ -51,10 +55,15 @@ def make_node(context):
 
 @pytest.fixture(scope='module')
 def client():
-    """Client of a node with the arm of table 4 and the model renda2012."""
-    from live_nodes import RELIABLE, running
+    """Client of a node with the arm of table 4 and the model renda2012.
 
-    with running('ros.node.main', *RELIABLE) as client:
+    What a test changes of the node it changes back.
+    """
+    from live_nodes import RELIABLE, hosting
+
+    from octo_arm_model.ros.node.main import OctoArmNode
+
+    with hosting(OctoArmNode, *RELIABLE) as client:
         client.connect()
         yield client
 
@@ -62,13 +71,41 @@ def client():
 @pytest.fixture(scope='module')
 def loaded(tmp_path_factory):
     """Client of a node with a loaded arm of the model exact, its ``config`` and ``pull`` [N]."""
-    from live_nodes import RELIABLE, running
+    from live_nodes import RELIABLE, hosting
+
+    from octo_arm_model.ros.node.main import OctoArmNode
 
     path = tmp_path_factory.mktemp('loaded') / 'arm.yaml'
     path.write_text(LOADED)
-    with running('ros.node.main', *RELIABLE, files=[path]) as client:
+    with hosting(OctoArmNode, *RELIABLE, files=[path], node='loaded') as client:
         client.config = load_config(path)
         client.names = list(client.config.arm.tendon_names)
         client.pull = np.array([[1.0, 0.3, 0.0, 0.0]])
         client.connect()
         yield client
+
+
+@pytest.fixture
+def run_here(monkeypatch, capfd):
+    """Runs the ``main`` of a program of ROS in this process; returns what it wrote to stderr.
+
+    Its signal handlers and the settings of its middleware do not outlive the test.
+    """
+    from live_nodes import new_domain
+
+    numbers = signal.SIGINT, signal.SIGTERM, signal.SIGALRM
+    before = [signal.getsignal(number) for number in numbers]
+    handlers = logging.getLogger('octo_arm_model').handlers
+    monkeypatch.setattr('octo_arm_model.ros.node.main.bound_memory', lambda: True)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(new_domain()))
+
+    def run(main, status, *arguments):
+        capfd.readouterr()
+        assert main(list(map(str, arguments))) == status
+        return capfd.readouterr().err
+
+    yield run
+    gc.collect()  # the log of a node that could not be made, which would take that of the next
+    logging.getLogger('octo_arm_model').handlers = handlers
+    for number, handler in zip(numbers, before):
+        signal.signal(number, handler)

@@ -7,7 +7,7 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from live_nodes import NODES, running
+from live_nodes import NODES, hosting
 from octo_arm_msgs.msg import TendonTensions
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
@@ -41,8 +41,8 @@ NO_TIMES = [(-5, 0), (-(2**31), 0), (-1, 10**9), (2**31 - 1, 2**32 - 1)]
 
 @pytest.mark.parametrize('kind', ['node', 'simulator'])
 def test_a_clock_that_is_no_time_is_refused_and_the_next_one_taken(kind):
-    module, name = NODES[kind]
-    with running(module, '-p', 'use_sim_time:=true', node=name) as client:
+    make_node, _ = NODES[kind]
+    with hosting(make_node, '-p', 'use_sim_time:=true', node='clocked') as client:
         is_node = kind == 'node'
         topic = 'backbone/path' if is_node else 'tendon_tensions'
         heard = client.answers[topic] if is_node else client.hear(TendonTensions, topic)

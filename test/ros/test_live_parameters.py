@@ -8,7 +8,7 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from lifecycle_msgs.msg import Transition
-from live_nodes import NODES, assert_is_backbone, running
+from live_nodes import NODES, assert_is_backbone, hosting
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters
@@ -59,8 +59,8 @@ def tabulated(tmp_path):
 
 @pytest.mark.parametrize('kind', NODES)
 def test_what_is_dumped_starts_the_same_node_and_loads_into_it(kind, tmp_path, tabulated):
-    module, name = NODES[kind]
-    with running(module, files=[tabulated], node=name) as first:
+    make_node, name = NODES[kind]
+    with hosting(make_node, files=[tabulated], node=name) as first:
         dumped, types = first.dump(), first.parameter_types()
         assert dumped['tendon_names'] == [] == dumped['sections.offset_base']
         assert dumped['body.radius_base'] == 0.0
@@ -74,7 +74,7 @@ def test_what_is_dumped_starts_the_same_node_and_loads_into_it(kind, tmp_path, t
         refused = {r.reason for r in loaded.results if not r.successful}
         assert all('read-only' in reason for reason in refused), refused
         assert first.dump() == dumped
-    with running(module, files=[path], node=name) as second:
+    with hosting(make_node, files=[path], node=name) as second:
         assert of_the_arm(second.dump()) == of_the_arm(dumped)
         assert second.parameter_types() == types
         if kind == 'lifecycle':

@@ -8,26 +8,45 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from live_nodes import CONFIG_FILE, DEADLINE, NODES, assert_is_backbone, file_with, running, start
+from live_nodes import (
+    CONFIG_FILE,
+    DEADLINE,
+    NODES,
+    assert_is_backbone,
+    file_with,
+    hosting,
+    spinning,
+)
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
 from octo_arm_model import load_config
+from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.client.arm_swap import swap_arm
+from octo_arm_model.ros.estimator.main import EstimatorNode
 
 
-def load(client, *arguments):
-    """Run `octo-arm load`; returns its status and what it wrote to stdout and stderr."""
-    arguments = ('--wait', DEADLINE, *arguments)
-    process = start('cli.main', 'load', *arguments, domain=client.domain)
-    said, complaints = process.communicate(timeout=DEADLINE)
-    return process.returncode, said, complaints
+@pytest.fixture
+def load(monkeypatch, capfd):
+    """Runs `octo-arm load`; returns its status and what it wrote to stdout and stderr."""
+
+    def run(client, *arguments):
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(client.domain))
+        capfd.readouterr()
+        with spinning(client):
+            status = main(['load', '--wait', str(DEADLINE), *map(str, arguments)])
+        said, complaints = capfd.readouterr()
+        # The node logs here as well.
+        own = [line for line in complaints.splitlines(True) if not line.startswith('[')]
+        return status, said, ''.join(own)
+
+    return run
 
 
-def test_the_arm_of_a_running_node_is_exchanged_as_a_whole(client):
+def test_the_arm_of_a_running_node_is_exchanged_as_a_whole(client, load):
     before = client.dump()
     loads = {'loads__point_s': [0.1], 'loads__point_force': [0.0, 0.0, 0.01]}
     assert client.change(**loads, model='exact', stations=51) == (True, '')
@@ -61,7 +80,7 @@ def test_the_arm_of_a_running_node_is_exchanged_as_a_whole(client):
         ('/**:', 'nothing', 'not valid YAML'),
     ],
 )
-def test_a_file_that_is_no_arm_changes_nothing(client, tmp_path, old, new, complaint):
+def test_a_file_that_is_no_arm_changes_nothing(client, load, tmp_path, old, new, complaint):
     before = client.dump()
     status, _, complaints = load(client, file_with(tmp_path, old, new))
     assert status == 2
@@ -100,7 +119,7 @@ class SpinningNode:
         (('--wait', 'nan'), '--wait is nan'),
     ],
 )
-def test_a_node_that_has_no_arm_is_told(client, arguments, complaint):
+def test_a_node_that_has_no_arm_is_told(client, load, arguments, complaint):
     other = SpinningNode(client.domain)
     try:
         status, _, complaints = load(client, CONFIG_FILE, *arguments)
@@ -121,30 +140,31 @@ def test_what_is_not_answered_is_asked_again(client, monkeypatch):
     monkeypatch.setattr(AsyncParameterClient, 'list_parameters', ask)
     monkeypatch.setenv('ROS_DOMAIN_ID', str(client.domain))
     values = load_parameters(preset_path('renda2012_table2'))
-    swap_arm(values, (), '/octo_arm', 20.0)
+    with spinning(client):
+        swap_arm(values, (), '/octo_arm', 20.0)
     assert len(asked) == 2
     assert client.dump()['sections.anchorage'] == values['sections.anchorage']
 
 
-def test_the_simulator_keeps_what_is_its_own():
-    module, name = NODES['simulator']
-    with running(module, '-p', 'winches.lag:=0.5', node=name) as simulator:
+def test_the_simulator_keeps_what_is_its_own(load):
+    make_node, name = NODES['simulator']
+    with hosting(make_node, '-p', 'winches.lag:=0.5', node=name) as simulator:
         simulator.dump()
-        status, _, complaints = load(simulator, 'renda2012_prototype', '--node', '/octo_arm_sim')
-        assert (status, complaints) == (0, '')
+        status, *_ = load(simulator, 'renda2012_prototype', '--node', '/octo_arm_sim')
+        assert status == 0
         after = simulator.dump()
         assert after['winches.lag'] == 0.5
         assert after['sections.anchorage'] == [0.27]
 
 
-def test_an_estimator_takes_what_is_its_own(tmp_path):
+def test_an_estimator_takes_what_is_its_own(load, tmp_path):
     given = tmp_path / 'arm.yaml'
     own = '    estimator: {force_stddev: 0.5}\n'
     given.write_text(preset_path('renda2012_prototype').read_text().rstrip() + '\n' + own)
-    with running('ros.estimator.main', node='octo_arm_estimator') as estimator:
+    with hosting(EstimatorNode, node='octo_arm_estimator') as estimator:
         estimator.dump()
-        status, _, complaints = load(estimator, given, '--node', '/octo_arm_estimator')
-        assert (status, complaints) == (0, '')
+        status, *_ = load(estimator, given, '--node', '/octo_arm_estimator')
+        assert status == 0
         after = estimator.dump()
         assert after['estimator.force_stddev'] == 0.5
         assert after['sections.anchorage'] == [0.27]

@@ -6,12 +6,14 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from estimator_nodes import INPUTS, estimating
+from estimator_nodes import INPUTS, estimating_here
 from lifecycle_msgs.msg import Transition
+
+from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
 
 
 def test_a_managed_estimator_estimates_while_it_is_active_and_then_anew():
-    with estimating(module='ros.estimator.lifecycle') as client:
+    with estimating_here(ManagedEstimatorNode) as client:
         assert client.transition(Transition.TRANSITION_CONFIGURE)
         client.wait(
             lambda: client.node.count_publishers('backbone/covariance') == 1, 'a configured node'
@@ -40,7 +42,7 @@ def test_a_managed_estimator_estimates_while_it_is_active_and_then_anew():
 
 
 def test_what_cannot_be_estimated_is_said_and_can_be_mended():
-    with estimating('-p', 'estimator.gate:=2.0', module='ros.estimator.lifecycle') as client:
+    with estimating_here(ManagedEstimatorNode, '-p', 'estimator.gate:=2.0') as client:
         assert not client.transition(Transition.TRANSITION_CONFIGURE)
         client.log('not configured: estimator.gate is 2.0')
         assert client.change(estimator__gate=0.999) == (True, '')

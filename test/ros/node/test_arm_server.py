@@ -10,12 +10,21 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from geometry_msgs.msg import WrenchStamped
-from live_nodes import INPUTS, NAMES, OUTPUTS, assert_is_backbone, running
+from live_nodes import INPUTS, NAMES, OUTPUTS, RELIABLE, assert_is_backbone, hosting, running
 from octo_arm_msgs.msg import TendonTensions
 from rosgraph_msgs.msg import Clock
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.ros.node.main import OctoArmNode
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+
+
+@pytest.fixture(scope='module')
+def client():
+    """Client of a node that is a process of its own."""
+    with running('ros.node.main', *RELIABLE) as client:
+        client.connect()
+        yield client
 
 
 @pytest.mark.parametrize('topic', INPUTS)
@@ -119,7 +128,7 @@ def test_what_is_said_of_a_refusal_is_short_whatever_was_sent(client):
 
 def test_a_refusal_names_the_topics_as_they_are_remapped():
     remapped = ('-r', 'tendon_tensions:=winch/tension', '-r', 'tip_wrench:=/hand/wrench')
-    with running('ros.node.main', *remapped) as client:
+    with hosting(OctoArmNode, *remapped) as client:
         winch = client.node.create_publisher(TendonTensions, 'winch/tension', 10)
         hand = client.node.create_publisher(WrenchStamped, '/hand/wrench', 10)
         pulling = WrenchStamped()
@@ -139,7 +148,7 @@ def test_a_refusal_names_the_topics_as_they_are_remapped():
 
 
 def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_back():
-    with running('ros.node.main', '-p', 'use_sim_time:=true') as client:
+    with hosting(OctoArmNode, '-p', 'use_sim_time:=true') as client:
         clock = client.node.create_publisher(Clock, '/clock', 10)
         client.connect()
 

@@ -9,12 +9,13 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from live_nodes import NAMES, running
+from live_nodes import AFFORDED, NAMES, hosting
 from octo_arm_msgs.msg import TendonTensions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
+from octo_arm_model.ros.node.main import OctoArmNode
 
 
 def test_stamps_that_run_backwards_and_two_sources_are_diagnosed(client):
@@ -47,7 +48,7 @@ def test_silence_is_diagnosed_and_nobody_claims_to_solve_or_publish(client):
 
 
 def test_winches_and_force_sensors_that_die_are_named():
-    with running('ros.node.main', '-p', 'model:=exact') as client:
+    with hosting(OctoArmNode, *AFFORDED, '-p', 'model:=exact', node='wound') as client:
         winches = client.node.create_publisher(JointState, 'tendon_displacements', 10)
         client.connect()
         client.wait(winches.get_subscription_count, 'a subscription to displacements')
@@ -112,7 +113,7 @@ def test_two_publishers_on_one_topic_are_diagnosed(client):
 
 @pytest.mark.parametrize(('step', 'is_ahead'), [(0.08, False), (0.01, True)])
 def test_a_coarse_clock_is_not_mistaken_for_stamps_from_the_future(step, is_ahead):
-    with running('ros.node.main', '-p', 'use_sim_time:=true') as client:
+    with hosting(OctoArmNode, '-p', 'use_sim_time:=true') as client:
         clock = client.node.create_publisher(Clock, '/clock', 10)
 
         def is_time(nanoseconds):

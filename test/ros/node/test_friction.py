@@ -9,12 +9,13 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from clouds import profiles_of
-from live_nodes import CONFIG, CONFIG_FILE, running, tip_of
+from live_nodes import AFFORDED, CONFIG, CONFIG_FILE, hosting, tip_of
 from sensor_msgs.msg import PointCloud2
 
 from octo_arm_model import Solver
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.ros.node.main import OctoArmNode
 
 HIGH = np.full((3, 4), 0.02) + [[0.0], [0.0], [1.0]] * np.array([1.0, 0.5, 0.0, 0.0])
 LOW = 0.5 * HIGH
@@ -33,7 +34,7 @@ def test_a_loop_has_two_shapes_and_a_gap_ends_the_memory():
         for name, value in SETTINGS.items()
         for word in ('-p', f'{name}:={value}'.replace(' ', ''))
     ]
-    with running('ros.node.main', *options) as client:
+    with hosting(OctoArmNode, *AFFORDED, *options) as client:
         client.connect()
         profiles = client.hear(PointCloud2, 'tendon_tension_profiles')
         # From the start: time goes back.

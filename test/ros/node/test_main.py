@@ -19,23 +19,26 @@ from live_nodes import (
     file_with,
     new_domain,
     running,
-    start,
     start_node,
 )
 
+from octo_arm_model.ros.node import lifecycle
+from octo_arm_model.ros.node.main import main
+from octo_arm_model.ros.simulator import main as simulator
 
-@pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])
-def test_node_ends_cleanly(how):
+
+def test_node_ends_cleanly():
+    # By SIGINT every process of `running` ends.
     with running('ros.node.main') as client:
-        client.connect()
-        client.process.send_signal(how)
+        client.wait(lambda: client.diagnostics, 'a diagnosis')
+        client.process.send_signal(signal.SIGTERM)
         check_end(client.process, 0)
 
 
 @pytest.mark.parametrize('again', [signal.SIGINT, signal.SIGTERM])
 def test_signals_that_come_while_it_ends_change_nothing(again):
     with running('ros.node.main') as client:
-        client.connect()
+        client.wait(lambda: client.diagnostics, 'a diagnosis')
         client.process.send_signal(signal.SIGINT)
         # Until the end: also while Python frees its modules, with its handlers gone.
         while client.process.poll() is None:
@@ -111,28 +114,37 @@ raise SystemExit(node.run('short', lambda: Node('short')))
         ('stations: 101', 'use_sim_time: 5', 'use_sim_time'),
     ],
 )
-def test_bad_parameters_end_the_node_with_one_line_that_says_why(tmp_path, old, new, complaint):
-    files = [file_with(tmp_path, old, new)]
-    process = start_node('ros.node.main', new_domain(), files=files)
-    assert complaint in check_end(process, 1)
+def test_bad_parameters_end_the_node_with_one_line_that_says_why(
+    tmp_path, run_here, old, new, complaint
+):
+    path = file_with(tmp_path, old, new)
+    assert complaint in run_here(main, 1, '--ros-args', '--params-file', path)
+
+
+def test_a_process_that_is_given_a_bad_parameter_says_so_and_ends():
+    process = start_node('ros.node.main', new_domain(), '-p', 'stations:=3')
+    assert 'stations is 3, expected at least 4' in check_end(process, 1)
 
 
 @pytest.mark.parametrize(
     ('program', 'name'),
     [
-        ('ros.node.main', 'octo_arm_node'),
-        ('ros.node.lifecycle', 'octo_arm_lifecycle_node'),
-        ('ros.simulator.main', 'octo_arm_sim'),
+        (main, 'octo_arm_node'),
+        (lifecycle.main, 'octo_arm_lifecycle_node'),
+        (simulator.main, 'octo_arm_sim'),
     ],
 )
-def test_a_node_says_how_it_is_given_parameters(program, name):
-    process = start(program, '--help', domain=new_domain())
-    said, _ = process.communicate(timeout=DEADLINE)
-    assert process.returncode == 0
+def test_a_node_says_how_it_is_given_parameters(run_here, capfd, program, name):
+    with pytest.raises(SystemExit) as left:
+        run_here(program, 0, '--help')
+    assert left.value.code == 0
+    said = capfd.readouterr().out
     assert f'{name} --ros-args --params-file config/renda2012_table4.yaml' in said
     # A file alone was passed over, and then parameters were missing.
-    process = start(program, CONFIG_FILE, '--ros-args', domain=new_domain())
-    complaints = check_end(process, 2)
+    with pytest.raises(SystemExit) as left:
+        run_here(program, 2, CONFIG_FILE, '--ros-args')
+    assert left.value.code == 2
+    complaints = capfd.readouterr().err
     assert f'{name}: error: unrecognized arguments: {CONFIG_FILE}' in complaints
     assert complaints.count('\n') == 1
 
@@ -141,8 +153,8 @@ def test_a_node_says_how_it_is_given_parameters(program, name):
     'arguments',
     [('--params-file', 'nowhere.yaml'), ('-p', 'half'), ('--params-file', '/')],
 )
-def test_what_ros_cannot_read_is_told_without_a_wrong_hint(arguments):
-    complaints = check_end(start_node('ros.node.main', new_domain(), *arguments, files=[]), 1)
+def test_what_ros_cannot_read_is_told_without_a_wrong_hint(run_here, arguments):
+    complaints = run_here(main, 1, '--ros-args', *arguments)
     assert arguments[-1] in complaints
     assert '1.0, not 1' not in complaints
     assert ('seen from' in complaints) == (arguments[-1] == 'nowhere.yaml')

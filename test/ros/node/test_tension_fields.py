@@ -6,10 +6,11 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from live_nodes import CONFIG, running
+from live_nodes import CONFIG, hosting
 from sensor_msgs.msg import JointState, LaserScan
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
+from octo_arm_model.ros.node.main import OctoArmNode
 
 TENSIONS = np.array(FETCHING_IN_PLANE)
 EXPECTED = CONFIG.solver().solve(TENSIONS)
@@ -49,7 +50,7 @@ def test_any_field_of_any_type_is_taken_and_may_change_while_the_node_runs():
     numbers = '[' + ','.join(f'"{n}"' for n in range(1, 13)) + ']'
     given = ('-p', 'tension_type:=sensor_msgs/msg/LaserScan', '-p', 'tension_field:=ranges',
              '-p', f'tension_names:={numbers}', '-r', 'tendon_tensions/field:=/daq')  # fmt: skip
-    with running('ros.node.main', *given) as client:
+    with hosting(OctoArmNode, *given, node='daq') as client:
         scans = client.node.create_publisher(LaserScan, '/daq', 10)
         wait_for_answer(client, scans, scan())
         client.node.destroy_publisher(scans)

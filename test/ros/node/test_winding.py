@@ -6,13 +6,14 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from live_nodes import NAMES, running, tip_of
+from live_nodes import AFFORDED, NAMES, hosting, tip_of
 from octo_arm_msgs.msg import TendonTensions
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import displacements_of, load_config, solve_displacements, wound_sensitivity
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros.node.main import OctoArmNode
 
 TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)
 OPTIONS = (
@@ -25,7 +26,7 @@ OPTIONS = (
 def wound():
     """Client of a node with tendons that stretch, and its ``solver``."""
     path = preset_path('renda2012_table4')
-    with running('ros.node.main', *OPTIONS, files=[path]) as client:
+    with hosting(OctoArmNode, *AFFORDED, *OPTIONS, files=[path]) as client:
         client.winches = client.node.create_publisher(JointState, 'tendon_displacements', 10)
         client.estimates = client.hear(TendonTensions, 'tendon_tension_estimates')
         client.connect()

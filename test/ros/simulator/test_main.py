@@ -17,12 +17,10 @@ from live_nodes import (
     INPUTS,
     NAMES,
     RosClient,
-    check_end,
+    hosting,
     new_domain,
     running,
     start,
-    start_node,
-    stop,
     tensions_message,
 )
 from octo_arm_msgs.msg import TendonTensions
@@ -31,8 +29,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import solve_displacements
+from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.ros.node.main import OctoArmNode
+from octo_arm_model.ros.simulator.main import SimulatorNode
+from octo_arm_model.ros.simulator.main import main as simulator_main
 from octo_arm_model.simulation.parameters import PARAMETERS, for_arm_node
 from octo_arm_model.simulation.profiles.commands import find_profile
 
@@ -78,7 +80,7 @@ def seconds(message):
 
 
 def simulating(*arguments, files=(CONFIG_FILE,)):
-    return running('ros.simulator.main', *arguments, files=files, client=Controller,
+    return hosting(SimulatorNode, *arguments, files=files, client=Controller,
                    node='octo_arm_sim')  # fmt: skip
 
 
@@ -92,7 +94,8 @@ EVERY_READING = [
 
 @pytest.fixture(scope='module')
 def shared():
-    with simulating(*EVERY_READING) as controller:
+    given = {'client': Controller, 'node': 'octo_arm_sim'}
+    with running('ros.simulator.main', *EVERY_READING, **given) as controller:
         for topic in COMMANDS:
             controller.reach(PLANE, topic)
             controller.reach(SLACK, topic)
@@ -354,15 +357,15 @@ def test_the_arm_follows_the_command_through_simulator_and_node(controller) -> N
     from geometry_msgs.msg import PoseWithCovarianceStamped
 
     tips = controller.hear(PoseWithCovarianceStamped, 'tip_pose')
-    process = start_node('ros.node.main', controller.domain)
     solver = CONFIG.solver()
-    try:
+    with hosting(OctoArmNode, domain=controller.domain) as node:
         assert controller.change(winches__lag=0.05) == (True, '')
         for tensions in (PLANE, SPACE):
             expected = solver.solve(tensions.reshape(3, 4)).tip
 
             def is_there(tensions=tensions, expected=expected):
                 controller.command(tensions)
+                node.spin(0.01)
                 place = tips[-1].pose.pose.position if tips else None
                 return place and np.allclose([place.x, place.y, place.z], expected, atol=1e-6)
 
@@ -371,20 +374,17 @@ def test_the_arm_follows_the_command_through_simulator_and_node(controller) -> N
         readings = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in controller.measured}
         stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in tips[-20:-5]}
         assert stamps <= readings
-    finally:
-        stop(process)
 
 
-def test_a_profile_is_played_from_the_command_line(controller) -> None:
-    process = start(
-        'cli.main', 'play', 'fetching_in_plane', '--speed', '2', '--wait', DEADLINE,
-        domain=controller.domain,
-    )  # fmt: skip
+def test_a_profile_is_played_from_the_command_line(controller, monkeypatch, capfd) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(controller.domain))
     controller.measured.clear()
-    controller.wait(lambda: process.poll() is not None, 'the end of the profile')
-    assert (*process.communicate(), process.returncode) == ('', '', 0)
-    controller.wait(lambda: not any(controller.measured[-1].tension), 'slack tendons')
-    peak = np.max([message.tension for message in controller.measured], axis=0)
+    assert main(['play', 'fetching_in_plane', '--speed', '2', '--wait', str(DEADLINE)]) == 0
+    assert capfd.readouterr() == ('', '')
+    read = controller.measured
+    controller.wait(lambda: any(one.tension[10] > 0.0 for one in read), 'a pull')
+    controller.wait(lambda: not any(read[-1].tension), 'slack tendons')
+    peak = np.max([message.tension for message in read], axis=0)
     np.testing.assert_allclose(peak, PLANE, rtol=1e-9)
 
 
@@ -406,11 +406,10 @@ def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller, h
     assert len(np.unique(release)) > 3
 
 
-def test_nobody_to_play_to_is_an_error_that_says_what_to_start() -> None:
-    process = start(
-        'cli.main', 'play', 'ramps', '--topic', 'unheard', '--wait', '0.1', domain=new_domain()
-    )
-    complaints = check_end(process, 2)
+def test_nobody_to_play_to_is_an_error_that_says_what_to_start(monkeypatch, capfd) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(new_domain()))
+    assert main(['play', 'ramps', '--topic', 'unheard', '--wait', '0.1']) == 2
+    complaints = capfd.readouterr().err
     assert complaints.startswith('octo-arm: error: nobody subscribes to /unheard: start octo_arm_')
 
 
@@ -480,9 +479,11 @@ def test_under_simulated_time_readings_come_once_a_period_of_that_clock() -> Non
         ('profile.name:=nowhere.csv', 'nowhere.csv: No such file or directory'),
     ],
 )
-def test_bad_parameters_end_the_simulator_with_one_line_that_says_why(parameter, complaint):
-    process = start_node('ros.simulator.main', new_domain(), '-p', parameter)
-    assert complaint in check_end(process, 1)
+def test_bad_parameters_end_the_simulator_with_one_line_that_says_why(
+    parameter, complaint, run_here
+) -> None:
+    given = '--ros-args', '--params-file', CONFIG_FILE, '-p', parameter
+    assert complaint in run_here(simulator_main, 1, *given)
 
 
 def test_the_example_is_read_in_any_namespace_and_overridden_by_single_parameters() -> None:
@@ -502,7 +503,7 @@ def test_readings_around_zero_are_no_refusals_for_a_node_that_knows_of_them() ->
               'profile.loop:=true')  # fmt: skip
     with (
         simulating(*played, files=(CONFIG_FILE, EXAMPLE)) as simulator,
-        running('ros.node.main', *given, domain=simulator.domain) as node,
+        hosting(OctoArmNode, *given, domain=simulator.domain) as node,
     ):
 
         def is_enough():

@@ -9,11 +9,13 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
-from live_nodes import RosClient, new_domain, running
+from live_nodes import RosClient, hosting, new_domain
 from std_srvs.srv import SetBool
 
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros.estimator.main import EstimatorNode
+from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.simulation.touched_arm import touched
 
 FILE = preset_path('renda2012_prototype')
@@ -38,7 +40,7 @@ def arguments(parameters):
 def simulating(domain, **more):
     """The simulator of an arm that is pushed all the time, and a client."""
     given = {**OF_SIMULATOR, 'push.period': 0.0, 'rate': 20.0, **more}
-    return running('ros.simulator.main', *arguments(given), files=[FILE], client=RosClient,
+    return hosting(SimulatorNode, *arguments(given), files=[FILE], client=RosClient,
                    node='octo_arm_sim', domain=domain)  # fmt: skip
 
 
@@ -107,14 +109,15 @@ def test_the_arm_is_pushed_and_let_go_when_asked():
 
 def test_the_estimator_finds_what_pushes_the_simulated_arm():
     domain = new_domain()
-    estimating = running(
-        'ros.estimator.main', *arguments(OF_ESTIMATOR), files=[FILE], client=RosClient,
+    estimating = hosting(
+        EstimatorNode, *arguments(OF_ESTIMATOR), files=[FILE], client=RosClient,
         node='octo_arm_estimator', domain=domain,
     )  # fmt: skip
-    with simulating(domain), estimating as client:
+    with simulating(domain) as simulator, estimating as client:
         heard = client.hear(WrenchStamped, 'tip_wrench/estimate')
 
         def is_found():
+            simulator.spin(0.01)
             forces = [(f.x, f.y, f.z) for f in (one.wrench.force for one in heard[-20:])]
             if len(forces) < 20:
                 return False

@@ -5,9 +5,10 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from live_nodes import OUTPUTS, assert_is_backbone, running
+from live_nodes import OUTPUTS, assert_is_backbone, hosting
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.ros.node.main import OctoArmNode
 
 
 @pytest.mark.parametrize('data', [b'\x00\x01', bytes(range(80)), b'\xff' * 200])
@@ -22,7 +23,7 @@ def test_bytes_that_are_no_message_are_refused(client, data):
 
 def test_a_message_without_a_byte_is_survived():
     # Not reliable, as by default: a reliable subscription gets nothing more after it.
-    with running('ros.node.main') as client:
+    with hosting(OctoArmNode) as client:
         client.connect()
         client.publishers['tendon_tensions'].publish(b'')
         assert_is_backbone(client.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)

@@ -7,14 +7,12 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from geometry_msgs.msg import WrenchStamped
-from live_nodes import CONFIG, NAMES, RELIABLE, assert_is_backbone, running, tip_of
+from live_nodes import AFFORDED, CONFIG, NAMES, RELIABLE, assert_is_backbone, hosting, tip_of
 from octo_arm_msgs.srv import FindTensions, Solve
 from rcl_interfaces.srv import GetParameters
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
-
-# What is not about the budget has one that a busy machine keeps to.
-AFFORDED = ('-p', 'solve_budget.seconds:=60.0')
+from octo_arm_model.ros.node.main import OctoArmNode
 
 
 def test_a_wrench_is_refused_by_a_model_without_loads(client):
@@ -96,7 +94,7 @@ def test_what_has_no_answer_is_not_published_and_diagnostics_say_why(loaded):
 
 @pytest.fixture
 def exact():
-    with running('ros.node.main', *RELIABLE, *AFFORDED, '-p', 'model:=exact') as client:
+    with hosting(OctoArmNode, *RELIABLE, *AFFORDED, '-p', 'model:=exact', node='exact') as client:
         client.connect()
         client.solver = CONFIG.solver('exact')
         yield client
@@ -142,7 +140,8 @@ def test_a_wrench_beyond_its_bound_and_bytes_that_are_none_are_refused(exact):
 def node_with_budget(seconds):
     """A node of the model exact whose solves may take ``seconds``."""
     budget = f'solve_budget.seconds:={seconds}'
-    return running('ros.node.main', '-p', budget, '-p', 'model:=exact', '-p', 'stations:=401')
+    given = '-p', budget, '-p', 'model:=exact', '-p', 'stations:=401'
+    return hosting(OctoArmNode, *given, node='brief')
 
 
 def send_unbearable(client):
@@ -192,8 +191,8 @@ def test_parameters_and_diagnostics_come_between_the_solves_of_any_flood():
         solve = client.service(Solve, 'solve')
         find = client.service(FindTensions, 'find_tensions')
         request = GetParameters.Request(names=['model'])
-        client.call(GetParameters, 'octo_arm/get_parameters', request)
-        parameters = client.service(GetParameters, 'octo_arm/get_parameters')
+        client.call(GetParameters, 'brief/get_parameters', request)
+        parameters = client.service(GetParameters, 'brief/get_parameters')
         waiting = []
 
         def flood():

@@ -9,17 +9,18 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from geometry_msgs.msg import TransformStamped
-from live_nodes import CONFIG, running
+from live_nodes import CONFIG, hosting
 from rotations import matrix_of
 from tf2_msgs.msg import TFMessage
 
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.ros.node.main import OctoArmNode
 from octo_arm_model.ros.node.outputs.backbone_publishers import frames_class
 
 
 def test_frames_lead_from_the_base_to_the_tip():
-    with running(
-        'ros.node.main', '-p', 'base.position:=[0.1, -0.2, 0.3]', '-p', 'base_frame:=robot',
+    with hosting(
+        OctoArmNode, '-p', 'base.position:=[0.1, -0.2, 0.3]', '-p', 'base_frame:=robot',
         '-p', 'frame_prefix:=left_',
     ) as client:  # fmt: skip
         heard = client.hear(TFMessage, '/tf')
