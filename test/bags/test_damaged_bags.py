@@ -33,9 +33,11 @@ from recordings import (
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from octo_arm_model import load_config
+from octo_arm_model.bags.demo.demo import add_demo
+from octo_arm_model.bags.demo.experiment import Experiment
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.store import limits, storages
-from octo_arm_model.bags.writer import STORAGES
+from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.config.presets import preset_path
@@ -326,15 +328,17 @@ def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
             yield from places(part, (*path, key))
 
 
-def test_metadata_of_another_type_is_refused_by_name(tmp_path: Path) -> None:
+@pytest.mark.parametrize('step', [5, pytest.param(1, marks=pytest.mark.endurance)])
+def test_metadata_of_another_type_is_refused_by_name(tmp_path: Path, step: int) -> None:
+    """Each field is of every ``step``-th other type."""
     path = compressed_bag(tmp_path / 'bag', CompressionMode.FILE)
     file = path / 'metadata.yaml'
     whole = yaml.safe_load(file.read_text())
     root = 'rosbag2_bagfile_information'
     whole[root]['custom_data'] = {'operator': 'somebody'}
     named = 0
-    for place in places(whole):
-        for other in OTHERS:
+    for number, place in enumerate(places(whole)):
+        for other in OTHERS[number % step :: step]:
             content = json.loads(json.dumps(whole))
             if place:
                 inner = content
@@ -349,7 +353,7 @@ def test_metadata_of_another_type_is_refused_by_name(tmp_path: Path) -> None:
             except BagError as error:
                 assert '\n' not in str(error)
                 named += place[-1:] != () and str(place[-1]) in str(error)
-    assert named > 150
+    assert named > 150 / step
 
 
 @pytest.mark.parametrize(
@@ -455,13 +459,16 @@ def test_a_row_of_another_type_is_an_error(tmp_path: Path, column: str) -> None:
 def test_rows_that_are_not_there_are_counted_by_every_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(['record-demo', str(tmp_path / 'demo'), '--storage', 'sqlite3']) == 0
-    path = change(file_of(tmp_path / 'demo'), 'DELETE FROM messages WHERE id IN (300, 301)')
-    capsys.readouterr()
+    experiment = Experiment(hold=1.0, ramp=0.5, tension_rate=20.0, camera_rate=5.0)
+    with BagWriter(tmp_path / 'demo', 'sqlite3') as writer:
+        add_demo(writer, load_parameters(PRESET), experiment)
+    path = change(file_of(tmp_path / 'demo'), 'DELETE FROM messages WHERE id IN (100, 101)')
     total = 2 + len(found_in(path)[0])
     for command in ('replay', 'compare'):
         out = str(tmp_path / command)
-        arguments = ['--out', out] if command == 'compare' else [out]
+        more = ['--hold', '0.5', '--clock-offset', '0']
+        arguments = ['--out', out, *more] if command == 'compare' else [out]
+        arguments += ['--model', 'closed_form']
         assert main([command, str(path), *arguments]) == 0
         said = capsys.readouterr().out
         assert f'demo_0.db3: 2 message(s) of {total} are not there, by their numbers' in said
@@ -498,8 +505,9 @@ def test_the_checksum_of_a_summary_is_checked(tmp_path: Path) -> None:
     assert 'the checksum of its summary is another' in problem_of(path)
 
 
+@pytest.mark.parametrize('count', [40, pytest.param(300, marks=pytest.mark.endurance)])
 @pytest.mark.parametrize('storage', STORAGES)
-def test_no_flipped_bit_loses_a_message_unsaid(tmp_path: Path, storage: str) -> None:
+def test_no_flipped_bit_loses_a_message_unsaid(tmp_path: Path, storage: str, count: int) -> None:
     path = single(tmp_path / 'bag', storage)
     if storage == 'sqlite3':
         change(path, 'PRAGMA page_size = 1024')
@@ -510,7 +518,7 @@ def test_no_flipped_bit_loses_a_message_unsaid(tmp_path: Path, storage: str) -> 
     whole = path.read_bytes()
     rng = random.Random(0)
     refused = 0
-    for _ in range(300):
+    for _ in range(count):
         damaged = bytearray(whole)
         damaged[rng.randrange(len(whole))] ^= 1 << rng.randrange(8)
         path.write_bytes(damaged)
@@ -521,19 +529,20 @@ def test_no_flipped_bit_loses_a_message_unsaid(tmp_path: Path, storage: str) -> 
             refused += 1
         else:
             assert notes or len(found) == len(expected)
-    assert refused > 10
+    assert refused > count / 30
 
 
+@pytest.mark.parametrize('count', [12, pytest.param(100, marks=pytest.mark.endurance)])
 @pytest.mark.parametrize('storage', STORAGES)
 def test_every_command_survives_damage(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], storage: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], storage: str, count: int
 ) -> None:
     rng = random.Random(1)
     path = bag(tmp_path / 'bag', storage)
     file = file_of(path)
     whole = file.read_bytes()
     statuses = set()
-    for number in range(30):
+    for number in range(count):
         damaged = bytearray(whole)
         start = rng.randrange(len(whole))
         if number % 3 == 0:
@@ -543,7 +552,7 @@ def test_every_command_survives_damage(
         else:
             damaged[start] ^= 1 << rng.randrange(8)
         file.write_bytes(damaged)
-        command = ('replay', 'compare', 'identify')[number % 10 // 4]
+        command = ('replay', 'compare', 'identify')[number // 3 % 3]
         options = ['--model', 'closed_form'] if command == 'replay' else ['--out']
         out = tmp_path / f'out{number}'
         status = main([command, str(path), *options, str(out)]) if command != 'replay' else main(

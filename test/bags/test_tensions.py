@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 pytest.importorskip('rosbags', reason='needs rosbags')
@@ -108,6 +108,7 @@ def messages(draw: st.DrawFn) -> list[tuple[str, bytes]]:
     return some
 
 
+@settings(max_examples=30)
 @given(messages())
 def test_messages_read_together_are_those_read_one_by_one(some: list[tuple[str, bytes]]) -> None:
     kind = some[0][0]

@@ -147,15 +147,17 @@ def test_with_friction_displacements_slide_on_from_tensions(tmp_path: Path) -> N
 def test_the_node_answers_displacements_of_a_bag_with_the_same_bytes(tmp_path: Path) -> None:
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-    from live_nodes import OUTPUTS, running
+    from live_nodes import AFFORDED, OUTPUTS, RELIABLE, hosting
     from octo_arm_msgs.msg import TendonTensions
     from sensor_msgs.msg import JointState
+
+    from octo_arm_model.ros.node.main import OctoArmNode
 
     inputs: Inputs = [HALF, PULL, {'tendon_1_1': 0.025}, 1.1 * PULL, HALF, {}]
     bag = bag_of(tmp_path / 'in', inputs)
     assert main(['replay', str(bag), str(tmp_path / 'out'), '--lengths']) == 0
     options = ['-p', 'model:=exact', '-p', 'tendons.axial_stiffness:=[800.0]']
-    with running('ros.node.main', *options) as client:
+    with hosting(OctoArmNode, *RELIABLE, *AFFORDED, *options) as client:
         winches = client.node.create_publisher(JointState, 'tendon_displacements', 10)
         client.connect()
         client.wait(winches.get_subscription_count, 'a subscription to displacements')
