@@ -1,11 +1,15 @@
 """Programs that start others: their output, and that no process is left behind."""
 
+import contextlib
+import io
 import math
 import os
 import re
 import shutil
 import signal
 import socket
+import subprocess
+import sys
 import time
 import uuid
 from pathlib import Path
@@ -19,31 +23,35 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from live_nodes import DEADLINE, new_domain, start
 
 from octo_arm_model import load_config
-from octo_arm_model.apps import demo
+from octo_arm_model.apps import demo, octopus
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.profiles.commands import find_profile
 
 NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')
 
 
+def family_of(mark):
+    """Processes that were started with OCTO_ARM_TEST as ``mark`` in their environment."""
+    found, wanted = set(), f'OCTO_ARM_TEST={mark}'.encode()
+    for path in Path('/proc').glob('[0-9]*/environ'):
+        try:
+            if wanted in path.read_bytes().split(b'\0'):
+                found.add(int(path.parent.name))
+        except OSError:
+            pass  # ended since, or of another user
+    return found
+
+
 class Program:
     """A program, and all that it starts."""
 
     def __init__(self, module, *arguments):
-        mark = str(uuid.uuid4())
-        self._mark = f'OCTO_ARM_TEST={mark}'
+        self._mark = mark = str(uuid.uuid4())
         self.process = start(f'apps.{module}', *arguments, domain=new_domain(), OCTO_ARM_TEST=mark)
 
     def family(self):
-        """Processes that have its mark in their environment, itself among them."""
-        found = set()
-        for path in Path('/proc').glob('[0-9]*/environ'):
-            try:
-                if self._mark.encode() in path.read_bytes().split(b'\0'):
-                    found.add(int(path.parent.name))
-            except OSError:
-                pass  # ended since, or of another user
-        return found
+        """It and what it has started."""
+        return family_of(self._mark)
 
     def line(self, pattern):
         """The next line of its output that ``pattern`` is found in."""
@@ -76,18 +84,143 @@ def started():
         program.process.communicate()
 
 
-def test_the_demonstration_moves_the_arm_and_leaves_nothing_behind(started):
-    program = started('demo', 'renda2012_table2', '--no-viewer')
-    first = program.line(NUMBERS).groups()[:3]
-    while program.line(NUMBERS).groups()[:3] == first:
-        pass
-    assert len(program.family()) == 3  # itself, node and simulator
-    status, complaints = program.end()
+class Watched(io.StringIO):
+    """Output of a program that runs here; ``act`` is called with each of its lines."""
+
+    def __init__(self, act):
+        super().__init__()
+        self._act, self._line = act, ''
+
+    def write(self, text):
+        """Take what is printed."""
+        self._line += text
+        while '\n' in self._line:
+            line, _, self._line = self._line.partition('\n')
+            self._act(line)
+        return len(text)
+
+
+@pytest.fixture
+def run_here(monkeypatch, capfd):
+    """Runs a program here whose children are processes.
+
+    It gets a domain of its own. What it prints is given to ``act``, a line at a time, with the
+    processes of its children. Returns its exit status and what it and they wrote to stderr.
+    """
+    mark = str(uuid.uuid4())
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(new_domain()))
+    monkeypatch.setenv('OCTO_ARM_TEST', mark)
+    numbers = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+    before = [signal.getsignal(number) for number in numbers]
+
+    def run(program, arguments, act):
+        watched = Watched(lambda line: act(line, family_of(mark)))
+        with contextlib.redirect_stdout(watched):
+            status = program.main(arguments)
+        assert family_of(mark) == set()
+        complaints = capfd.readouterr().err
+        assert 'Traceback' not in complaints
+        return status, complaints
+
+    yield run
+    for process in family_of(mark):
+        os.kill(process, signal.SIGKILL)
+    for number, handler in zip(numbers, before):
+        signal.signal(number, handler)
+
+
+def stop_here():
+    """End the program that runs here, as Ctrl-C does."""
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_the_demonstration_moves_the_arm_and_leaves_nothing_behind(run_here):
+    tips = set()
+
+    def watch(line, family):
+        if found := NUMBERS.search(line):
+            tips.add(found.groups()[:3])
+            assert len(family) == 2  # node and simulator
+        if len(tips) == 2:
+            stop_here()
+
+    status, complaints = run_here(demo, ['renda2012_table2', '--no-viewer'], watch)
     assert status == 0, complaints
-    assert 'Traceback' not in complaints
-    assert program.family() == set()
 
 
+def test_the_demonstration_says_where_to_look(run_here):
+    pytest.importorskip('viser', reason='needs viser')
+    said = []
+
+    def watch(line, family):
+        if found := re.search('port (.*) is in use; open http://localhost:(.*)', line):
+            said.extend(map(int, found.groups()))
+            with socket.create_connection(('127.0.0.1', said[1]), timeout=DEADLINE):
+                pass
+        if NUMBERS.search(line):
+            stop_here()
+
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        port = taken.getsockname()[1]
+        path = str(preset_path('renda2012_prototype'))
+        status, complaints = run_here(demo, [path, '--port', str(port)], watch)
+    assert status == 0, complaints
+    assert said[0] == port < said[1]
+
+
+def test_the_demonstration_ends_with_its_node(run_here):
+    def watch(line, family):
+        for process in family if NUMBERS.search(line) else ():
+            command = Path(f'/proc/{process}/cmdline').read_bytes()
+            if b'octo_arm_model.ros.node.main' in command:
+                os.kill(process, signal.SIGKILL)
+
+    status, complaints = run_here(demo, ['renda2012_table4', '--no-viewer'], watch)
+    assert status == 1
+    assert 'octo_arm_model.ros.node.main ended by itself with status -9' in complaints
+
+
+def test_eight_arms_crawl_and_leave_nothing_behind(run_here):
+    def watch(line, family):
+        found = re.search(r'(\d+) shapes/s of 8 arms', line)
+        if found and float(found[1]) >= 8.0:
+            assert len(family) == 1  # hosts the nodes
+            stop_here()
+
+    status, complaints = run_here(octopus, ['--no-viewer', '--processes', '1'], watch)
+    assert status == 0, complaints
+
+
+# A program with two children that do nothing for long.
+PARENT = """
+import time
+from octo_arm_model.ros.child_processes import children, stop_signals
+is_over = stop_signals()
+with children(2 * [('timeit', '-n1', '-r1', 'import time; time.sleep(1000)')]):
+    print('started', flush=True)
+    while not is_over():
+        time.sleep(0.01)
+"""
+
+
+@pytest.mark.skipif(not shutil.which('setpriv'), reason='needs setpriv')
+@pytest.mark.parametrize('how', [signal.SIGTERM, signal.SIGKILL])
+def test_children_end_with_their_parent(how):
+    mark = str(uuid.uuid4())
+    process = subprocess.Popen(
+        [sys.executable, '-c', PARENT], stdout=subprocess.PIPE, text=True,
+        env={**os.environ, 'OCTO_ARM_TEST': mark},
+    )  # fmt: skip
+    assert process.stdout.readline() == 'started\n'
+    assert len(family_of(mark)) == 3
+    process.send_signal(how)
+    process.communicate(timeout=DEADLINE)
+    end = time.monotonic() + DEADLINE
+    while family_of(mark):
+        assert time.monotonic() < end, f'after {DEADLINE} s they still run'
+
+
+@pytest.mark.endurance
 def test_the_demonstration_ends_quietly_with_the_reader_of_its_numbers(started):
     program = started('demo', 'renda2012_prototype', '--no-viewer')
     program.line('waiting|shapes/s')  # as quickly as the node has started
@@ -97,33 +230,7 @@ def test_the_demonstration_ends_quietly_with_the_reader_of_its_numbers(started):
     assert program.family() == set()
 
 
-def test_the_demonstration_says_where_to_look(started):
-    pytest.importorskip('viser', reason='needs viser')
-    with socket.create_server(('127.0.0.1', 0)) as taken:
-        port = taken.getsockname()[1]
-        program = started('demo', str(preset_path('renda2012_prototype')), '--port', str(port))
-        said = program.line('viewer: port (.*) is in use; open http://localhost:(.*)')
-    assert int(said[1]) == port < int(said[2])
-    with socket.create_connection(('127.0.0.1', int(said[2])), timeout=DEADLINE):
-        pass
-    program.line(NUMBERS)
-    assert program.end()[0] == 0
-    assert program.family() == set()
-
-
-def test_the_demonstration_ends_with_its_node(started):
-    program = started('demo', 'renda2012_table4', '--no-viewer')
-    program.line(NUMBERS)
-    for process in program.family():
-        command = Path(f'/proc/{process}/cmdline').read_bytes()
-        if b'octo_arm_model.ros.node.main' in command:
-            os.kill(process, signal.SIGKILL)
-    _, complaints = program.process.communicate(timeout=DEADLINE)
-    assert program.process.returncode == 1
-    assert 'octo_arm_model.ros.node.main ended by itself with status -9' in complaints
-    assert program.family() == set()
-
-
+@pytest.mark.endurance
 @pytest.mark.skipif(not shutil.which('setpriv'), reason='needs setpriv')
 def test_what_is_killed_leaves_nothing_behind(started):
     program = started('demo', 'renda2012_prototype', '--no-viewer')
@@ -135,23 +242,12 @@ def test_what_is_killed_leaves_nothing_behind(started):
         assert time.monotonic() < end, f'after {DEADLINE} s they still run'
 
 
+@pytest.mark.endurance
 def test_what_is_ended_while_it_starts_leaves_nothing_behind(started):
     program = started('demo', 'renda2012_table4')
     while len(program.family()) < 3:
         assert program.process.poll() is None
     status, complaints = program.end(signal.SIGTERM)
-    assert status == 0, complaints
-    assert 'Traceback' not in complaints
-    assert program.family() == set()
-
-
-def test_eight_arms_crawl_and_leave_nothing_behind(started):
-    program = started('octopus', '--no-viewer')
-    rate = program.line(r'(\d+) shapes/s of 8 arms')
-    while float(rate[1]) < 8.0:
-        rate = program.line(r'(\d+) shapes/s of 8 arms')
-    assert len(program.family()) == 3  # itself and two for the nodes
-    status, complaints = program.end()
     assert status == 0, complaints
     assert 'Traceback' not in complaints
     assert program.family() == set()
