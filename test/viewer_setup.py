@@ -1,29 +1,40 @@
-"""Node, simulator and viewer as processes, for tests that come as a page to the viewer."""
+"""Node, simulator and viewer, for tests that come as a page to the viewer."""
 
+import contextlib
 import re
 import socket
 import time
 
 import rclpy
-from live_nodes import DEADLINE, PERIOD, new_domain, start, start_node, stop
+from live_nodes import (
+    DEADLINE,
+    PERIOD,
+    RosClient,
+    hosting,
+    new_domain,
+    spinning,
+    start,
+    stop,
+)
 
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
+from octo_arm_model.ros.node.main import OctoArmNode
+from octo_arm_model.ros.simulator.main import SimulatorNode
 
 
 class Setup:
-    """Node, simulator and viewer, and a client that hears what they say."""
+    """Node and simulator, a viewer as a process, and a client that hears what they say."""
 
     def __init__(self):
         self._domain = new_domain()
         self.node = self.start_node()
-        self.processes = [start_node('ros.simulator.main', self._domain)]
+        self._simulator = self._start(SimulatorNode, 'octo_arm_sim', '-p', 'rate:=10.0')
         # Its port is taken already, so it has to look for another.
         with socket.create_server(('127.0.0.1', 0)) as taken:
             self.port = taken.getsockname()[1]
             self.viewer = start(
                 'viewer.main', '--port', self.port, domain=self._domain, PYTHONUNBUFFERED='1'
             )
-            self.processes.append(self.viewer)
             self.said = self.viewer.stdout.readline()
         self.url = re.search(r'http://\S+', self.said)[0]
         self.context = rclpy.Context()
@@ -32,7 +43,15 @@ class Setup:
         self.client.listen({**POSES, **DETAILS})
 
     def start_node(self):
-        return start_node('ros.node.main', self._domain)
+        return self._start(OctoArmNode, 'octo_arm')
+
+    def _start(self, make_node, name, *arguments):
+        """A node that works until what is returned is closed."""
+        with contextlib.ExitStack() as stack:
+            given = {'client': RosClient, 'node': name, 'domain': self._domain}
+            client = stack.enter_context(hosting(make_node, *arguments, **given))
+            stack.enter_context(spinning(client))
+            return stack.pop_all()
 
     def tensions(self):
         """The newest that the node answered."""
@@ -47,7 +66,9 @@ class Setup:
             time.sleep(PERIOD)
 
     def close(self):
-        """End all of it; returns what the viewer complained of."""
-        rclpy.shutdown(context=self.context)
-        said = {process: stop(process) for process in [*self.processes, self.node]}
-        return said[self.viewer]
+        """End what still runs of it; returns what the viewer complained of."""
+        rclpy.try_shutdown(context=self.context)
+        said = stop(self.viewer) if self.viewer.returncode is None else ''
+        self._simulator.close()
+        self.node.close()
+        return said

@@ -1,13 +1,12 @@
 """The viewer in a real browser: what is pulled there, and what is seen."""
 
 import contextlib
-import signal
 import socket
 
 import numpy as np
 import pytest
 from browser_or_skip import Browser, colours
-from live_nodes import CONFIG, CONFIG_FILE, DEADLINE
+from live_nodes import CONFIG, CONFIG_FILE
 from selenium.webdriver.common.keys import Keys
 from viewer_setup import Setup
 
@@ -21,16 +20,14 @@ SOLVER = CONFIG.solver()
 
 @pytest.fixture(scope='module')
 def setup():
-    setup = Setup()
-    yield setup
-    setup.close()
+    with contextlib.closing(Setup()) as setup:
+        yield setup
 
 
 @pytest.fixture(scope='module')
 def browser(setup):
-    browser = Browser(setup.url)
-    yield browser
-    browser.close()
+    with contextlib.closing(Browser(setup.url, 700, 560)) as browser:
+        yield browser
 
 
 def slacken(setup, browser):
@@ -107,6 +104,7 @@ def test_the_strains_are_drawn(setup, browser):
     browser.until(lambda: len(curves()) == 4 and min(curves()) > 50, 'four curves')
 
 
+@pytest.mark.endurance
 def test_tensions_can_be_copied_as_a_line_for_a_shell(setup, browser):
     slacken(setup, browser)
     browser.sliders()[3].send_keys(Keys.ARROW_RIGHT)
@@ -120,6 +118,7 @@ def test_tensions_can_be_copied_as_a_line_for_a_shell(setup, browser):
     browser.until(lambda: not browser.text('copied'), 'the window going away')
 
 
+@pytest.mark.endurance
 def test_another_model_stands_beside_and_says_how_far_apart_it_is(setup, browser):
     browser.press('15')
     setup.wait_for(lambda: np.allclose(setup.tensions(), np.ravel(FETCHING_IN_SPACE)), 'Figure 15')
@@ -131,6 +130,7 @@ def test_another_model_stands_beside_and_says_how_far_apart_it_is(setup, browser
     browser.press('Tendons')
 
 
+@pytest.mark.endurance
 def test_two_browsers_see_and_pull_the_same_arm(setup, browser):
     slacken(setup, browser)
     other = Browser(setup.url)
@@ -157,10 +157,10 @@ def test_two_browsers_see_and_pull_the_same_arm(setup, browser):
         other.close()
 
 
+@pytest.mark.endurance
 def test_a_node_that_is_gone_is_missed_and_one_that_comes_back_is_shown(setup, browser):
     slacken(setup, browser)
-    setup.node.send_signal(signal.SIGINT)
-    setup.node.communicate(timeout=DEADLINE)
+    setup.node.close()
     browser.until(lambda: 'no shape for' in browser.text('problem'), 'the page missing the node')
     setup.node = setup.start_node()
     browser.until(lambda: 'no shape' not in browser.text('problem'), 'the node on the page')
@@ -169,6 +169,7 @@ def test_a_node_that_is_gone_is_missed_and_one_that_comes_back_is_shown(setup, b
     browser.until(lambda: shows_what_is_published(setup, browser), 'the tip')
 
 
+@pytest.mark.endurance
 def test_the_first_view_is_brought_back_by_its_button(setup, browser):
     slacken(setup, browser)
 
@@ -188,6 +189,7 @@ def test_the_first_view_is_brought_back_by_its_button(setup, browser):
     browser.until(lambda: (first ^ still()).sum() < 0.1 * first.sum(), 'the first view')
 
 
+@pytest.mark.endurance
 def test_an_arm_that_passes_through_itself_is_told_of(setup, browser):
     slacken(setup, browser)
     assert browser.text('overlap') == ''
@@ -197,6 +199,7 @@ def test_an_arm_that_passes_through_itself_is_told_of(setup, browser):
     browser.until(lambda: browser.text('overlap') == '', 'the note going away')
 
 
+@pytest.mark.endurance
 def test_a_link_does_not_have_the_page_take_orders_from_elsewhere(setup):
     heard = []
     elsewhere = socket.create_server(('127.0.0.1', 0))
@@ -220,3 +223,8 @@ def test_a_link_does_not_have_the_page_take_orders_from_elsewhere(setup):
 
 def test_the_console_has_no_errors(browser):
     assert browser.complaints() == []
+    browser.close()
+
+
+def test_the_viewer_ends_without_a_complaint(setup):
+    assert setup.close() == ''

@@ -1,12 +1,15 @@
 """An estimated arm in a real browser: how well it is known, and what pushes it."""
 
 import re
+import socket
 import time
 
 import numpy as np
 from browser_or_skip import Browser, colours
-from estimator_nodes import estimating
+from estimator_nodes import estimating_here
 from live_nodes import new_domain, start, stop
+
+from octo_arm_model.ros.estimator.main import EstimatorNode
 
 
 def green(png):
@@ -17,12 +20,14 @@ def green(png):
 
 def test_the_page_shows_what_pushes_the_arm_and_how_well_that_is_known():
     domain = new_domain()
-    with estimating(domain=domain) as client:
-        viewer = start('viewer.main', '--port', 8300, domain=domain, PYTHONUNBUFFERED='1')
+    with socket.create_server(('127.0.0.1', 0)) as free:
+        port = free.getsockname()[1]
+    with estimating_here(EstimatorNode, domain=domain) as client:
+        viewer = start('viewer.main', '--port', port, domain=domain, PYTHONUNBUFFERED='1')
         try:
             url = re.search(r'http://\S+', viewer.stdout.readline())[0]
             client.connect()
-            browser = Browser(url)
+            browser = Browser(url, 500, 400)
             try:
                 is_seen(client, browser)
                 assert not browser.complaints()
@@ -53,4 +58,4 @@ def is_seen(client, browser):
     before = green(browser.picture())
     client.force = np.array([0.0, -0.006, 0.012])
     shows(client.force)
-    browser.until(lambda: told() and green(browser.picture()) > before + 300, 'the arrow')
+    browser.until(lambda: told() and green(browser.picture()) > before + 100, 'the arrow')

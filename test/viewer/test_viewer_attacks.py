@@ -2,6 +2,7 @@
 
 import contextlib
 import http.client
+import itertools
 import math
 import re
 import socket
@@ -141,8 +142,16 @@ class Attacked(Setup):
 
     def pulls_one(self, page):
         """Slacken all but one tendon; whether the others were slack by then."""
-        page.update('Let all go slack', value=True)
-        self.wait_for(lambda: self.hear() is not None and not self.last.any(), 'slack')
+        again = -math.inf
+
+        def is_slack():
+            nonlocal again
+            if time.monotonic() > again:
+                again = time.monotonic() + 2.0
+                page.update('Let all go slack', value=True)
+            return self.hear() is not None and not self.last.any()
+
+        self.wait_for(is_slack, 'slack')
         self.tension = round(self.tension % 3.0 + 0.01, 2)
         self.pull(page, 5, self.tension)
         return np.count_nonzero(self.last) == 1
@@ -212,7 +221,6 @@ def test_a_page_from_elsewhere_is_not_let_in(viewer, host, origin):
     with pytest.raises(InvalidStatus) as refused:
         Page(viewer.number, host=host, origin=origin)
     assert refused.value.response.status_code == 403
-    assert viewer.still_obeys() == []
 
 
 @pytest.mark.parametrize('host', ['localhost', '127.0.0.1', '[::1]', 'LOCALHOST'])
@@ -244,7 +252,6 @@ def test_the_page_connects_nowhere_else_and_is_shown_in_no_frame(viewer):
 )
 def test_files_of_the_page_alone_are_served(viewer, path):
     assert viewer.request(path).status == 404
-    assert viewer.still_obeys() == []
 
 
 def test_what_is_no_request_is_survived(viewer):
@@ -286,30 +293,31 @@ def test_many_connections_that_say_nothing_keep_nobody_out_for_long(viewer):
 # What may be asked ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    'value', [1e6, 4.1, -5, -1e-3, NAN, INF, -INF, True, None, 'x', [], {}, 2**63], ids=repr
-)
-def test_no_tension_beyond_its_limits_is_commanded(viewer, value):
+def test_no_tension_beyond_its_limits_is_commanded(viewer):
     with viewer.page() as page:
-        page.update(NAMES[4], value=value)
+        for value in (1e6, 4.1, -5, -1e-3, NAN, INF, -INF, True, None, 'x', [], {}, 2**63):
+            page.update(NAMES[4], value=value)
         assert viewer.still_obeys() == []
 
 
-@pytest.mark.parametrize('label', ['Speed', NAMES[4], 'Movement', 'Let all go slack', 'Loop'])
-def test_of_a_control_a_page_sets_the_value_alone(viewer, label):
+def test_of_a_control_a_page_sets_the_value_alone(viewer):
+    labels = 'Speed', NAMES[4], 'Movement', 'Let all go slack', 'Loop'
     with viewer.page() as page:
-        for updates in (
-            {'update_cb': []},
-            {'sync_cb': None},
-            {'removed': True},
-            {'is_button': True},
-            {'nothing_of_that_name': 1},
-            {'value': 1.0, 'update_cb': []},
-            {},
+        for label, updates in itertools.product(
+            labels,
+            (
+                {'update_cb': []},
+                {'sync_cb': None},
+                {'removed': True},
+                {'is_button': True},
+                {'nothing_of_that_name': 1},
+                {'value': 1.0, 'update_cb': []},
+                {},
+            ),
         ):
             page.update(label, **updates)
         assert viewer.still_obeys() == []
-        # The control does what it did.
+        # The controls do what they did.
         page.update('Play', value=True)
         viewer.wait_for(lambda: any(c[4:].any() for c in viewer.hear()), 'the profile')
     viewer.still_obeys()
@@ -324,19 +332,18 @@ def assert_plays(viewer, *updates):
     viewer.still_obeys()
 
 
-@pytest.mark.parametrize('value', [0, 0.05, -1.0, NAN, INF, 1e300, 'x'], ids=repr)
-def test_no_speed_but_those_of_the_slider_is_played_at(viewer, value):
-    assert_plays(viewer, ('Play', True), ('Speed', value))
+def test_no_speed_but_those_of_the_slider_is_played_at(viewer):
+    speeds = 0, 0.05, -1.0, NAN, INF, 1e300, 'x'
+    assert_plays(viewer, ('Play', True), *(('Speed', value) for value in speeds))
 
 
-@pytest.mark.parametrize('name', ['/etc/passwd', '/etc/passwd.csv', '../x.yaml', '', 1, None])
-def test_profiles_are_played_by_their_listed_names_alone(viewer, name):
-    assert_plays(viewer, ('Movement', name), ('Play', True))
+def test_profiles_are_played_by_their_listed_names_alone(viewer):
+    names = '/etc/passwd', '/etc/passwd.csv', '../x.yaml', '', 1, None
+    assert_plays(viewer, *(('Movement', name) for name in names), ('Play', True))
 
 
-@pytest.mark.parametrize(
-    'change',
-    [
+def test_what_is_dragged_is_a_target_to_somewhere(viewer):
+    changes = [
         {'position': [NAN, 0.0, 0.0]},
         {'position': [INF, 0.0, 0.0]},
         {'position': [1e300, 0.0, 0.0]},
@@ -347,18 +354,15 @@ def test_profiles_are_played_by_their_listed_names_alone(viewer, name):
         {'name': '/nothing'},
         {'owner': 'x'},
         {'more': 1},
-    ],
-    ids=str,
-)
-def test_what_is_dragged_is_a_target_to_somewhere(viewer, change):
+    ]
     with viewer.page() as page:
-        page.send({**DRAG, **change})
+        for change in changes:
+            page.send({**DRAG, **change})
         assert viewer.still_obeys() == []
 
 
-@pytest.mark.parametrize(
-    'message',
-    [
+def test_what_no_page_here_asks_for_is_passed_over(viewer):
+    messages = [
         {**CAMERA, 'fov': NAN},
         {**CAMERA, 'position': [NAN, 0.0, 0.0]},
         {**CAMERA, 'look_at': [1e300, 0.0, 0.0]},
@@ -385,14 +389,12 @@ def test_what_is_dragged_is_a_target_to_somewhere(viewer, change):
         30_000 * b'\x91',
         b'\xdf\xff\xff\xff\xff',
         'text',
-    ],
-    ids=lambda message: str(message)[:40],
-)  # fmt: skip
-def test_what_no_page_here_asks_for_is_passed_over(viewer, message):
+    ]  # fmt: skip
     with viewer.page() as page:
-        if isinstance(message, dict) and 'SLIDER' in message.values():
-            message = {**message, 'source_component_uuid': page.controls[NAMES[0]]}
-        page.send(message)
+        for message in messages:
+            if isinstance(message, dict) and 'SLIDER' in message.values():
+                message = {**message, 'source_component_uuid': page.controls[NAMES[0]]}
+            page.send(message)
         # It is still there, and nobody else heard of it.
         page.update(NAMES[4], value=0.0)
         assert viewer.still_obeys() == []
@@ -410,7 +412,7 @@ def test_a_message_of_any_size_is_not_taken_in(viewer):
 
 def test_a_flood_is_answered_by_one_line_a_second(viewer):
     with viewer.page() as page:
-        for _ in range(2000):
+        for _ in range(500):
             page.update(NAMES[4], value=1e6)
         assert viewer.still_obeys() == []
 
