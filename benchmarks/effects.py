@@ -17,8 +17,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from octo_arm_model import Backbone, Solver, Wound, displacements_of, solve_displacements
+from octo_arm_model.config.config import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.presets import find_config
 from octo_arm_model.core.hints import FloatArray
 
 _STEPS = 40
@@ -76,7 +76,7 @@ def main() -> None:
     print('| arm | loads | by | solve [ms] | sheath | friction | both | lengths |')
     print('| --- | --- | --- | --- | --- | --- | --- | --- |')
     for name, tensions in _ARMS:
-        arm = find_config(name).arm
+        arm = load_config(name).arm
         stiffness = _SHEATH * arm.material.shear_modulus
         soft_arm = dataclasses.replace(arm, sheath_stiffness=(stiffness,))
         rough_arm, rough_soft_arm = (

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import Solver
-from octo_arm_model.config.presets import find_config
+from octo_arm_model.config.config import load_config
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.rod.backbone import Backbone
 
@@ -24,7 +24,7 @@ COEFFICIENTS = (0.0, 0.05, 0.1, 0.2)
 HIGHEST = 3.95  # [N], of Table 1
 _STEPS = 20  # up, and as many down
 _SHOWN = 2.0  # [N], of the shapes
-_ARM = find_config('renda2012_prototype').arm
+_ARM = load_config('renda2012_prototype').arm
 
 
 def loop(friction: float) -> list[Backbone]:

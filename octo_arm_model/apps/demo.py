@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.config.presets import find_config, find_path
+from octo_arm_model.config.config import load_config
+from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.ros.client.client import POSES, ArmClient
@@ -94,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _show(options: argparse.Namespace) -> int:
     path = str(find_path(options.config))
-    config = find_config(path)
+    config = load_config(path)
     movement = movement_of(config.arm)
     is_over = stop_signals()
     common = ('--ros-args', '--log-level', 'warn', '--params-file', path)

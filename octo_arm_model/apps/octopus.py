@@ -18,8 +18,8 @@ from rclpy.node import Node
 
 from octo_arm_model.analysis.geometry.octopus_layout import ARMS, base_pose
 from octo_arm_model.apps.demo import LINE_PERIOD, movement_of
-from octo_arm_model.config.config import Config
-from octo_arm_model.config.presets import find_config, find_path
+from octo_arm_model.config.config import Config, load_config
+from octo_arm_model.config.presets import find_path
 from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
@@ -152,7 +152,7 @@ def _show(options: argparse.Namespace) -> int:
     if options.host_arms:
         host(path, options.host_arms)
         return 0
-    config = find_config(path)
+    config = load_config(path)
     is_over = stop_signals()
     groups = np.array_split(np.arange(1, ARMS + 1), options.processes)
     commands = [

@@ -18,8 +18,7 @@ from octo_arm_model.cli.options.shared import (
     refuse_without_effect,
 )
 from octo_arm_model.cli.output.files import check_out, writing
-from octo_arm_model.config.config import Config
-from octo_arm_model.config.presets import find_config
+from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import not_negative, positive
 from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
@@ -81,7 +80,7 @@ def run(options: argparse.Namespace) -> None:
     lowest, highest = _RATES
     if not lowest <= options.rate <= highest:
         raise ArmDefinitionError('--rate', options.rate, f'{lowest} to {highest} [Hz]')
-    config = find_config(options.config)
+    config = load_config(options.config)
     arm = config.arm
     if options.list == (options.profile is not None):
         raise ConfigError('expected either PROFILE or --list')

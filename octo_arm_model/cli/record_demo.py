@@ -14,7 +14,6 @@ from octo_arm_model.cli.options.shared import (
 )
 from octo_arm_model.cli.output.files import unwritten
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import find_path
 
 SUMMARY = 'write a bag of a synthetic experiment'
 DESCRIPTION = """\
@@ -82,7 +81,7 @@ def run(options: argparse.Namespace) -> None:
     from octo_arm_model.bags.demo.experiment import Experiment, custom_data
     from octo_arm_model.bags.writer import BagWriter
 
-    parameters, stiffness = load_parameters(find_path(options.config)), options.stiffness
+    parameters, stiffness = load_parameters(options.config), options.stiffness
     if stiffness is None:
         stiffness = 1.0 if options.touch else Experiment.stiffness
     experiment = Experiment(

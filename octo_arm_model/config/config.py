@@ -17,10 +17,10 @@ from octo_arm_model.config.build import (
 from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
 from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.config.loads import build_loads
-from octo_arm_model.config.parameter import refuse_unknown
-from octo_arm_model.config.parameter_files import naming, parameters_of
+from octo_arm_model.config.parameter import Parameter, refuse_unknown
+from octo_arm_model.config.parameter_files import load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.config.yaml_files import read_text
+from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.validation import not_negative
@@ -30,7 +30,7 @@ from octo_arm_model.core.errors import (
     ContinuationError,
     shown,
 )
-from octo_arm_model.core.limits import MAX_YAML_BYTES, MIN_RATE
+from octo_arm_model.core.limits import MIN_RATE
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.pose import Pose
 from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
@@ -123,7 +123,7 @@ class Config:
                 'material.poisson_ratio_stddev and tendons.offset_stddev go with model exact, not '
                 f'with {given["model"]}'
             )
-        return cls(
+        found = cls(
             arm=arm,
             base=base,
             model=given['model'],
@@ -143,6 +143,9 @@ class Config:
             tension_field=given['tension_field'],
             solve_budget=Budget(given['solve_budget.iterations'], given['solve_budget.seconds']),
         )
+        for parameter in PARAMETERS:
+            _check_unused(parameter, given)
+        return found
 
     def solver(
         self,
@@ -203,15 +206,28 @@ class Config:
         }
 
 
-def load_config(path: str | Path) -> Config:
-    """Read a ROS parameter file: one node name or wildcard, then ``ros__parameters``.
+def load_config(name: str | Path) -> Config:
+    """Read a ROS parameter file, or that of a preset such as ``renda2012_table4``.
 
     Raises:
-        ConfigError: if the file cannot be read or does not describe an arm; the message names
-            the file.
+        ConfigError: if there is no such preset, or the file cannot be read or does not describe
+            an arm; the message names the file.
     """
+    path = find_path(name)
+    values = load_parameters(path)
     with naming(path):
-        return Config.from_parameters(parameters_of(read_text(path, MAX_YAML_BYTES)))
+        return Config.from_parameters(values)
+
+
+def _check_unused(parameter: Parameter, given: Mapping[str, Any]) -> None:
+    """Check values that no part of the arm is built from, as of a table without table_s.
+
+    Raises:
+        ArmDefinitionError: if one is not finite or outside its range.
+    """
+    value = given.get(parameter.name)
+    if value is not None and (value != 0.0 or not parameter.unless):
+        parameter.check(value)
 
 
 def _checked_rate(rate: float) -> float:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from octo_arm_model.config.parameter import TABLE_BOUND, Parameter, Values, check_length
 from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad, Vector
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.limits import MAX_POINT_LOADS
+from octo_arm_model.core.limits import MAX_POINT_LOADS, MAX_TABLE_POINTS
 
 LOAD_PARAMETERS = (
     Parameter('loads.gravity', float, 'acceleration of gravity in base_frame [m/s^2]',
@@ -18,16 +17,16 @@ LOAD_PARAMETERS = (
               (0.0, 0.0, 0.0), is_array=True),
     Parameter('loads.point_s', float,
               f'arc coordinates of point forces [m]; at most {MAX_POINT_LOADS}', (),
-              is_array=True, range='in [0, body.length]'),
+              is_array=True, range='in [0, body.length]', most=MAX_POINT_LOADS),
     Parameter('loads.point_force', float,
               'x, y, z of each point force in base_frame [N], one after the other', (),
-              is_array=True),
+              is_array=True, most=3 * MAX_POINT_LOADS),
     Parameter('loads.distributed_s', float,
               f'arc coordinates of a distributed force, linear between them [m]{TABLE_BOUND}', (),
               is_array=True, range='increasing, in [0, body.length]'),
     Parameter('loads.distributed_force', float,
               'x, y, z of the force per length at each, in base_frame [N/m], one after the other',
-              (), is_array=True),
+              (), is_array=True, most=3 * MAX_TABLE_POINTS),
 )  # fmt: skip
 
 
@@ -38,9 +37,6 @@ def build_loads(given: Values) -> Loads:
         ConfigError: if lists do not have the lengths they need.
         ArmDefinitionError: if a load is invalid.
     """
-    if len(given['loads.point_s']) > MAX_POINT_LOADS:
-        count = len(given['loads.point_s'])
-        raise ConfigError(f'loads.point_s has {count} values, expected at most {MAX_POINT_LOADS}')
     points = _vectors(given, 'loads.point_force', 'loads.point_s')
     along = _vectors(given, 'loads.distributed_force', 'loads.distributed_s')
     return Loads(

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from octo_arm_model.core.arm.validation import is_text, not_negative, positive, whole, within
+from octo_arm_model.core.arm.validation import (
+    finite,
+    is_text,
+    not_negative,
+    positive,
+    whole,
+    within,
+)
 from octo_arm_model.core.errors import ConfigError, listed, shown
 from octo_arm_model.core.limits import MAX_NAME, MAX_TABLE_POINTS
 
@@ -31,6 +39,7 @@ class Parameter:
         is_array: whether it is a list.
         unless: name of the parameter that replaces it; if that one is given it may be missing.
         range: allowed values, in words; the core checks them.
+        most: number of values that a list has at most, whether they are used or not.
     """
 
     name: str
@@ -40,6 +49,7 @@ class Parameter:
     is_array: bool = False
     unless: str = ''
     range: str = ''
+    most: int = MAX_TABLE_POINTS
 
     @property
     def type_name(self) -> str:
@@ -61,18 +71,29 @@ class Parameter:
         """Return ``value`` as this parameter's type; an integer is accepted for a double.
 
         Raises:
-            ConfigError: if the type is another.
+            ConfigError: if the type is another, or a list has too many values.
         """
         if self.is_array and isinstance(value, (list, tuple)):
+            if len(value) > self.most:
+                raise ConfigError(
+                    f'{self.name} has {len(value)} values, expected at most {self.most}'
+                )
             return tuple(self._convert_one(element, value) for element in value)
         return self._convert_one(value, value) if not self.is_array else self._refuse(value)
 
-    def check(self, value: Any, what: str) -> None:
-        """Check ``value`` against its range, where that is '>= 0', '> 0' or 'in [0, 1]'.
+    def check(self, value: Any, what: str = 'number') -> None:
+        """Check a converted ``value``, or each of a list.
+
+        Numbers are finite, and in the range where that is '>= 0', '> 0' or 'in [0, 1]'.
 
         Raises:
-            ArmDefinitionError: if it is outside; the error calls it ``what`` it is.
+            ArmDefinitionError: if one is not; the error calls it ``what`` it is.
         """
+        if self.is_array:
+            one = dataclasses.replace(self, is_array=False)
+            for element in value:
+                one.check(element, what)
+            return
         unit = ''.join(_UNIT.findall(self.description)[:1])
         if self.range == '>= 0' and self.kind is int:
             whole(self.name, value)
@@ -82,6 +103,8 @@ class Parameter:
             positive(self.name, value, unit)
         elif self.range == 'in [0, 1]':
             within(self.name, value, 0.0, 1.0, unit)
+        elif self.kind is float:
+            finite(self.name, value)
 
     def _convert_one(self, element: object, value: object) -> Any:
         if self.kind is float and isinstance(element, int) and not isinstance(element, bool):

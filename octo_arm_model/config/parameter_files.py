@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from octo_arm_model.config.yaml_files import dump_yaml, load_yaml, read_text, reading
+from octo_arm_model.config.yaml_files import (
+    dump_numbers,
+    dump_yaml,
+    load_yaml,
+    read_text,
+    reading,
+)
+from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
 from octo_arm_model.core.limits import MAX_YAML_BYTES
+
+_NAME = re.compile(r'[a-z]+[._][a-z_.]+')  # what is no value in YAML
 
 
 def is_of_every_node(name: str) -> bool:
@@ -21,21 +31,46 @@ def is_of_every_node(name: str) -> bool:
 def parameters_of(text: str) -> dict[str, Any]:
     """Parameters of the one node in ``text``, without those that ROS declares for every node.
 
+    Of several nodes those that ROS gives to one called /octo_arm.
+
     Raises:
         ConfigError: if it is no parameter file.
     """
-    values = _flatten(_ros_parameters(load_yaml(text)))
+    nodes = _nodes(text)
+    found = [one for name, one in nodes if len(nodes) == 1 or _is_ours(name)]
+    if not found:
+        raise ConfigError(
+            f'ros__parameters found below {[name for name, _ in nodes] or "no node name"}, '
+            "expected exactly one, best below '/**:', or /octo_arm among them"
+        )
+    values = {name: value for one in found for name, value in one.items()}
     return {name: value for name, value in values.items() if not is_of_every_node(name)}
 
 
-def load_parameters(path: str | Path) -> dict[str, Any]:
-    """Parameters of a ROS parameter file by their dotted names, for `Config.from_parameters`.
+def load_parameters(name: str | Path) -> dict[str, Any]:
+    """Parameters of a ROS parameter file or preset by their dotted names.
+
+    For `Config.from_parameters`.
 
     Raises:
-        ConfigError: if the file cannot be read or is no parameter file; the message names it.
+        ConfigError: if there is no such preset, or the file cannot be read or is no parameter
+            file; the message names it.
     """
+    path = find_path(name)
     with naming(path):
         return parameters_of(read_text(path, MAX_YAML_BYTES))
+
+
+def as_rcl_reads(text: str) -> str:
+    """The text of a parameter file that gives rcl the values that are read here from ``text``.
+
+    rcl reads no aliases, no list of integers and other numbers, and nothing besides nodes.
+
+    Raises:
+        ConfigError: if it is no parameter file.
+    """
+    nodes = [dump_yaml({name: {'ros__parameters': one}}) for name, one in _nodes(text)]
+    return ''.join(nodes)
 
 
 def parse_parameters(text: str, name: str) -> dict[str, Any]:
@@ -50,10 +85,17 @@ def parse_parameters(text: str, name: str) -> dict[str, Any]:
 
 def parameters_as_yaml(values: Mapping[str, Any]) -> str:
     """The text of a ROS parameter file with these ``values`` by their dotted names."""
-    plain = {
-        name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
-    }
-    return dump_yaml({'/**': {'ros__parameters': plain}})
+    lines, others = list[str](), dict[str, Any]()
+    for name, value in sorted(values.items()):
+        plain = list(value) if isinstance(value, tuple) else value
+        if isinstance(plain, list) and {*map(type, plain)} == {float} and _NAME.fullmatch(name):
+            lines.append(f'    {name}: {dump_numbers(plain)}\n')
+        else:
+            others[name] = plain
+    text = dump_yaml({'/**': {'ros__parameters': others}})
+    if lines and not others:
+        text = text.replace(' {}', '')
+    return text + ''.join(lines)
 
 
 @contextlib.contextmanager
@@ -66,32 +108,65 @@ def naming(path: str | Path) -> Iterator[None]:
             raise ConfigError(f'{path}: {error}') from error
 
 
-def _ros_parameters(document: object) -> Mapping[str, Any]:
+def _nodes(text: str) -> list[tuple[str, dict[str, Any]]]:
+    """Names of nodes, with their namespaces, and the parameters of each by their dotted names."""
+    document = load_yaml(text)
     if not isinstance(document, dict):
         raise ConfigError("no node name at the top, expected '/**:' and ros__parameters below it")
-    nodes = [
-        name
-        for name, content in document.items()
-        if isinstance(content, dict) and 'ros__parameters' in content
-    ]
-    if len(nodes) != 1:
-        raise ConfigError(
-            f'ros__parameters found below {nodes or "no node name"}, '
-            "expected exactly one, best below '/**:'"
-        )
-    parameters = document[nodes[0]]['ros__parameters']
-    if not isinstance(parameters, dict):
-        raise ConfigError(f'ros__parameters is {shown(parameters)}, expected parameters')
-    return parameters
+    return list(_nodes_of(document, ''))
+
+
+def _nodes_of(
+    names: Mapping[str, Any], namespace: str
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    for key, content in names.items():
+        name = f'{namespace}/{key}'.replace('//', '/')
+        if not isinstance(content, dict):
+            continue
+        if 'ros__parameters' not in content:
+            yield from _nodes_of(content, name)
+            continue
+        parameters = content['ros__parameters']
+        if not isinstance(parameters, dict):
+            raise ConfigError(f'ros__parameters is {shown(parameters)}, expected parameters')
+        yield name, _flatten(parameters)
+
+
+def _is_ours(name: str) -> bool:
+    """Whether the ``name`` of a node, perhaps with wildcards, stands for /octo_arm in ROS."""
+    pattern = re.escape(name).replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
+    return re.fullmatch(pattern, '/octo_arm') is not None
 
 
 def _flatten(parameters: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
-    """Nested mappings to dotted names."""
+    """Nested mappings to dotted names, and values to those that a parameter can have."""
     flat: dict[str, Any] = {}
     for key, value in parameters.items():
         name = f'{prefix}{key}'
-        found = _flatten(value, name + '.') if isinstance(value, dict) else {name: value}
+        if isinstance(value, dict):
+            found = _flatten(value, name + '.')
+        else:
+            found = {name: value_of_one_type(name, value)}
         for twice in flat.keys() & found.keys():
             raise ConfigError(f'{twice} is given twice, nested and with a dot')
         flat.update(found)
     return flat
+
+
+def value_of_one_type(name: str, value: Any) -> Any:
+    """The ``value`` of the parameter ``name``, integers in a list with other numbers as floats.
+
+    Raises:
+        ConfigError: if there is none, or a list has values of several types, or lists in it.
+    """
+    if value is None:
+        raise ConfigError(f'{name} has no value')
+    if not isinstance(value, list):
+        return value
+    kinds = {*map(type, value)}
+    if kinds == {int, float}:
+        with contextlib.suppress(OverflowError):
+            return [float(one) for one in value]
+    if len(kinds) > 1 or not kinds <= {bool, int, float, str}:
+        raise ConfigError(f'{name} is {shown(value)}, expected a list of values of one type')
+    return value

@@ -8,19 +8,27 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
 from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.core.limits import MAX_TABLE_POINTS
 
 Group = TypeVar('Group', bound='ParameterGroup')
 
 
-def stated(description: str, default: Any, allowed: str = '', what: str = 'number') -> Any:
+def stated(
+    description: str,
+    default: Any,
+    allowed: str = '',
+    what: str = 'number',
+    most: int = MAX_TABLE_POINTS,
+) -> Any:
     """A field of a `ParameterGroup`, an array where its ``default`` is a tuple.
 
     The ``description`` has its unit in brackets. Values that are not ``allowed``, in words, are
-    refused by `Parameter.check`, whose error calls a value ``what`` it is.
+    refused by `Parameter.check`, whose error calls a value ``what`` it is. An array has ``most``
+    values at most.
     """
     is_array = isinstance(default, tuple)
     kind = float if is_array else type(default)
-    parameter = Parameter('', kind, description, default, is_array, range=allowed)
+    parameter = Parameter('', kind, description, default, is_array, range=allowed, most=most)
     return dataclasses.field(default=default, metadata={'stated': parameter, 'what': what})
 
 

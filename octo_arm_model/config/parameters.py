@@ -13,6 +13,7 @@ from octo_arm_model.core.limits import (
     MAX_INTERVALS,
     MAX_SECTIONS,
     MAX_STATIONS,
+    MAX_TENDON_TABLE,
     MAX_TENDONS,
     MIN_RATE,
 )
@@ -101,11 +102,13 @@ PARAMETERS = (
               f'arc coordinates of tabulated paths of all tendons, from 0 on [m]{TABLE_BOUND}', (),
               is_array=True, range='increasing from 0 on, as far as the tendons go'),
     Parameter('tendons.table_offset', float,
-              'distance from the midline at each of table_s [m], tendon after tendon', (),
-              is_array=True, range='from 0 to the radius of body or discs'),
+              'distance from the midline at each of table_s [m], tendon after tendon; at most '
+              f'{MAX_TENDON_TABLE}', (),
+              is_array=True, range='from 0 to the radius of body or discs', most=MAX_TENDON_TABLE),
     Parameter('tendons.table_angle', float,
-              'direction at each of table_s [rad], tendon after tendon; empty for angle', (),
-              is_array=True),
+              'direction at each of table_s [rad], tendon after tendon; empty for angle; at most '
+              f'{MAX_TENDON_TABLE}', (),
+              is_array=True, most=MAX_TENDON_TABLE),
     Parameter('tendons.axial_stiffness', float,
               'E A of each tendon itself [N], section by section from the tip, or one number for '
               'all, by which a winch that is driven by length has to reel in more; 0 for one that '

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
-from octo_arm_model.config.config import Config, load_config
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.errors import ConfigError, shown
 
 
-def find_config(name: str) -> Config:
-    """Configuration from a file, or from a preset where ``name`` is no path.
-
-    Raises:
-        ConfigError: if there is neither, or it does not describe an arm.
-    """
-    return load_config(find_path(name))
-
-
-def find_path(name: str) -> Path:
+def find_path(name: str | Path) -> Path:
     """Parameter file ``name``, or that of the preset where ``name`` is no path.
+
+    A path has a suffix or a folder, or exists.
 
     Raises:
         ConfigError: if there is no such preset.
     """
-    is_path = Path(name).suffix or len(Path(name).parts) > 1 or Path(name).exists()
-    return Path(name) if is_path else preset_path(name)
+    path = Path(name)
+    is_path = path.suffix or len(path.parts) > 1 or os.path.exists(name)
+    return path if is_path else preset_path(str(name))
 
 
 def preset_path(name: str) -> Path:
@@ -36,10 +30,9 @@ def preset_path(name: str) -> Path:
     for parent in Path(__file__).resolve().parents[1:]:
         for folder in (parent / 'config', parent / 'share' / 'octo_arm_model' / 'config'):
             if (folder / 'renda2012_table4.yaml').is_file():
-                path = folder / f'{name}.yaml'
-                if path.is_file():
-                    return path
                 names = {file.stem for file in folder.glob('*.yaml')} - {'simulator'}
+                if name in names:
+                    return folder / f'{name}.yaml'
                 known = ', '.join(sorted(names))
-                raise ConfigError(f'no preset arm {name!r}, expected one of {known}')
-    raise ConfigError(f'no preset arm {name!r}: the presets are not installed')
+                raise ConfigError(f'no preset arm {shown(name)}, expected one of {known}')
+    raise ConfigError(f'no preset arm {shown(name)}: the presets are not installed')

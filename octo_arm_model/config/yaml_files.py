@@ -11,7 +11,7 @@ import errno
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,13 +66,27 @@ def compose_yaml(text: str) -> yaml.Node | None:
     return node
 
 
-def dump_yaml(value: Any) -> str:
+def dump_yaml(value: Any, *, is_sorted: bool = True) -> str:
     """The text of ``value``, of mappings, lists, texts, numbers and booleans.
 
-    Texts that `load_yaml`, ROS or YAML 1.1 would read as something else are quoted.
+    Texts that `load_yaml`, ROS or YAML 1.1 would read as something else are quoted. Names are in
+    their order where it is not ``is_sorted``.
     """
-    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=True)
+    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=is_sorted)
     return text
+
+
+def dump_numbers(values: Sequence[float]) -> str:
+    """The text of a list of ``values``, as `dump_yaml` writes each: that takes 50 us of one."""
+    texts = (repr(value) for value in values)
+    return f'[{", ".join(map(_with_point, texts))}]'
+
+
+def _with_point(text: str) -> str:
+    """The ``text`` of a float as YAML 1.1 reads it too."""
+    if 'n' in text:
+        return text.replace('inf', '.inf').replace('nan', '.nan')
+    return text if '.' in text or 'e' not in text else text.replace('e', '.0e')
 
 
 @contextlib.contextmanager
@@ -151,7 +165,10 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Dumper(yaml.SafeDumper):
-    """Safe YAML for ROS."""
+    """Safe YAML for ROS, without aliases, which rcl does not read."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
 
 
 def _represent_text(dumper: _Dumper, text: str) -> yaml.Node:

@@ -21,6 +21,7 @@ from octo_arm_model.core.errors import (
     ContinuationError,
     ConvergenceError,
     LoadError,
+    TensionError,
 )
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Allowance, Budget
@@ -325,6 +326,35 @@ class Solver:
     def rest_lengths(self) -> FloatArray:
         """Length of every tendon of the unloaded arm [m], of `Arm.tension_shape`."""
         return self._lengths.at_rest.reshape(self.arm.tension_shape)
+
+    @functools.cached_property
+    def largest_displacements(self) -> FloatArray:
+        """Lengths that no winch can have reeled in [m], (tendons,).
+
+        That of the tendon in the unloaded arm, and what it stretches under `LoadLimits.force`.
+        """
+        rest = self.rest_lengths.ravel()
+        return rest + self._limits.force * self.arm.tendon_compliance(rest)
+
+    def check_displacements(self, displacements: FloatArray, tendons: Sequence[int]) -> None:
+        """Check ``displacements`` [m], one for each of the ``tendons`` by their numbers.
+
+        Raises:
+            TensionError: if one is longer than what there is to reel in.
+        """
+        most = self.largest_displacements[list(tendons)]
+        beyond = np.flatnonzero(displacements >= most)
+        if beyond.size:
+            first = beyond[0]
+            number = tendons[first]
+            length = self.rest_lengths.ravel()[number]
+            stretch = most[first] - length
+            more = f' and {stretch:.4g} m that it stretches at most' if stretch else ''
+            raise TensionError(
+                f'displacement of {self.arm.tendon_names[number]} is {displacements[first]:.6g} '
+                f'm, expected less than there is to reel in: {length:.4g} m in the unloaded '
+                f'arm{more}'
+            )
 
     @functools.cached_property
     def offset_weights(self) -> FloatArray:

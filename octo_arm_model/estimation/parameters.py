@@ -27,7 +27,7 @@ ESTIMATOR_PARAMETERS = (
     Parameter('estimator.contact_s', float,
               'arc coordinates of the contact [m]; empty, with somewhere, for '
               f'{PLACES} even steps up to the tip', (), is_array=True,
-              range=f'in (0, body.length], at most {MAX_PLACES}'),
+              range=f'in (0, body.length], at most {MAX_PLACES}', most=MAX_PLACES),
     Parameter('estimator.force_stddev', float,
               'standard deviation of each component of the force before anything is measured [N]; '
               f'0 for the force that moves the tip by {BENT:g} of the length', 0.0, range='>= 0'),
@@ -59,7 +59,8 @@ ESTIMATOR_PARAMETERS = (
               'standard deviation of tendon_displacements [m]', 2e-4, range='> 0'),
     Parameter('estimator.marker_s', float,
               'arc coordinates of the markers of measured/markers, from the base on [m]', (),
-              is_array=True, range=f'in [0, body.length], at most {MAX_MARKERS}'),
+              is_array=True, range=f'in [0, body.length], at most {MAX_MARKERS}',
+              most=MAX_MARKERS),
     Parameter('estimator.marker_stddev', float,
               'standard deviation of each coordinate of a marker [m]', 1e-3, range='> 0'),
     Parameter('estimator.tip_position_stddev', float,

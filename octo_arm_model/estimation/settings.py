@@ -16,8 +16,6 @@ from octo_arm_model.estimation.parameters import (
     BENT,
     CONTACTS,
     ESTIMATOR_PARAMETERS,
-    MAX_MARKERS,
-    MAX_PLACES,
     PLACES,
     PREFIX,
     TURNED,
@@ -150,12 +148,6 @@ def _check(given: Mapping[str, Any], arm: Arm) -> None:
         raise ConfigError(f'estimator.contact_s is given, which goes not with contact {contact}')
     if contact == 'at' and not places:
         raise ConfigError('estimator.contact_s is empty, expected where the arm is touched [m]')
-    if len(places) > MAX_PLACES:
-        raise ConfigError(f'estimator.contact_s has {len(places)} values, at most {MAX_PLACES}')
-    if len(given['marker_s']) > MAX_MARKERS:
-        raise ConfigError(
-            f'estimator.marker_s has {len(given["marker_s"])} values, at most {MAX_MARKERS}'
-        )
     for name, low in (('contact_s', 'over 0'), ('marker_s', 'from 0')):
         for s in given[name]:
             if not 0.0 <= s <= arm.length * (1.0 + 1e-9) or (s == 0.0 and name == 'contact_s'):

@@ -7,22 +7,51 @@ from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import ParameterType, SetParametersResult
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.node import Node
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 
 from octo_arm_model.ros.refusal_log import WARNING_PERIOD
+from octo_arm_model.ros.start import read_here
 from octo_arm_model.ros.work.interruption import interruptible
 
 # builtin_interfaces/Time holds seconds of 32 bits, and rclpy takes no negative ones.
 _LAST_SECOND = 2**31 - 1
 _HIGHEST_TYPE = ParameterType.PARAMETER_STRING_ARRAY
+# Services of parameters, and their lists.
+_LISTS = {
+    DescribeParameters: 'names',
+    GetParameterTypes: 'names',
+    GetParameters: 'names',
+    ListParameters: 'prefixes',
+    SetParameters: 'parameters',
+    SetParametersAtomically: 'parameters',
+}
 
 
 class CheckedNode(Node):
-    """Checks the arguments of rclpy's own callbacks, whose exceptions would end the program."""
+    """Checks the arguments of rclpy's own callbacks, whose exceptions would end the program.
+
+    Parameters of a node with arguments of its own are read as `start.read_here` does.
+    """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        """As `Node`.
+
+        Raises:
+            ConfigError: if one of its own parameter files cannot be read.
+        """
+        with read_here(options.pop('cli_args', None) or ()) as given:
+            super().__init__(name, cli_args=given or None, **options)
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., None], *args: Any, **options: Any
@@ -41,6 +70,8 @@ class CheckedNode(Node):
         **options: Any,
     ) -> Service:
         """As `Node.create_service`; parameter types are checked first."""
+        if srv_type in _LISTS:
+            callback = partial(self._bounded, _LISTS[srv_type], callback)
         if srv_type is SetParameters:
             callback = partial(self._set_each, callback)
         elif srv_type is SetParametersAtomically:
@@ -59,6 +90,22 @@ class CheckedNode(Node):
             )
             return
         take(message)
+
+    def _bounded(
+        self, field: str, answer: Callable[..., Any], request: Any, response: Any
+    ) -> Any:
+        """Answer a ``request`` whose ``field`` is a list, if it is not too long."""
+        count, most = len(getattr(request, field)), len(self._parameters)
+        if count <= most:
+            return answer(request, response)
+        reason = f'{count} {field} in one request, expected at most {most}: there are no more'
+        self.get_logger().warning(f'refused: {reason}', throttle_duration_sec=WARNING_PERIOD)
+        refusal = SetParametersResult(successful=False, reason=reason)
+        if isinstance(response, SetParameters.Response):
+            response.results = [refusal]
+        elif isinstance(response, SetParametersAtomically.Response):
+            response.result = refusal
+        return response
 
     def _set_each(
         self,

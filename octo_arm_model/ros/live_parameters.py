@@ -37,14 +37,14 @@ class LiveParameters(Generic[Prepared]):
         that were set.
 
         Raises:
-            ConfigError: if a value is of another type than ROS needs.
+            ConfigError: if a value is of another type.
         """
-        self._table, self._prepare, self._use = table, prepare, use
+        self._prepare, self._use = prepare, use
         self._values = _declare(node, table)
         self._candidate: tuple[dict[str, Any], Prepared] | None = None
         self._names = {parameter.name for parameter in table} | set(self._values)
         self._is_used = False
-        node.add_pre_set_parameters_callback(lambda given: _type_empty_lists(given, table))
+        node.add_pre_set_parameters_callback(lambda given: _typed(given, table))
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._swap)
 
@@ -73,7 +73,6 @@ class LiveParameters(Generic[Prepared]):
             if value is not None
         }
         try:
-            _refuse_integers(values, self._table)
             self._candidate = values, self._prepare(values)
         except OctoArmError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -94,7 +93,7 @@ def _declare(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
     Names that are not in the table are returned too, but not declared.
 
     Raises:
-        ConfigError: if a value is of another type than ROS needs.
+        ConfigError: if a value is of another type.
     """
     # Private in rclpy. Its automatic declaration fails for an empty list, whose type a file does
     # not say.
@@ -104,7 +103,6 @@ def _declare(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
         for name, parameter in overrides.items()
         if not is_of_every_node(name)
     }
-    _refuse_integers(given, table)
     values = []
     for parameter in table:
         descriptor = ParameterDescriptor(
@@ -142,37 +140,27 @@ def _ros_type(parameter: Parameter) -> RosParameter.Type:
     return RosParameter.Type[parameter.type_name.upper().replace('[]', '_ARRAY')]
 
 
-def _type_empty_lists(
-    changes: Sequence[RosParameter], table: Sequence[Parameter]
-) -> list[RosParameter]:
-    """The ``changes``, every empty list with the declared type of its parameter.
+def _typed(changes: Sequence[RosParameter], table: Sequence[Parameter]) -> list[RosParameter]:
+    """The ``changes``, integers and empty lists with the declared types of their parameters.
 
-    `ros2 param load` types an empty list of a file as an array of booleans.
+    `ros2 param` takes 1 for an integer, and an empty list of a file for one of booleans.
     """
-    lists = {parameter.name: parameter for parameter in table if parameter.is_array}
+    known = {parameter.name: parameter for parameter in table}
     return [
-        ros_parameter(lists[change.name], [])
-        if change.name in lists and change.type_.name.endswith('_ARRAY') and not len(change.value)
-        else change
+        _with_type(change, known[change.name]) if change.name in known else change
         for change in changes
     ]
 
 
-def _refuse_integers(given: Mapping[str, Any], table: Sequence[Parameter]) -> None:
-    """Refuse integers where ROS needs doubles, before rclpy does, and say what to write.
-
-    Raises:
-        ConfigError: if there is one.
-    """
-    for parameter in table:
-        if parameter.kind is not float or parameter.name not in given:
-            continue
-        value = given[parameter.name]
-        elements = value if hasattr(value, '__len__') and not isinstance(value, str) else [value]
-        if any(isinstance(one, int) and not isinstance(one, bool) for one in elements):
-            meant = ', '.join(str(float(one)) for one in elements)
-            meant = f'[{meant}]' if parameter.is_array else meant
-            raise ConfigError(
-                f'{parameter.name} is an integer, expected {parameter.type_name}: ROS keeps the '
-                f'two apart, write {meant}'
-            )
+def _with_type(change: RosParameter, parameter: Parameter) -> RosParameter:
+    """``change`` as a value of the type of ``parameter``, where it stands for one."""
+    kind, is_list = change.type_, change.type_.name.endswith('_ARRAY')
+    if parameter.is_array and is_list and not len(change.value):
+        return RosParameter(change.name, _ros_type(parameter), [])
+    if parameter.kind is not float or parameter.is_array != is_list:
+        return change
+    if kind == RosParameter.Type.INTEGER:
+        return RosParameter(change.name, _ros_type(parameter), float(change.value))
+    if kind == RosParameter.Type.INTEGER_ARRAY:
+        return RosParameter(change.name, _ros_type(parameter), [*map(float, change.value)])
+    return change

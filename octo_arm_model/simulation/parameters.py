@@ -106,6 +106,12 @@ class SimulatorConfig:
         own = {p.name: p.convert(values.get(p.name, p.default)) for p in PARAMETERS}
         within('rate', own['rate'], MIN_RATE, HIGHEST_RATE, 'Hz')
         positive('profile.speed', own['profile.speed'], '-')
+        for name, given in (
+            ('push.s', (own['push.s'],)),
+            ('sensors.marker_s', own['sensors.marker_s']),
+        ):
+            for s in given:
+                within(name, s, 0.0, config.arm.length, 'm')
         limits = tendon_limits(config)
         name = own['profile.name']
         profile = find_profile(name, config.arm) if name else None

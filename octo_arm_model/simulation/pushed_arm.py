@@ -6,7 +6,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.validation import within
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.core.rod.pose import Pose
@@ -26,14 +25,10 @@ class PushedArm:
         """Of the arm of ``config``.
 
         Raises:
-            ArmDefinitionError: if a cross section that is pushed or seen is not on the arm.
             OctoArmError: if the model has no loads, or does not cover the arm.
         """
-        length = config.arm.length
-        for name, given in (('push.s', (push.s,)), ('sensors.marker_s', sensors.marker_s)):
-            for s in given:
-                within(name, s, 0.0, length, 'm')
-        points = (PointForce(push.s or length, _ANY),) if any(push.force) else ()
+        at = push.s or config.arm.length
+        points = (PointForce(at, _ANY),) if any(push.force) else ()
         self._sensors = sensors
         self._model = ArmModel(
             config.arm,

@@ -65,8 +65,9 @@ class Sensors(ParameterGroup):
     )
     markers_rate: float = stated(f'measured/markers: {_RATE}', 0.0, '>= 0')
     marker_s: tuple[float, ...] = stated(
-        f'arc coordinates of the markers [m], at most {MAX_MARKERS}', (), 'on the arm'
-    )
+        f'arc coordinates of the markers [m], at most {MAX_MARKERS}', (), 'on the arm',
+        most=MAX_MARKERS,
+    )  # fmt: skip
     marker_stddev: float = stated('noise of each coordinate of a marker [m]', 0.0, '>= 0')
     base_wrench_rate: float = stated(f'measured/base_wrench: {_RATE}', 0.0, '>= 0')
     base_force_stddev: float = stated(
@@ -80,9 +81,6 @@ class Sensors(ParameterGroup):
     def __post_init__(self) -> None:
         """Validate what does not depend on the arm."""
         super().__post_init__()
-        if len(self.marker_s) > MAX_MARKERS:
-            expected = f'at most {MAX_MARKERS} of them'
-            raise ArmDefinitionError('sensors.marker_s', len(self.marker_s), expected)
         if self.markers_rate and not self.marker_s:
             raise ArmDefinitionError('sensors.marker_s', (), 'arc coordinates of the markers [m]')
 

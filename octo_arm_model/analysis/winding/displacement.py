@@ -55,7 +55,8 @@ def solve_displacements(
         tip_wrench: as of `Solver.solve`.
 
     Raises:
-        TensionError: if a tendon is unknown, named in both, or a value is impossible.
+        TensionError: if a tendon is unknown, named in both, or a value is impossible, as of a
+            displacement that is longer than what there is to reel in.
         ConvergenceError: if no tensions were found that hold these lengths; a `ContinuationError`
             if that would take more time than the budget of one solve.
         OctoArmError: as `Solver.solve`.
@@ -65,6 +66,7 @@ def solve_displacements(
     check_displacements(arm, displacements, given)
     driven = np.array([name in displacements for name in arm.tendon_names])
     wanted = np.array([displacements.get(name, np.nan) for name in arm.tendon_names])
+    solver.check_displacements(wanted[driven], np.flatnonzero(driven).tolist())
     current = np.array([given.get(name, 0.0) for name in arm.tendon_names])
     with solver.together():
         backbone = start.backbone if isinstance(start, Wound) else start

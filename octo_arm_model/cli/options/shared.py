@@ -9,9 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from octo_arm_model.config.config import Config
+from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import find_config, find_path
 from octo_arm_model.core.errors import ConfigError, TensionError, shown
 from octo_arm_model.core.section.elastic_laws import LAWS
 from octo_arm_model.core.solver import MODELS
@@ -102,7 +101,7 @@ def read_config_option(options: argparse.Namespace) -> dict[str, Any] | None:
     Raises:
         ConfigError: if there is no such file or preset, or it cannot be read.
     """
-    return None if options.config is None else load_parameters(find_path(options.config))
+    return None if options.config is None else load_parameters(options.config)
 
 
 def add_tendons(parser: argparse.ArgumentParser) -> None:
@@ -186,7 +185,7 @@ def read_config(options: argparse.Namespace) -> Config:
             model has no choice of material.
         ArmDefinitionError: if a value given on the command line is impossible.
     """
-    config = find_config(options.config)
+    config = load_config(options.config)
     model = options.model or config.model
     if model != 'exact':
         refuse_without_effect(

@@ -8,7 +8,7 @@ from collections.abc import Hashable, Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.core.errors import MeasurementError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.measurements.measurement import Measurement
 from octo_arm_model.estimation.state.prediction import Prediction
@@ -111,9 +111,14 @@ class TendonDisplacements(_OfTendons):
 
     def innovation(self, at: Prediction) -> FloatArray:
         """What was measured less what is predicted, (m,) [m]."""
+        which = self._which(at)
+        try:
+            at.model.solver.check_displacements(self.value, which)
+        except TensionError as error:
+            raise MeasurementError(str(error)) from None
         stretched = at.model.tendon_compliance * at.x[at.model.state.tension]
         drawn_in = at.model.solver.rest_lengths.ravel() - at.tendon_lengths + stretched
-        return self.value - drawn_in[list(self._which(at))]
+        return self.value - drawn_in[list(which)]
 
     def jacobian(self, at: Prediction) -> FloatArray:
         """Change of what is predicted by the state, (m, state)."""

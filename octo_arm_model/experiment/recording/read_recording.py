@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.errors import BagError, ConfigError, MeasurementError
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.csv_recording import (
@@ -57,7 +56,7 @@ def read_recording(
         MeasurementError: if no message holds a midline in metres, a file cannot be read, or
             something is to come from two places.
     """
-    given = None if config is None else load_parameters(find_path(config))
+    given = None if config is None else load_parameters(config)
     _check_sources(path, tensions, displacements, measured, files)
     if path is None:
         if given is None:

@@ -10,7 +10,7 @@ import numpy as np
 from octo_arm_model.analysis.winding.displacement import solve_displacements
 from octo_arm_model.analysis.winding.newton import Wound
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.errors import SolveError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.shapes.steady_windows import Window, held_readings
@@ -57,7 +57,7 @@ def by_length(windows: Sequence[Window], config: Config) -> list[Window]:
         assert window.displacements is not None
         try:
             last = solve_displacements(solver, lengths_of(names, window.displacements), start=last)
-        except SolveError as error:
+        except (SolveError, TensionError) as error:
             raise SolveError(
                 f'lengths held from {window.start:.3f} to {window.stop:.3f} s: {error}'
             ) from error

@@ -16,7 +16,7 @@ from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.tracker import Tracker
 from octo_arm_model.ros.messages import message_class
-from octo_arm_model.ros.node.prepared_arm import Prepared
+from octo_arm_model.ros.node.prepared_arm import Prepared, describe
 
 TABLE = (*PARAMETERS, *ESTIMATOR_PARAMETERS)
 MODEL = 'exact'  # solves whatever the parameter says: it alone has loads
@@ -26,7 +26,8 @@ MODEL = 'exact'  # solves whatever the parameter says: it alone has loads
 class PreparedEstimator(Prepared):
     """An arm ready to be estimated, swapped as a whole.
 
-    Its values are those of the arm alone, as it is solved; its solver is that of one hypothesis.
+    Its description is that of the arm alone, as it is solved; its solver is that of one
+    hypothesis.
 
     Attributes:
         settings: what is estimated.
@@ -44,9 +45,9 @@ class PreparedEstimator(Prepared):
             OctoArmError: if they do not describe one; the message says why.
         """
         own = {name: value for name, value in values.items() if name.startswith(PREFIX)}
-        description = {name: value for name, value in values.items() if name not in own}
-        description['model'] = MODEL
-        config = Config.from_parameters(description)
+        arm = {name: value for name, value in values.items() if name not in own}
+        arm['model'] = MODEL
+        config, description = Config.from_parameters(arm), describe(arm)
         if config.tension_type:
             message_class(config.tension_type)
         settings = EstimatorSettings.from_parameters(own, config)

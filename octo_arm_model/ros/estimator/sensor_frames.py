@@ -37,10 +37,10 @@ class NotKnownYet(MeasurementError):
 
 
 class SensorFrames:
-    """Listens to transforms once a message is in another frame than the arm's.
+    """Listens to transforms from the first message in another frame than the arm's on.
 
-    To those that move only where the static ones do not lead to it: there are many of them, among
-    them this node's own.
+    To those that move no longer than until the static ones lead to every such frame: there are
+    many of them, among them this node's own.
 
     Attributes:
         on_change: called when there are further transforms.
@@ -51,6 +51,7 @@ class SensorFrames:
         self._node, self._log = node, RefusalLog(node)
         self._subscriptions: dict[str, Subscription] = {}
         self._tree = TransformTree()
+        self._moving = set[str]()  # frames that static transforms do not lead to
         self.on_change: Callable[[], None] = lambda: None
 
     def open(self) -> None:
@@ -69,6 +70,7 @@ class SensorFrames:
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
         self._subscriptions, self._tree = {}, TransformTree()
+        self._moving.clear()
 
     def pose_of(self, frame: str, target: str, stamp_ns: int) -> Pose:
         """Pose of ``frame`` in ``target`` at ``stamp_ns`` [ns].
@@ -77,10 +79,7 @@ class SensorFrames:
             NotKnownYet: if transforms lead to it, and not yet for that time.
             MeasurementError: if it is not known.
         """
-        if _STATIC_TOPIC not in self._subscriptions:
-            self._listen(_STATIC_TOPIC, _STATIC_QOS)
-        elif not self._tree.connects(frame, target) and TF_TOPIC not in self._subscriptions:
-            self._listen(TF_TOPIC, TF_QOS)
+        self._listen_for(frame, target)
         try:
             return self._tree.pose(frame, target, stamp_ns)
         except MeasurementError as error:
@@ -99,6 +98,19 @@ class SensorFrames:
             return self._tree.known_until(frame, target)
         except MeasurementError:
             return otherwise
+
+    def _listen_for(self, frame: str, target: str) -> None:
+        """Listen to what may lead from ``frame`` to ``target``."""
+        if math.isinf(self._known_until(frame, target, 0.0)):
+            self._moving.discard(frame)
+        elif len(self._moving) < _MOST:
+            self._moving.add(frame)
+        if _STATIC_TOPIC not in self._subscriptions:
+            self._listen(_STATIC_TOPIC, _STATIC_QOS)
+        if self._moving and TF_TOPIC not in self._subscriptions:
+            self._listen(TF_TOPIC, TF_QOS)
+        elif not self._moving and TF_TOPIC in self._subscriptions:
+            self._node.destroy_subscription(self._subscriptions.pop(TF_TOPIC))
 
     def _listen(self, topic: str, qos: QoSProfile) -> None:
         try:

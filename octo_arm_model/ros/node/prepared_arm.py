@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import parameters_as_yaml
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.limits import MAX_YAML_BYTES
 from octo_arm_model.core.solver import Solver
 from octo_arm_model.ros.messages import message_class
 
@@ -15,12 +19,12 @@ class Prepared:
     """An arm ready to be solved, swapped as a whole.
 
     Attributes:
-        values: the parameters it was made from.
+        description: the parameters it was made from, as a parameter file.
         config: what they say.
         solver: its solver.
     """
 
-    values: dict[str, Any]
+    description: str
     config: Config
     solver: Solver
 
@@ -34,4 +38,18 @@ class Prepared:
         config = Config.from_parameters(values)
         if config.tension_type:
             message_class(config.tension_type)
-        return cls(values, config, config.node_solver())
+        return cls(describe(values), config, config.node_solver())
+
+
+def describe(values: Mapping[str, Any]) -> str:
+    """The parameter file of ``values``.
+
+    Raises:
+        ConfigError: if it is larger than those that are read.
+    """
+    text = parameters_as_yaml(values)
+    if len(text) > MAX_YAML_BYTES:
+        raise ConfigError(
+            f'the description of the arm has {len(text)} bytes, expected at most {MAX_YAML_BYTES}'
+        )
+    return text

@@ -9,7 +9,6 @@ from typing import Any, Generic, TypeVar
 from rclpy.node import Node
 
 from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.live_parameters import LiveParameters
@@ -125,7 +124,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
             self._tensions.change_field()
         self._diagnostics.describe(solver, config.diagnostic_limits)
         self._publishers.describe(solver, config)
-        self._publishers.announce(parameters_as_yaml(prepared.values))
+        self._publishers.announce(prepared.description)
         self._change_arm(before, prepared)
 
     @property

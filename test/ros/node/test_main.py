@@ -99,12 +99,13 @@ raise SystemExit(node.run('short', lambda: Node('short')))
 @pytest.mark.parametrize(
     ('old', 'new', 'complaint'),
     [
-        ('length: 0.45', 'length: 1', 'body.length is an integer, expected double'),
         ('length: 0.45', 'length: -1.0', 'body.length is -1.0, expected a finite number > 0 [m]'),
         ('length: 0.45', 'girth: 0.45', 'body.girth is no parameter of the arm'),
         ('length: 0.45', '', 'body.length is missing'),
-        ('length: 0.45', 'length: [0.45', 'parse'),
-        ('0.45, 0.315', '1, 0.315', 'a list of doubles needs 1.0, not 1'),
+        ('length: 0.45', 'length:', 'body.length has no value'),
+        ('length: 0.45', 'length: [0.45', 'not valid YAML'),
+        ('0.45, 0.315', 'here, 0.315', 'expected a list of values of one type'),
+        ('0.45, 0.315', '1, 0.315', 'sections[1].anchorage is 1.0, expected at most the length'),
         ('model: renda2012', 'model: octopus', "model is 'octopus', expected one of renda2012"),
         ('stations: 101', 'stations: 3', 'stations is 3, expected at least 4'),
         ('length: 0.45', 'length: long', "body.length is 'long', expected double"),
@@ -114,11 +115,16 @@ raise SystemExit(node.run('short', lambda: Node('short')))
         ('stations: 101', 'use_sim_time: 5', 'use_sim_time'),
     ],
 )
-def test_bad_parameters_end_the_node_with_one_line_that_says_why(
+def test_bad_parameters_end_the_node_with_the_line_of_the_command(
     tmp_path, run_here, old, new, complaint
 ):
     path = file_with(tmp_path, old, new)
-    assert complaint in run_here(main, 1, '--ros-args', '--params-file', path)
+    told = run_here(main, 1, '--ros-args', '--params-file', path)
+    assert complaint in told
+    if 'use_sim_time' not in new:  # which no arm has
+        with pytest.raises(OctoArmError) as refusal:
+            load_config(path).solver()
+        assert str(refusal.value).removeprefix(f'{path}: ') in told
 
 
 def test_a_process_that_is_given_a_bad_parameter_says_so_and_ends():
@@ -150,11 +156,39 @@ def test_a_node_says_how_it_is_given_parameters(run_here, capfd, program, name):
 
 
 @pytest.mark.parametrize(
-    'arguments',
-    [('--params-file', 'nowhere.yaml'), ('-p', 'half'), ('--params-file', '/')],
+    ('arguments', 'complaint'),
+    [
+        (('--params-file', 'nowhere.yaml'), 'nowhere.yaml: No such file or directory'),
+        (('--params-file', '/'), '/: Is a directory'),
+        (('--params-file', 'octopus'), "no preset arm 'octopus', expected one of"),
+        (('-p', 'half'), 'half'),
+        (('-p', 'loads.gravity:=[0, x]'), "[0, 'x'], expected a list of values of one type"),
+        (('-p', 'loads.gravity:=[0, 1'), 'loads.gravity:=[0, 1, line 1: not valid YAML'),
+    ],
 )
-def test_what_ros_cannot_read_is_told_without_a_wrong_hint(run_here, arguments):
-    complaints = run_here(main, 1, '--ros-args', *arguments)
-    assert arguments[-1] in complaints
-    assert '1.0, not 1' not in complaints
-    assert ('seen from' in complaints) == (arguments[-1] == 'nowhere.yaml')
+def test_arguments_that_cannot_be_read_are_told(run_here, arguments, complaint):
+    assert complaint in run_here(main, 1, '--ros-args', *arguments)
+
+
+# What rcl refuses or reads as integers, and what the command reads of it.
+_FRIENDLY = (
+    ('length: 0.45', 'length: 1', 'body.length', 1.0),
+    ('position: [0.0, 0.0, 0.0]', 'position: [1, 2, 3]', 'base.position', [1.0, 2.0, 3.0]),
+    ('position: [0.0, 0.0, 0.0]', 'position: [0, 0.5, 1e-2]', 'base.position', [0.0, 0.5, 0.01]),
+    ('position: [0.0, 0.0, 0.0]', 'position: [&z 0.25, *z, 1]', 'base.position', [0.25, 0.25, 1.0]),
+    ('base_frame: arm_base', "base_frame: 'no'", 'base_frame', 'no'),
+)
+
+
+@pytest.mark.parametrize(('old', 'new', 'name', 'value'), _FRIENDLY)
+def test_the_node_reads_a_file_as_the_command_does(tmp_path, old, new, name, value):
+    path = file_with(tmp_path, old, new)
+    others = 'camera: {ros__parameters: {rate: 30, gains: [1, 0.5]}}\nversion: 2\n'
+    path.write_text(path.read_text() + others)
+    given = ('-p', 'loads.fluid_density:=0', '-p', 'loads.gravity:=[0, 0, 0.0]')
+    with running('ros.node.main', *given, files=[path]) as client:
+        dumped = client.dump()
+        assert dumped[name] == value
+        assert (dumped['loads.fluid_density'], dumped['loads.gravity']) == (0.0, [0.0, 0.0, 0.0])
+        description = client.description()
+    assert Config.from_parameters(parse_parameters(description, 'it')) == load_config(path)

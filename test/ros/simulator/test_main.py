@@ -475,7 +475,9 @@ def test_under_simulated_time_readings_come_once_a_period_of_that_clock() -> Non
 @pytest.mark.parametrize(
     ('parameter', 'complaint'),
     [
-        ('winches.lag:=1', 'winches.lag is an integer, expected double'),
+        ('winches.lag:=-1', 'winches.lag is -1.0, expected a finite time >= 0 [s]'),
+        ('sensors.marker_s:=[0, 9.9]', 'sensors.marker_s is 9.9, expected a finite number within'),
+        ('push.s:=1', 'push.s is 1.0, expected a finite number within [0, 0.45] [m]'),
         ('profile.name:=nowhere.csv', 'nowhere.csv: No such file or directory'),
     ],
 )

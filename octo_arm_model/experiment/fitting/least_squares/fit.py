@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from octo_arm_model.core.errors import ArmDefinitionError, ConvergenceError, SolveError
+from octo_arm_model.core.errors import (
+    ArmDefinitionError,
+    ConvergenceError,
+    SolveError,
+    TensionError,
+)
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.fitting.least_squares import robust_loss
 from octo_arm_model.experiment.fitting.least_squares.pairing import (
@@ -145,7 +150,7 @@ class Problem:
         def fun(x: FloatArray) -> FloatArray:
             try:
                 return np.concatenate([self.weighed(x, step) for step in chosen]).ravel()
-            except (SolveError, ArmDefinitionError):
+            except (SolveError, TensionError, ArmDefinitionError):
                 # No such arm or no solution: infinite residuals, so that the step is shortened.
                 return np.full(sum(self._count(step) for step in chosen), np.inf)
 

@@ -26,7 +26,7 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
-from octo_arm_model.config.presets import find_config
+from octo_arm_model.config.config import load_config
 from octo_arm_model.core.compiled.compiled_rod import state_of
 from octo_arm_model.core.compiled.friction.sliding_kernels import SQUARED
 from octo_arm_model.core.compiled.loaded.rod_state import empty_state, rod_work
@@ -71,7 +71,7 @@ def test_a_movement_does_not_depend_on_what_is_kept_of_the_balance_before(
 
 @pytest.mark.parametrize('sheath', [0.0, 7.0])
 def test_a_small_movement_takes_one_step_for_sections_and_tensions_together(sheath: float) -> None:
-    arm = find_config('renda2012_prototype').arm
+    arm = load_config('renda2012_prototype').arm
     stiffness = (sheath * arm.material.shear_modulus,) if sheath else ()
     rough = dataclasses.replace(arm, friction=(0.1,), sheath_stiffness=stiffness)
     solver, pull = Solver(rough, 'exact', compiled=True), np.array([[2.0, 0.5, 0.0, 0.0]])
@@ -231,7 +231,7 @@ def test_residuals_of_steps_that_are_not_evaluated_are_bounded(sheath: tuple[flo
 
 
 def test_small_movements_are_made_by_the_system_before_until_they_add_up() -> None:
-    arm = dataclasses.replace(find_config('renda2012_prototype').arm, friction=(0.1,))
+    arm = dataclasses.replace(load_config('renda2012_prototype').arm, friction=(0.1,))
     pull, wrench = np.array([[2.0, 0.5, 0.0, 0.0]]), [0.005, 0.0, 0.0, 0.0, 0.0, 0.0]
     solver = Solver(arm, 'exact', 41, compiled=True)
     found = solver.solve(pull, wrench)

@@ -9,7 +9,7 @@ import pytest
 
 from octo_arm_model import Arm, Body, Loads, Material, Section, Solver
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.presets import find_config
+from octo_arm_model.config.config import load_config
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding.coupling import couplings
 from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections
@@ -56,7 +56,7 @@ def test_couplings_are_the_derivatives_of_rates_by_tensions_of_parallel_tendons(
 def test_few_steps_find_the_angles_of_tendons_that_bend_each_other(
     friction: float, sheath: float
 ) -> None:
-    arm = find_config('renda2012_table4').arm
+    arm = load_config('renda2012_table4').arm
     stiffness = (sheath * arm.material.shear_modulus,) if sheath else ()
     rough = dataclasses.replace(arm, friction=(friction,), sheath_stiffness=stiffness)
     solver, pull = Solver(rough, 'exact'), 0.5 * np.array(FETCHING_IN_SPACE)

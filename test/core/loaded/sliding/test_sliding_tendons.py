@@ -10,7 +10,7 @@ from helical_arm import PULL, helical_arm
 from sliding_arms import assert_same
 
 from octo_arm_model import Arm, Backbone, Loads, Solver
-from octo_arm_model.config.presets import find_config
+from octo_arm_model.config.config import load_config
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded.known_balance import KnownBalance, margin_under
 from octo_arm_model.core.loaded.linearised import Linearised
@@ -77,7 +77,7 @@ def test_an_arm_is_the_same_whether_balances_before_are_known_or_not(
 
 
 def test_small_steps_take_no_more_iterations_than_without_friction() -> None:
-    arm = find_config('renda2012_table4').arm
+    arm = load_config('renda2012_table4').arm
     rough = dataclasses.replace(arm, friction=(0.1,))
     tensions = np.full(arm.tension_shape, 0.4)
     wrench = (0.005, 0.0, 0.0, 0.0, 0.0, 0.0)
