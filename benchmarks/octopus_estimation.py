@@ -65,7 +65,7 @@ class Moment(NamedTuple):
 def moved(seed: int) -> list[Moment]:
     """The true arm, followed through its motion."""
     rng = np.random.default_rng(seed)
-    solver = Solver(TRUE_ARM, 'exact', STATIONS, loads=WATER, compiled=None)
+    solver = Solver(TRUE_ARM, 'exact', STATIONS, loads=WATER)
     phase, rate = rng.uniform(0.0, 2.0 * math.pi, 12), rng.uniform(0.1, 0.3, 12)
     force, shape, made = FORCE.stddev * rng.normal(size=3), None, []
     for step in range(STEPS):
@@ -104,7 +104,7 @@ class Errors:
         counted: range,
     ) -> None:  # fmt: skip
         """Of a filter of ``unknowns`` that is ``told`` what is ``made``, of steps ``counted``."""
-        own = Filter(ArmModel(ARM, unknowns, loads=WATER, stations=STATIONS, compiled=None))
+        own = Filter(ArmModel(ARM, unknowns, loads=WATER, stations=STATIONS))
         start = time.process_time()
         for step, now in enumerate(made):
             try:

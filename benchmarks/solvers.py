@@ -165,7 +165,7 @@ def main() -> None:
     make_parser(__doc__).parse_args()
     config = load_config(preset_path('renda2012_table4'))
     arm = config.arm
-    solvers = {model: Solver(arm, model, STATIONS) for model in MODELS}
+    solvers = {model: Solver(arm, model, STATIONS, compiled=False) for model in MODELS}
     if is_available():
         for model in MODELS:
             solver = Solver(arm, model, STATIONS, compiled=True)
@@ -225,7 +225,7 @@ def loaded(config: Config) -> None:
     """The exact model with gravity in water and a tip force, against `solve_bvp`."""
     arm = config.arm.with_density(1080.0)
     loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0, tip_force=(0.0, 1e-3, 1e-3))
-    solver = Solver(arm, 'exact', STATIONS, config.base, loads=loads)
+    solver = Solver(arm, 'exact', STATIONS, config.base, loads=loads, compiled=False)
     tensions = np.array(FETCHING_IN_SPACE)
     fine = Solver(arm, 'exact', 20 * STATIONS, config.base, loads=loads).solve(tensions).tip
     ours = solver.solve(tensions)
@@ -364,7 +364,7 @@ def friction() -> None:
     for name, on_tip in ways.items():
         taken = []
         for one in (arm, dataclasses.replace(arm, friction=(0.2,))):
-            solver = Solver(one, name.partition(',')[0])
+            solver = Solver(one, name.partition(',')[0], compiled=False)
             taken.append(seconds(functools.partial(solver.solve, tensions, on_tip), 100))
         without, rough = taken
         print(f'{name:24}{without * 1e3:12.3f}{rough * 1e3:12.3f}{rough / without:8.1f}')

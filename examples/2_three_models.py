@@ -4,7 +4,7 @@ import numpy as np
 
 from octo_arm_model import MODELS, load_config
 
-config = load_config('config/renda2012_prototype.yaml')
+config = load_config('renda2012_prototype')
 pulls = np.zeros((6, 1, 4))
 pulls[:, 0, 0] = np.linspace(0.5, 3.0, 6)
 tips = {model: config.solver(model).solve(pulls).tip for model in MODELS}

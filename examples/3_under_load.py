@@ -1,12 +1,15 @@
 """An arm in water with a force on its tip: how far it moves, and how well its tip is known."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from octo_arm_model import Loads, Solver, Uncertainty, load_config
+from octo_arm_model import Loads, Uncertainty, load_config
 
-config = load_config('config/renda2012_table4.yaml')
+config = load_config('renda2012_table4')
 in_water = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
-solver = Solver(config.arm.with_density(1080.0), 'exact', base=config.base, loads=in_water)
+config = replace(config, arm=config.arm.with_density(1080.0), loads=in_water)
+solver = config.solver('exact')
 
 free = solver.solve([[0, 0, 0.2, 0], [1.0, 0, 0, 0], [0, 3.0, 0, 0]])
 pushed = solver.solve(free.tensions, tip_wrench=[0, 0, 0.002, 0, 0, 0], start=free)

@@ -4,7 +4,7 @@ import numpy as np
 
 from octo_arm_model import TipPosition, find_tensions, load_config, solve_displacements
 
-solver = load_config('config/renda2012_table4.yaml').solver('exact')
+solver = load_config('renda2012_table4').solver('exact')
 found = find_tensions(solver, TipPosition(np.array([0.25, 0.1, -0.1])), highest=5.0)
 print('reached:', found.reached, ' error [mm]:', 1e3 * found.error)
 print('tensions [N], one row a section from the tip:')

@@ -2,20 +2,23 @@
 
 import numpy as np
 
-from octo_arm_model import Solver, load_config
+from octo_arm_model import load_config
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
 from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
 
-arm = load_config('config/renda2012_prototype.yaml').arm
+config = load_config('renda2012_prototype')
 force = Walk.stationary(stddev=0.01, correlation_time=0.5)
-estimator = Filter(ArmModel(arm, Unknowns(tension=Walk(5.0, 5.0), tip_force=force), stations=31))
-simulated, tensions = Solver(arm, 'exact', 31), np.array([1.0, 0.4, 0.3, 0.5])
+unknowns = Unknowns(tension=Walk(5.0, 5.0), tip_force=force)
+estimator = Filter(ArmModel.of(config, unknowns, stations=31))
+simulated, tensions = config.solver('exact', stations=31), np.array([1.0, 0.4, 0.3, 0.5])
 for step in range(8):
     push = [0.0, 0.0, 0.015 if step >= 4 else 0.0]
     marker = simulated.solve([tensions], [*push, 0.0, 0.0, 0.0]).tip
     found = estimator.add(0.1 * step, [Tensions(tensions, 0.01), TipPosition(marker, 1e-3)])
     wrench, covariance = found.tip_wrench[:3], found.tip_wrench_covariance[:3, :3]
     is_touched = wrench @ np.linalg.solve(covariance, wrench) > 16.3  # chi-square of 3, 0.1 %
-    print(f'{0.1 * step:.1f} s  {"touched" if is_touched else "free   "}  {wrench.round(4)} N')
+    state = 'touched' if is_touched else 'free   '
+    state = f'refused: {", ".join(found.refused)}' if found.refused else state
+    print(f'{0.1 * step:.1f} s  {state}  {wrench.round(4)} N')

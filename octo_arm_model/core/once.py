@@ -16,7 +16,8 @@ from octo_arm_model.core.solver import Solver
 
 @functools.lru_cache(maxsize=16)
 def _cached_solver(arm: Arm, model: str, stations: int, base: Pose) -> Solver:
-    return Solver(arm, model, stations, base)
+    # For one shape machine code takes longer to load than it saves.
+    return Solver(arm, model, stations, base, compiled=False)
 
 
 def solve(

@@ -44,7 +44,7 @@ __all__ = ['DEFAULT_MODEL', 'MODELS', 'Solver']
 
 
 class Solver:
-    """Solves one arm with one model, many times.
+    """Solves one arm with one model, many times; `Config.solver` makes that of a file.
 
     Everything that does not depend on the tensions is tabulated once. Results are kept for the
     next solve: not for two threads at once, but each may take a copy. Solutions passed to it must
@@ -70,7 +70,7 @@ class Solver:
         material: str = DEFAULT_LAW,
         shear: bool = False,
         loads: Loads = Loads(),
-        compiled: bool | None = False,
+        compiled: bool | None = None,
         budget: Budget = Budget(),
     ) -> None:
         """Prepare ``arm`` for ``stations`` stations, starting from the pose ``base``.
@@ -78,7 +78,7 @@ class Solver:
         ``material`` is the name of an elastic law, ``shear`` lets cross sections shear (linear law
         only) and ``loads`` act in every solve; these three are for the model exact, and the law
         is ignored by the others, which are linear. Compiled kernels solve where they cover the
-        model and the arm (`Compiled.covers`), if ``compiled`` or, if that is None, if numba is
+        model and the arm (`Compiled.covers`), if ``compiled`` or, by default, if numba is
         installed and works. ``budget`` limits the continuation of one loaded arm; see `together`.
 
         Raises:

@@ -71,6 +71,11 @@ class Estimate:
         return root @ root.transpose(0, 2, 1)
 
     @property
+    def refused(self) -> tuple[str, ...]:
+        """Names of the measurements of this time that were not used: they contradict the rest."""
+        return tuple(one.name for one in self.innovations if not one.is_accepted)
+
+    @property
     def tensions(self) -> FloatArray:
         """True tensions [N], (tendons,)."""
         return self.mean[self.state.tension]

@@ -130,7 +130,7 @@ class EstimatorSettings:
             ConfigError: as `ArmModel`.
         """
         return {
-            name: ArmModel(config.arm, unknowns, compiled=compiled, **config.solver_options)
+            name: ArmModel.of(config, unknowns, compiled=compiled)
             for name, unknowns in self.unknowns.items()
         }
 

@@ -30,14 +30,12 @@ class PushedArm:
         at = push.s or config.arm.length
         points = (PointForce(at, _ANY),) if any(push.force) else ()
         self._sensors = sensors
-        self._model = ArmModel(
-            config.arm,
+        self._model = ArmModel.of(
+            config,
             Unknowns(_ANY, point_forces=points),
             config.model,
             has_history=True,
-            compiled=None,
             budget=Budget(config.solve_budget.iterations),
-            **config.solver_options,
         )
         self._noise = np.random.default_rng(sensors.seed)
         self._config = config

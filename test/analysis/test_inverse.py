@@ -30,7 +30,7 @@ HIGHEST = np.array([[0.5], [4.0], [13.0]]) * np.ones((3, 4))
 
 @pytest.fixture(scope='module')
 def solver(table4: Config) -> Solver:
-    return Solver(table4.arm, 'exact', 61, table4.base)
+    return table4.solver('exact', 61)
 
 
 def effort(tensions: np.ndarray) -> float:

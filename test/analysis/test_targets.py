@@ -24,7 +24,7 @@ TENSIONS = 0.6 * np.array(FETCHING_IN_SPACE)
 
 @pytest.fixture(scope='module')
 def solver(table4: Config) -> Solver:
-    return Solver(table4.arm, 'exact', 61, table4.base)
+    return table4.solver('exact', 61)
 
 
 @pytest.mark.parametrize('name', ['position', 'pose', 'bending', 'shape'])

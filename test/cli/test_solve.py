@@ -111,6 +111,7 @@ def test_lengths_that_winches_reel_in_give_the_tensions(
         (['--displacements', '[0.01]'], '--displacements is [0.01], expected numbers by name'),
         (['--displacements', '{"tendon_1_1": "x"}'], 'expected numbers by name'),
         (['--displacements', '{"elbow": 0.01}'], 'unknown tendon elbow'),
+        (['--displacements', '{"tendon_1_1": 20}'], 'less than there is to reel in: 0.4501 m'),
         (['--displacements', '{"tendon_1_1": 0.01, "tendon_1_1": 0}'], 'expected each name once'),
         (['--displacements', f'{{"tendon_1_1": {10**400}}}'], 'expected a finite number'),
         (['--displacements', '{}', '--tensions', '[[1]]'], '--tensions is [[1]], expected'),

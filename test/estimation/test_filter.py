@@ -10,7 +10,8 @@ import pytest
 from estimation_arms import EVERYTHING, LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
 from scipy.stats import chi2
 
-from octo_arm_model import Solver, Uncertainty
+from octo_arm_model import Config, Solver, Uncertainty
+from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Filter
@@ -47,6 +48,61 @@ def test_with_tension_only_it_is_the_forward_model_with_propagated_covariance() 
     )
     np.testing.assert_array_equal(found.pose_covariance[0], 0.0)
     assert not found.unlearnt
+
+
+_ARM = {
+    'material.youngs_modulus': 1.1e5, 'material.density': 1080.0, 'body.length': 0.27,
+    'body.radius_base': 0.015, 'body.radius_tip': 0.0074, 'sections.anchorage': [0.27],
+    'sections.offset_base': [0.005], 'sections.offset_anchorage': [0.0025],
+}  # fmt: skip
+_DESCRIBED = {
+    'base': {'base.position': [0.1, -0.2, 0.3], 'base.quaternion': [1.0, 0.0, 0.0, 0.0]},
+    'weight': {'loads.gravity': [0.0, 0.0, -9.81], 'loads.fluid_density': 1000.0},
+    'forces': {
+        'loads.tip_force': [0.0, 0.002, 0.0], 'loads.point_s': [0.1],
+        'loads.point_force': [0.0, 0.0, 0.02],
+    },
+    'law': {'material.law': 'linear', 'material.shear': True},
+    'stations': {'stations': 17, 'base.quaternion': [0.5, 0.5, 0.5, 0.5]},
+    'load cells': {'tension_scale': [2.0, 0.5, 1.0, 4.0], 'tension_offset': [0.1, 0.0, -0.2, 0.3]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('what', _DESCRIBED)
+def test_the_arm_of_a_file_is_estimated_as_it_is_described(what: str) -> None:
+    config = Config.from_parameters({**_ARM, **_DESCRIBED[what]})
+    shape = config.solver('exact').solve([TENSIONS])
+    readings = config.load_cells.readings(TENSIONS)
+    tensions = Tensions(config.load_cells.scale_and_offset(readings), 0.02)
+    unknowns = Unknowns(tension=Walk(5.0), tip_force=Walk(0.01))
+    estimator = Filter(ArmModel.of(config, unknowns))
+    found = estimator.add(0.0, [tensions, TipPosition(shape.tip, 1e-4)])
+    assert found.refused == ()
+    known = np.array(config.loads.tip_force)
+    np.testing.assert_allclose(found.tip_wrench[:3], known, atol=2e-5)
+    np.testing.assert_allclose(found.backbone.position, shape.position, atol=1e-5)
+    # Of the arm alone the tip is elsewhere, which no force explains, and that is told.
+    bare = Filter(ArmModel(config.arm, unknowns)).add(0.0, [tensions, TipPosition(
+        shape.tip + [0.24, 0.0, 0.0], 1e-4
+    )])  # fmt: skip
+    assert bare.refused == ('tip position',)
+
+
+def test_a_file_and_its_arm_are_solved_by_the_same_defaults() -> None:
+    config = Config.from_parameters({**_ARM, 'model': 'exact'})
+    one, other = config.solver(), Solver(config.arm, 'exact')
+    assert one.is_compiled == other.is_compiled == is_available()
+    np.testing.assert_array_equal(one.solve([TENSIONS]).position, other.solve([TENSIONS]).position)
+    unknowns = Unknowns(Walk(5.0))
+    models = ArmModel.of(config, unknowns), ArmModel(config.arm, unknowns)
+    assert {model.solver.is_compiled for model in models} == {is_available()}
+    assert models[0].solver.grid.s.tolist() == models[1].solver.grid.s.tolist()
+
+
+def test_a_displacement_longer_than_the_tendon_is_refused_as_that() -> None:
+    model = rubber(Unknowns(Walk(5.0)))
+    with pytest.raises(MeasurementError, match='displacement of tendon_1_2 is 25 m, expected les'):
+        Filter(model).add(0.0, [TendonDisplacements([0.0, 25.0, 0.0, 0.0], 1e-4)])
 
 
 def test_exact_measurements_give_the_wrench() -> None:

@@ -1,5 +1,7 @@
 """Parameters of client nodes as ROS's own clients read, write and load them, over DDS."""
 
+import math
+
 import numpy as np
 import pytest
 import yaml
@@ -11,12 +13,21 @@ from lifecycle_msgs.msg import Transition
 from live_nodes import NODES, assert_is_backbone, hosting
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
-from rcl_interfaces.srv import DescribeParameters
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from std_msgs.msg import String
 
 from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
-from octo_arm_model.config.parameter_files import is_of_every_node
+from octo_arm_model.config.parameter_files import is_of_every_node, parse_parameters
 from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
 
 # Everything in tables: none of the parameters that they take the place of is given.
 TABULATED = """\
@@ -100,6 +111,90 @@ def test_an_empty_list_is_taken_whatever_it_is_empty_of(client, empty):
         client.parameters.set_parameters, [ParameterMessage(name='stations', value=value)]
     )
     assert not refused.results[0].successful
+
+
+def test_integers_are_taken_where_numbers_are_wanted(client):
+    before = client.dump()
+    try:
+        assert client.change(loads__fluid_density=1000, base__position=[1, 2, 3]) == (True, '')
+        now = client.dump()
+        assert now['loads.fluid_density'] == 1000.0
+        assert now['base.position'] == [1.0, 2.0, 3.0]
+        types = client.parameter_types()
+        assert types['loads.fluid_density'] == ParameterType.PARAMETER_DOUBLE
+        assert types['base.position'] == ParameterType.PARAMETER_DOUBLE_ARRAY
+        done, why = client.change(base__position=[1] * 1001)
+        assert not done and why == 'base.position has 1001 values, expected at most 1000'
+        assert client.change(stations=31.0)[0] is False
+    finally:
+        client.change(
+            loads__fluid_density=before['loads.fluid_density'],
+            base__position=before['base.position'],
+        )
+
+
+_UNUSED = (
+    'body.table_radius', 'material.table_youngs_modulus', 'material.table_poisson_ratio',
+    'tendons.table_offset', 'tendons.table_angle',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize('name', _UNUSED)
+def test_tables_that_are_not_used_have_bounds(client, name):
+    key, before = name.replace('.', '__'), client.dump()
+    most = 20_000 if name.startswith('tendons') else 1000
+    for count in (most + 1, 10**6):
+        done, why = client.change(**{key: [0.01] * count})
+        assert not done and why == f'{name} has {count} values, expected at most {most}'
+    for wrong in (math.nan, math.inf, -1e31):
+        done, why = client.change(**{key: [0.01, wrong]})
+        assert not done and why.startswith(f'{name} is {wrong}, expected a finite number')
+    assert client.dump() == before
+    # What is allowed is announced in a file that is read.
+    heard = client.hear(String, 'arm_description', LATCHED_QOS)
+    try:
+        numbers = [0.01 + 1e-9 * number for number in range(most)]
+        assert client.change(**{key: numbers}) == (True, '')
+        client.wait(lambda: heard and name in heard[-1].data, 'the description of the arm')
+        assert parse_parameters(heard[-1].data, 'it')[name] == numbers
+    finally:
+        assert client.change(**{key: []}) == (True, '')
+
+
+def test_a_description_that_nobody_could_read_is_refused(client):
+    small, long = 1.0000000000000002e-20, -1.0000000000000002e-100
+    done, why = client.change(
+        tendons__table_offset=[long] * 20_000, tendons__table_angle=[long] * 20_000,
+        material__table_youngs_modulus=[small] * 1000,
+        material__table_poisson_ratio=[small] * 1000, body__table_radius=[small] * 1000,
+    )  # fmt: skip
+    assert not done and 'bytes, expected at most 1048576' in why
+
+
+@pytest.mark.parametrize(
+    ('service', 'kind', 'field', 'element'),
+    [
+        ('set_parameters', SetParameters, 'parameters', ParameterMessage(name='stations')),
+        (
+            'set_parameters_atomically', SetParametersAtomically, 'parameters',
+            ParameterMessage(name='stations'),
+        ),
+        ('get_parameters', GetParameters, 'names', 'stations'),
+        ('get_parameter_types', GetParameterTypes, 'names', 'stations'),
+        ('describe_parameters', DescribeParameters, 'names', 'stations'),
+        ('list_parameters', ListParameters, 'prefixes', 'body'),
+    ],
+)  # fmt: skip
+def test_a_request_is_of_no_more_parameters_than_there_are(client, service, kind, field, element):
+    declared = len(client.parameter_names())
+    request = kind.Request(**{field: [element] * 10 * declared})
+    answer = client.call(kind, f'octo_arm/{service}', request)
+    if kind in (SetParameters, SetParametersAtomically):
+        result = answer.results[0] if kind is SetParameters else answer.result
+        assert not result.successful and f'expected at most {declared}' in result.reason
+    else:
+        name = {GetParameters: 'values', GetParameterTypes: 'types'}.get(kind, 'descriptors')
+        assert not (answer.result.names if kind is ListParameters else getattr(answer, name))
 
 
 def test_parameters_are_described_with_their_unit_and_range(client):

@@ -58,10 +58,8 @@ def pose_of(frame: str, stamp_ns: int) -> Pose:
 
 @pytest.fixture(scope='module')
 def truth() -> Prediction:
-    model = ArmModel(
-        CONFIG.arm, Unknowns(Walk(1.0), tip_force=Walk(1.0), tip_moment=Walk(1.0)),
-        stations=41, base=CONFIG.base,
-    )  # fmt: skip
+    unknowns = Unknowns(Walk(1.0), tip_force=Walk(1.0), tip_moment=Walk(1.0))
+    model = ArmModel.of(CONFIG, unknowns, stations=41)
     return Prediction(model, np.concatenate([[1.0, 0.3, 0.0, 0.2], WRENCH]), None)
 
 

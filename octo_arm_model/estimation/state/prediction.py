@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import ZERO, Loads, ScaledLoads
 from octo_arm_model.core.arm.validation import LARGEST
@@ -46,7 +47,7 @@ _ONE = np.ones(1)
 
 
 class ArmModel:
-    """One arm whose tensions, loads and E are a state.
+    """One arm whose tensions, loads and E are a state; `of` makes that of a file.
 
     Attributes:
         arm: the arm.
@@ -113,6 +114,25 @@ class ArmModel:
         self.tendon_compliance = arm.tendon_compliance(self.solver.rest_lengths.ravel())
         if _has(state.tip_force) or _has(state.tip_moment):
             self.solver.check_tip_wrench(np.full(6, np.finfo(float).tiny))  # a model with loads
+
+    @classmethod
+    def of(
+        cls,
+        config: Config,
+        unknowns: Unknowns,
+        model: str = 'exact',
+        stations: int | None = None,
+        **options: Any,
+    ) -> ArmModel:
+        """The arm of ``config``, with its base, loads, elastic law and, by default, stations.
+
+        ``options`` are has_history, compiled and budget.
+
+        Raises:
+            OctoArmError: as the constructor.
+        """
+        given = config.solver_options | ({} if stations is None else {'stations': stations})
+        return cls(config.arm, unknowns, model, **given, **options)
 
     @contextlib.contextmanager
     def within(

@@ -13,7 +13,16 @@ from differences import jacobian
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from octo_arm_model import Arm, Config, Loads, Solver, TensionError, Wound, solve_displacements
+from octo_arm_model import (
+    Arm,
+    Config,
+    Loads,
+    Solver,
+    TensionError,
+    Wound,
+    load_config,
+    solve_displacements,
+)
 from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
@@ -109,6 +118,40 @@ def test_it_holds_under_loads_and_from_a_start(table4: Config) -> None:
     wanted['tendon_1_1'] = 0.021
     warm = solve_displacements(loaded, wanted, start=cold.backbone)
     np.testing.assert_allclose(warm.displacement[[0, 1], [0, 1]], [0.021, 0.01], atol=1e-9)
+
+
+@pytest.mark.parametrize('compiled', [False, None])
+@pytest.mark.parametrize(
+    ('name', 'changes', 'asked', 'stretch'),
+    [
+        ('renda2012_table4', {}, {'tendon_1_1': 0.02, 'tendon_3_2': 20.0}, 0.0),  # millimetres
+        ('renda2012_prototype', {}, {'tendon_1_4': 1.5708}, 0.0),  # radians
+        ('rao2021', {'axial_stiffness': ()}, {'tendon_2_1': 0.9}, 0.0),
+        ('renda2012_prototype', {'friction': (0.1,)}, {'tendon_1_2': 10.0}, 0.0),
+        ('renda2012_prototype', {'axial_stiffness': (800.0,)}, {'tendon_1_1': 30.0}, 0.6387),
+        (
+            'renda2012_prototype', {'axial_stiffness': (800.0,), 'free_length': (0.5,)},
+            {'tendon_1_1': 30.0}, 1.8214,
+        ),
+    ],
+)  # fmt: skip
+def test_a_displacement_longer_than_what_there_is_to_reel_in_is_told_as_that(
+    name: str, changes: dict, asked: dict, stretch: float, compiled: bool | None
+) -> None:
+    config = load_config(name)
+    arm = dataclasses.replace(config.arm, **changes)
+    solver = dataclasses.replace(config, arm=arm).solver('exact', compiled=compiled)
+    tendon, value = max(asked.items(), key=lambda one: one[1])
+    with pytest.raises(TensionError) as refusal:
+        solve_displacements(solver, asked)
+    number = arm.tendon_names.index(tendon)
+    length = solver.rest_lengths.ravel()[number]
+    told = f'displacement of {tendon} is {value:g} m, expected less than there is to reel in: '
+    assert str(refusal.value).startswith(f'{told}{length:.4g} m in the unloaded arm')
+    assert solver.largest_displacements[number] - length == pytest.approx(stretch, rel=1e-3)
+    assert (' that it stretches at most' in str(refusal.value)) == (stretch > 0.0)
+    # A length paid out is no such error: the tendon is slack.
+    assert solve_displacements(solver, {tendon: -value}).slack == (tendon,)
 
 
 def test_metal_rods_wind_too(rod: Config) -> None:

@@ -22,8 +22,13 @@ from live_nodes import (
     start_node,
 )
 
+from std_msgs.msg import String
+
+from octo_arm_model import Config, OctoArmError, load_config
+from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.ros.node import lifecycle
 from octo_arm_model.ros.node.main import main
+from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
 from octo_arm_model.ros.simulator import main as simulator
 
 
@@ -190,5 +195,6 @@ def test_the_node_reads_a_file_as_the_command_does(tmp_path, old, new, name, val
         dumped = client.dump()
         assert dumped[name] == value
         assert (dumped['loads.fluid_density'], dumped['loads.gravity']) == (0.0, [0.0, 0.0, 0.0])
-        description = client.description()
-    assert Config.from_parameters(parse_parameters(description, 'it')) == load_config(path)
+        heard = client.hear(String, 'arm_description', LATCHED_QOS)
+        client.wait(lambda: heard, 'the description of the arm')
+    assert Config.from_parameters(parse_parameters(heard[-1].data, 'it')) == load_config(path)

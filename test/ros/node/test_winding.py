@@ -90,6 +90,20 @@ def test_displacements_of_all_tendons_give_back_shape_and_tensions(wound):
     )
 
 
+def test_a_displacement_in_other_units_is_refused_with_that_reason(wound):
+    connect(wound)
+    message = JointState(name=['tendon_1_1', 'tendon_2_2'], position=[0.01, 15.0])
+    told = 'displacement of tendon_2_2 is 15 m, expected less than there is to reel in: '
+
+    def refused():
+        wound.winches.publish(message)
+        _, values = wound.status('input')
+        return told in values['last refusal']
+
+    wound.wait(refused, 'the refusal')
+    assert reel(wound, {'tendon_1_1': 0.01})  # and goes on
+
+
 def test_winches_and_load_cells_drive_different_tendons_together(wound):
     connect(wound)
     asked = {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}

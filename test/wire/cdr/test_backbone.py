@@ -35,7 +35,7 @@ from octo_arm_model.wire.cdr.backbone import BackboneBatchWriter, BackboneWriter
 from octo_arm_model.wire.cdr.drawing import FramesWriter, MarkersWriter
 
 CONFIG = load_config(preset_path('renda2012_table4'))
-SOLVER = Solver(CONFIG.arm, 'closed_form', 11, CONFIG.base)
+SOLVER = CONFIG.solver('closed_form', 11)
 SIZES = {'double': 8, 'float': 4, 'int32': 4, 'uint32': 4, 'uint8': 1, 'boolean': 1}
 # A message ends its strings at a NUL, and UTF-8 has no surrogates: see the tests of their own.
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'), max_size=40)
