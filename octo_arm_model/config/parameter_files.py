@@ -6,8 +6,9 @@ import contextlib
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
+from octo_arm_model.config.presets import find_path
 from octo_arm_model.config.yaml_files import (
     dump_numbers,
     dump_yaml,
@@ -15,10 +16,11 @@ from octo_arm_model.config.yaml_files import (
     read_text,
     reading,
 )
-from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
 from octo_arm_model.core.limits import MAX_YAML_BYTES
 
+# Names of nodes, with their namespaces, and the parameters of each by their dotted names.
+Nodes: TypeAlias = list[tuple[str, dict[str, Any]]]
 _NAME = re.compile(r'[a-z]+[._][a-z_.]+')  # what is no value in YAML
 
 
@@ -36,7 +38,7 @@ def parameters_of(text: str) -> dict[str, Any]:
     Raises:
         ConfigError: if it is no parameter file.
     """
-    nodes = _nodes(text)
+    nodes = nodes_of(text)
     found = [one for name, one in nodes if len(nodes) == 1 or _is_ours(name)]
     if not found:
         raise ConfigError(
@@ -61,16 +63,12 @@ def load_parameters(name: str | Path) -> dict[str, Any]:
         return parameters_of(read_text(path, MAX_YAML_BYTES))
 
 
-def as_rcl_reads(text: str) -> str:
-    """The text of a parameter file that gives rcl the values that are read here from ``text``.
+def text_of_nodes(nodes: Nodes) -> str:
+    """The text of a parameter file of these ``nodes``, which rcl reads as it is read here.
 
     rcl reads no aliases, no list of integers and other numbers, and nothing besides nodes.
-
-    Raises:
-        ConfigError: if it is no parameter file.
     """
-    nodes = [dump_yaml({name: {'ros__parameters': one}}) for name, one in _nodes(text)]
-    return ''.join(nodes)
+    return ''.join(dump_yaml({name: {'ros__parameters': one}}) for name, one in nodes)
 
 
 def parse_parameters(text: str, name: str) -> dict[str, Any]:
@@ -108,17 +106,19 @@ def naming(path: str | Path) -> Iterator[None]:
             raise ConfigError(f'{path}: {error}') from error
 
 
-def _nodes(text: str) -> list[tuple[str, dict[str, Any]]]:
-    """Names of nodes, with their namespaces, and the parameters of each by their dotted names."""
+def nodes_of(text: str) -> Nodes:
+    """The nodes in the ``text`` of a parameter file. For use within `naming`.
+
+    Raises:
+        ConfigError: if it is no parameter file.
+    """
     document = load_yaml(text)
     if not isinstance(document, dict):
         raise ConfigError("no node name at the top, expected '/**:' and ros__parameters below it")
     return list(_nodes_of(document, ''))
 
 
-def _nodes_of(
-    names: Mapping[str, Any], namespace: str
-) -> Iterator[tuple[str, dict[str, Any]]]:
+def _nodes_of(names: Mapping[str, Any], namespace: str) -> Iterator[tuple[str, dict[str, Any]]]:
     for key, content in names.items():
         name = f'{namespace}/{key}'.replace('//', '/')
         if not isinstance(content, dict):

@@ -91,9 +91,7 @@ class CheckedNode(Node):
             return
         take(message)
 
-    def _bounded(
-        self, field: str, answer: Callable[..., Any], request: Any, response: Any
-    ) -> Any:
+    def _bounded(self, field: str, answer: Callable[..., Any], request: Any, response: Any) -> Any:
         """Answer a ``request`` whose ``field`` is a list, if it is not too long."""
         count, most = len(getattr(request, field)), len(self._parameters)
         if count <= most:

@@ -6,7 +6,7 @@ with an empty list, and `ros2 param dump` prints nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameter_files import is_of_every_node
-from octo_arm_model.core.errors import ConfigError, OctoArmError
+from octo_arm_model.core.errors import OctoArmError
 
 Prepared = TypeVar('Prepared')
 

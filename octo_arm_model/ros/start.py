@@ -7,15 +7,22 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from octo_arm_model.config.parameter_files import as_rcl_reads, naming, value_of_one_type
+from octo_arm_model.config.parameter_files import (
+    Nodes,
+    naming,
+    nodes_of,
+    text_of_nodes,
+    value_of_one_type,
+)
 from octo_arm_model.config.presets import find_path
 from octo_arm_model.config.yaml_files import dump_numbers, load_yaml, read_text
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.core.errors import ConfigError, shown
 from octo_arm_model.core.limits import MAX_YAML_BYTES
 
 # What to do about an error of rcl, by a part of its text.
@@ -59,39 +66,82 @@ def read_here(arguments: Sequence[str]) -> Iterator[list[str]]:
     Raises:
         ConfigError: if a file is no parameter file, or none can be written.
     """
+    given, read = list(arguments), dict[int, Nodes]()
+    for number in range(1, len(given)):
+        option, text = given[number - 1 : number + 1]
+        if option == '--params-file':
+            path = find_path(text)
+            with naming(path):
+                read[number] = nodes_of(read_text(path, MAX_YAML_BYTES))
+        elif option in ('-p', '--param'):
+            read[number] = _assignment(text)
+    _unify([node for nodes in read.values() for node in nodes])
     with contextlib.ExitStack() as stack:
-        given = list(arguments)
-        for number in range(1, len(given)):
-            option, text = given[number - 1 : number + 1]
-            if option == '--params-file':
-                given[number] = str(_file_for_rcl(find_path(text), stack))
-            elif option in ('-p', '--param'):
-                given[number] = _assignment_for_rcl(text)
+        for number, nodes in read.items():
+            if given[number - 1] == '--params-file':
+                given[number] = _file_of(nodes, stack)
+            else:
+                given[number] = _argument_of(nodes, given[number])
         yield given
 
 
-def _file_for_rcl(path: Path, stack: contextlib.ExitStack) -> Path:
-    """A file that rcl reads as ``path`` is read here, there until the ``stack`` ends."""
-    with naming(path):
-        text = as_rcl_reads(read_text(path, MAX_YAML_BYTES))
+def _assignment(text: str) -> Nodes:
+    """What ``text``, NAME:=VALUE or NODE:NAME:=VALUE, sets; nothing where it has no value."""
+    target, _, value = text.partition(':=')
+    node, _, name = target.rpartition(':')
+    with naming(text):
+        found = load_yaml(value)
+        if found is None or isinstance(found, dict):
+            return []
+        return [(node or '/**', {name: value_of_one_type(name, found)})]
+
+
+def _argument_of(nodes: Nodes, text: str) -> str:
+    """The argument that sets what it did as ``text``, numbers as they are in ``nodes`` now."""
+    for _, parameters in nodes:
+        for value in parameters.values():
+            if isinstance(value, float):
+                return f'{text.partition(":=")[0]}:={dump_numbers([value])[1:-1]}'
+            if isinstance(value, list) and {*map(type, value)} == {float}:
+                return f'{text.partition(":=")[0]}:={dump_numbers(value)}'
+    return text
+
+
+def _unify(nodes: Nodes) -> None:
+    """Give the numbers of one parameter one type: of two, rcl takes the integer, which is first.
+
+    Raises:
+        ConfigError: if other values of one parameter have several types, of which rcl takes one.
+    """
+    kinds: dict[tuple[str, str], set[Any]] = {}
+    for node, parameters in nodes:
+        for name, value in parameters.items():
+            kinds.setdefault((node, name), set()).add(_kind_of(value))
+    for node, parameters in nodes:
+        for name, value in parameters.items():
+            found = kinds[node, name] - {(list,)}  # an empty list is of every type
+            if len(found) < 2:
+                continue
+            if found not in ({(int,), (float,)}, {(list, int), (list, float)}):
+                raise ConfigError(f'{name} is {shown(value)} and a value of another type as well')
+            is_list = isinstance(value, list)
+            parameters[name] = [*map(float, value)] if is_list else float(value)
+
+
+def _kind_of(value: Any) -> tuple[type, ...]:
+    """The type of a ``value``, and of the elements of a list."""
+    return (list, *{*map(type, value)}) if isinstance(value, list) else (type(value),)
+
+
+def _file_of(nodes: Nodes, stack: contextlib.ExitStack) -> str:
+    """Path of a file from which rcl reads ``nodes``, until the ``stack`` ends."""
     try:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
-        written = Path(folder) / 'parameters.yaml'
-        written.write_text(text, encoding='utf-8')
+        path = Path(folder) / 'parameters.yaml'
+        path.write_text(text_of_nodes(nodes), encoding='utf-8')
     except OSError as error:
-        raise ConfigError(f'{path} cannot be handed to ROS: {error}') from error
-    return written
-
-
-def _assignment_for_rcl(text: str) -> str:
-    """The ``text`` NAME:=VALUE with a list of integers and other numbers as one of numbers."""
-    name, separator, value = text.partition(':=')
-    if not value.startswith('['):
-        return text
-    with naming(text):
-        found = value_of_one_type(name, load_yaml(value))
-    is_plain = {*map(type, found)} != {float}
-    return text if is_plain else f'{name}{separator}{dump_numbers(found)}'
+        raise ConfigError(f'parameters cannot be handed to ROS: {error}') from error
+    return str(path)
 
 
 @contextlib.contextmanager

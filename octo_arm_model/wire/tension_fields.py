@@ -53,8 +53,10 @@ def values_by_name(names: Sequence[str], values: Sequence[float], field: str) ->
     """The ``values`` of the ``field`` of a message by the ``names`` of their tendons.
 
     Raises:
-        TensionError: if there are not as many names, or one is repeated.
+        TensionError: if there are not as many names, or too many, or one is repeated.
     """
+    if len(names) > MAX_VALUES:
+        raise TensionError(f'name has {len(names)} entries, expected at most {MAX_VALUES}')
     if len(names) != len(values):
         raise TensionError(f'name has {len(names)} entries but {field} has {len(values)}')
     found = dict(zip(names, values))
@@ -73,8 +75,10 @@ def tensions_by_names(
     names, or, where there are no names, the order of the tendons.
 
     Raises:
-        TensionError: if a value is missing, or named more than once.
+        TensionError: if a value is missing, or named more than once, or there are too many.
     """
+    if len(values) > MAX_VALUES:
+        raise TensionError(f'{len(values)} values, expected at most {MAX_VALUES}')
     if names is not None and len(names) != len(values):
         raise TensionError(f'{len(names)} names but {len(values)} values')
     if not wanted:

@@ -553,14 +553,30 @@ def test_a_text_that_no_message_can_carry_is_refused(name: str, text: str) -> No
         ({'base.position': [0.0] * 10**6}, 'base.position has 1000000 values, expected at most'),
         ({'base.position': [0.0] * 999}, r'base.position is \(0.0, .*\.\.\., expected 3'),
         # Of what nothing is built from.
-        ({'body.table_radius': [0.01] * 1001}, 'body.table_radius has 1001 values, expected at mo'),
-        ({'body.table_radius': [0.01, -0.01]}, 'body.table_radius is -0.01, expected a finite nu'),
-        ({'material.table_youngs_modulus': [NAN]}, 'material.table_youngs_modulus is nan, expected'),
-        ({'material.table_poisson_ratio': [INF]}, 'material.table_poisson_ratio is inf, expected'),
-        ({'tendons.table_angle': [1e31]}, 'tendons.table_angle is 1e.31, expected .* at most 1e.30'),
-        ({'tendons.table_offset': [0.0] * 20_001}, 'tendons.table_offset has 20001 values, expect'),
         (
-            {'body.table_s': [0.0, 0.4], 'body.table_radius': [0.02, 0.01], 'body.radius_tip': NAN},
+            {'body.table_radius': [0.01] * 1001},
+            'body.table_radius has 1001 values, expected at mo',
+        ),
+        ({'body.table_radius': [0.01, -0.01]}, 'body.table_radius is -0.01, expected a finite nu'),
+        (
+            {'material.table_youngs_modulus': [NAN]},
+            'material.table_youngs_modulus is nan, expected',
+        ),
+        ({'material.table_poisson_ratio': [INF]}, 'material.table_poisson_ratio is inf, expected'),
+        (
+            {'tendons.table_angle': [1e31]},
+            'tendons.table_angle is 1e.31, expected .* at most 1e.30',
+        ),
+        (
+            {'tendons.table_offset': [0.0] * 20_001},
+            'tendons.table_offset has 20001 values, expect',
+        ),
+        (
+            {
+                'body.table_s': [0.0, 0.4],
+                'body.table_radius': [0.02, 0.01],
+                'body.radius_tip': NAN,
+            },
             'body.radius_tip is nan, expected a finite number',
         ),
     ],

@@ -84,7 +84,9 @@ def test_moving_transforms_are_heard_until_static_ones_lead_to_every_frame(node,
     frames = SensorFrames(node)
 
     def heard():
-        return sorted(t.lstrip('/') for t in (s.topic_name for s in node.subscriptions) if 'tf' in t)
+        return sorted(
+            t.lstrip('/') for t in (s.topic_name for s in node.subscriptions) if 'tf' in t
+        )
 
     assert heard() == []
     asked(frames, 'lens')

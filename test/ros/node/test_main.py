@@ -21,7 +21,6 @@ from live_nodes import (
     running,
     start_node,
 )
-
 from std_msgs.msg import String
 
 from octo_arm_model import Config, OctoArmError, load_config
@@ -175,12 +174,30 @@ def test_arguments_that_cannot_be_read_are_told(run_here, arguments, complaint):
     assert complaint in run_here(main, 1, '--ros-args', *arguments)
 
 
+def test_numbers_given_twice_are_numbers_and_other_types_are_refused(tmp_path):
+    # rcl reads 3 for the one, and 101 for the other.
+    later = tmp_path / 'later.yaml'
+    later.write_text('/**:\n  ros__parameters: {friction_memory: 2.5, loads.fluid_density: 0.5}\n')
+    first = file_with(tmp_path, 'stations: 101', 'stations: 101\n    friction_memory: 3')
+    given = ('-p', 'loads.fluid_density:=2')
+    with running('ros.node.main', *given, files=[first, later]) as client:
+        dumped = client.dump()
+    assert (dumped['friction_memory'], dumped['loads.fluid_density']) == (2.5, 2.0)
+    process = start_node('ros.node.main', new_domain(), '-p', 'stations:=many')
+    assert 'stations is 101 and a value of another type as well' in check_end(process, 1)
+
+
 # What rcl refuses or reads as integers, and what the command reads of it.
 _FRIENDLY = (
     ('length: 0.45', 'length: 1', 'body.length', 1.0),
     ('position: [0.0, 0.0, 0.0]', 'position: [1, 2, 3]', 'base.position', [1.0, 2.0, 3.0]),
     ('position: [0.0, 0.0, 0.0]', 'position: [0, 0.5, 1e-2]', 'base.position', [0.0, 0.5, 0.01]),
-    ('position: [0.0, 0.0, 0.0]', 'position: [&z 0.25, *z, 1]', 'base.position', [0.25, 0.25, 1.0]),
+    (
+        'position: [0.0, 0.0, 0.0]',
+        'position: [&z 0.25, *z, 1]',
+        'base.position',
+        [0.25, 0.25, 1.0],
+    ),
     ('base_frame: arm_base', "base_frame: 'no'", 'base_frame', 'no'),
 )
 

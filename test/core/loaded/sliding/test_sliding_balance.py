@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Arm, Body, Loads, Material, Section, Solver
-from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.config import load_config
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding.coupling import couplings
 from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections
