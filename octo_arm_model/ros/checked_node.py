@@ -70,12 +70,12 @@ class CheckedNode(Node):
         **options: Any,
     ) -> Service:
         """As `Node.create_service`; parameter types are checked first."""
-        if srv_type in _LISTS:
-            callback = partial(self._bounded, _LISTS[srv_type], callback)
         if srv_type is SetParameters:
             callback = partial(self._set_each, callback)
         elif srv_type is SetParametersAtomically:
             callback = partial(self._set_together, callback)
+        if srv_type in _LISTS:
+            callback = partial(self._bounded, _LISTS[srv_type], callback)
         return super().create_service(
             srv_type, srv_name, interruptible(callback), *args, **options
         )

@@ -76,7 +76,7 @@ def test_loads_and_material_may_be_said_on_the_command_line(
     _, out, _ = run(capsys, *SOLVE, TENSIONS, '--json', *physics.split())
     loads = Loads((0, 0, -9.81), 1000, (0, 0.001, 0), (0, 0, 1e-6))
     arm = table4.arm.with_density(1080)
-    solver = Solver(arm, 'exact', 101, table4.base, material='linear', loads=loads)
+    solver = Solver(arm, 'exact', 101, table4.base, material='linear', loads=loads, compiled=False)
     expected = solver.solve(FETCHING_IN_SPACE)
     shape = json.loads(out)
     np.testing.assert_allclose(shape['position'], expected.position, atol=1e-12)
@@ -111,7 +111,7 @@ def test_lengths_that_winches_reel_in_give_the_tensions(
         (['--displacements', '[0.01]'], '--displacements is [0.01], expected numbers by name'),
         (['--displacements', '{"tendon_1_1": "x"}'], 'expected numbers by name'),
         (['--displacements', '{"elbow": 0.01}'], 'unknown tendon elbow'),
-        (['--displacements', '{"tendon_1_1": 20}'], 'less than there is to reel in: 0.4501 m'),
+        (['--displacements', '{"tendon_1_1": 20}'], 'less than there is to reel in: 0.45 m'),
         (['--displacements', '{"tendon_1_1": 0.01, "tendon_1_1": 0}'], 'expected each name once'),
         (['--displacements', f'{{"tendon_1_1": {10**400}}}'], 'expected a finite number'),
         (['--displacements', '{}', '--tensions', '[[1]]'], '--tensions is [[1]], expected'),

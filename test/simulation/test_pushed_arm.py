@@ -12,7 +12,7 @@ from octo_arm_model import Loads, PointLoad
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
+from octo_arm_model.core.errors import OctoArmError, ConfigError
 from octo_arm_model.simulation.parameters import SimulatorConfig
 from octo_arm_model.simulation.pushed_arm import PushedArm
 from octo_arm_model.simulation.sensors import Push, Sensors
@@ -83,7 +83,7 @@ def test_a_push_lasts_the_second_half_of_each_period() -> None:
     ('values', 'complaint'),
     [
         ({'push.force': [1.0, 0.0]}, r'push.force is \[1.0, 0.0\], expected 3 finite numbers'),
-        ({'push.force': [0.0, np.nan, 0.0]}, 'push.force is .* expected 3 finite numbers'),
+        ({'push.force': [0.0, np.nan, 0.0]}, 'push.force is nan, expected a finite number'),
         ({'push.force': [0.0, 0.0, 0.01], 'push.s': 1.0}, 'push.s is 1.0, expected .* within'),
         ({'push.period': -1.0}, 'push.period is -1.0'),
         ({'sensors.tip_pose_rate': np.inf}, 'sensors.tip_pose_rate is inf'),
@@ -95,7 +95,7 @@ def test_a_push_lasts_the_second_half_of_each_period() -> None:
     ],
 )
 def test_impossible_pushes_and_sensors_are_refused_by_name(values, complaint) -> None:
-    with pytest.raises(ArmDefinitionError, match=complaint):
+    with pytest.raises(OctoArmError, match=complaint):
         SimulatorConfig.from_parameters({**VALUES, **values})
 
 

@@ -44,7 +44,9 @@ def assert_one_by_one(solver: Solver, together: Backbone, start: Backbone | None
 def test_an_arm_is_the_same_alone_and_in_a_batch(
     table4: Config, loads: Loads, is_warm: bool
 ) -> None:
-    solver = Solver(table4.arm.with_density(1080.0), 'exact', 31, table4.base, loads=loads)
+    solver = Solver(
+        table4.arm.with_density(1080.0), 'exact', 31, table4.base, loads=loads, compiled=False
+    )
     random = np.random.default_rng(7)
     tensions = 0.6 * HIGHEST * random.uniform(size=(3, 4)) * np.array([1.0, 0.0, 0.0, 1.0])
     start = solver.solve(tensions) if is_warm else None
@@ -82,7 +84,7 @@ def test_an_estimated_residual_is_no_less_than_the_evaluated_one(
 
     monkeypatch.setattr(Equilibrium, 'last_state', evaluated)
     arm = dataclasses.replace(table4.arm.with_density(1080.0), friction=friction)
-    solver = Solver(arm, 'exact', 31, table4.base, loads=loads)
+    solver = Solver(arm, 'exact', 31, table4.base, loads=loads, compiled=False)
     random = np.random.default_rng(9)
     for size in np.geomspace(1e-6, 0.1, 60):
         tensions = 0.5 * HIGHEST * random.uniform(size=(3, 4)) * np.array([1.0, 0.0, 0.0, 1.0])
@@ -102,9 +104,18 @@ def test_an_estimated_residual_is_no_less_than_the_evaluated_one(
 def test_a_balance_under_more_tension_is_as_if_evaluated(table4: Config) -> None:
     hanging = table4.arm.with_density(1080.0)
     for solver, tensions in (
-        (Solver(HELICAL, 'exact', 31, material='linear', shear=True, loads=AIR), np.full(6, 0.3)),
-        (Solver(hanging, 'exact', 31, table4.base, loads=WATER), np.repeat([0.1, 1.0, 3.0], 4)),
-        (Solver(helical_arm(sheath_stiffness=(3e5,)), 'exact', 31, loads=AIR), np.full(6, 0.3)),
+        (
+            Solver(HELICAL, 'exact', 31, material='linear', shear=True, loads=AIR, compiled=False),
+            np.full(6, 0.3),
+        ),
+        (
+            Solver(hanging, 'exact', 31, table4.base, loads=WATER, compiled=False),
+            np.repeat([0.1, 1.0, 3.0], 4),
+        ),
+        (
+            Solver(helical_arm(sheath_stiffness=(3e5,)), 'exact', 31, loads=AIR, compiled=False),
+            np.full(6, 0.3),
+        ),
     ):
         tensions[1] = 0.0
         assert isinstance(solver._statics, Exact)
@@ -130,7 +141,7 @@ def test_a_balance_under_more_tension_is_as_if_evaluated(table4: Config) -> None
 
 
 def test_wrenches_of_each_arm_are_its_own() -> None:
-    solver = Solver(HELICAL, 'exact', 31, material='linear', shear=True)
+    solver = Solver(HELICAL, 'exact', 31, material='linear', shear=True, compiled=False)
     random = np.random.default_rng(8)
     tensions = random.uniform(0.0, 1.0, (6, 2, 3))
     wrenches = random.normal(size=(6, 6)) * (3 * [0.02] + 3 * [2e-4])
@@ -139,7 +150,9 @@ def test_wrenches_of_each_arm_are_its_own() -> None:
 
 
 def test_an_arm_without_balance_is_named_and_spoils_no_other(table4: Config) -> None:
-    solver = Solver(table4.arm.with_density(1080.0), 'exact', 31, table4.base, loads=WATER)
+    solver = Solver(
+        table4.arm.with_density(1080.0), 'exact', 31, table4.base, loads=WATER, compiled=False
+    )
     tensions = np.tile(0.1 * HIGHEST * np.array([1.0, 0.0, 0.0, 1.0]), (5, 1, 1))
     expected = solver.solve(tensions[0])
     tensions[3] = 1000.0 * HIGHEST
@@ -153,7 +166,9 @@ def test_an_arm_without_balance_is_named_and_spoils_no_other(table4: Config) -> 
 
 
 def test_an_impossible_start_spreads_to_no_other_arm(table4: Config) -> None:
-    solver = Solver(table4.arm.with_density(1080.0), 'exact', 31, table4.base, loads=WATER)
+    solver = Solver(
+        table4.arm.with_density(1080.0), 'exact', 31, table4.base, loads=WATER, compiled=False
+    )
     assert isinstance(solver._statics, Exact)
     rod = solver._statics._rod(0)
     tensions = np.tile(0.1 * HIGHEST * np.array([1.0, 0.0, 0.0, 1.0]), (5, 1, 1)).reshape(5, 12)
@@ -174,7 +189,7 @@ def test_a_step_from_the_last_balance_ends_where_one_from_its_copy_does(
 ) -> None:
     # What was factorised for the last balance makes the first step from it alone.
     loads = Loads(gravity=(0.0, 2.0, -5.0), points=(PointLoad(0.2, (0.0, 0.01, 0.0)),))
-    solver = Solver(arm, 'exact', 31, loads=loads)
+    solver = Solver(arm, 'exact', 31, loads=loads, compiled=False)
     tensions = np.linspace(0.1, 0.6, 6).reshape(2, 3)
     last = solver.solve(tensions)
     assert last.shape is not None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from estimation_arms import RUBBER, rubber
+from estimation_arms import RUBBER
 
 from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.estimation.beliefs.belief import Belief, gain
@@ -14,7 +14,8 @@ from octo_arm_model.estimation.beliefs.posterior import Posterior
 from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
 
-MODEL = rubber(Unknowns(Walk(1.0), tip_force=Walk(0.01)))
+UNKNOWNS = Unknowns(Walk(1.0), tip_force=Walk(0.01))
+MODEL = ArmModel(RUBBER, UNKNOWNS, stations=31, compiled=False)
 SIZE = MODEL.state.size
 RNG = np.random.default_rng(5)
 ROOT = np.tril(0.1 * RNG.normal(size=(SIZE, SIZE))) + np.eye(SIZE)
@@ -104,8 +105,7 @@ def test_it_is_straight_as_far_as_values_and_their_spread_bend_by_parts_of_the_n
 
 def machine(noise: np.ndarray, weight: float = 0.7) -> tuple[Posterior, Posterior]:
     """A posterior by NumPy, and the same in machine code."""
-    unknowns = Unknowns(Walk(1.0), tip_force=Walk(0.01))
-    model = ArmModel(RUBBER, unknowns, 'exact', stations=31, compiled=True)
+    model = ArmModel(RUBBER, UNKNOWNS, stations=31, compiled=True)
     prior = PRIOR._replace(scatter=0.7 * PRIOR.covariance)
     plain, quick = (posterior_of(prior, noise, one, weight) for one in (MODEL, model))
     assert type(plain) is not type(quick)
