@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from ament_index_python.packages import get_packages_with_prefixes
 from launch import LaunchContext
-from launch.actions import DeclareLaunchArgument
+from launch.action import Action
+from launch.actions import DeclareLaunchArgument, LogInfo
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -85,11 +87,15 @@ def node(executable: str, name: str, namespace: Any, *parameters: Any) -> Node:
     )
 
 
-def rviz(view: str, namespace: Any = '', arguments: Sequence[Any] = ()) -> Node:
+def rviz(view: str, namespace: Any = '', arguments: Sequence[Any] = ()) -> Action:
     """Start RViz with the configuration ``view`` if the argument ``rviz`` is true.
 
-    The topics of a configuration are relative to ``namespace``.
+    The topics of a configuration are relative to ``namespace``. Where RViz is not installed that
+    is logged: a failure would end the launch and leave the nodes behind that it has started.
     """
+    condition = IfCondition(LaunchConfiguration('rviz'))
+    if 'rviz2' not in get_packages_with_prefixes():
+        return LogInfo(msg='no RViz: the package rviz2 is not installed', condition=condition)
     path = PathJoinSubstitution([FindPackageShare(PACKAGE), 'rviz', view])
     return Node(
         package='rviz2',
@@ -98,5 +104,5 @@ def rviz(view: str, namespace: Any = '', arguments: Sequence[Any] = ()) -> Node:
         namespace=namespace,
         arguments=['-d', path, *arguments],
         parameters=[sim_time()],
-        condition=IfCondition(LaunchConfiguration('rviz')),
+        condition=condition,
     )

@@ -82,13 +82,11 @@ def test_the_shared_functions_read_what_is_shared() -> None:
     assert set(names_in(calls_of(SHARED), *READERS)) <= OF_ONE_ARM
 
 
-def started(name: str, **values: str) -> dict[tuple[str, str], dict[str, Any]]:
-    """Parameters of the nodes that a launch file starts, by executable and namespace."""
+def actions(name: str, **values: str) -> tuple[Any, list[Any]]:
+    """The context of a launch file and its actions whose conditions hold."""
     pytest.importorskip('launch_ros', reason='needs an installed ROS')
     from launch import LaunchContext
     from launch.actions import DeclareLaunchArgument
-    from launch_ros.actions import Node
-    from launch_ros.utilities import evaluate_parameters
 
     loaded = runpy.run_path(str(launch_file(name)))
     context = LaunchContext()
@@ -96,11 +94,28 @@ def started(name: str, **values: str) -> dict[tuple[str, str], dict[str, Any]]:
     for entity in loaded['generate_launch_description']().entities:
         if isinstance(entity, DeclareLaunchArgument):
             entity.execute(context)
+    found = loaded['start'](context)
+    return context, [one for one in found if not one.condition or one.condition.evaluate(context)]
+
+
+def logged(name: str, **values: str) -> list[str]:
+    """What a launch file logs."""
+    context, found = actions(name, **values)
+    from launch.actions import LogInfo
+    from launch.utilities import perform_substitutions
+
+    return [perform_substitutions(context, a.msg) for a in found if isinstance(a, LogInfo)]
+
+
+def started(name: str, **values: str) -> dict[tuple[str, str], dict[str, Any]]:
+    """Parameters of the nodes that a launch file starts, by executable and namespace."""
+    context, found = actions(name, **values)
+    from launch_ros.actions import Node
+    from launch_ros.utilities import evaluate_parameters
+
     nodes = {}
-    for action in loaded['start'](context):
-        if not isinstance(action, Node) or (
-            action.condition and not action.condition.evaluate(context)
-        ):
+    for action in found:
+        if not isinstance(action, Node):
             continue
         action._perform_substitutions(context)
         # Names that begin with an underscore hold what the public ones are computed from.
@@ -166,7 +181,19 @@ def test_an_estimator_takes_the_place_of_the_node_of_an_arm_that_is_pushed() -> 
     assert programs['octo_arm_node']['model'] == 'exact'
 
 
-def test_the_octopus_has_eight_arms_and_rviz_if_wanted() -> None:
+def installed(monkeypatch: pytest.MonkeyPatch, folder: Path, *packages: str) -> None:
+    """Make ROS find this package and ``packages``, and no other."""
+    index = folder / 'share' / 'ament_index' / 'resource_index' / 'packages'
+    index.mkdir(parents=True)
+    for package in ('octo_arm_model', *packages):
+        (index / package).touch()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(folder))
+
+
+def test_the_octopus_has_eight_arms_and_rviz_if_wanted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    installed(monkeypatch, tmp_path, 'rviz2')
     nodes = started('octopus', rviz='true', base_frame='body')
     (seen,) = [key for key in nodes if key[0] == 'rviz2']
     assert nodes.pop(seen) == {'use_sim_time': False}
@@ -174,3 +201,14 @@ def test_the_octopus_has_eight_arms_and_rviz_if_wanted() -> None:
     for (_, where), parameters in nodes.items():
         assert parameters['base_frame'] == 'body'
         assert parameters['frame_prefix'] == f'{where[1:]}_'
+
+
+@pytest.mark.parametrize('name', sorted(ARGUMENTS))
+def test_without_rviz_that_is_logged_and_the_nodes_are_started(
+    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    expected = started(name)
+    installed(monkeypatch, tmp_path)
+    assert started(name, rviz='true') == expected
+    assert logged(name, rviz='true') == ['no RViz: the package rviz2 is not installed']
+    assert logged(name, rviz='false') == []
