@@ -13,13 +13,23 @@ from functools import partial
 
 
 def _run(module: str, interrupted: int) -> int:
-    """Run ``module``; returns its exit status, or ``interrupted`` where it is not yet imported."""
+    """Run ``module``; returns its exit status, or ``interrupted`` where it is not yet imported.
+
+    Where ROS or an extra is missing, that is one line, and --help is answered nevertheless.
+    """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored
         # The programs of ROS go on with a handler of their own.
         signal.signal(signal.SIGINT, lambda number, frame: os._exit(interrupted))
     if sys.stderr is None:  # closed: what is printed to it would go to standard output
         sys.stderr = open(os.devnull, 'w')
-    status: int = importlib.import_module(module).main()
+    try:
+        status: int = importlib.import_module(module).main()
+    except ModuleNotFoundError as error:
+        terminal = importlib.import_module('octo_arm_model.terminal')
+        name = os.path.basename(sys.argv[0])
+        if module.startswith('octo_arm_model.ros.'):  # which imports ROS before it reads arguments
+            importlib.import_module('octo_arm_model.ros.arguments').arguments_of_ros(name)
+        status = terminal.fail(name, terminal.missing(error))
     return status
 
 

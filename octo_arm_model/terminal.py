@@ -16,6 +16,22 @@ from typing import NoReturn, TextIO
 from octo_arm_model.core.errors import OctoArmError
 
 _PERIOD = 0.1  # between two states of the line on a terminal [s]
+# Extras of setup.py, which bounds their versions, by the modules that they bring.
+_EXTRAS = {
+    'apsw': 'bags',
+    'backports': 'bags',
+    'cloudpickle': 'cluster',
+    'dask': 'cluster',
+    'distributed': 'cluster',
+    'llvmlite': 'compiled',
+    'lz4': 'bags',
+    'matplotlib': 'figures',
+    'msgspec': 'viewer',
+    'numba': 'compiled',
+    'rosbags': 'bags',
+    'viser': 'viewer',
+    'websockets': 'viewer',
+}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -58,9 +74,18 @@ def pipe_closed() -> int:
     return 141
 
 
-def missing(error: ModuleNotFoundError) -> str:
-    """What to install where ``error`` is raised."""
-    return f'needs {error.name}; install it with: pip install {error.name}'
+def missing(error: ModuleNotFoundError, *extras: str) -> str:
+    """What to install where ``error`` is raised, with all ``extras`` that the program may need."""
+    module = (error.name or '').partition('.')[0]
+    if module == 'octo_arm_model':
+        raise error  # a fault of the package
+    if module in _EXTRAS:
+        wanted = ','.join(sorted({_EXTRAS[module], *extras}))
+        return f"needs {module}; install it with: pip install 'octo_arm_model[{wanted}]'"
+    return (
+        f'needs ROS 2 and the package octo_arm_msgs ({module} is missing): source them, or put '
+        'tools/with_ros of the checkout in front'
+    )
 
 
 @contextlib.contextmanager

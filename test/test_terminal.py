@@ -2,14 +2,57 @@
 
 from __future__ import annotations
 
+import ast
 import errno
 import io
 import itertools
+import re
+import sys
+from pathlib import Path
 
 import pytest
+from checkout import ROOT
 from command_line import Terminal
 
-from octo_arm_model.terminal import StatusLine
+from octo_arm_model.terminal import StatusLine, missing
+
+# What setup.py installs always, and a module of Python from 3.14 on.
+BASE = {'numpy', 'scipy', 'yaml', 'octo_arm_model', 'compression'}
+
+
+def imports(path: Path) -> set[str]:
+    """First names of the modules that the file at ``path`` imports."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add(node.module or '')
+    return {name.split('.')[0] for name in found}
+
+
+def test_every_module_of_an_extra_is_known_with_its_extra() -> None:
+    tree = ast.parse((ROOT / 'setup.py').read_text())
+    (extras,) = [
+        ast.literal_eval(word.value)
+        for word in ast.walk(tree)
+        if isinstance(word, ast.keyword) and word.arg == 'extras_require'
+    ]
+    package = ROOT / 'octo_arm_model'
+    for path in package.rglob('*.py'):
+        for module in imports(path) - BASE - sys.stdlib_module_names:
+            hint = missing(ModuleNotFoundError(name=f'{module}.some'))
+            if found := re.search(r"octo_arm_model\[(\w+)\]'$", hint):
+                assert extras[found[1]]
+            else:  # a module of ROS, which comes with nodes and their clients
+                assert 'needs ROS 2' in hint
+                folder = path.relative_to(package).parts[0]
+                assert folder in ('apps', 'ros', 'viewer'), f'{module} in {path}'
+
+
+def test_a_module_missing_in_the_package_itself_is_no_matter_of_installing() -> None:
+    with pytest.raises(ModuleNotFoundError):
+        missing(ModuleNotFoundError(name='octo_arm_model.nothing'))
 
 
 @pytest.fixture(autouse=True)

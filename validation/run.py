@@ -29,7 +29,9 @@ try:
     from compare import run_case
     from verify import checks
 except ModuleNotFoundError as error:
-    sys.exit(f"run.py: error: needs {error.name}; install it with: pip install '.[validation]'")
+    sys.exit(
+        f"run.py: error: needs {error.name}; install it with: pip install '.[figures,validation]'"
+    )
 
 HERE = Path(__file__).parent
 

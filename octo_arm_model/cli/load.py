@@ -11,7 +11,6 @@ from octo_arm_model.config.parameter_files import load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.arm.validation import positive
-from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
 
@@ -36,7 +35,6 @@ examples:
   octo-arm load kept.yaml
 """
 _OTHERS = (*SIMULATOR_PARAMETERS, *ESTIMATOR_PARAMETERS)
-_NO_ROS = 'needs ROS 2 ({} is missing): source one, or put tools/with_ros in front'
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -63,9 +61,7 @@ def run(options: argparse.Namespace) -> None:
         refuse_unknown(values, known, 'arm, simulator or estimator')
         # A missing parameter is refused here: the node would take its default.
         Config.from_parameters({name: v for name, v in values.items() if name in names})
-    try:
-        from octo_arm_model.ros.client.arm_swap import swap_arm
-    except ModuleNotFoundError as error:
-        raise ConfigError(_NO_ROS.format(error.name)) from error
+    from octo_arm_model.ros.client.arm_swap import swap_arm
+
     swap_arm(values, _OTHERS, options.node, options.wait)
     print(f'{options.node} has the arm of {path}')

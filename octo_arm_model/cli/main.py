@@ -45,6 +45,7 @@ _COMMANDS: tuple[Command, ...] = (
     solve, compare, estimate, record_demo, identify, inverse, load, play, replay, reproduce,
     workspace,
 )  # fmt: skip
+_OF_RECORDINGS = ('compare', 'estimate', 'identify')  # which read bags and draw pictures
 _PROG = 'octo-arm'
 _TWICE = 1.0  # [s] in which another signal is the same one
 _EPILOG = """\
@@ -121,7 +122,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     except (OctoArmError, OSError) as error:
         return fail(_PROG, error)
     except ModuleNotFoundError as error:
-        return fail(_PROG, missing(error))
+        extras = ('bags', 'figures') if options.command in _OF_RECORDINGS else ()
+        return fail(_PROG, missing(error, *extras))
     except MemoryError:
         return fail(_PROG, 'out of memory')
 

@@ -26,7 +26,7 @@ from octo_arm_model.core.limits import MAX_PROFILE_ROWS
 from octo_arm_model.simulation.profiles.commands import TOPIC, find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.profiles.profile_files import write_csv
-from octo_arm_model.terminal import StatusLine
+from octo_arm_model.terminal import StatusLine, missing
 
 SUMMARY = 'pull tendons along a profile of commands'
 DESCRIPTION = """\
@@ -48,10 +48,6 @@ examples:
 _RATES = (1.0, 1000.0)  # [Hz]
 _OF_PLAYING = '--loop', '--hold', '--topic', '--wait'
 _OF_ONE = '--highest', '--speed', '--rate', '--csv', '--plot'
-_NO_ROS = (
-    'playing needs ROS 2 and the package octo_arm_msgs ({} is missing): source them, or put '
-    'tools/with_ros in front; --list, --csv and --plot do without'
-)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -133,7 +129,8 @@ def _play(options: argparse.Namespace, profile: CommandProfile, config: Config) 
     try:
         from octo_arm_model.ros.client.profile_player import play
     except ModuleNotFoundError as error:
-        raise ConfigError(_NO_ROS.format(error.name)) from error
+        without = '--list, --csv and --plot do without'
+        raise ConfigError(f'playing {missing(error)}; {without}') from error
 
     def state(what: str, played: float, duration: float) -> str:
         rounds = max(0, math.ceil(played / duration) - 1)

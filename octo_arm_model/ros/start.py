@@ -1,9 +1,8 @@
-"""Start and end ROS in a program: arguments, one-line errors with a hint, a client's node."""
+"""Start and end ROS in a program: one-line errors with a hint, a client's node."""
 
 from __future__ import annotations
 
 import contextlib
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -30,13 +29,6 @@ _HINTS = {
     'ogging': 'logs are written to ROS_LOG_DIR, else below ROS_HOME or HOME: '
     'set one to a folder that can be written',
 }
-
-
-def split_arguments(arguments: Sequence[str] | None) -> tuple[list[str], list[str]]:
-    """Split ``arguments``, by default of the command line, at --ros-args: own, and of ROS."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    own = given.index('--ros-args') if '--ros-args' in given else len(given)
-    return given[:own], given[own:]
 
 
 def start_ros(

@@ -6,10 +6,9 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from octo_arm_model.ros.arguments import split_arguments
 from octo_arm_model.ros.child_processes import stop_signals
-from octo_arm_model.ros.client.client import ArmClient
-from octo_arm_model.ros.start import client_node, split_arguments
-from octo_arm_model.terminal import fail, make_parser, missing, status_of
+from octo_arm_model.terminal import make_parser, status_of
 from octo_arm_model.viewer.options import add_address
 
 _PROG = 'octo_arm_viewer'
@@ -36,11 +35,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the page until a signal comes; returns the exit status."""
     own, of_ros = split_arguments(arguments)
     options = build_parser().parse_args(own)
-    try:
-        from octo_arm_model.viewer.address import serving
-        from octo_arm_model.viewer.app import Viewer
-    except ModuleNotFoundError as error:
-        return fail(_PROG, missing(error))
+    # Needs ROS and viser, --help neither.
+    from octo_arm_model.ros.client.client import ArmClient
+    from octo_arm_model.ros.start import client_node
+    from octo_arm_model.viewer.address import serving
+    from octo_arm_model.viewer.app import Viewer
+
     is_over = stop_signals()
 
     def show() -> int:

@@ -1,4 +1,4 @@
-"""Start of programs: interrupted while they are imported, and where ROS cannot start."""
+"""Start of programs: interrupted while they are imported, and where ROS or an extra is missing."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from octo_arm_model.config.presets import preset_path
 PROGRAMS = [name for name, value in vars(octo_arm_start).items() if isinstance(value, partial)]
 PARAMETERS = str(preset_path('renda2012_prototype'))
 OF_ROS = {
+    'estimator': ['--ros-args', '--params-file', PARAMETERS],
+    'lifecycle_estimator': ['--ros-args', '--params-file', PARAMETERS],
     'node': ['--ros-args', '--params-file', PARAMETERS],
     'lifecycle_node': ['--ros-args', '--params-file', PARAMETERS],
     'simulator': ['--ros-args', '--params-file', PARAMETERS],
@@ -37,25 +39,90 @@ class Interrupt:
 sys.meta_path.insert(0, Interrupt)
 signal.signal(signal.SIGINT, signal.default_int_handler)  # as in a terminal
 """
+# Modules of these names are as if they were not installed.
+HIDE = """
+import re, sys
+class Hidden:
+    def find_spec(name, path=None, target=None):
+        if re.fullmatch('{}', name):
+            raise ModuleNotFoundError('No module named ' + name, name=name)
+sys.meta_path.insert(0, Hidden)
+"""
+WITHOUT_ROS = HIDE.format(r'rclpy|rosidl_\\w+|ament_\\w+|\\w+_(msgs|interfaces|srvs)')
 
 
-def started(program: str, *arguments: str, before: str = '', **environment: str | None) -> tuple:
-    """Run a program to its end; returns status and stderr."""
+def run(
+    program: str, *arguments: str, before: str = '', **environment: str | None
+) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end."""
     code = f'{before}\nimport sys, octo_arm_start; sys.exit(octo_arm_start.{program}())'
     variables = {**os.environ, **environment}
-    done = subprocess.run(
+    return subprocess.run(
         [sys.executable, '-c', code, *arguments],
         env={name: value for name, value in variables.items() if value is not None},
         capture_output=True,
         text=True,
         timeout=600,
     )
+
+
+def started(program: str, *arguments: str, **options: str | None) -> tuple[int, str]:
+    """Run a program to its end; returns status and stderr."""
+    done = run(program, *arguments, **options)
     return done.returncode, done.stderr
 
 
 def test_every_program_is_started_here() -> None:
     scripts = re.findall(r"'octo.* = (\w+):(\w+)'", (ROOT / 'setup.py').read_text())
     assert sorted(scripts) == [('octo_arm_start', name) for name in sorted(PROGRAMS)]
+
+
+@pytest.mark.parametrize('program', PROGRAMS)
+def test_help_needs_no_ros(program: str) -> None:
+    done = run(program, '--help', before=WITHOUT_ROS)
+    assert (done.returncode, done.stderr) == (0, '')
+    assert done.stdout.startswith('usage: ')
+    assert 'example' in done.stdout
+
+
+@pytest.mark.parametrize('program', OF_ROS)
+def test_without_ros_that_is_one_line(program: str) -> None:
+    status, complaint = started(program, *OF_ROS[program], before=WITHOUT_ROS)
+    assert status == 2
+    assert re.fullmatch(
+        r'.*: error: needs ROS 2 and the package octo_arm_msgs \(\w+ is missing\): '
+        r'source them, or put tools/with_ros of the checkout in front\n',
+        complaint,
+    )
+
+
+@pytest.mark.parametrize(
+    ('command', 'module', 'extras'),
+    [
+        (['compare', 'bag'], 'rosbags', 'bags,figures'),
+        (['compare', 'bag', '--out', 'new'], 'matplotlib', 'bags,figures'),
+        (['identify', 'bag'], 'rosbags', 'bags,figures'),
+        (['estimate', 'bag'], 'rosbags', 'bags,figures'),
+        (['replay', 'bag', 'new'], 'rosbags', 'bags'),
+        (['record-demo', 'new'], 'rosbags', 'bags'),
+        (['workspace', 'renda2012_table4', '--out', 'new.png'], 'matplotlib', 'figures'),
+    ],
+)
+def test_without_an_extra_all_that_the_command_may_need_are_named(
+    command: list[str], module: str, extras: str
+) -> None:
+    status, complaint = started('command_line', *command, before=HIDE.format(rf'{module}\\b.*'))
+    hint = f"install it with: pip install 'octo_arm_model[{extras}]'"
+    assert (status, complaint) == (2, f'octo-arm: error: needs {module}; {hint}\n')
+
+
+def test_without_viser_the_viewer_says_what_to_install() -> None:
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+    status, complaint = started('viewer', before=HIDE.format('viser'))
+    hint = "install it with: pip install 'octo_arm_model[viewer]'"
+    assert status == 2
+    assert complaint.endswith(f': error: needs viser; {hint}\n')
 
 
 @pytest.mark.parametrize('program', PROGRAMS)

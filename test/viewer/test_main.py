@@ -1,14 +1,12 @@
 """The command line of the programs that serve a page."""
 
 import signal
-import sys
 
 import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 pytest.importorskip('viser', reason='needs viser')
-
 
 from octo_arm_model.apps import octopus
 from octo_arm_model.viewer import main as viewer
@@ -46,13 +44,3 @@ def test_options_that_are_none_are_refused(capsys):
         viewer.main(['--prot', '8081', '--ros-args', '-r', '__node:=other'])
     assert ended.value.code == 2
     assert 'unrecognized arguments: --prot 8081' in capsys.readouterr().err
-
-
-def test_without_viser_there_is_a_hint(monkeypatch, capsys):
-    for name in [name for name in sys.modules if name.startswith('octo_arm_model.viewer.')]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, 'viser', None)
-    assert viewer.main([]) == 2
-    assert capsys.readouterr().err == (
-        'octo_arm_viewer: error: needs viser; install it with: pip install viser\n'
-    )

@@ -19,19 +19,15 @@ from rclpy.signals import SignalHandlerOptions
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.logs import show_logs
+from octo_arm_model.ros.arguments import arguments_of_ros
 from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.middleware import bound_memory
 from octo_arm_model.ros.node.server import Server
-from octo_arm_model.ros.start import split_arguments, start_ros
+from octo_arm_model.ros.start import start_ros
 from octo_arm_model.ros.work.interruption import ignore_signals, install, interruptible
-from octo_arm_model.terminal import fail, make_parser
+from octo_arm_model.terminal import fail
 
-_DESCRIPTION = 'A node of ROS 2, until Ctrl-C. Its arguments are those of ROS, after --ros-args.'
-_EPILOG = """\
-example:
-  {} --ros-args --params-file config/renda2012_table4.yaml
-"""
 LONGEST_WAIT = 0.5  # [s] between checks for shutdown
 LONGEST_END = 4.0  # [s] for ROS to destroy a node
 
@@ -69,8 +65,7 @@ def make_executor(context: Context | None = None) -> Executor:
 
 def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
     """Run a node until SIGINT or SIGTERM; returns the exit status."""
-    own, of_ros = split_arguments(arguments)
-    make_parser(name, _DESCRIPTION, _EPILOG.format(name)).parse_args(own)
+    of_ros = arguments_of_ros(name, arguments)
     install()  # rclpy then ends its context at a signal, which ends the loop below
     bound_memory()
     try:
