@@ -7,21 +7,23 @@ import contextlib
 import sys
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from octo_arm_model.apps.domain import own_domain
 from octo_arm_model.config.config import load_config
 from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
-from octo_arm_model.ros.client.client import POSES, ArmClient
-from octo_arm_model.ros.start import client_node
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.touched_arm import touched
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
 from octo_arm_model.viewer.options import add_optional_page, open_page
+
+if TYPE_CHECKING:
+    from octo_arm_model.ros.client.client import ArmClient
 
 RATE = 50.0  # [Hz] of the simulated tensions
 LINE_PERIOD = 1.0  # [s] between lines of numbers where there is no terminal
@@ -66,6 +68,7 @@ def describe(client: ArmClient) -> str:
         f'tip {tip[0]:7.1f} {tip[1]:7.1f} {tip[2]:7.1f} mm   '
         f'to the base {np.linalg.norm(tip - base):6.1f} mm   '
         f'{client.rate():5.1f} shapes/s   {1e3 * client.latency:5.1f} ms behind'
+        f'{client.problem and f"   {client.problem}"}'
     )
 
 
@@ -94,6 +97,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _show(options: argparse.Namespace) -> int:
+    # Needs ROS, --help does not.
+    from octo_arm_model.ros.client.client import ArmClient
+    from octo_arm_model.ros.start import client_node
+
     path = str(find_path(options.config))
     config = load_config(path)
     movement = movement_of(config.arm)
@@ -111,6 +118,7 @@ def _show(options: argparse.Namespace) -> int:
         ]
     commands.append(('octo_arm_model.ros.simulator.main', *common, *parameter_arguments(playing)))
     with contextlib.ExitStack() as stack:
+        stack.enter_context(own_domain(_PROG))
         started = stack.enter_context(children(commands))
         client = ArmClient(stack.enter_context(client_node(_PROG)))
         server = open_page(options, stack)
@@ -129,6 +137,8 @@ def _show(options: argparse.Namespace) -> int:
 
 def _watching(client: ArmClient) -> Callable[[], None]:
     """One step without a viewer."""
+    from octo_arm_model.ros.client.client import POSES
+
     client.listen(POSES)
 
     def step() -> None:

@@ -11,24 +11,25 @@ import contextlib
 import sys
 import time
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import rclpy
-from rclpy.node import Node
 
 from octo_arm_model.analysis.geometry.octopus_layout import ARMS, base_pose
 from octo_arm_model.apps.demo import LINE_PERIOD, movement_of
+from octo_arm_model.apps.domain import own_domain
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.presets import find_path
 from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
-from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
-from octo_arm_model.ros.client.command_publisher import CommandPublisher
-from octo_arm_model.ros.node.main import OctoArmNode, make_executor
-from octo_arm_model.ros.start import client_node, start_ros
 from octo_arm_model.simulation.profiles.commands import find_profile
 from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
 from octo_arm_model.viewer.options import add_optional_page, open_page
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+    from octo_arm_model.ros.client.client import ArmClient
 
 RATE = 30.0  # [Hz] of the tensions of each arm
 PROCESSES = 2
@@ -51,6 +52,8 @@ class Crawl:
             ProfileError: if there is no such ``movement`` of this arm, or it goes beyond the
                 limit of a tendon.
         """
+        from octo_arm_model.ros.client.command_publisher import CommandPublisher
+
         self._node = node
         self._profile = find_profile(movement, config.arm)
         check_profile(self._profile, config.arm, tendon_limits(config))
@@ -89,6 +92,11 @@ def describe(clients: Sequence[ArmClient]) -> str:
 
 def host(config_file: str, numbers: Sequence[int]) -> None:
     """Run the nodes of the arms ``numbers`` until a signal comes."""
+    import rclpy
+
+    from octo_arm_model.ros.node.main import OctoArmNode, make_executor
+    from octo_arm_model.ros.start import start_ros
+
     is_over = stop_signals()
     # Errors only, as all nodes log the same lines.
     start_ros(['--ros-args', '--log-level', 'error'])
@@ -148,6 +156,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _show(options: argparse.Namespace) -> int:
+    # Needs ROS, --help does not.
+    from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
+    from octo_arm_model.ros.start import client_node
+
     path = str(find_path(options.config))
     if options.host_arms:
         host(path, options.host_arms)
@@ -159,6 +171,7 @@ def _show(options: argparse.Namespace) -> int:
         ('octo_arm_model.apps.octopus', path, '--host-arms', *map(str, group)) for group in groups
     ]
     with contextlib.ExitStack() as stack:
+        stack.enter_context(own_domain(_PROG, '/arm_1'))
         node = stack.enter_context(client_node(_PROG))
         crawl = Crawl(node, config, options.movement or movement_of(config.arm))
         clients = [ArmClient(node, f'arm_{number}') for number in range(1, ARMS + 1)]

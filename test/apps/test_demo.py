@@ -20,11 +20,15 @@ import pytest
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from live_nodes import DEADLINE, new_domain, start
+import rclpy
+from live_nodes import DEADLINE, PERIOD, new_domain, start, start_node, stop
 
 from octo_arm_model import load_config
 from octo_arm_model.apps import demo, octopus
+from octo_arm_model.apps.domain import own_domain
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.simulation.profiles.commands import find_profile
 
 NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')
@@ -45,9 +49,10 @@ def family_of(mark):
 class Program:
     """A program, and all that it starts."""
 
-    def __init__(self, module, *arguments):
+    def __init__(self, module, *arguments, domain=None):
         self._mark = mark = str(uuid.uuid4())
-        self.process = start(f'apps.{module}', *arguments, domain=new_domain(), OCTO_ARM_TEST=mark)
+        domain = domain or new_domain()
+        self.process = start(f'apps.{module}', *arguments, domain=domain, OCTO_ARM_TEST=mark)
 
     def family(self):
         """It and what it has started."""
@@ -73,8 +78,8 @@ class Program:
 def started():
     programs = []
 
-    def start(*arguments):
-        programs.append(Program(*arguments))
+    def start(*arguments, **options):
+        programs.append(Program(*arguments, **options))
         return programs[-1]
 
     yield start
@@ -218,6 +223,44 @@ def test_children_end_with_their_parent(how):
     end = time.monotonic() + DEADLINE
     while family_of(mark):
         assert time.monotonic() < end, f'after {DEADLINE} s they still run'
+
+
+@pytest.mark.parametrize(('module', 'namespace'), [('demo', ''), ('octopus', 'arm_1')])
+def test_a_second_arm_goes_to_another_domain_and_says_so(started, module, namespace):
+    domain = new_domain()
+    started(module, 'renda2012_table4', '--no-viewer', domain=domain).line('arms|waiting|shapes')
+    # Another preset, so that it is told from the first one.
+    program = started(module, 'renda2012_table2', '--no-viewer', domain=domain)
+    said = program.line(r'(\S+): there is an arm in ROS domain (\d+) already; .*DOMAIN_ID=(\d+)$')
+    assert said.groups() == (f'octo_arm_{module}', str(domain), said[3])
+    assert int(said[3]) != domain
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(said[3]))
+    client = ArmClient(rclpy.create_node('listener', context=context), namespace)
+    end = time.monotonic() + DEADLINE
+    while client.config is None:
+        assert time.monotonic() < end, f'no arm in {DEADLINE} s'
+        client.poll()
+        time.sleep(PERIOD)
+    rclpy.shutdown(context=context)
+    assert client.config.arm.length == load_config(preset_path('renda2012_table2')).arm.length
+    assert client.config.arm.length != load_config(preset_path('renda2012_table4')).arm.length
+    assert program.end()[0] == 0
+
+
+def test_what_else_publishes_tensions_is_told(started):
+    domain = new_domain()
+    other = start_node('ros.simulator.main', domain)
+    program = started('demo', 'renda2012_table4', '--no-viewer', domain=domain)
+    program.line('shapes/s.*several sources: 2 publishers on /tendon_tensions')
+    stop(other)
+
+
+def test_a_domain_that_is_no_number_is_refused(monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', 'lab')
+    with pytest.raises(ConfigError, match="ROS_DOMAIN_ID is 'lab', expected a number"):
+        with own_domain('octo_arm_demo'):
+            pass
 
 
 @pytest.mark.endurance
