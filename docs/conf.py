@@ -28,7 +28,8 @@ exclude_patterns = ['_build', '_generated']
 # The changelog and the notes for contributors keep their levels.
 suppress_warnings = ['myst.header']
 html_theme = 'alabaster'
-html_static_path: list[str] = []
+html_static_path = ['static']
+html_css_files = ['tables.css']
 html_theme_options = {'page_width': '1100px', 'sidebar_width': '250px'}
 html_math_renderer = 'mathml'
 
