@@ -1,0 +1,89 @@
+"""The solver against what is known: a spread of the cases always, all with time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from truth_cases import Case, distance, read_cases, refusal_of
+
+from octo_arm_model import SolveError
+
+CASES = read_cases()
+SOLVED = [case for case in CASES if case.expected and not case.fault]
+REFUSED = [case for case in CASES if not case.expected]
+FAULTS = [case for case in CASES if case.fault]
+# Rounding of the values in the file, in parts of the largest.
+ROUNDED = 1e-9
+
+
+@pytest.fixture(params=[False, None], ids=['NumPy', 'as installed'])
+def compiled(request: pytest.FixtureRequest) -> bool | None:
+    if request.param is None:
+        pytest.importorskip('numba')
+    return request.param
+
+
+def differences(case: Case, compiled: bool | None) -> list[str]:
+    """Quantities that are further from the truth than is tolerated, and how far."""
+    found = case.solve(case.build(compiled))
+    wrong = []
+    for quantity, expected in case.expected.items():
+        allowed = case.tolerance(quantity) + ROUNDED * np.abs(expected).max(initial=0.0)
+        allowed = np.maximum(allowed, 1.2 * case.today.get(quantity, 0.0))
+        off = distance(quantity, found[quantity], expected)
+        if not (off <= allowed).all():
+            wrong.append(f'{case.name} {quantity}: {off.max():.1e}, expected {allowed.min():.1e}')
+    return wrong
+
+
+def check(cases: list[Case], compiled: bool | None) -> None:
+    wrong = [line for case in cases for line in differences(case, compiled)]
+    assert not wrong, '\n'.join(wrong)
+
+
+def spread() -> list[Case]:
+    """One case of every kind, each of another arm."""
+    kinds = sorted({case.kind for case in SOLVED})
+    found = []
+    for number, kind in enumerate(kinds):
+        of_kind = [case for case in SOLVED if case.kind == kind]
+        found.append(of_kind[(7 * number) % len(of_kind)])
+    return found
+
+
+def test_there_are_cases_of_every_kind() -> None:
+    assert len(SOLVED) >= 600
+    assert len({case.name for case in CASES}) == len(CASES)
+    for case in SOLVED:
+        assert all(np.isfinite(values).all() for values in case.expected.values()), case.name
+
+
+@pytest.mark.parametrize('part', range(3))
+def test_a_spread_of_cases_is_right(part: int, compiled: bool | None) -> None:
+    check(spread()[part::3], compiled)
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize('arm', sorted({case.name.split('/')[0] for case in SOLVED}))
+def test_all_cases_of_an_arm_are_right(arm: str, compiled: bool | None) -> None:
+    check([case for case in SOLVED if case.name.startswith(f'{arm}/')], compiled)
+
+
+def test_what_is_refused_is_named(compiled: bool | None) -> None:
+    for case in REFUSED:
+        assert case.refused is not None
+        kind, names = case.refused
+        error = refusal_of(case, compiled)
+        classes = [one.__name__ for one in type(error).__mro__]
+        assert kind in classes, f'{case.name}: {error!r}, expected {kind}'
+        assert names in str(error), f'{case.name}: {error}, expected {names}'
+
+
+@pytest.mark.xfail(reason='known faults of the solver', raises=(AssertionError, SolveError))
+@pytest.mark.parametrize('case', FAULTS, ids=[case.name for case in FAULTS])
+def test_known_faults(case: Case, compiled: bool | None) -> None:
+    try:
+        check([case], compiled)
+    except SolveError:
+        if case.refused is None:
+            raise
