@@ -1,0 +1,435 @@
+"""The node functions over whole arrays; `loops` has the same for numba, and their equations.
+
+Names, arguments and tables are those of `loops`. Indices: i, k, m nodes, a, c components, j
+tendons, e elements.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.core.hints import ComplexArray, FloatArray, Number
+from octo_arm_model.core.numerics.quaternion import rotation_matrices
+from octo_arm_model.rod.tables import (
+    AXIAL,
+    LEVER,
+    SHEAR,
+    SQUARED_RADIUS,
+    TORSION,
+    Tables,
+    Work,
+)
+
+_MOST_STEPS = 30  # of the offset of a tendon in its sheath
+_SETTLED = 1e-14  # change of an offset, over the lever
+# Indices for a cross product by one multiplication of permuted components.
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    found: FloatArray = a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT]
+    return found
+
+
+# Orientations ----------------------------------------------------------------------------------
+
+
+def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
+    """Orientation and r' of every node: q' = q (0, kappa) / 2 collocated in each element.
+
+    A quaternion is a + b j, see `core.numerics.quaternion`; the equations are linear in (a, b).
+    """
+    points, elements = tables.to_point.shape[0], tables.lengths.size
+    half = 0.5 * z[:, :3].reshape(elements, points, 3) * tables.lengths[:, np.newaxis, np.newaxis]
+    # Rate of (a, b) of an element of length one by its row of [[i t, -c*], [c, -i t]].
+    rate = np.empty((elements, points, 2, 2), np.complex128)
+    t, c = 1j * half[..., 0], half[..., 1] + 1j * half[..., 2]
+    rate[..., 0, 0], rate[..., 0, 1], rate[..., 1, 0], rate[..., 1, 1] = t, -c.conj(), c, -t
+    system = np.multiply(
+        -tables.to_point[:, np.newaxis, :, np.newaxis], rate.swapaxes(1, 2)[:, np.newaxis]
+    ).reshape(elements, 2 * points, 2 * points)
+    diagonal = np.arange(2 * points)
+    system[:, diagonal, diagonal] += 1.0
+    one = np.tile([1.0 + 0.0j, 0.0], points)[np.newaxis, :, np.newaxis]
+    inside = np.linalg.solve(system, np.broadcast_to(one, (elements, 2 * points, 1)))
+    inside = inside.reshape(elements, points, 2)
+    weights = tables.weights[:points] / tables.lengths[0]
+    last = np.einsum('k,ekab,ekb->ea', weights, rate, inside)
+    last[:, 0] += 1.0
+    last /= np.sqrt((last.real**2 + last.imag**2).sum(axis=1, keepdims=True))
+    first = np.empty((elements, 2), np.complex128)
+    a, b = complex(*tables.base[:2]), complex(*tables.base[2:])
+    for e, (c_e, d_e) in enumerate(last.tolist()):
+        first[e] = a, b
+        a, b = a * c_e - b * d_e.conjugate(), a * d_e + b * c_e.conjugate()
+    _orient(first, inside, z, work)
+
+
+def _orient(first: ComplexArray, inside: ComplexArray, z: FloatArray, work: Work) -> None:
+    """Fill in orientations, from those of the starts of elements and within them."""
+    a, b = first[:, np.newaxis, 0], first[:, np.newaxis, 1]
+    c, d = inside[..., 0], inside[..., 1]
+    whole = np.stack([a * c - b * d.conj(), a * d + b * c.conj()], axis=-1).reshape(len(z), 2)
+    parts = whole.view(np.float64)
+    parts /= np.sqrt((parts * parts).sum(axis=1, keepdims=True))
+    work.quaternion[:] = parts
+    work.rotation[:] = rotation_matrices(np.ascontiguousarray(parts.T)).transpose(2, 0, 1)
+    work.slope[:] = work.rotation[:, :, 0] * z[:, 3, np.newaxis]
+    if z.shape[1] == 6:
+        work.slope[:] += (work.rotation[:, :, 1:] @ z[:, 4:, np.newaxis])[..., 0]
+
+
+# Cross sections --------------------------------------------------------------------------------
+
+
+def _density(
+    widens: bool, stretch: FloatArray, bend: FloatArray
+) -> tuple[Number, Number, Number, Number, Number]:
+    """Derivatives of psi_material / (E A), see `loops`."""
+    if not widens:
+        return stretch - 1.0, 0.125, 1.0, 0.0, 0.0
+    root = np.sqrt(stretch * np.abs(stretch) - bend)
+    over, over_root = 1.0 / (stretch + root), 1.0 / root
+    third = over_root * over / 3.0
+    varying, square = third * over, over_root * over_root
+    mixed = square * varying
+    return (
+        stretch / 3.0 - 2.0 * third,
+        varying + 1.0 / 24.0,
+        square * over_root * (2.0 / 3.0) + 1.0 / 3.0,
+        -(stretch + 2.0 * root) * mixed,
+        (root * over + 0.5) * mixed,
+    )
+
+
+def _widening(widens: bool, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Radius over reference radius, and its two derivatives by the stretch."""
+    if not widens:
+        return np.ones_like(stretch), np.zeros_like(stretch), np.zeros_like(stretch)
+    over = 1.0 / stretch
+    width = np.sqrt(over)
+    slope = -0.5 * width * over
+    return width, slope, -1.5 * slope * over
+
+
+class _Tendons:
+    """The tendons under tension at all nodes, and their u.
+
+    Attributes:
+        tension: (n, J) [N], zero beyond the anchorage.
+        by: du/de by the six scaled strains, without what the widening adds, (3, 6, n, J).
+        unit: c = u / |u|, (3, n, J).
+        over: 1 / |u|, (n, J).
+    """
+
+    def __init__(
+        self,
+        tables: Tables,
+        strain: FloatArray,
+        width: FloatArray,
+        tensions: FloatArray,
+        work: Work,
+    ) -> None:
+        """Of scaled ``strain`` (6, n, 1)."""
+        acts = np.arange(tensions.shape[1]) < tables.active[:, np.newaxis]
+        self.tension = tensions * acts
+        # Those that nobody pulls are left out.
+        self.pulled = np.flatnonzero(self.tension.any(axis=0))
+        self.tension = self.tension[:, self.pulled]
+        x, y, self.dx, self.dy = tables.tendons[:, self.pulled].transpose(2, 0, 1)
+        self.compliance = tables.compliance[self.pulled]
+        self._strain, self._width = strain, width[:, np.newaxis]
+        if self.compliance.any():
+            offsets = self._offsets(x, y, tables.body[:, LEVER, np.newaxis])
+            work.offsets[:, self.pulled, 0], work.offsets[:, self.pulled, 1] = offsets
+            x, y = x + offsets[0], y + offsets[1]
+        self.x, self.y = x, y
+        u = self._along(x, y)
+        self.over = 1.0 / np.sqrt((u * u).sum(axis=0))
+        self.unit = u * self.over
+
+    def _along(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        t, n, b, stretch, v_n, v_b = self._strain
+        u = np.empty((3, *x.shape))
+        u[0] = stretch + n * y - b * x
+        u[1] = self._width * self.dx - t * y + v_n
+        u[2] = self._width * self.dy + t * x + v_b
+        return u
+
+    def _offsets(self, x: FloatArray, y: FloatArray, lever: FloatArray) -> FloatArray:
+        t, n, b, stretch = self._strain[:4]
+        yielding = self.compliance * self.tension
+        near = np.where(yielding * (n * n + b * b) < 0.25 * stretch, yielding, 0.0)
+        d, left = np.stack([near * b, -near * n]), np.full(x.shape, np.inf)
+        for _ in range(_MOST_STEPS):
+            u_t, u_n, u_b = self._along(x + d[0], y + d[1])
+            over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+            p_n, p_b = (t * u_b - b * u_t) * over, (n * u_t - t * u_n) * over
+            r_n, r_b = d[0] + yielding * p_n, d[1] + yielding * p_b
+            nn, nb, bb = self._offset_stiffness(p_n, p_b, yielding * over)
+            over = 1.0 / (nn * bb - nb * nb)
+            step = np.stack([(bb * r_n - nb * r_b) * over, (nn * r_b - nb * r_n) * over])
+            # A tendon stays where its own iteration has ended.
+            d = d - np.where(left * left > _SETTLED, step, 0.0)
+            now = np.abs(step).sum(axis=0) / lever
+            left = np.where(left * left > _SETTLED, now, left)
+            if not (left * left > _SETTLED).any():
+                break
+        return np.where(left * left <= _SETTLED, d, np.nan)
+
+    def _offset_stiffness(
+        self, p_n: FloatArray, p_b: FloatArray, stiff: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Second derivatives of the energy by d over k, nn, nb and bb."""
+        t, n, b = self._strain[:3]
+        return (
+            1.0 + stiff * (b * b + t * t - p_n * p_n),
+            -stiff * (b * n + p_n * p_b),
+            1.0 + stiff * (n * n + t * t - p_b * p_b),
+        )
+
+    def gradient(self, slope: FloatArray) -> FloatArray:
+        """Gradient of sum T |u| by the scaled strain, (6, n)."""
+        f_t, f_n, f_b = self.tension * self.unit
+        found = np.empty((6, len(f_t)))
+        moments = np.stack(
+            [
+                self.x * f_b - self.y * f_n,
+                self.y * f_t,
+                -self.x * f_t,
+                f_t + slope[:, np.newaxis] * (self.dx * f_n + self.dy * f_b),
+                f_n,
+                f_b,
+            ]
+        )
+        moments.sum(axis=2, out=found)
+        return found
+
+    def hessian(self, slope: FloatArray, bend: FloatArray) -> FloatArray:
+        """Hessian of the energy of tendons and sheaths by the scaled strain, (n, 6, 6)."""
+        nodes, tendons = self.x.shape
+        by = np.zeros((3, 6, nodes, tendons))
+        by[1, 0], by[2, 0], by[0, 1], by[0, 2] = -self.y, self.x, self.y, -self.x
+        by[0, 3] = by[1, 4] = by[2, 5] = 1.0
+        by[1, 3], by[2, 3] = slope[:, np.newaxis] * self.dx, slope[:, np.newaxis] * self.dy
+        g = np.einsum('uanj,unj->anj', by, self.unit)
+        weight = self.tension * self.over
+        rows = by.transpose(2, 1, 0, 3).reshape(nodes, 6, -1)
+        heavy = (by * weight).transpose(2, 1, 0, 3).reshape(nodes, 6, -1)
+        own = g.transpose(1, 0, 2)
+        found: FloatArray = heavy @ rows.swapaxes(1, 2)
+        found -= (own * weight[:, np.newaxis]) @ own.swapaxes(1, 2)
+        along = self.dx * self.unit[1] + self.dy * self.unit[2]
+        found[:, 3, 3] += bend * (self.tension * along).sum(axis=1)
+        if self.compliance.any():
+            found -= self._condensed(by, g)
+        return found
+
+    def _condensed(self, by: FloatArray, g: FloatArray) -> FloatArray:
+        """C D^-1 C^T of the offsets in sheaths, (n, 6, 6)."""
+        t, n, b = self._strain[:3]
+        u_t, u_n, u_b = self.unit
+        p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
+        weight = self.tension * self.over
+        mixed = np.stack(
+            [
+                weight * (t * by[2] - b * by[0] - p_n * g),
+                weight * (n * by[0] - t * by[1] - p_b * g),
+            ]
+        )
+        mixed[0, 0] += self.tension * u_b
+        mixed[0, 2] -= self.tension * u_t
+        mixed[1, 0] -= self.tension * u_n
+        mixed[1, 1] += self.tension * u_t
+        nn, nb, bb = self._offset_stiffness(p_n, p_b, self.compliance * weight)
+        factor = self.compliance / (nn * bb - nb * nb)
+        moved = factor * np.stack([bb * mixed[0] - nb * mixed[1], nn * mixed[1] - nb * mixed[0]])
+        return np.asarray(np.einsum('danj,dcnj->nac', mixed, moved))
+
+
+def _scaled(z: FloatArray, width: FloatArray) -> FloatArray:
+    """The six scaled strains, (6, n, 1)."""
+    strain = np.zeros((6, len(z), 1))
+    strain[: z.shape[1], :, 0] = z.T
+    strain[:3] *= width[:, np.newaxis]
+    return strain
+
+
+def _stress(tables: Tables, strain: FloatArray) -> FloatArray:
+    """Gradient of the energy of the material by the scaled strain (6, n), (6, n)."""
+    body, n, b = tables.body.T, strain[1], strain[2]
+    by_stretch, by_bend, *_ = _density(
+        tables.widens, strain[3], (n * n + b * b) * body[SQUARED_RADIUS]
+    )
+    once = 2.0 * body[AXIAL] * body[SQUARED_RADIUS] * by_bend
+    found = strain.copy()
+    found[0] *= body[TORSION]
+    found[1:3] *= once
+    found[3] = body[AXIAL] * by_stretch
+    found[4:] *= body[SHEAR]
+    return found
+
+
+def _stiffness(tables: Tables, strain: FloatArray) -> FloatArray:
+    """Hessian of the energy of the material by the scaled strain (6, n), (n, 6, 6)."""
+    body, n, b = tables.body.T, strain[1], strain[2]
+    axial, square = body[AXIAL], body[SQUARED_RADIUS]
+    _, by_bend, by_ss, by_sb, by_bb = _density(tables.widens, strain[3], (n * n + b * b) * square)
+    once = 2.0 * axial * square * by_bend
+    both, second = 2.0 * axial * square * by_sb, 4.0 * axial * square * square * by_bb
+    h = np.zeros((n.size, 6, 6))
+    h[:, 0, 0] = body[TORSION]
+    h[:, 1, 1], h[:, 2, 2] = once + second * n * n, once + second * b * b
+    h[:, 1, 2] = h[:, 2, 1] = second * n * b
+    h[:, 1, 3] = h[:, 3, 1] = both * n
+    h[:, 2, 3] = h[:, 3, 2] = both * b
+    h[:, 3, 3] = axial * by_ss
+    h[:, 4, 4] = h[:, 5, 5] = body[SHEAR]
+    return h
+
+
+def _unscale_gradient(
+    z: FloatArray, width: FloatArray, slope: FloatArray, g: FloatArray
+) -> FloatArray:
+    """From the gradient (6, n) by the scaled strain to that by the twist, (n, m)."""
+    found = g[: z.shape[1]].T.copy()
+    found[:, 3] += slope * (z[:, :3] * found[:, :3]).sum(axis=1)
+    found[:, :3] *= width[:, np.newaxis]
+    return found
+
+
+def _gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+    """Gradient of the energy of every cross section."""
+    width, slope, _ = _widening(tables.widens, z[:, 3])
+    strain = _scaled(z, width)
+    g = _stress(tables, strain[..., 0])
+    g += _Tendons(tables, strain, width, tensions, work).gradient(slope)
+    work.gradient[:] = _unscale_gradient(z, width, slope, g)
+
+
+def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+    """Gradient and Hessian of the energy of every cross section by the twist."""
+    width, slope, bend = _widening(tables.widens, z[:, 3])
+    strain = _scaled(z, width)
+    tendons = _Tendons(tables, strain, width, tensions, work)
+    g = _stress(tables, strain[..., 0]) + tendons.gradient(slope)
+    h = _stiffness(tables, strain[..., 0]) + tendons.hessian(slope, bend)
+    if tables.widens:
+        kappa = z[:, :3]
+        for half in (h, h.swapaxes(1, 2)):
+            half[:, 3] += slope[:, np.newaxis] * np.einsum('na,nac->nc', kappa, half[:, :3])
+            half[:, :3] *= width[:, np.newaxis, np.newaxis]
+        curved = slope[:, np.newaxis] * g[:3].T
+        h[:, :3, 3] += curved
+        h[:, 3, :3] += curved
+        h[:, 3, 3] += bend * np.einsum('na,an->n', kappa, g[:3])
+    work.gradient[:] = _unscale_gradient(z, width, slope, g)
+    work.hessian[:] = h[:, : z.shape[1], : z.shape[1]]
+
+
+def section_steps(
+    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, work: Work
+) -> float:
+    """Newton's step of every cross section alone to the balance with ``wrench``, see `loops`."""
+    sections(tables, z, tensions, work)
+    np.subtract(work.gradient, wrench, out=work.residual)
+    try:
+        work.step[:] = -np.linalg.solve(work.hessian, work.residual[..., np.newaxis])[..., 0]
+    except np.linalg.LinAlgError:
+        work.step[:] = np.nan
+    return _relative(wrench, work)
+
+
+def _relative(wrench: FloatArray, work: Work) -> float:
+    """Largest residual over its scale and the largest ``wrench`` (N, m) along the arm."""
+    scale = work.scale[:, np.arange(wrench.shape[1]) // 3] + np.abs(wrench).max(axis=0)
+    return float((np.abs(work.residual) / scale).max(initial=0.0))
+
+
+# The whole arm ---------------------------------------------------------------------------------
+
+
+def residual(
+    tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
+    work: Work,
+) -> float:  # fmt: skip
+    """Imbalance of every cross section, see `loops`."""
+    orientations(tables, z, work)
+    elements, points = tables.lengths.size, tables.to_end.shape[0]
+    rate = _cross(work.slope, force)
+    whole = (tables.weights[:, np.newaxis] * rate).reshape(elements, points, 3).sum(axis=1)
+    beyond = whole[::-1].cumsum(axis=0)[::-1] - whole
+    inside = tables.to_end @ rate.reshape(elements, points, 3)
+    inside *= tables.lengths[:, np.newaxis, np.newaxis]
+    inside += beyond[:, np.newaxis]
+    np.add(couple, inside.reshape(-1, 3), out=work.moment)
+    _gradients(tables, z, tensions, work)
+    wrench = np.empty(z.shape)
+    inverse = work.rotation.swapaxes(1, 2)
+    wrench[:, :3] = (inverse @ work.moment[..., np.newaxis])[..., 0]
+    wrench[:, 3:] = (inverse[:, : z.shape[1] - 3] @ force[..., np.newaxis])[..., 0]
+    np.subtract(work.gradient, wrench, out=work.residual)
+    return _relative(wrench, work)
+
+
+def jacobian(
+    tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, work: Work
+) -> None:
+    """Derivative of the residual by z for a fixed ``force``, see `loops`."""
+    sections(tables, z, tensions, work)
+    count, strains = z.shape
+    elements, points = tables.lengths.size, tables.to_end.shape[0]
+    lengths, weights = tables.lengths[:, np.newaxis, np.newaxis, np.newaxis], tables.weights
+    turn = work.rotation
+    lever = work.slope[:, :, np.newaxis] * force[:, np.newaxis]
+    product = (work.slope * force).sum(axis=1)
+    for a in range(3):
+        lever[:, a, a] -= product
+    by_element = lever.reshape(elements, points, 9)
+    whole = (weights.reshape(elements, 1, points) @ by_element)[:, 0]
+    beyond = (whole[::-1].cumsum(axis=0)[::-1] - whole).reshape(elements, 1, 3, 3)
+    tail = (tables.to_end @ by_element).reshape(elements, points, 3, 3) * lengths + beyond
+    tail = tail.reshape(count, 3, 3)
+    moment = np.zeros((count, 3, 3))
+    moment[:, _LAST, _NEXT], moment[:, _NEXT, _LAST] = work.moment, -work.moment
+    across = _cross(turn.swapaxes(1, 2)[:, : strains - 3], force[:, np.newaxis])
+    # Factors of the blocks of nodes of different elements.
+    left, right = np.zeros((count, strains, 3)), np.zeros((count, strains, 3))
+    left[:, :3], left[:, 3:] = turn.swapaxes(1, 2) @ (tail + moment), across
+    right[:, :3] = turn.swapaxes(1, 2)
+    base_side, tip_side = np.zeros((count, strains, 3)), np.zeros((count, strains, 3))
+    base_side[:, :3] = turn.swapaxes(1, 2)
+    tip_side[:, :3], tip_side[:, 3:] = (tail @ turn).swapaxes(1, 2), across
+    weight = -weights[:, np.newaxis, np.newaxis]
+    whole_size = count * strains
+    before = left.reshape(-1, 3) @ (base_side * weight).reshape(-1, 3).T
+    after = right.reshape(-1, 3) @ (tip_side * weight).reshape(-1, 3).T
+    element = np.repeat(np.arange(elements), points * strains)
+    np.copyto(work.jacobian, after)
+    np.copyto(work.jacobian, before, where=element < element[:, np.newaxis])
+    # And of one element.
+    inner = (tables.twice.reshape(-1, points) @ by_element).reshape(elements, points, points, 3, 3)
+    inner *= (lengths * lengths)[..., np.newaxis]
+    inner += (weights.reshape(elements, 1, points, 1, 1)) * beyond[:, :, np.newaxis]
+    reach = (tables.lengths[:, np.newaxis, np.newaxis] * tables.to_point)[
+        ..., np.newaxis, np.newaxis
+    ]
+    further = (tables.lengths[:, np.newaxis, np.newaxis] * tables.to_end)[
+        ..., np.newaxis, np.newaxis
+    ]
+    own = np.zeros((elements, points, points, strains, strains))
+    inner += reach * moment.reshape(elements, points, 1, 3, 3)
+    row = turn.swapaxes(1, 2).reshape(elements, points, 1, 3, 3)
+    column = turn.reshape(elements, 1, points, 3, 3)
+    arms = across.reshape(elements, points, strains - 3, 3)
+    own[..., :3, :3] = -(row @ inner @ column)
+    own[..., :3, 3:] = -further * (row @ arms[:, np.newaxis].swapaxes(3, 4))
+    own[..., 3:, :3] = -reach * (arms[:, :, np.newaxis] @ column)
+    diagonal = np.arange(points)
+    own[:, diagonal, diagonal] += work.hessian.reshape(elements, points, strains, strains)
+    blocks = work.jacobian.reshape(elements, points * strains, elements, points * strains)
+    number = np.arange(elements)
+    blocks[number, :, number] = own.transpose(0, 1, 3, 2, 4).reshape(
+        elements, points * strains, points * strains
+    )
+    assert whole_size == len(work.jacobian)

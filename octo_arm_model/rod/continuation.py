@@ -1,0 +1,225 @@
+"""Following equilibria from a known one to another condition.
+
+Loads change step by step. Every equilibrium on the way is judged by the system at itself. Where a
+branch ends or becomes unstable (the arm buckles) the energy is minimised from there, as a real
+arm's would be.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Spending
+from octo_arm_model.rod.equilibrium import Condition, Problem, State
+from octo_arm_model.rod.factors import Factors, Stability, Variation, factorise
+from octo_arm_model.rod.newton import settle
+
+TOLERANCE = 1e-11
+ON_THE_WAY = 3e-3  # residual of equilibria on the way
+# Where the steps after the first turn the arm by more [rad] they may have left its branch.
+MOST_CORRECTED = 0.25
+_SMALLEST_STEP = 1e-3
+_USUAL_CORRECTION = 0.1  # correction that load steps are chosen for [rad]
+_LONGER = 1.7  # times the step before, at most
+_MOST_DESCENT = 300
+_BEYOND = 0.05  # load step past the end of a branch, from where energy is minimised
+_PERTURBATION = 0.02  # of an unstable equilibrium [rad]
+_MOST_PERTURBED = 6  # times that a descent leaves unstable equilibria
+# Residual from which on Newton's method may lead to the next equilibrium, stable or not, and what
+# part of it a step has to leave at most.
+_NEARLY, _QUICK = 1e-7, 0.5
+# Damping, in parts of the stiffness of the sections.
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RAISED = 4.0, 1e-4, 1e9, 4.0
+
+
+class Judged(NamedTuple):
+    """An equilibrium and what the system at itself says of it.
+
+    Attributes:
+        state: the equilibrium.
+        factors: of the Jacobian there.
+        stability: of the equilibrium.
+        variation: the second variation of the energy there.
+    """
+
+    state: State
+    factors: Factors
+    stability: Stability
+    variation: Variation
+
+
+def judge(problem: Problem, state: State) -> Judged:
+    """Linearise ``problem`` about an equilibrium and judge its stability.
+
+    Raises:
+        ConvergenceError: if the system is singular.
+    """
+    problem.fill_jacobian(state)
+    variation = problem.variation()
+    stability = variation.stability()
+    factors = factorise(problem.work.jacobian.copy())
+    if not stability.is_stable and not problem.has_energy(state.acting.condition):
+        stability = Stability(factors.sign > 0, False)
+    return Judged(state, factors, stability, variation)
+
+
+def follow(
+    problem: Problem, known: Condition, z: FloatArray, wanted: Condition, spending: Spending,
+    tolerance: float = TOLERANCE, step: float = 1.0,
+) -> Judged:  # fmt: skip
+    """Follow the equilibrium of twists ``z`` (N, m) under ``known`` to the condition ``wanted``.
+
+    In one step where Newton's method then converges, else in several, of which the first is the
+    fraction ``step`` of the way.
+
+    Returns:
+        A stable equilibrium whose residual is at most ``tolerance``.
+
+    Raises:
+        ConvergenceError: if none was found; it carries the last iterate.
+        ContinuationError: if it would take more than the budget of ``spending``.
+    """
+    done, factors = 0.0, None
+    last: tuple[FloatArray, float] | None = None
+    while True:
+        target = min(1.0, done + step)
+        acting = problem.acting(known.towards(wanted, target))
+        limit = tolerance if target == 1.0 else ON_THE_WAY
+        guess = z
+        if last is not None:
+            guess = z + (target - done) / last[1] * (z - last[0])
+        found = settle(problem, acting, guess, limit, factors)
+        spending.add(found.iterations, done, found.state.residual, found.state.z)
+        is_found = found.state.residual <= limit
+        judged = None
+        if is_found and (found.corrected <= MOST_CORRECTED or step <= _SMALLEST_STEP):
+            judged = _judged_stable(problem, found.state)
+        if judged is None and step <= _SMALLEST_STEP:
+            # The branch ends or is unstable. Just past its end the imbalance is small and descent
+            # slow, so that it begins a little further on.
+            target = min(1.0, done + _BEYOND)
+            condition = known.towards(wanted, target)
+            judged = descend(problem, condition, z, spending, done)
+            last, step = None, _BEYOND
+        elif judged is not None:
+            last = z, target - done
+            step = last[1] * (_growth(found.corrected) if found.iterations <= 5 else 1.0)
+        if judged is not None:
+            if target == 1.0:
+                return judged
+            done, z, factors = target, judged.state.z, judged.factors
+        else:
+            # A converged step is shortened by how large its correction was, another by a factor.
+            shorter = min(_growth(found.corrected), 0.7) if is_found else 0.25
+            step = max(shorter * (target - done), _SMALLEST_STEP)
+
+
+def _judged_stable(problem: Problem, state: State) -> Judged | None:
+    """The equilibrium ``state`` if it is stable."""
+    try:
+        judged = judge(problem, state)
+    except ConvergenceError:
+        return None
+    return judged if judged.stability.is_stable else None
+
+
+def _growth(corrected: float) -> float:
+    """Factor by which to change the load step after one with the angle ``corrected`` [rad].
+
+    It grows with the square of the step, which gives the step whose correction is
+    `_USUAL_CORRECTION`.
+    """
+    return min(max(math.sqrt(_USUAL_CORRECTION / max(corrected, 1e-9)), 0.1), _LONGER)
+
+
+def descend(
+    problem: Problem, condition: Condition, z: FloatArray, spending: Spending, part: float
+) -> Judged:
+    """Minimise the potential energy from ``z`` by the method of Levenberg and Marquardt.
+
+    Each step is a Newton step with sections that are stiffened by a damping, which is raised until
+    a step lowers the energy without going far past its minimum along the step. ``part`` is the
+    fraction of the way followed so far, for the error.
+
+    Returns:
+        A stable equilibrium whose residual is at most `TOLERANCE`.
+
+    Raises:
+        ConvergenceError: if none is found.
+        ContinuationError: if it would take more than the budget of ``spending``.
+    """
+    state = problem.evaluate(problem.acting(condition), z)
+    damping, perturbed = _FIRST_DAMPING, 0
+    for _ in range(_MOST_DESCENT):
+        spending.add(1, part, state.residual, state.z)
+        if state.residual <= TOLERANCE:
+            judged = judge(problem, state)
+            if judged.stability.is_stable:
+                return judged
+            perturbed += 1
+            if perturbed > _MOST_PERTURBED:
+                break
+            state, damping = _perturbed(problem, judged), _FIRST_DAMPING
+        if damping > _MOST_DAMPING:
+            break
+        if state.residual <= _NEARLY:
+            new = _newton_step(problem, state)
+            if new is not None and new.residual <= _QUICK * state.residual:
+                state = new
+                continue
+        moved, factor = _descent_step(problem, state, damping)
+        if moved is None:
+            damping = max(_RAISED * damping, _LEAST_DAMPING)
+            continue
+        damping *= factor
+        damping = damping if damping > 0.1 * _LEAST_DAMPING else 0.0
+        state = moved
+    raise ConvergenceError('the balance under load', state.residual, spending.iterations, state.z)
+
+
+def _perturbed(problem: Problem, judged: Judged) -> State:
+    """An unstable equilibrium moved along its softest mode, downhill if it is inclined."""
+    state = judged.state
+    mode = judged.variation.softest()[1].reshape(state.z.shape)
+    mode = mode * (_PERTURBATION / problem.turn(mode))
+    if problem.power(state, mode) < 0.0:
+        mode = -mode
+    return problem.evaluate(state.acting, state.z + mode)
+
+
+def _newton_step(problem: Problem, state: State) -> State | None:
+    """The state after a step of Newton's method; None where there is none."""
+    try:
+        step = problem.linearise(state).solve(-state.imbalance.ravel())
+    except ConvergenceError:
+        return None
+    return problem.evaluate(state.acting, state.z + step.reshape(state.z.shape))
+
+
+def _descent_step(problem: Problem, state: State, damping: float) -> tuple[State | None, float]:
+    """The state after a damped step, and the factor on the damping of the next.
+
+    None where the step raises the energy, or leads far past its minimum along itself.
+    """
+    problem.fill_jacobian(state, damping)
+    # Where the second variation is not positive a step leads to a saddle of the energy, on the
+    # other side of it perhaps.
+    if not problem.variation().is_positive():
+        return None, 1.0
+    try:
+        factors = factorise(problem.work.jacobian.copy())
+    except ConvergenceError:
+        return None, 1.0
+    step = factors.solve(-state.imbalance.ravel()).reshape(state.z.shape)
+    new = problem.evaluate(state.acting, state.z + step)
+    down = problem.power(state, step)
+    left = problem.power(new, step)
+    if not (down > 0.0 and np.isfinite(new.residual) and left > -0.5 * down):
+        return None, 1.0
+    # Where the energy still falls at its end, the step could have been longer.
+    return new, 0.25 if left > 0.25 * down else 0.5

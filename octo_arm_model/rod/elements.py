@@ -1,0 +1,157 @@
+"""Where the nodes of a rod are: Gauss-Legendre points of elements that follow its radius.
+
+Strains are smooth within an element, as every anchorage, knot and load is at its edge, and vary
+over lengths in proportion to the radius. So elements have lengths in that proportion: a taper
+needs no more of them than a cylinder.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
+from octo_arm_model.core.rod.grid import apart
+
+# Least number of elements, and the part of the ratio of radii that each takes: an arm that tapers
+# to an eighth has one for each factor of `_TAPER`.
+_FEWEST = 3
+_TAPER = 1.5
+# Elements and points of each level of refinement: how many parts every element is cut into, and
+# how many points more than `_points` has.
+LEVELS = ((1, 0), (1, 3), (2, 3), (4, 3), (8, 3))
+COARSE = -1  # level of few nodes, to follow arms on
+_COARSE_POINTS = 4
+MOST_KNOTS = 48  # of profiles, which cost convergence only where elements contain them
+
+
+class Elements(NamedTuple):
+    """Elements and nodes of one arm.
+
+    Attributes:
+        edges: arc coordinates of the ends of elements [m], (E + 1,).
+        rule: the points of each.
+        lengths: (E,) [m].
+        s: arc coordinates of the nodes [m], (N,).
+        weights: of the integral along the arm [m], (N,).
+        section: section of each node, from the tip; 0 beyond the last anchorage, (N,).
+    """
+
+    edges: FloatArray
+    rule: GaussRule
+    lengths: FloatArray
+    s: FloatArray
+    weights: FloatArray
+    section: IntArray
+
+    def element_at(self, s: FloatArray) -> IntArray:
+        """Element of each place ``s`` (n,) [m]; at an edge the one towards the base."""
+        inner = self.edges[1:-1]
+        slack = 1e-12 * self.edges[-1]
+        found: IntArray = np.searchsorted(inner, s - slack)
+        return found
+
+    def interpolation(self, s: FloatArray) -> FloatArray:
+        """Matrix (n, N) from values at the nodes to those at places ``s`` (n,) [m]."""
+        return self._spread(s, self.rule.interpolate)
+
+    def integration(self, s: FloatArray) -> FloatArray:
+        """Matrix (n, N) from values at the nodes to integrals from the base to ``s`` (n,) [m]."""
+        element = self.element_at(s)
+        matrix = self._spread(s, self.rule.integrate) * np.repeat(self.lengths, self.points)
+        before = np.arange(self.lengths.size) < element[:, np.newaxis]
+        return matrix + np.repeat(before, self.points, axis=1) * self.weights
+
+    @property
+    def points(self) -> int:
+        """Number of points in each element."""
+        return self.rule.points.size
+
+    def _spread(self, s: FloatArray, of: object) -> FloatArray:
+        """Rows of a matrix of the `GaussRule`, each in the columns of the element of its place."""
+        assert callable(of)
+        element = self.element_at(s)
+        inside = of((s - self.edges[element]) / self.lengths[element])
+        matrix = np.zeros((s.size, self.lengths.size, self.points))
+        matrix[np.arange(s.size), element] = inside
+        return matrix.reshape(s.size, -1)
+
+
+def build_elements(
+    arm: Arm,
+    breaks: tuple[float, ...] = (),
+    knots: tuple[float, ...] = (),
+    level: int = 0,
+    added: int = 0,
+) -> Elements:
+    """Elements of ``arm`` of a ``level`` of `LEVELS`, or `COARSE`.
+
+    Loads begin, end or jump at ``breaks`` and are not smooth at ``knots`` [m]. So many points are
+    ``added`` to each element.
+    """
+    cuts, more = LEVELS[max(level, 0)]
+    edges = _edges(arm, breaks, knots)
+    # Equal parts of this coordinate have lengths in proportion to the radius.
+    s, coordinate = _graded(arm, edges)
+    at_edges = np.interp(edges, s, coordinate)
+    each = _share(arm, edges, at_edges)
+    points = _points(int(each.sum())) + more if level >= 0 else _COARSE_POINTS
+    inside = [
+        np.linspace(first, last, count * cuts + 1)[:-1]
+        for first, last, count in zip(at_edges[:-1], at_edges[1:], each)
+    ]
+    stops = np.interp(np.append(np.concatenate(inside), at_edges[-1]), coordinate, s)
+    # Not by rounding only: tendons end exactly there.
+    stops[np.append(0, np.cumsum(each * cuts))] = edges
+    rule, lengths = gauss_rule(points + added), np.diff(stops)
+    places = stops[:-1, np.newaxis] + lengths[:, np.newaxis] * rule.points
+    middles = 0.5 * (stops[:-1] + stops[1:])
+    anchorages = np.array([section.anchorage for section in arm.sections])
+    section = (anchorages > middles[:, np.newaxis]).sum(axis=1)
+    weights = lengths[:, np.newaxis] * rule.weights
+    return Elements(
+        stops, rule, lengths, places.ravel(), weights.ravel(), np.repeat(section, rule.points.size)
+    )
+
+
+def _edges(arm: Arm, breaks: tuple[float, ...], knots: tuple[float, ...]) -> FloatArray:
+    """Where elements end at any rate, (edges,) [m]."""
+    ends = {0.0, arm.length, *(section.anchorage for section in arm.sections)}
+    found = sorted(ends.union(apart(breaks, sorted(ends), arm.length)))
+    smooth = apart({*arm.knots, *knots}, found, arm.length)
+    if len(smooth) > MOST_KNOTS:
+        step = len(smooth) / MOST_KNOTS
+        smooth = [smooth[int(step * number)] for number in range(MOST_KNOTS)]
+    for knot in smooth:
+        bisect.insort(found, knot)
+    return np.array(found)
+
+
+def _graded(arm: Arm, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places (n,) [m] and the integral of ds / R up to each, (n,) [-]."""
+    s = np.unique(np.concatenate([edges, np.linspace(0.0, arm.length, 513)]))
+    inverse = 1.0 / arm.body.radius(s)
+    parts = 0.5 * np.diff(s) * (inverse[:-1] + inverse[1:])
+    return s, np.concatenate([[0.0], np.cumsum(parts)])
+
+
+def _share(arm: Arm, edges: FloatArray, at_edges: FloatArray) -> IntArray:
+    """How many elements there are between neighbouring ``edges``, at least one."""
+    radius = arm.body.radius(edges)
+    taper = np.abs(np.diff(np.log(radius))).sum() / math.log(_TAPER)
+    total = max(float(_FEWEST), taper + 1.0)
+    parts = np.diff(at_edges) / at_edges[-1]
+    return np.maximum(np.round(total * parts), 1.0).astype(np.int64)
+
+
+def _points(elements: int) -> int:
+    """Points in each of so many ``elements``: fewer where these are many, and so short."""
+    for most, points in ((6, 8), (12, 7), (24, 6)):
+        if elements <= most:
+            return points
+    return 5

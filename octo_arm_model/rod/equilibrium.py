@@ -1,0 +1,179 @@
+"""The equations of one arm at its nodes, and a state of it, in equilibrium or not."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.dead_loads import DeadLoads
+from octo_arm_model.rod.elements import Elements
+from octo_arm_model.rod.factors import Factors, Variation, factorise
+from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.tables import AXIAL, LEVER, Tables, force_scale, work_arrays
+
+
+class Condition(NamedTuple):
+    """What acts on the arm.
+
+    Attributes:
+        tensions: of the tendons at the base, (J,), or at every node, (N, J) [N].
+        tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
+        factor: on all other loads [-], from 0 to 1.
+    """
+
+    tensions: FloatArray
+    tip_wrench: FloatArray
+    factor: float = 1.0
+
+    def towards(self, other: Condition, part: float) -> Condition:
+        """This one, moved by ``part`` of the way to ``other``."""
+        if part == 1.0:
+            return other
+        return Condition(
+            self.tensions + part * (other.tensions - self.tensions),
+            self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
+            self.factor + part * (other.factor - self.factor),
+        )
+
+
+class Acting(NamedTuple):
+    """A condition at the nodes.
+
+    Attributes:
+        condition: the condition.
+        tensions: of every tendon at every node [N], (N, J).
+        force: of all loads beyond each node, in base_frame, (N, 3) [N].
+        couple: their free moment, without what forces have of it, (N, 3) [N m].
+        scale: see `Work`.
+    """
+
+    condition: Condition
+    tensions: FloatArray
+    force: FloatArray
+    couple: FloatArray
+    scale: FloatArray
+
+
+class State(NamedTuple):
+    """Twists under a condition, in equilibrium or not.
+
+    Attributes:
+        acting: what acts on the arm.
+        z: twists, (N, m) [1/m and -].
+        imbalance: gradient of the energy less the wrench of the loads, (N, m) [N m and N].
+        residual: the largest, over its scale [-]; NaN where a strain is impossible.
+    """
+
+    acting: Acting
+    z: FloatArray
+    imbalance: FloatArray
+    residual: float
+
+
+class Problem:
+    """The residual and Jacobian of one arm under its loads.
+
+    Attributes:
+        elements: where the nodes are.
+        tables: of the arm at the nodes.
+        form: the node functions.
+        work: what they computed last.
+        loads: all but the wrench on the tip.
+        strains: 4, or 6 with shear.
+    """
+
+    def __init__(
+        self, elements: Elements, tables: Tables, loads: DeadLoads, form: Form, strains: int,
+        has_jacobian: bool = True,
+    ) -> None:  # fmt: skip
+        """Of the ``tables`` at the nodes of ``elements``."""
+        self.elements, self.tables, self.loads = elements, tables, loads
+        self.form, self.strains = form, strains
+        self.work = work_arrays(tables, strains, has_jacobian=has_jacobian)
+        self._current: FloatArray | None = None
+        self._scaled: FloatArray | None = None
+        self._last_acting: Acting | None = None
+        unit = np.ones((elements.s.size, strains))
+        unit[:, :3] = tables.body[:, LEVER, np.newaxis]
+        # Squares of twists times this are those of strains, integrated over the arm.
+        unit *= unit * (elements.weights / elements.edges[-1])[:, np.newaxis]
+        self.measure = unit.ravel()
+
+    def acting(self, condition: Condition) -> Acting:
+        """The ``condition`` at the nodes."""
+        tensions = condition.tensions
+        if tensions.ndim == 1:
+            tensions = np.empty((self.elements.s.size, tensions.size))
+            tensions[:] = condition.tensions
+        force, couple = self.loads.at(condition.factor, condition.tip_wrench)
+        last = self._last_acting
+        if last is None or last.condition.tensions is not condition.tensions:
+            scale = force_scale(self.tables, tensions)
+        else:
+            scale = last.scale
+        self._last_acting = Acting(condition, tensions, force, couple, scale)
+        return self._last_acting
+
+    def evaluate(self, acting: Acting, z: FloatArray) -> State:
+        """The state of twists ``z`` (N, m), which is kept and not to be changed any more."""
+        work = self.work
+        if self._scaled is not acting.scale:
+            work.scale[:] = self._scaled = acting.scale
+        left = self.form.residual(
+            self.tables, z, acting.tensions, acting.force, acting.couple, work
+        )
+        self._current = z
+        return State(acting, z, work.residual.copy(), left)
+
+    def known(self, state: State) -> State:
+        """The ``state``, whose orientations are in `work` already."""
+        self._current = state.z
+        return state
+
+    def load_work(self, state: State) -> None:
+        """Have in `work` what belongs to ``state``."""
+        if self._current is not state.z:
+            self.evaluate(state.acting, state.z)
+
+    def linearise(self, state: State, damping: float = 0.0) -> Factors:
+        """Factors of the Jacobian at ``state``, with sections stiffer by ``damping``.
+
+        Raises:
+            ConvergenceError: if it is singular.
+        """
+        self.fill_jacobian(state, damping)
+        return factorise(self.work.jacobian.copy())
+
+    def variation(self) -> Variation:
+        """The second variation of the energy, of the Jacobian that was filled in last."""
+        return Variation(self.work.jacobian, self.work.hessian, self.elements.weights)
+
+    def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
+        """The Jacobian at ``state``, with sections stiffer by ``damping``, into `work`."""
+        self.load_work(state)
+        acting = state.acting
+        self.form.jacobian(self.tables, state.z, acting.tensions, acting.force, self.work)
+        if damping:
+            nodes, strains = state.z.shape
+            blocks = self.work.jacobian.reshape(nodes, strains, nodes, strains)
+            np.einsum('iaic->iac', blocks)[...] += damping * self.work.hessian
+
+    def has_energy(self, condition: Condition) -> bool:
+        """Whether all loads derive from an energy: a moment fixed in base_frame does not."""
+        return not (self.loads.has_moments or condition.tip_wrench[3:].any())
+
+    def turn(self, change: FloatArray) -> float:
+        """How far a ``change`` (N, m) of the twists turns the arm, all its bends added [rad]."""
+        bends = change[:, :3]
+        return float(np.sqrt((bends * bends).sum(axis=1)) @ self.elements.weights)
+
+    def power(self, state: State, change: FloatArray) -> float:
+        """What the imbalance of ``state`` does on a ``change`` (N, m), as a loss of energy [J]."""
+        return -float((state.imbalance * change).sum(axis=1) @ self.elements.weights)
+
+    @property
+    def least_axial(self) -> float:
+        """The least E A [N]."""
+        return float(self.tables.body[:, AXIAL].min())

@@ -1,0 +1,136 @@
+"""LU factors of the Jacobian, and what its symmetric part says of stability.
+
+Under loads that have an energy w_i J is its second variation at an equilibrium: the arm is stable
+where that is positive definite. Under others (a moment fixed in base_frame) a positive symmetric
+part suffices; where it is not positive the sign of the determinant tells, which changes where a
+branch of equilibria turns or another crosses it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.linalg.lapack import dgetrf, dgetrs, dpotrf
+
+from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.hints import FloatArray, IntArray
+
+# Part of the stiffness of the sections that the second variation has to exceed, for an equilibrium
+# that stays stable under small changes.
+FIRM = 0.3
+# The same, as far as a neutral equilibrium is one to rounding: an arm that may turn about the
+# vertical.
+NEUTRAL = 1e-7
+
+
+class Factors(NamedTuple):
+    """LU factors of a Jacobian.
+
+    Attributes:
+        factors: as of LAPACK's getrf, of the transposed matrix.
+        pivots: of the same.
+        sign: of the determinant, 1 or -1.
+    """
+
+    factors: FloatArray
+    pivots: IntArray
+    sign: int
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Solution (n,) or (n, k) of the system with the ``right`` sides."""
+        found, _ = dgetrs(self.factors, self.pivots, right, trans=1)
+        return np.asarray(found)
+
+
+def factorise(jacobian: FloatArray) -> Factors:
+    """Factors of a ``jacobian`` (n, n) in rows, which is overwritten.
+
+    Raises:
+        ConvergenceError: if it is singular or not finite.
+    """
+    # Rows of the matrix are columns of its transpose, as LAPACK reads it.
+    factors, pivots, problem = dgetrf(jacobian.T, overwrite_a=1)
+    diagonal = factors.diagonal()
+    if problem or not np.isfinite(diagonal).all():
+        raise ConvergenceError('the balance under load', np.inf, 0)
+    swaps = np.count_nonzero(pivots != np.arange(pivots.size))
+    negative = np.count_nonzero(diagonal < 0.0)
+    return Factors(factors, pivots, -1 if (swaps + negative) % 2 else 1)
+
+
+class Stability(NamedTuple):
+    """What the system at an equilibrium says of it.
+
+    Attributes:
+        is_stable: whether it is stable.
+        is_firm: whether it is by the margin `FIRM`.
+    """
+
+    is_stable: bool
+    is_firm: bool
+
+
+class Variation:
+    """The second variation of the energy at an equilibrium, as a form of the twists."""
+
+    def __init__(self, jacobian: FloatArray, hessian: FloatArray, weights: FloatArray) -> None:
+        """Of a ``jacobian`` (N m, N m) with the sections' ``hessian`` (N, m, m).
+
+        ``weights`` (N,) are those of the integral along the arm.
+        """
+        nodes, strains = hessian.shape[:2]
+        rows = np.repeat(weights, strains)
+        own = hessian[:, np.arange(strains), np.arange(strains)].ravel() * rows
+        self._is_soft = not (own > 0.0).all()
+        with np.errstate(invalid='ignore', divide='ignore'):
+            self._scale = 1.0 / np.sqrt(own)
+        form = jacobian * (rows * self._scale)[:, np.newaxis]
+        form *= self._scale
+        self.form = 0.5 * (form + form.T)
+        self._blocks = np.arange(nodes)
+        scale = self._scale.reshape(nodes, strains)
+        self._sections = (
+            hessian * weights[:, np.newaxis, np.newaxis] * scale[:, np.newaxis]
+            * scale[..., np.newaxis]
+        )  # fmt: skip
+
+    def stability(self) -> Stability:
+        """Whether it is positive, and by what margin."""
+        if self._is_soft:
+            return Stability(False, False)
+        if self._exceeds(FIRM):
+            return Stability(True, True)
+        return Stability(self._exceeds(-NEUTRAL), False)
+
+    def is_positive(self) -> bool:
+        """Whether it is positive definite."""
+        return not self._is_soft and self._exceeds(0.0)
+
+    def softest(self) -> tuple[float, FloatArray]:
+        """Least eigenvalue [-], in parts of the sections' stiffness, and its twists (N m,)."""
+        size = len(self.form)
+        if self._is_soft:
+            raise ConvergenceError('the balance of a cross section', np.inf, 0)
+        values, vectors = eigh(self.form, self._matrix_of_sections(), subset_by_index=[0, 0])
+        return float(values[0]), np.asarray(vectors[:, 0] * self._scale).reshape(size)
+
+    def _exceeds(self, part: float) -> bool:
+        """Whether it exceeds ``part`` of the form of the sections alone."""
+        form = self.form.copy()
+        self._diagonal(form)[...] -= part * self._sections
+        _, problem = dpotrf(form.T, overwrite_a=1, clean=0)
+        return problem == 0
+
+    def _matrix_of_sections(self) -> FloatArray:
+        matrix = np.zeros_like(self.form)
+        self._diagonal(matrix)[...] = self._sections
+        return matrix
+
+    def _diagonal(self, form: FloatArray) -> FloatArray:
+        """View (N, m, m) of the blocks on the diagonal."""
+        nodes, strains = self._sections.shape[:2]
+        blocks = form.reshape(nodes, strains, nodes, strains)
+        view: FloatArray = np.einsum('iaic->iac', blocks)
+        return view

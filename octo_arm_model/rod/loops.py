@@ -1,0 +1,690 @@
+"""The node functions as loops, compiled by numba; `arrays` has the same for NumPy.
+
+The energy of a cross section per reference length, of scaled strain e = (w kappa, lambda, v):
+
+    psi = psi_material(e) + sum T |u| + sum k |d|^2 / 2
+    u = (lambda, v_n, v_b) + w kappa x (r + d) + w r'
+
+for a tendon of tension T at the offset r that stands off its path by d in a sheath of stiffness k;
+w(lambda) is the widening of the section, lambda^-1/2 for rubber. d is the one of least energy.
+With c = u / |u|, the gradient of |u| by e is g = c . du/de, its Hessian (du/de . du/de - g g^T) / |u|.
+
+All take `Tables` and `Work`; z is (N, m), ``tensions`` (N, J) [N], ``force`` and ``couple`` the
+force and the free moment of all that acts beyond each node, (N, 3) in base_frame. What has more
+than seven arguments here has them for numba, which inlines it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+import numpy as np
+from numba import njit
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.tables import (
+    ALONG_B,
+    ALONG_N,
+    AXIAL,
+    LEVER,
+    SHEAR,
+    SLOPE_B,
+    SLOPE_N,
+    SQUARED_RADIUS,
+    TORSION,
+    Tables,
+    Work,
+)
+
+_F = TypeVar('_F', bound=Callable[..., object])
+_MOST_SWEEPS = 80  # of orientations
+_ROUNDING = 2e-13  # change by a sweep, which leaves a thirtieth of it
+_MOST_STEPS = 30  # of the offset of a tendon in its sheath
+_SETTLED = 1e-14  # change of an offset, over the lever
+
+
+def _compiled(function: _F) -> _F:
+    return cast(_F, njit(cache=True, error_model='numpy', fastmath={'contract', 'nsz'})(function))
+
+
+# Orientations ----------------------------------------------------------------------------------
+
+
+@_compiled
+def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
+    """Orientation and r' of every node: q' = q (0, kappa) / 2 collocated in each element."""
+    elements, points = tables.lengths.size, tables.to_point.shape[0]
+    to_point, weights = tables.to_point, tables.weights
+    rate, now, first = np.empty((points, 4)), np.empty((points, 4)), tables.base.copy()
+    value = np.empty(4)
+    for e in range(elements):
+        start, h = e * points, tables.lengths[e]
+        own = z[start : start + points]
+        _turn(first, own, h, to_point, now)
+        for _ in range(_MOST_SWEEPS):
+            _rates(now, own, 0.5 * h, rate)
+            change = 0.0
+            for i in range(points):
+                for c in range(4):
+                    value[c] = first[c]
+                for k in range(points):
+                    for c in range(4):
+                        value[c] += to_point[i, k] * rate[k, c]
+                for c in range(4):
+                    change = max(change, abs(value[c] - now[i, c]))
+                    now[i, c] = value[c]
+            if not change > _ROUNDING:
+                break
+        _rates(now, own, 0.5 * h, rate)
+        for k in range(points):
+            for c in range(4):
+                first[c] += weights[start + k] / h * rate[k, c]
+        size = 0.0
+        for c in range(4):
+            size += first[c] * first[c]
+        for c in range(4):
+            first[c] /= np.sqrt(size)
+        for i in range(points):
+            _orient(now[i], own[i], start + i, work)
+
+
+@_compiled
+def _turn(
+    first: FloatArray, z: FloatArray, h: float, to_point: FloatArray, out: FloatArray
+) -> None:
+    """Nearly the quaternions (p, 4) of an element: turned by its mean bend so far."""
+    w, x, y, b = first[0], first[1], first[2], first[3]
+    for i in range(out.shape[0]):
+        p = q = r = 0.0
+        for k in range(out.shape[0]):
+            p += to_point[i, k] * z[k, 0]
+            q += to_point[i, k] * z[k, 1]
+            r += to_point[i, k] * z[k, 2]
+        half = 0.5 * h * np.sqrt(p * p + q * q + r * r) + 1e-150
+        cosine, sine = np.cos(half), 0.5 * h * np.sin(half) / half
+        p, q, r = sine * p, sine * q, sine * r
+        out[i, 0] = w * cosine - x * p - y * q - b * r
+        out[i, 1] = x * cosine + w * p + y * r - b * q
+        out[i, 2] = y * cosine + w * q + b * p - x * r
+        out[i, 3] = b * cosine + w * r + x * q - y * p
+
+
+@_compiled
+def _rates(quaternions: FloatArray, z: FloatArray, half: float, rate: FloatArray) -> None:
+    """Derivative of quaternions (p, 4) per element, (p, 4)."""
+    for k in range(quaternions.shape[0]):
+        w, x, y, b = quaternions[k, 0], quaternions[k, 1], quaternions[k, 2], quaternions[k, 3]
+        p, q, r = half * z[k, 0], half * z[k, 1], half * z[k, 2]
+        rate[k, 0] = -(x * p + y * q + b * r)
+        rate[k, 1] = w * p + y * r - b * q
+        rate[k, 2] = w * q + b * p - x * r
+        rate[k, 3] = w * r + x * q - y * p
+
+
+@_compiled
+def _orient(quaternion: FloatArray, z: FloatArray, i: int, work: Work) -> None:
+    """Fill in orientation and r' of node ``i``."""
+    w, x, y, b = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    over = 1.0 / np.sqrt(w * w + x * x + y * y + b * b)
+    w, x, y, b = w * over, x * over, y * over, b * over
+    work.quaternion[i, 0], work.quaternion[i, 1] = w, x
+    work.quaternion[i, 2], work.quaternion[i, 3] = y, b
+    r = work.rotation[i]
+    r[0, 0], r[0, 1], r[0, 2] = (
+        w * w + x * x - y * y - b * b,
+        2 * (x * y - w * b),
+        2 * (x * b + w * y),
+    )
+    r[1, 0], r[1, 1], r[1, 2] = (
+        2 * (x * y + w * b),
+        w * w - x * x + y * y - b * b,
+        2 * (y * b - w * x),
+    )
+    r[2, 0], r[2, 1], r[2, 2] = (
+        2 * (x * b - w * y),
+        2 * (y * b + w * x),
+        w * w - x * x - y * y + b * b,
+    )
+    for c in range(3):
+        slope = r[c, 0] * z[3]
+        if z.size == 6:
+            slope += r[c, 1] * z[4] + r[c, 2] * z[5]
+        work.slope[i, c] = slope
+
+
+# Cross sections --------------------------------------------------------------------------------
+
+
+@_compiled
+def _density(
+    widens: bool, stretch: float, bend: float
+) -> tuple[float, float, float, float, float]:
+    """Derivatives of psi_material / (E A) by lambda and (c R)^2, c the curvature.
+
+    By lambda, by bend, by both twice: ss, sb, bb. NaN where a fibre has no length.
+    """
+    if not widens:
+        return stretch - 1.0, 0.125, 1.0, 0.0, 0.0
+    # Rubber: the mean of 1 / l over the circle of fibres of stretch l is 2 / (lambda + root).
+    root = np.sqrt(stretch * abs(stretch) - bend)
+    over, over_root = 1.0 / (stretch + root), 1.0 / root
+    third = over_root * over / 3.0
+    varying, square = third * over, over_root * over_root
+    mixed = square * varying
+    return (
+        stretch / 3.0 - 2.0 * third,
+        varying + 1.0 / 24.0,
+        square * over_root * (2.0 / 3.0) + 1.0 / 3.0,
+        -(stretch + 2.0 * root) * mixed,
+        (root * over + 0.5) * mixed,
+    )
+
+
+@_compiled
+def _widening(widens: bool, stretch: float) -> tuple[float, float, float]:
+    """Radius over reference radius, and its two derivatives by the stretch."""
+    if not widens:
+        return 1.0, 0.0, 0.0
+    over = 1.0 / stretch
+    width = np.sqrt(over)
+    slope = -0.5 * width * over
+    return width, slope, -1.5 * slope * over
+
+
+@_compiled
+def _scaled(z: FloatArray, width: float, strain: FloatArray) -> None:
+    """The six scaled strains of one node, (t, n, b, lambda, v_n, v_b)."""
+    strain[4] = strain[5] = 0.0
+    for c in range(z.size):
+        strain[c] = width * z[c] if c < 3 else z[c]
+
+
+@_compiled
+def _offset(
+    tendon: FloatArray, strain: FloatArray, width: float, yielding: float, lever: float
+) -> tuple[float, float]:
+    """Offset d of a tendon from its path; ``yielding`` is T / k, see `loops` for the equations."""
+    t, n, b, stretch = strain[0], strain[1], strain[2], strain[3]
+    near = yielding if yielding * (n * n + b * b) < 0.25 * stretch else 0.0
+    d_n, d_b, left = near * b, -near * n, np.inf
+    for _ in range(_MOST_STEPS):
+        u_t, u_n, u_b = _along(tendon, strain, width, d_n, d_b)
+        over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+        p_n, p_b = (t * u_b - b * u_t) * over, (n * u_t - t * u_n) * over
+        r_n, r_b = d_n + yielding * p_n, d_b + yielding * p_b
+        stiff = yielding * over
+        nn = 1.0 + stiff * (b * b + t * t - p_n * p_n)
+        bb = 1.0 + stiff * (n * n + t * t - p_b * p_b)
+        nb = -stiff * (b * n + p_n * p_b)
+        over = 1.0 / (nn * bb - nb * nb)
+        s_n, s_b = (bb * r_n - nb * r_b) * over, (nn * r_b - nb * r_n) * over
+        d_n, d_b = d_n - s_n, d_b - s_b
+        left = (abs(s_n) + abs(s_b)) / lever
+        if not left * left > _SETTLED:
+            break
+    if not left * left <= _SETTLED:
+        return np.nan, np.nan
+    return d_n, d_b
+
+
+@_compiled
+def _along(
+    tendon: FloatArray, strain: FloatArray, width: float, d_n: float, d_b: float
+) -> tuple[float, float, float]:
+    """U of a tendon that stands off its path by (d_n, d_b)."""
+    x, y = tendon[ALONG_N] + d_n, tendon[ALONG_B] + d_b
+    return (
+        strain[3] + strain[1] * y - strain[2] * x,
+        width * tendon[SLOPE_N] - strain[0] * y + strain[4],
+        width * tendon[SLOPE_B] + strain[0] * x + strain[5],
+    )
+
+
+@_compiled
+def _gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+    """Gradient of the energy of every cross section."""
+    strain, g = np.empty(6), np.empty(6)
+    tendons, compliance, active, offsets = (
+        tables.tendons, tables.compliance, tables.active, work.offsets,
+    )  # fmt: skip
+    for i in range(z.shape[0]):
+        width, slope, _ = _widening(tables.widens, z[i, 3])
+        _scaled(z[i], width, strain)
+        _stress(tables, i, strain, g)
+        lever = tables.body[i, LEVER]
+        for j in range(active[i]):
+            tension = tensions[i, j]
+            if tension == 0.0:
+                continue
+            d_n = d_b = 0.0
+            if compliance[j] > 0.0:
+                yielding = compliance[j] * tension
+                d_n, d_b = _offset(tendons[i, j], strain, width, yielding, lever)
+                offsets[i, j, 0], offsets[i, j, 1] = d_n, d_b
+            x, y = tendons[i, j, ALONG_N] + d_n, tendons[i, j, ALONG_B] + d_b
+            u_t, u_n, u_b = _along(tendons[i, j], strain, width, d_n, d_b)
+            pull = tension / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+            u_t, u_n, u_b = pull * u_t, pull * u_n, pull * u_b
+            dx, dy = tendons[i, j, SLOPE_N], tendons[i, j, SLOPE_B]
+            g[0] += x * u_b - y * u_n
+            g[1] += y * u_t
+            g[2] -= x * u_t
+            g[3] += u_t + slope * (dx * u_n + dy * u_b)
+            g[4] += u_n
+            g[5] += u_b
+        _unscale_gradient(z[i], width, slope, g)
+        for c in range(z.shape[1]):
+            work.gradient[i, c] = g[c]
+
+
+@_compiled
+def _stress(tables: Tables, i: int, strain: FloatArray, g: FloatArray) -> None:
+    """Gradient of the energy of the material by the scaled strain."""
+    body, n, b = tables.body[i], strain[1], strain[2]
+    by_stretch, by_bend, _, _, _ = _density(
+        tables.widens, strain[3], (n * n + b * b) * body[SQUARED_RADIUS]
+    )
+    once = 2.0 * body[AXIAL] * body[SQUARED_RADIUS] * by_bend
+    g[0], g[1], g[2] = body[TORSION] * strain[0], once * n, once * b
+    g[3] = body[AXIAL] * by_stretch
+    g[4], g[5] = body[SHEAR] * strain[4], body[SHEAR] * strain[5]
+
+
+@_compiled
+def _unscale_gradient(z: FloatArray, width: float, slope: float, g: FloatArray) -> None:
+    """From the gradient by the scaled strain to that by the twist."""
+    g[3] += slope * (z[0] * g[0] + z[1] * g[1] + z[2] * g[2])
+    for c in range(3):
+        g[c] *= width
+
+
+@_compiled
+def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+    """Gradient and Hessian of the energy of every cross section by the twist."""
+    strain, g, h = np.empty(6), np.empty(6), np.empty((6, 6))
+    own = np.zeros((6, 6))  # rows of one tendon: du/de, its gradient, and C of its sheath
+    tendons, compliance, active, offsets = (
+        tables.tendons, tables.compliance, tables.active, work.offsets,
+    )  # fmt: skip
+    for i in range(z.shape[0]):
+        width, slope, bend = _widening(tables.widens, z[i, 3])
+        _scaled(z[i], width, strain)
+        _stress(tables, i, strain, g)
+        _stiffness(tables, i, strain, h)
+        lever = tables.body[i, LEVER]
+        for j in range(active[i]):
+            tension = tensions[i, j]
+            if tension == 0.0:
+                continue
+            d_n = d_b = 0.0
+            if compliance[j] > 0.0:
+                yielding = compliance[j] * tension
+                d_n, d_b = _offset(tendons[i, j], strain, width, yielding, lever)
+                offsets[i, j, 0], offsets[i, j, 1] = d_n, d_b
+            x, y = tendons[i, j, ALONG_N] + d_n, tendons[i, j, ALONG_B] + d_b
+            u_t, u_n, u_b = _along(tendons[i, j], strain, width, d_n, d_b)
+            over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+            u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
+            dx, dy = tendons[i, j, SLOPE_N], tendons[i, j, SLOPE_B]
+            own[1, 0], own[2, 0], own[0, 1], own[0, 2] = -y, x, y, -x
+            own[0, 3], own[1, 3], own[2, 3] = 1.0, slope * dx, slope * dy
+            own[1, 4] = own[2, 5] = 1.0
+            weight = tension * over
+            for c in range(6):
+                own[3, c] = own[0, c] * u_t + own[1, c] * u_n + own[2, c] * u_b
+                g[c] += tension * own[3, c]
+            for a in range(6):
+                for c in range(a + 1):
+                    h[a, c] += weight * (
+                        own[0, a] * own[0, c] + own[1, a] * own[1, c] + own[2, a] * own[2, c]
+                        - own[3, a] * own[3, c]
+                    )  # fmt: skip
+            h[3, 3] += tension * bend * (dx * u_n + dy * u_b)
+            if compliance[j] > 0.0:
+                _condense(compliance[j], tension, strain, (u_t, u_n, u_b, over), own, h)
+        _unscale(z[i], (width, slope, bend), g, h)
+        for a in range(z.shape[1]):
+            work.gradient[i, a] = g[a]
+            for c in range(a + 1):
+                work.hessian[i, a, c] = work.hessian[i, c, a] = h[a, c]
+
+
+@_compiled
+def _condense(
+    compliance: float, tension: float, strain: FloatArray, unit: tuple[float, float, float, float],
+    own: FloatArray, h: FloatArray,
+) -> None:  # fmt: skip
+    """Subtract C D^-1 C^T, as an offset follows the strain; ``unit`` ends with 1 / |u|."""
+    t, n, b = strain[0], strain[1], strain[2]
+    u_t, u_n, u_b, over = unit
+    p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
+    weight, stiff = tension * over, compliance * tension * over
+    for c in range(6):
+        own[4, c] = weight * (t * own[2, c] - b * own[0, c] - p_n * own[3, c])
+        own[5, c] = weight * (n * own[0, c] - t * own[1, c] - p_b * own[3, c])
+    own[4, 0] += tension * u_b
+    own[4, 2] -= tension * u_t
+    own[5, 0] -= tension * u_n
+    own[5, 1] += tension * u_t
+    nn, bb = 1.0 + stiff * (b * b + t * t - p_n * p_n), 1.0 + stiff * (n * n + t * t - p_b * p_b)
+    nb = -stiff * (b * n + p_n * p_b)
+    factor = compliance / (nn * bb - nb * nb)
+    for a in range(6):
+        of_n, of_b = bb * own[4, a] - nb * own[5, a], nn * own[5, a] - nb * own[4, a]
+        for c in range(a + 1):
+            h[a, c] -= factor * (of_n * own[4, c] + of_b * own[5, c])
+
+
+@_compiled
+def _stiffness(tables: Tables, i: int, strain: FloatArray, h: FloatArray) -> None:
+    """Hessian of the energy of the material by the scaled strain."""
+    body, n, b = tables.body[i], strain[1], strain[2]
+    axial, square = body[AXIAL], body[SQUARED_RADIUS]
+    _, by_bend, by_ss, by_sb, by_bb = _density(tables.widens, strain[3], (n * n + b * b) * square)
+    once, both, second = (
+        2.0 * axial * square * by_bend,
+        2.0 * axial * square * by_sb,
+        4.0 * axial * square * square * by_bb,
+    )
+    h[:] = 0.0
+    h[0, 0] = body[TORSION]
+    h[1, 1], h[2, 1], h[2, 2] = once + second * n * n, second * n * b, once + second * b * b
+    h[3, 1], h[3, 2], h[3, 3] = both * n, both * b, axial * by_ss
+    h[4, 4] = h[5, 5] = body[SHEAR]
+
+
+@_compiled
+def _unscale(
+    z: FloatArray, widening: tuple[float, float, float], g: FloatArray, h: FloatArray
+) -> None:
+    """From gradient and lower half of the Hessian by the scaled strain to those by the twist."""
+    width, slope, bend = widening
+    along, twice, mixed = 0.0, 0.0, 0.0
+    for a in range(3):
+        along += z[a] * g[a]
+        mixed += z[a] * h[3, a]
+        for c in range(3):
+            twice += z[a] * z[c] * (h[a, c] if c <= a else h[c, a])
+    h[3, 3] += slope * (2.0 * mixed + slope * twice) + bend * along
+    for a in range(3):
+        by = 0.0
+        for c in range(3):
+            by += z[c] * (h[a, c] if c <= a else h[c, a])
+        h[3, a] = width * (h[3, a] + slope * by) + slope * g[a]
+    for a in range(4, 6):
+        # Shear goes with the linear law, which does not widen.
+        for c in range(3):
+            h[a, c] *= width
+    _unscale_gradient(z, width, slope, g)
+    for a in range(3):
+        for c in range(a + 1):
+            h[a, c] *= width * width
+
+
+@_compiled
+def section_steps(
+    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, work: Work
+) -> float:
+    """Newton's step of every cross section alone to the balance with ``wrench`` (N, m).
+
+    ``wrench`` is moment and force in the axes of the section. Fills in residual, Hessian and step.
+
+    Returns:
+        Largest residual over its scale [-].
+    """
+    sections(tables, z, tensions, work)
+    count = z.shape[1]
+    factors = np.empty((count, count))
+    for i in range(z.shape[0]):
+        for c in range(count):
+            work.residual[i, c] = work.gradient[i, c] - wrench[i, c]
+            work.step[i, c] = -work.residual[i, c]
+            for a in range(c + 1):
+                factors[c, a] = work.hessian[i, c, a]
+        _solve_ldl(factors, work.step[i])
+    return _relative(wrench, work)
+
+
+@_compiled
+def _solve_ldl(h: FloatArray, x: FloatArray) -> None:
+    """Replace ``x`` by the solution of a symmetric system whose lower half is ``h``."""
+    count = x.size
+    for a in range(count):
+        for c in range(a):
+            for k in range(c):
+                h[a, c] -= h[a, k] * h[c, k] * h[k, k]
+            h[a, c] /= h[c, c]
+        for k in range(a):
+            h[a, a] -= h[a, k] * h[a, k] * h[k, k]
+            x[a] -= h[a, k] * x[k]
+    for a in range(count - 1, -1, -1):
+        x[a] /= h[a, a]
+        for k in range(a + 1, count):
+            x[a] -= h[k, a] * x[k]
+
+
+@_compiled
+def _relative(wrench: FloatArray, work: Work) -> float:
+    """Largest residual over its scale and the largest ``wrench`` (N, m) along the arm."""
+    worst = 0.0
+    for c in range(wrench.shape[1]):
+        largest = 0.0
+        for i in range(wrench.shape[0]):
+            largest = max(largest, abs(wrench[i, c]))
+        for i in range(wrench.shape[0]):
+            value = abs(work.residual[i, c]) / (work.scale[i, c // 3] + largest)
+            if not value <= worst:  # also NaN, which stays
+                worst = value
+    return worst
+
+
+# The whole arm ---------------------------------------------------------------------------------
+
+
+@_compiled
+def residual(
+    tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
+    work: Work,
+) -> float:  # fmt: skip
+    """Imbalance of every cross section; fills in all but Hessian, step and Jacobian.
+
+    ``work.scale`` is given, see `tables.force_scale`.
+
+    Returns:
+        Largest residual over its scale [-]; NaN where a strain is impossible.
+    """
+    orientations(tables, z, work)
+    _moments(tables, force, couple, work)
+    _gradients(tables, z, tensions, work)
+    wrench = np.empty(z.shape)
+    for i in range(z.shape[0]):
+        r = work.rotation[i]
+        for c in range(3):
+            wrench[i, c] = (
+                r[0, c] * work.moment[i, 0] + r[1, c] * work.moment[i, 1]
+                + r[2, c] * work.moment[i, 2]
+            )  # fmt: skip
+        for c in range(z.shape[1] - 3):
+            wrench[i, 3 + c] = (
+                r[0, c] * force[i, 0] + r[1, c] * force[i, 1] + r[2, c] * force[i, 2]
+            )
+        for c in range(z.shape[1]):
+            work.residual[i, c] = work.gradient[i, c] - wrench[i, c]
+    return _relative(wrench, work)
+
+
+@_compiled
+def _moments(tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
+    """M = M_free + integral to the tip of r' x F."""
+    elements, points = tables.lengths.size, tables.to_end.shape[0]
+    beyond, rate = np.zeros(3), np.empty((points, 3))
+    for e in range(elements - 1, -1, -1):
+        start, h = e * points, tables.lengths[e]
+        for k in range(points):
+            _cross(work.slope[start + k], force[start + k], rate[k])
+        for i in range(points):
+            for c in range(3):
+                value = 0.0
+                for k in range(points):
+                    value += tables.to_end[i, k] * rate[k, c]
+                work.moment[start + i, c] = couple[start + i, c] + beyond[c] + h * value
+        for k in range(points):
+            for c in range(3):
+                beyond[c] += tables.weights[start + k] * rate[k, c]
+
+
+@_compiled
+def _cross(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@_compiled
+def jacobian(
+    tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, work: Work
+) -> None:
+    """Derivative of the residual by z for a fixed ``force``; after `residual` of the same z.
+
+    With X = r' F^T - (F . r') 1 and S its integral from a node to the tip, the block of nodes i
+    and k is -R_i^T (S_i + M_i x) w_k R_k where k is in an element before that of i, -R_i^T w_k S_k
+    R_k where it is in one beyond, and C_ik = sum over m of B_im X_m G_mk takes the place of S
+    within one; by the stretch of k it is R_i^T (F_k x t_k) B_ik.
+    """
+    sections(tables, z, tensions, work)
+    count, strains = z.shape
+    elements, points = tables.lengths.size, tables.to_end.shape[0]
+    lever = np.empty((count, 3, 3))
+    for i in range(count):
+        r, f = work.slope[i], force[i]
+        product = r[0] * f[0] + r[1] * f[1] + r[2] * f[2]
+        for a in range(3):
+            for c in range(3):
+                lever[i, a, c] = r[a] * f[c]
+            lever[i, a, a] -= product
+    # Rows of node i times 1 and k before; columns of node k times R^T and i before.
+    left, base_side = np.zeros((count, strains, 3)), np.zeros((3, count * strains))
+    tip_side = np.zeros((3, count * strains))
+    beyond, own = np.zeros((3, 3)), np.empty((3, 3))
+    for e in range(elements - 1, -1, -1):
+        start = e * points
+        for i in range(start, start + points):
+            own[:] = beyond
+            for k in range(points):
+                weight = tables.lengths[e] * tables.to_end[i - start, k]
+                for a in range(3):
+                    for c in range(3):
+                        own[a, c] += weight * lever[start + k, a, c]
+            _sides(tables.weights[i], own, force[i], i, work, left[i], base_side, tip_side)
+        _own_element(tables, e, beyond, lever, force, work)
+        for k in range(start, start + points):
+            for a in range(3):
+                for c in range(3):
+                    beyond[a, c] += tables.weights[k] * lever[k, a, c]
+    for i in range(count):
+        first = i // points * points * strains
+        last = first + points * strains
+        for a in range(strains):
+            row = work.jacobian[i * strains + a]
+            p, q, r = left[i, a, 0], left[i, a, 1], left[i, a, 2]
+            for k in range(first):
+                row[k] = -(p * base_side[0, k] + q * base_side[1, k] + r * base_side[2, k])
+            if a < 3:
+                turn = work.rotation[i]
+                p, q, r = turn[0, a], turn[1, a], turn[2, a]
+                for k in range(last, row.size):
+                    row[k] = -(p * tip_side[0, k] + q * tip_side[1, k] + r * tip_side[2, k])
+            else:
+                for k in range(last, row.size):
+                    row[k] = 0.0
+
+
+@_compiled
+def _sides(
+    weight: float, tail: FloatArray, force: FloatArray, i: int, work: Work,
+    left: FloatArray, base_side: FloatArray, tip_side: FloatArray,
+) -> None:  # fmt: skip
+    """Factors of the blocks of node ``i`` with other elements; ``tail`` is S."""
+    turn, strains = work.rotation[i], left.shape[0]
+    for a in range(3):
+        # S + M x, without forming the matrix of M x.
+        m = work.moment[i]
+        column = turn[0, a], turn[1, a], turn[2, a]
+        for c in range(3):
+            left[a, c] = column[0] * tail[0, c] + column[1] * tail[1, c] + column[2] * tail[2, c]
+        left[a, 0] += column[1] * m[2] - column[2] * m[1]
+        left[a, 1] += column[2] * m[0] - column[0] * m[2]
+        left[a, 2] += column[0] * m[1] - column[1] * m[0]
+        for c in range(3):
+            base_side[c, i * strains + a] = weight * column[c]
+            tip_side[c, i * strains + a] = weight * (
+                tail[c, 0] * column[0] + tail[c, 1] * column[1] + tail[c, 2] * column[2]
+            )
+    for a in range(strains - 3):
+        _cross(turn[:, a], force, left[3 + a])
+        for c in range(3):
+            tip_side[c, i * strains + 3 + a] = weight * left[3 + a, c]
+
+
+@_compiled
+def _own_element(
+    tables: Tables, e: int, beyond: FloatArray, lever: FloatArray, force: FloatArray, work: Work
+) -> None:
+    """Blocks of nodes of one element; ``beyond`` is the integral of X beyond it."""
+    points, strains = tables.to_end.shape[0], work.hessian.shape[1]
+    start, h = e * points, tables.lengths[e]
+    inner, right = np.empty((3, 3)), np.empty((3, 3))
+    across = np.empty((points, 3, 3))
+    for k in range(points):
+        for a in range(strains - 3):
+            _cross(work.rotation[start + k][:, a], force[start + k], across[k, a])
+    for i in range(points):
+        turn, m = work.rotation[start + i], work.moment[start + i]
+        for k in range(points):
+            for a in range(3):
+                for c in range(3):
+                    value = 0.0
+                    for n in range(points):
+                        value += tables.twice[i, k, n] * lever[start + n, a, c]
+                    inner[a, c] = h * h * value + tables.weights[start + k] * beyond[a, c]
+            reach = h * tables.to_point[i, k]
+            inner[0, 1] -= reach * m[2]
+            inner[0, 2] += reach * m[1]
+            inner[1, 0] += reach * m[2]
+            inner[1, 2] -= reach * m[0]
+            inner[2, 0] -= reach * m[1]
+            inner[2, 1] += reach * m[0]
+            other = work.rotation[start + k]
+            for a in range(3):
+                for c in range(3):
+                    right[a, c] = (
+                        inner[a, 0] * other[0, c] + inner[a, 1] * other[1, c]
+                        + inner[a, 2] * other[2, c]
+                    )  # fmt: skip
+            further = h * tables.to_end[i, k]
+            row, column = (start + i) * strains, (start + k) * strains
+            for a in range(3):
+                for c in range(3):
+                    work.jacobian[row + a, column + c] = -(
+                        turn[0, a] * right[0, c] + turn[1, a] * right[1, c]
+                        + turn[2, a] * right[2, c]
+                    )  # fmt: skip
+                for c in range(strains - 3):
+                    work.jacobian[row + a, column + 3 + c] = -further * (
+                        turn[0, a] * across[k, c, 0] + turn[1, a] * across[k, c, 1]
+                        + turn[2, a] * across[k, c, 2]
+                    )  # fmt: skip
+            for a in range(strains - 3):
+                for c in range(3):
+                    work.jacobian[row + 3 + a, column + c] = -reach * (
+                        across[i, a, 0] * other[0, c] + across[i, a, 1] * other[1, c]
+                        + across[i, a, 2] * other[2, c]
+                    )  # fmt: skip
+                for c in range(strains - 3):
+                    work.jacobian[row + 3 + a, column + 3 + c] = 0.0
+        for a in range(strains):
+            for c in range(strains):
+                work.jacobian[(start + i) * strains + a, (start + i) * strains + c] += (
+                    work.hessian[start + i, a, c]
+                )

@@ -1,0 +1,102 @@
+"""Newton's method with factors that are used again as long as they serve: chord steps.
+
+The steps with the same factors are corrected by what the steps before them left (Broyden's good
+update, in the form of Kelley 1995, 7.3), so that a change of a per cent takes four.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.equilibrium import Acting, Problem, State
+from octo_arm_model.rod.factors import Factors
+
+MOST = 15  # iterations of one search
+# Part of a residual that a step has to leave at most: the first by factors from elsewhere, the
+# first by those of the state, which may raise it, and every other.
+_PREDICTED, _FIRST, _PROGRESS = 0.3, 3.0, 0.7
+_CHORD = 0.2  # and up to which the same factors are used again
+_LEAST_DENOMINATOR = 0.2  # of Broyden's update
+
+
+class Found(NamedTuple):
+    """Where a search for a balance ended.
+
+    Attributes:
+        state: the last state.
+        factors: that were used last; None where no step was made.
+        iterations: number of steps.
+        corrected: how far the steps after the first turned the arm [rad].
+    """
+
+    state: State
+    factors: Factors | None
+    iterations: int
+    corrected: float
+
+
+class _Chord:
+    """Steps with the same factors."""
+
+    def __init__(self, problem: Problem, factors: Factors) -> None:
+        self.factors = factors
+        self._measure = problem.measure
+        self._steps: list[FloatArray] = []
+        self._duals: list[FloatArray] = []  # whose product with a step is 1
+
+    def step(self, imbalance: FloatArray) -> FloatArray:
+        """The next step (N, m) from a state of this ``imbalance`` (N, m)."""
+        step = self.factors.solve(-imbalance.ravel())
+        for dual, after in zip(self._duals, self._steps[1:]):
+            step += float(dual @ step) * after
+        if self._duals:
+            part = float(self._duals[-1] @ step)
+            if 1.0 - part > _LEAST_DENOMINATOR:
+                step *= 1.0 / (1.0 - part)
+        dual = step * self._measure
+        size = float(dual @ step)
+        if size > 0.0:
+            dual /= size
+            self._steps.append(step)
+            self._duals.append(dual)
+        return step.reshape(imbalance.shape)
+
+
+def settle(
+    problem: Problem, acting: Acting, z: FloatArray, tolerance: float,
+    factors: Factors | None = None,
+) -> Found:  # fmt: skip
+    """Search for a balance from the twists ``z`` (N, m), with ``factors`` from nearby if any.
+
+    The state it ends in is a balance if its residual is at most ``tolerance``.
+    """
+    state, iterations = problem.evaluate(acting, z), 0
+    predicted: State | None = None
+    chord = None if factors is None else _Chord(problem, factors)
+    is_near, is_first = False, True
+    while state.residual > tolerance and iterations < MOST:
+        if chord is None:
+            try:
+                chord, is_near = _Chord(problem, problem.linearise(state)), True
+            except ConvergenceError:
+                break
+        step = chord.step(state.imbalance)
+        new = problem.evaluate(acting, state.z + step)
+        iterations += 1
+        most = _PROGRESS
+        if is_first:
+            most = _FIRST if is_near else _PREDICTED
+        factors = chord.factors
+        if not new.residual <= most * state.residual:  # nor where it is NaN
+            if is_near:
+                break
+            chord = None
+            continue
+        predicted = new if is_first else predicted
+        if new.residual > _CHORD * state.residual:
+            chord = None
+        state, is_first, is_near = new, False, False
+    corrected = 0.0 if predicted is None else problem.turn(state.z - predicted.z)
+    return Found(state, factors, iterations, corrected)

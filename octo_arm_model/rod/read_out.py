@@ -1,0 +1,116 @@
+"""What an equilibrium is at the stations.
+
+At the ends of elements integrals of a collocated solution are far more exact than within. They
+are as exact everywhere after one more step (iterated collocation): moments at more points of each
+element, which are integrals, and the twists there that balance them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.quaternion import rotation_matrices
+from octo_arm_model.rod.equilibrium import Acting, Problem, State
+from octo_arm_model.rod.tables import force_scale, tabulate, work_arrays
+
+ADDED_POINTS = 5  # in each element
+_STEPS = 2  # of Newton's method, of every section at the stations
+
+
+class Reading(NamedTuple):
+    """Poses of the cross sections at the stations.
+
+    Attributes:
+        position: (S, 3) [m], from the base.
+        quaternion: w, x, y, z, (S, 4).
+        moment: of all that acts beyond, in base_frame, without free moments, (S, 3) [N m].
+        z: twists at the nodes of the finer problem, (n, m).
+        acting: what acts at these.
+    """
+
+    position: FloatArray
+    quaternion: FloatArray
+    moment: FloatArray
+    z: FloatArray
+    acting: Acting
+
+
+class Readout:
+    """Reads equilibria of a `Problem` at stations."""
+
+    def __init__(self, problem: Problem, finer: Problem, arm: Arm, s: FloatArray) -> None:
+        """At arc coordinates ``s`` (S,) [m] of ``arm``.
+
+        ``finer`` has the elements of ``problem`` with `ADDED_POINTS` in each.
+        """
+        self._problem, self._finer = problem, finer
+        self._to_finer = problem.elements.interpolation(finer.elements.s)
+        self._integration = finer.elements.integration(s)
+        self._interpolation = finer.elements.interpolation(s)
+        own = problem.tables
+        self._tables = tabulate(arm, finer.elements, own.base, widens=own.widens, s=s)
+        self._work = work_arrays(self._tables, problem.strains, has_jacobian=False)
+
+    def read(self, state: State) -> Reading:
+        """Poses at the stations, by integrals from the base."""
+        finer, condition = self._finer, state.acting.condition
+        if condition.tensions.ndim > 1:
+            # Given at the nodes, where friction has made them.
+            condition = condition._replace(tensions=self._to_finer @ condition.tensions)
+        acting, work = finer.acting(condition), finer.work
+        z = self._to_finer @ state.z
+        finer.evaluate(acting, z)
+        wrench = work.gradient - work.residual
+        finer.form.section_steps(finer.tables, z, acting.tensions, wrench, work)
+        z = z + work.step
+        finer.form.orientations(finer.tables, z, work)
+        rates = np.empty((len(z), 10))
+        rates[:, :3] = work.slope
+        _quaternion_rates(work.quaternion, z[:, :3], rates[:, 3:7])
+        carried = rates[:, 7:]
+        x, f = work.slope.T, acting.force.T
+        carried[:, 0] = x[1] * f[2] - x[2] * f[1]
+        carried[:, 1] = x[2] * f[0] - x[0] * f[2]
+        carried[:, 2] = x[0] * f[1] - x[1] * f[0]
+        found = self._integration @ rates
+        turn = found[:, 3:7]
+        turn += finer.tables.base
+        turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
+        # What acts beyond a station: the moment at the base less what is carried up to there.
+        moment = finer.elements.weights @ carried - found[:, 7:]
+        return Reading(found[:, :3], turn, moment, z, acting)
+
+    def twists(self, reading: Reading) -> FloatArray:
+        """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""
+        acting, work, strains = reading.acting, self._work, reading.z.shape[1]
+        between = self._interpolation @ np.concatenate(
+            [reading.z, acting.force, acting.couple, acting.tensions], axis=1
+        )
+        z = np.ascontiguousarray(between[:, :strains])
+        tensions = np.ascontiguousarray(between[:, strains + 6 :])
+        work.scale[:] = force_scale(self._tables, tensions)
+        moment = reading.moment + between[:, strains + 3 : strains + 6]
+        inverse = rotation_matrices(np.ascontiguousarray(reading.quaternion.T)).transpose(2, 1, 0)
+        wrench = np.empty_like(z)
+        wrench[:, :3] = (inverse @ moment[..., np.newaxis])[..., 0]
+        force = inverse @ between[:, strains : strains + 3, np.newaxis]
+        wrench[:, 3:] = force[:, : strains - 3, 0]
+        for _ in range(_STEPS):
+            self._problem.form.section_steps(self._tables, z, tensions, wrench, work)
+            z = z + work.step
+        return z
+
+
+def _quaternion_rates(q: FloatArray, kappa: FloatArray, out: FloatArray) -> None:
+    """Rates q (0, kappa) / 2 of quaternions ``q`` (N, 4), w, x, y, z."""
+    half = 0.5 * kappa
+    w, x, y, z = q.T
+    p, r, s = half.T
+    out[:, 0] = -(x * p + y * r + z * s)
+    out[:, 1] = w * p + y * s - z * r
+    out[:, 2] = w * r + z * p - x * s
+    out[:, 3] = w * s + x * r - y * p

@@ -1,0 +1,277 @@
+"""One arm and its loads: from tensions and a wrench on the tip to a stable equilibrium."""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.errors import ContinuationError, ConvergenceError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.loaded.budget import Budget, Spending
+from octo_arm_model.rod.continuation import (
+    MOST_CORRECTED,
+    ON_THE_WAY,
+    TOLERANCE,
+    Judged,
+    follow,
+    judge,
+)
+from octo_arm_model.rod.dead_loads import DeadLoads
+from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
+from octo_arm_model.rod.equilibrium import Condition, Problem, State
+from octo_arm_model.rod.factors import Factors
+from octo_arm_model.rod.forms import choose_form
+from octo_arm_model.rod.newton import Found, settle
+from octo_arm_model.rod.read_out import ADDED_POINTS, Readout
+from octo_arm_model.rod.resolution import position_error
+from octo_arm_model.rod.tables import force_scale, tabulate
+from octo_arm_model.rod.unloaded import balance_sections, initial_twists
+
+_FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
+# An equilibrium that is stable by a margin is not judged again where since then the arm has turned
+# by less than this [rad] and the force on it times the square of its lever over E J has changed by
+# less than this, and where sheaths take less than this part of its bending stiffness.
+_SAME_SHAPE, _SAME_LOADS, _SOFT = 0.25, 0.02, 0.25
+
+
+class Setting(NamedTuple):
+    """How an arm is modelled.
+
+    Attributes:
+        widens: whether the law is neo_hookean; else linear.
+        shear: whether cross sections shear; linear law only.
+        accuracy: of the position, over the length [-].
+        compiled: see `forms.choose_form`.
+    """
+
+    widens: bool = True
+    shear: bool = False
+    accuracy: float = 1e-8
+    compiled: bool | None = None
+
+
+class Equilibrium(NamedTuple):
+    """A stable equilibrium of a `Rod`.
+
+    Attributes:
+        state: twists at the nodes and what acts on them.
+        level: of `elements.LEVELS`.
+        factors: of the Jacobian at an equilibrium nearby; None of an arm without loads.
+        judged: that one, where it was seen to be stable by a margin; else None.
+        iterations: made in all.
+    """
+
+    state: State
+    level: int
+    factors: Factors | None
+    judged: State | None
+    iterations: int
+
+
+class Rod:
+    """Equilibria of one arm under its loads.
+
+    Attributes:
+        arm: the arm.
+        setting: how it is modelled.
+    """
+
+    def __init__(
+        self, arm: Arm, loads: Loads = Loads(), base: FloatArray | None = None,
+        setting: Setting = Setting(), budget: Budget = Budget(),
+    ) -> None:  # fmt: skip
+        """Of ``arm`` on a base of the orientation ``base``, a quaternion w, x, y, z.
+
+        Raises:
+            ArmDefinitionError: if gravity acts on an arm of no density.
+        """
+        self.arm, self.setting, self._loads, self._budget = arm, setting, loads, budget
+        self._base = np.array([1.0, 0.0, 0.0, 0.0]) if base is None else base
+        self._form = choose_form(setting.compiled)
+        self._strains = 6 if setting.shear else 4
+        # Problems of each level, and one of few nodes to follow an arm from its unloaded shape.
+        self.problem = functools.lru_cache(self._problem)
+        own = self.problem(0)
+        body, s = own.tables.body, own.elements.s
+        bending = 0.25 * body[:, 0] * body[:, 2]
+        self._per_force = float(((arm.length - s) ** 2 / bending).max())
+        self._per_square = (
+            (own.tables.compliance / bending.min()) if any(own.tables.compliance) else None
+        )
+        self.is_loaded = bool(own.loads.at(1.0, np.zeros(6)).any()) or loads.scaled is not None
+
+    def _problem(self, level: int, added: int = 0) -> Problem:
+        """The equations on elements of a ``level``, with so many points ``added`` to each."""
+        breaks, knots = self._loads.breaks, self._loads.knots
+        elements = build_elements(self.arm, breaks, knots, level, added)
+        tables = tabulate(self.arm, elements, self._base, widens=self.setting.widens)
+        loads = DeadLoads(self.arm, elements, self._loads)
+        return Problem(elements, tables, loads, self._form, self._strains, has_jacobian=not added)
+
+    def readout(self, level: int, s: FloatArray) -> Readout:
+        """Reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
+        return Readout(self.problem(level), self._problem(level, ADDED_POINTS), self.arm, s)
+
+    def solve(
+        self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None = None,
+        spending: Spending | None = None,
+    ) -> Equilibrium:  # fmt: skip
+        """The equilibrium under ``tensions`` (J,) [N] and a ``tip_wrench`` (6,) [N, N m].
+
+        Followed from ``start``, or from the unloaded shape.
+
+        Raises:
+            SolveError: if there is no trustworthy answer.
+            ContinuationError: if it would take more than the budget.
+        """
+        wanted = Condition(tensions, tip_wrench)
+        spending = spending or Spending(self._budget)
+        with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
+            if not self.is_loaded and not tip_wrench.any():
+                return self._unloaded_equilibrium(wanted)
+            found = None if start is None else self._warm(wanted, start, spending)
+            if found is None:
+                found = self._followed(wanted, start, spending)
+            if start is not None and found.judged is start.judged is not None:
+                return found  # resolved as well as that
+            return self._resolved(found, wanted, spending)
+
+    def _unloaded_equilibrium(self, wanted: Condition) -> Equilibrium:
+        """The balance of every cross section by itself, on as many nodes as it takes."""
+        iterations = 0
+        for level in range(len(LEVELS)):
+            problem = self.problem(level)
+            z, left, steps = self.unloaded(problem, wanted.tensions)
+            iterations += steps
+            acting = problem.acting(wanted)
+            problem.form.orientations(problem.tables, z, problem.work)
+            state = problem.known(State(acting, z, np.zeros_like(z), left))
+            if self._is_resolved(problem, state, level):
+                break
+        return Equilibrium(state, level, None, None, iterations)
+
+    def unloaded(self, problem: Problem, tensions: FloatArray) -> tuple[FloatArray, float, int]:
+        """Twists at the nodes of ``problem`` under ``tensions`` alone, residual and steps.
+
+        Raises:
+            ConvergenceError: if there is no balance.
+        """
+        local = np.empty((problem.elements.s.size, tensions.size))
+        local[:] = tensions
+        problem.work.scale[:] = force_scale(problem.tables, local)
+        z = initial_twists(problem.tables, local, problem.strains)
+        return balance_sections(
+            problem.form, problem.tables, problem.work, local, np.zeros_like(z), z
+        )
+
+    def _warm(
+        self, wanted: Condition, start: Equilibrium, spending: Spending
+    ) -> Equilibrium | None:
+        """By Newton's method from ``start``; None where that leads to no stable equilibrium."""
+        problem = self.problem(start.level)
+        acting = problem.acting(wanted)
+        found = settle(problem, acting, start.state.z, spending.residual, start.factors)
+        spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
+        return self._accepted(problem, found, start, spending)
+
+    def _accepted(
+        self, problem: Problem, found: Found, start: Equilibrium, spending: Spending
+    ) -> Equilibrium | None:
+        """What was ``found``, if it is stable and nothing says that it left its branch."""
+        state, total = found.state, spending.iterations
+        if not (state.residual <= spending.residual and found.corrected <= MOST_CORRECTED):
+            return None
+        firm = start.judged
+        if firm is not None and self._is_near(problem, firm, state):
+            return Equilibrium(state, start.level, found.factors or start.factors, firm, total)
+        return self._equilibrium(self._judged(problem, state), start.level, total)
+
+    def _judged(self, problem: Problem, state: State) -> Judged | None:
+        try:
+            return judge(problem, state)
+        except ConvergenceError:
+            return None
+
+    def _equilibrium(self, judged: Judged | None, level: int, total: int) -> Equilibrium | None:
+        if judged is None or not judged.stability.is_stable:
+            return None
+        firm = judged.state if judged.stability.is_firm else None
+        return Equilibrium(judged.state, level, judged.factors, firm, total)
+
+    def _is_near(self, problem: Problem, judged: State, state: State) -> bool:
+        """Whether ``state`` is stable as surely as what was ``judged`` stable by a margin."""
+        if not problem.has_energy(state.acting.condition):
+            return False
+        if self._per_square is not None:
+            squares = state.acting.tensions.max(axis=0) ** 2
+            if float(squares @ self._per_square) > _SOFT:
+                return False
+        change = state.acting.force - judged.acting.force
+        loads = self._per_force * float(np.abs(change).max())
+        return loads <= _SAME_LOADS and problem.turn(state.z - judged.z) <= _SAME_SHAPE
+
+    def _followed(
+        self, wanted: Condition, start: Equilibrium | None, spending: Spending
+    ) -> Equilibrium:
+        """By continuation from ``start``, or from the unloaded shape."""
+        if start is not None:
+            problem, level = self.problem(start.level), start.level
+            known, z = start.state.acting.condition, start.state.z
+            judged = follow(problem, known, z, wanted, spending)
+        else:
+            level = 0
+            judged = self._cold(wanted, spending)
+        found = self._equilibrium(judged, level, spending.iterations)
+        assert found is not None
+        return found
+
+    def _cold(self, wanted: Condition, spending: Spending) -> Judged:
+        """From the unloaded shape: by Newton's method, or followed on few nodes, or on all."""
+        fine, coarse = self.problem(0), self.problem(COARSE)
+        z = self.unloaded(fine, wanted.tensions)[0]
+        found = settle(fine, fine.acting(wanted), z, TOLERANCE)
+        spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
+        if found.state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
+            judged = self._judged(fine, found.state)
+            if judged is not None and judged.stability.is_stable:
+                return judged
+        known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
+        if coarse.elements.s.size < fine.elements.s.size:
+            try:
+                rough = self.unloaded(coarse, wanted.tensions)[0]
+                near = follow(coarse, known, rough, wanted, spending, ON_THE_WAY, _FIRST_STEP)
+                guess = _moved(near.state.z, coarse.elements, fine.elements)
+                return follow(fine, wanted, guess, wanted, spending)
+            except ContinuationError:
+                raise  # Its budget is spent.
+            except ConvergenceError:
+                pass  # Too few nodes, perhaps.
+        return follow(fine, known, z, wanted, spending, TOLERANCE, _FIRST_STEP)
+
+    def _resolved(self, found: Equilibrium, wanted: Condition, spending: Spending) -> Equilibrium:
+        """What was ``found``, on as many nodes as it takes."""
+        while not self._is_resolved(self.problem(found.level), found.state, found.level):
+            level = found.level + 1
+            problem = self.problem(level)
+            z = _moved(found.state.z, self.problem(found.level).elements, problem.elements)
+            judged = follow(problem, wanted, z, wanted, spending)
+            finer = self._equilibrium(judged, level, spending.iterations)
+            assert finer is not None
+            found = finer
+        return found
+
+    def _is_resolved(self, problem: Problem, state: State, level: int) -> bool:
+        if level == len(LEVELS) - 1:
+            return True
+        problem.load_work(state)
+        error = position_error(problem.elements, state.z, problem.work.slope)
+        return error <= self.setting.accuracy
+
+
+def _moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
+    """Twists ``z`` (N, m) at the nodes of other elements."""
+    return np.ascontiguousarray(before.interpolation(now.s) @ z)

@@ -1,0 +1,178 @@
+"""Tables of an arm at its nodes, and the arrays that the node functions fill in.
+
+Both are plain arrays in one tuple each, as numba takes time for every argument of a call.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.numerics.gauss import GaussRule
+from octo_arm_model.rod.elements import Elements
+
+# Columns of `Tables.body`.
+AXIAL, TORSION, SQUARED_RADIUS, SHEAR, LEVER = range(5)
+# Columns of `Tables.tendons`.
+ALONG_N, ALONG_B, SLOPE_N, SLOPE_B = range(4)
+_ROUNDING = 1e-12  # of the length
+_LEAST_SCALE = 1e-4  # of E A: forces below a part of it are rounding
+
+
+class Tables(NamedTuple):
+    """An arm at N nodes in E elements of p points, with J tendons.
+
+    Attributes:
+        widens: whether the law is neo_hookean, whose sections widen; else it is linear.
+        lengths: reference lengths of the elements [m], (E,).
+        weights: of the integral along the arm [m], (N,).
+        to_point: weights of the integral over an element of length one from its start to a point,
+            (p, p), a row for each point.
+        to_end: the same from a point to the end, (p, p).
+        twice: to_end[i, m] to_point[m, k], (p, p, p) with indices i, k, m.
+        base: orientation of the base, quaternion w, x, y, z, (4,).
+        body: E A [N], G I [N m^2], R^2 [m^2], G A [N] and the larger of R and the offset of the
+            outermost tendon [m], (N, 5).
+        tendons: offsets along n and b [m] and their slopes [-], zero beyond the anchorage,
+            (N, J, 4).
+        active: how many tendons reach each node, (N,): the first ones, as sections are numbered
+            from the tip.
+        reach: 1 where a tendon acts and 0 beyond its anchorage, (N, J).
+        least_scale: see `force_scale`, (N,) [N].
+        compliance: 1 / k of the sheath of each tendon [1/Pa], 0 for a rigid one, (J,).
+    """
+
+    widens: bool
+    lengths: FloatArray
+    weights: FloatArray
+    to_point: FloatArray
+    to_end: FloatArray
+    twice: FloatArray
+    base: FloatArray
+    body: FloatArray
+    tendons: FloatArray
+    active: IntArray
+    reach: FloatArray
+    least_scale: FloatArray
+    compliance: FloatArray
+
+
+class Work(NamedTuple):
+    """What node functions compute, overwritten by each call; m strains at N nodes.
+
+    Attributes:
+        quaternion: orientation of the nodes, w, x, y, z, (N, 4).
+        rotation: its matrix, columns t, n, b, (N, 3, 3).
+        slope: r', the derivative of the position by s [-], (N, 3).
+        moment: that everything beyond exerts on the cross section, in base_frame, (N, 3) [N m].
+        gradient: of the energy by the twist, (N, m) [N m and N].
+        hessian: of the energy by the twist, (N, m, m).
+        residual: gradient less the wrench of the loads in the axes of the section, (N, m).
+        scale: size of forces and moments by which a residual is measured, (N, 2) [N m, N].
+        step: of the cross sections alone, see `section_steps`, (N, m).
+        offsets: of tendons in sheaths, (N, J, 2) [m].
+        jacobian: d residual / d z, (N m, N m), rows and columns node by node.
+    """
+
+    quaternion: FloatArray
+    rotation: FloatArray
+    slope: FloatArray
+    moment: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+    residual: FloatArray
+    scale: FloatArray
+    step: FloatArray
+    offsets: FloatArray
+    jacobian: FloatArray
+
+
+def work_arrays(tables: Tables, strains: int, *, has_jacobian: bool = True) -> Work:
+    """Arrays for ``tables`` and 4 or 6 ``strains``; stations have no Jacobian."""
+    nodes, tendons = tables.tendons.shape[:2]
+    size = nodes * strains if has_jacobian else 0
+    return Work(
+        np.zeros((nodes, 4)),
+        np.zeros((nodes, 3, 3)),
+        np.zeros((nodes, 3)),
+        np.zeros((nodes, 3)),
+        np.zeros((nodes, strains)),
+        np.zeros((nodes, strains, strains)),
+        np.zeros((nodes, strains)),
+        np.zeros((nodes, 2)),
+        np.zeros((nodes, strains)),
+        np.zeros((nodes, tendons, 2)),
+        np.zeros((size, size)),
+    )
+
+
+def tabulate(
+    arm: Arm, elements: Elements, base: FloatArray, *, widens: bool, s: FloatArray | None = None
+) -> Tables:
+    """Tables of ``arm`` at the nodes of ``elements``, or at other places ``s`` (n,) [m].
+
+    At other places an anchorage belongs to the section towards the base. ``base`` is the
+    orientation of the base, a quaternion w, x, y, z.
+    """
+    rule = elements.rule
+    section = elements.section if s is None else _section_at(arm, s)
+    s = elements.s if s is None else s
+    acts = arm.tendon_section[np.newaxis] <= section[:, np.newaxis]
+    columns = np.stack([*arm.tendon_offsets(s), *arm.tendon_slopes(s)], axis=-1)
+    tendons = columns.swapaxes(0, 1) * acts[..., np.newaxis]
+    sheaths = np.array(arm.sheath_stiffness or np.zeros(len(arm.tendons)))
+    compliance = np.divide(1.0, sheaths, out=np.zeros_like(sheaths), where=sheaths > 0.0)
+    body = _body(arm, s, tendons)
+    return Tables(
+        widens,
+        elements.lengths,
+        elements.weights,
+        rule.from_start,
+        rule.to_end,
+        _twice(rule),
+        base,
+        body,
+        np.ascontiguousarray(tendons),
+        acts.sum(axis=1).astype(np.int64),
+        acts.astype(np.float64),
+        _LEAST_SCALE * body[:, AXIAL],
+        compliance,
+    )
+
+
+def force_scale(tables: Tables, tensions: FloatArray) -> FloatArray:
+    """Moments and forces that a residual is measured by, (N, 2) [N m, N].
+
+    The sum of ``tensions`` (N, J) [N] of the tendons there, alone and times the lever arm, and a
+    small part of the stiffness of the section, so that rounding counts for nothing.
+    """
+    force = np.einsum('ij,ij->i', tensions, tables.reach)
+    force += tables.least_scale
+    scale = np.empty((force.size, 2))
+    scale[:, 0], scale[:, 1] = force * tables.body[:, LEVER], force
+    return scale
+
+
+def _section_at(arm: Arm, s: FloatArray) -> IntArray:
+    anchorages = np.array([section.anchorage for section in arm.sections])
+    slack = _ROUNDING * arm.length
+    found: IntArray = (anchorages[np.newaxis] >= s[:, np.newaxis] - slack).sum(axis=1)
+    return found
+
+
+def _twice(rule: GaussRule) -> FloatArray:
+    return np.ascontiguousarray(np.einsum('im,mk->ikm', rule.to_end, rule.from_start))
+
+
+def _body(arm: Arm, s: FloatArray, tendons: FloatArray) -> FloatArray:
+    radius = arm.body.radius(s)
+    area = np.pi * radius**2
+    young, shear = arm.material.youngs_modulus_at(s), arm.material.shear_modulus_at(s)
+    lever = np.hypot(tendons[..., ALONG_N], tendons[..., ALONG_B]).max(axis=1, initial=0.0)
+    polar = 0.5 * np.pi * radius**4
+    return np.stack(
+        [young * area, shear * polar, radius**2, shear * area, np.maximum(radius, lever)], axis=1
+    )

@@ -1,0 +1,113 @@
+"""The node functions: both forms against each other, and derivatives against differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rods import CASES, TENSIONS, WRENCH, forms, rod_of, twists_at
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.equilibrium import Condition, Problem
+from octo_arm_model.rod.tables import Work, work_arrays
+
+CONDITION = Condition(TENSIONS, WRENCH)
+
+
+def evaluated(problem: Problem, z: FloatArray, form: object) -> Work:
+    """What all node functions of a ``form`` make of ``z``."""
+    acting = problem.acting(CONDITION)
+    work = work_arrays(problem.tables, problem.strains)
+    work.scale[:] = acting.scale
+    given = problem.tables, z, acting.tensions
+    form.section_steps(*given, 0.01 * z, work)  # type: ignore[attr-defined]
+    form.residual(*given, acting.force, acting.couple, work)  # type: ignore[attr-defined]
+    form.jacobian(*given, acting.force, work)  # type: ignore[attr-defined]
+    return work
+
+
+@pytest.mark.parametrize('name', CASES)
+@pytest.mark.parametrize('level', [0, 1])
+def test_both_forms_compute_the_same(name: str, level: int) -> None:
+    pytest.importorskip('numba')
+    problem = rod_of(name).problem(level)
+    z = twists_at(problem.elements.s, problem.strains)
+    first, second = (evaluated(problem, z, form) for form in forms())
+    for field, one, other in zip(Work._fields, first, second, strict=True):
+        scale = np.abs(one).max(initial=1e-300)
+        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale, err_msg=field)
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_gradient_and_hessian_are_derivatives_of_each_other(name: str) -> None:
+    # The gradient is that of an energy: its Hessian is symmetric and its derivative.
+    problem = rod_of(name).problem(0)
+    acting, z = problem.acting(CONDITION), twists_at(problem.elements.s, problem.strains)
+    form, work = problem.form, problem.work
+    form.sections(problem.tables, z, acting.tensions, work)
+    hessian = work.hessian.copy()
+    np.testing.assert_allclose(hessian, hessian.swapaxes(1, 2), rtol=1e-12, atol=1e-15)
+    for column in range(problem.strains):
+        step = 1e-4 if column < 3 else 1e-6
+        at = []
+        for side in (1.0, -1.0):
+            moved = z.copy()
+            moved[:, column] += side * step
+            form.sections(problem.tables, moved, acting.tensions, work)
+            at.append(work.gradient.copy())
+        expected = (at[0] - at[1]) / (2.0 * step)
+        scale = np.abs(hessian[:, :, column]).max(axis=0)
+        assert (np.abs(hessian[:, :, column] - expected) <= 1e-7 * scale).all()
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_the_jacobian_is_the_derivative_of_the_residual_along_smooth_changes(name: str) -> None:
+    # As exactly as nodes resolve the product of two strains: exponentially with their number.
+    rod, errors = rod_of(name), []
+    for level in (0, 2):
+        problem = rod.problem(level)
+        acting, s = problem.acting(CONDITION), problem.elements.s
+        z = twists_at(s, problem.strains)
+        problem.fill_jacobian(problem.evaluate(acting, z))
+        jacobian, worst = problem.work.jacobian.copy(), 0.0
+        for column in range(problem.strains):
+            change = np.zeros_like(z)
+            change[:, column] = np.cos(7.0 * s) * (1.0 if column < 3 else 0.1)
+            ends = [
+                problem.evaluate(acting, z + side * 1e-4 * change).imbalance
+                for side in (1.0, -1.0)
+            ]
+            expected = (ends[0] - ends[1]) / 2e-4
+            found = (jacobian @ change.ravel()).reshape(z.shape)
+            scale = np.abs(expected).max(axis=0).clip(1e-3 * np.abs(expected).max())
+            worst = max(worst, float((np.abs(found - expected) / scale).max()))
+        errors.append(worst)
+    assert errors[0] < 2e-4
+    assert errors[1] < 2e-7
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_a_wrench_in_sections_is_balanced_by_steps_of_each(name: str) -> None:
+    problem = rod_of(name).problem(0)
+    acting, z = problem.acting(CONDITION), twists_at(problem.elements.s, problem.strains)
+    work = problem.work
+    problem.form.sections(problem.tables, z, acting.tensions, work)
+    wrench, start = work.gradient.copy(), z + 1e-3 * np.cos(z)
+    work.scale[:] = acting.scale
+    for _ in range(4):
+        problem.form.section_steps(problem.tables, start, acting.tensions, wrench, work)
+        start = start + work.step
+    np.testing.assert_allclose(start, z, rtol=0.0, atol=1e-9)
+
+
+def test_orientations_are_those_of_a_screw_of_constant_bend() -> None:
+    problem = rod_of('linear').problem(1)
+    z = np.zeros((problem.elements.s.size, 4))
+    z[:, :3], z[:, 3] = (1.0, -2.0, 2.0), 1.1
+    angle = 3.0 * problem.elements.s
+    axis = np.array([1.0, -2.0, 2.0]) / 3.0
+    for form in forms():
+        form.orientations(problem.tables, z, problem.work)
+        expected = np.column_stack([np.cos(0.5 * angle), np.outer(np.sin(0.5 * angle), axis)])
+        np.testing.assert_allclose(problem.work.quaternion, expected, rtol=0.0, atol=1e-11)
+        slope = 1.1 * problem.work.rotation[:, :, 0]
+        np.testing.assert_allclose(problem.work.slope, slope, rtol=0.0, atol=1e-14)

@@ -1,0 +1,60 @@
+"""Arms, loads and node values that the tests of the rod share."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import ModuleType
+
+import numpy as np
+from helical_arm import HELICAL, PULL
+
+from octo_arm_model import Arm, DistributedLoad, Loads, PointLoad
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod import arrays
+from octo_arm_model.rod.rod import Rod, Setting
+
+EVERYTHING = Loads(
+    gravity=(0.0, 3.0, -5.0),
+    fluid_density=400.0,
+    points=(PointLoad(0.15, (0.0, 0.05, 0.02), (1e-4, 0.0, 2e-4)), PointLoad(0.25, (0.02, 0, 0))),
+    distributed=(DistributedLoad((0.1, 0.2, 0.3), ((0, 0, 0), (0, 0.3, 0.2), (0, 0, 0.1))),),
+)
+WRENCH = np.array([0.01, 0.02, -0.01, 1e-4, -2e-4, 1e-4])
+TENSIONS = PULL.ravel()
+SHEATHED = dataclasses.replace(HELICAL, sheath_stiffness=(3e5, 0.0, 1e6, 4e5, 5e5, 6e5))
+CASES: dict[str, tuple[Arm, Setting]] = {
+    'linear': (HELICAL, Setting(widens=False)),
+    'neo_hookean': (HELICAL, Setting()),
+    'shear': (HELICAL, Setting(widens=False, shear=True)),
+    'linear in sheaths': (SHEATHED, Setting(widens=False)),
+    'neo_hookean in sheaths': (SHEATHED, Setting()),
+    'shear in sheaths': (SHEATHED, Setting(widens=False, shear=True)),
+}
+
+
+def rod_of(name: str, loads: Loads = EVERYTHING, compiled: bool = False) -> Rod:
+    """The rod of a case."""
+    arm, setting = CASES[name]
+    return Rod(arm, loads, setting=setting._replace(compiled=compiled))
+
+
+def twists_at(s: FloatArray, strains: int) -> FloatArray:
+    """Smooth twists (n, strains) that are no equilibrium."""
+    z = np.zeros((s.size, strains))
+    z[:, 0] = 2.0 * np.sin(6.0 * s)
+    z[:, 1] = 3.0 - 8.0 * s
+    z[:, 2] = -4.0 + np.cos(9.0 * s)
+    z[:, 3] = 0.9 + 0.1 * np.sin(4.0 * s)
+    if strains == 6:
+        z[:, 4], z[:, 5] = 0.03 * np.cos(5.0 * s), -0.02 + 0.1 * s
+    return z
+
+
+def forms() -> list[ModuleType]:
+    """The forms of the node functions that can be imported."""
+    found: list[ModuleType] = [arrays]
+    try:
+        from octo_arm_model.rod import loops
+    except ModuleNotFoundError:
+        return found
+    return [*found, loops]
