@@ -32,5 +32,5 @@ What comes next enters as a term of these, and changes no signature:
 * Loads that follow the shape: F and M_free are arguments of `residual`, made anew in
   `Problem.evaluate` from `Work.rotation` and `Work.slope`; their derivatives are added to
   `Work.jacobian` in `Problem.fill_jacobian`. Inertia, drag and contact are such loads. Only dead
-  loads are here so far: `Loads.others` has to be refused or solved elsewhere.
+  loads are here so far, and `Loads.others` are refused.
 """

@@ -22,8 +22,12 @@ class DeadLoads:
         """Tabulate the dead ones of ``loads`` on ``arm`` at the nodes of ``elements``.
 
         Raises:
-            ArmDefinitionError: if gravity acts on an arm of no density.
+            ArmDefinitionError: if gravity acts on an arm of no density, or a load follows the
+                shape.
         """
+        if loads.others:
+            expected = 'none: only loads that are fixed in base_frame'
+            raise ArmDefinitionError('loads.others', loads.others, expected)
         self._to_tip = elements.weights - elements.integration(elements.s)
         self._fixed = self._tabulate(arm, elements, loads)
         self._scaled: ScaledLoads | None = loads.scaled

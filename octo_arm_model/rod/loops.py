@@ -7,7 +7,8 @@ The energy of a cross section per reference length, of scaled strain e = (w kapp
 
 for a tendon of tension T at the offset r that stands off its path by d in a sheath of stiffness k;
 w(lambda) is the widening of the section, lambda^-1/2 for rubber. d is the one of least energy.
-With c = u / |u|, the gradient of |u| by e is g = c . du/de, its Hessian (du/de . du/de - g g^T) / |u|.
+With c = u / |u|, the gradient of |u| by e is g = c . du/de, and its Hessian
+(du/de . du/de - g g^T) / |u|.
 
 All take `Tables` and `Work`; z is (N, m), ``tensions`` (N, J) [N], ``force`` and ``couple`` the
 force and the free moment of all that acts beyond each node, (N, 3) in base_frame. What has more

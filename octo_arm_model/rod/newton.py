@@ -47,7 +47,7 @@ class _Chord:
         self._duals: list[FloatArray] = []  # whose product with a step is 1
 
     def step(self, imbalance: FloatArray) -> FloatArray:
-        """The next step (N, m) from a state of this ``imbalance`` (N, m)."""
+        """Step to the next state, from one of this ``imbalance``; both (N, m)."""
         step = self.factors.solve(-imbalance.ravel())
         for dual, after in zip(self._duals, self._steps[1:]):
             step += float(dual @ step) * after
