@@ -97,7 +97,7 @@ class TipPose:
         object.__setattr__(self, 'position', _numbers('tip position', self.position, (3,)))
         quaternion = _numbers('tip quaternion', self.quaternion, (4,))
         if abs(np.linalg.norm(quaternion) - 1.0) > 1e-3:
-            raise TargetError(f'tip quaternion is {self.quaternion!r}, expected length 1')
+            raise TargetError(f'tip quaternion is {shown(self.quaternion)}, expected length 1')
         object.__setattr__(self, 'quaternion', quaternion)
 
     def error(self, backbone: Backbone) -> FloatArray:
@@ -138,7 +138,7 @@ class Bending:
         """Validate."""
         _numbers('bending plane', self.plane, ())
         if not 0.0 <= float(_numbers('bending angle', self.angle, ())) <= np.pi:
-            raise TargetError(f'bending angle is {self.angle!r}, expected 0 to pi [rad]')
+            raise TargetError(f'bending angle is {shown(self.angle)}, expected 0 to pi [rad]')
 
     def error(self, backbone: Backbone) -> FloatArray:
         """Angle from the target tangent to that of the tip, along two axes normal to it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 _SHOWN = 200  # characters of a value or name in a message
 _LISTED = 20  # names in a message
@@ -17,9 +18,16 @@ def printable(text: str) -> str:
 
 
 def shown(value: object) -> str:
-    """``value`` on one line for a message, cut after `_SHOWN` characters."""
-    text = ' '.join(repr(value).splitlines())
+    """``value`` on one line for a message, cut after `_SHOWN` characters; arrays as lists."""
+    text = ' '.join(repr(_plain(value)).splitlines())
     return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}...'
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and numbers of NumPy, also within a list or tuple, as those of Python."""
+    if type(value) in (list, tuple):
+        return type(value)(map(_plain, value))
+    return value.tolist() if hasattr(value, 'tolist') else value
 
 
 def listed(names: Sequence[str]) -> str:

@@ -124,7 +124,12 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
             f'its covariance is {own[i, j]:g} at {i}, {j}, expected finite numbers of at most '
             f'{LARGEST**2:g}'
         )
-    deviation = np.sqrt(np.abs(np.diag(own)))
+    if (np.diag(own) < 0.0).any():
+        i = int(np.diag(own).argmin())
+        raise MeasurementError(
+            f'its covariance is {own[i, i]:g} at {i}, {i}, expected a positive definite one'
+        )
+    deviation = np.sqrt(np.diag(own))
     skew = np.abs(own - own.T) > _ASYMMETRY * np.outer(deviation, deviation)
     if skew.any():
         i, j = np.argwhere(skew)[0]

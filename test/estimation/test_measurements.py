@@ -161,7 +161,14 @@ def test_the_base_wrench_is_the_sum_of_all_loads() -> None:
         (lambda: TipPosition(np.zeros(3), np.diag([1.0, 1e300, 1.0])), r'deviation of 1e\+150'),
         (lambda: TipPosition([0.0, -1e31, 0.0], 1e-3), r'expected numbers of at most 1e\+30'),
         (lambda: TipPosition([0.0, 0.0, 0.0], [1.0, 1.0]), '3 standard deviations'),
-        (lambda: TipPosition([0.0, 0.0, 0.0], -np.eye(3)), 'positive definite'),
+        (
+            lambda: TipPosition([0.0, 0.0, 0.0], -np.eye(3)),
+            'tip position: the variance of number 1 of 3 is -1, expected a positive definite',
+        ),
+        (
+            lambda: TipPosition([0.0, 0.0, 0.0], 2.0 * np.ones((3, 3)) - np.eye(3) * 1.5),
+            'some combination of its 3 numbers has a variance of ',
+        ),
         (lambda: TipPose(np.zeros(3), [0.0, 0.0, 0.0, 2.0], 1.0), 'length 1'),
         (lambda: Markers([0.1], np.zeros((2, 3)), 1.0), '6 numbers, expected 3'),
         (lambda: Tensions([1.0], 0.1, ('no_such',)).innovation(_any()), 'unknown tendon no_such'),

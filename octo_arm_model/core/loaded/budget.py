@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from octo_arm_model.core.errors import ConfigError, ContinuationError
+from octo_arm_model.core.errors import ConfigError, ContinuationError, shown
 
 _MOST_RESIDUAL = 1e-6  # beyond, a shape is not one of the arm's
 
@@ -37,10 +37,11 @@ class Budget:
         """Validate."""
         for name, value in vars(self).items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
-                raise ConfigError(f'solve budget: {name} is {value!r}, expected a number > 0')
+                raise ConfigError(f'solve budget: {name} is {shown(value)}, expected a number > 0')
         if self.residual > _MOST_RESIDUAL:
             raise ConfigError(
-                f'solve budget: residual is {self.residual!r}, expected at most {_MOST_RESIDUAL:g}'
+                f'solve budget: residual is {shown(self.residual)}, expected at most '
+                f'{_MOST_RESIDUAL:g}'
             )
 
 

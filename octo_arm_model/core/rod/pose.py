@@ -69,6 +69,6 @@ def _unit(name: str, values: object) -> FloatArray:
     norm = float(np.linalg.norm(array))
     if abs(norm - 1.0) > 1e-3:
         raise ConfigError(
-            f'{name} is {values!r} of length {norm:.6g}, expected x, y, z, w of length 1'
+            f'{name} is {shown(values)} of length {norm:.6g}, expected x, y, z, w of length 1'
         )
     return np.asarray(array / norm)

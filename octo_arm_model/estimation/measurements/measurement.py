@@ -58,15 +58,21 @@ class Measurement(abc.ABC):
                 f'{self.name}: noise has shape {given.shape}, expected {size} standard deviations '
                 f'or a covariance ({size}, {size})'
             )
-        variances = given.diagonal()
-        if (variances > 0.0).all():
-            self._check_deviations(np.sqrt(variances))
+        variances, expected = given.diagonal(), 'expected a positive definite covariance'
+        if not (variances > 0.0).all():
+            at = int(variances.argmin())
+            raise MeasurementError(
+                f'{self.name}: the variance of number {at + 1} of {size} is {variances[at]:g}, '
+                f'{expected}'
+            )
+        self._check_deviations(np.sqrt(variances))
         self.covariance = 0.5 * given + 0.5 * given.T
         try:
             self.noise_root = np.asarray(np.linalg.cholesky(self.covariance), np.float64)
         except np.linalg.LinAlgError:
             raise MeasurementError(
-                f'{self.name}: noise is {shown(noise)}, expected a positive definite covariance'
+                f'{self.name}: some combination of its {size} numbers has a variance of '
+                f'{np.linalg.eigvalsh(self.covariance)[0]:g}, {expected}'
             ) from None
 
     def _check_deviations(self, noise: FloatArray) -> None:

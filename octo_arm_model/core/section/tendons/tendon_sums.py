@@ -164,7 +164,7 @@ def check_highest(arm: Arm, highest: ArrayLike) -> FloatArray:
     for name, value in zip(arm.tendon_names, limits.tolist(), strict=True):
         if not 0.0 < value < np.inf:
             raise TensionError(
-                f'highest tension of {name} is {value!r} N, expected a finite number > 0'
+                f'highest tension of {name} is {shown(value)} N, expected a finite number > 0'
             )
     return limits
 
