@@ -75,11 +75,11 @@ def run(options: argparse.Namespace) -> int:
         from octo_arm_model.experiment.figure_files import save_all
 
         pictures, whole = pictures_of(comparisons), json.dumps(result, indent=1)
-        with writing(out), Bar('pictures') as bar:
-            (out / 'compare.json').write_text(whole + '\n', encoding='utf-8')
-            write_csv(out / 'compare.csv', rows(comparisons), config.arm.tendon_names)
-            save_all(pictures, out, bar.on_terminal)
-            tables = write_tables(out, comparisons, config.arm.tendon_names)
+        with writing(out, folder=True) as place, Bar('pictures') as bar:
+            (place / 'compare.json').write_text(whole + '\n', encoding='utf-8')
+            write_csv(place / 'compare.csv', rows(comparisons), config.arm.tendon_names)
+            save_all(pictures, place, bar.on_terminal)
+            tables = write_tables(place, comparisons, config.arm.tendon_names)
         files = ', '.join(['compare.csv', *tables, 'compare.json'])
         notes.append(f'{files} and {len(pictures)} pictures are in {out}')
     print(json.dumps(result) if options.json else summary(comparisons, notes))

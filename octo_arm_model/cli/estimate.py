@@ -143,8 +143,8 @@ def run(options: argparse.Namespace) -> int:
         if options.csv is not None:
             from octo_arm_model.experiment.estimating.tables import EstimateTables
 
-            opened.enter_context(writing(options.csv))
-            tables = opened.enter_context(EstimateTables(options.csv, recorded.models))
+            place = opened.enter_context(writing(options.csv, folder=True))
+            tables = opened.enter_context(EstimateTables(place, recorded.models))
             outputs.append(tables.write)
 
         def write(moment: Moment, one: TimedEstimate) -> None:
@@ -214,5 +214,5 @@ def _draw(path: Path, result: Result) -> None:
     from octo_arm_model.experiment.figure_files import save
 
     figure = draw_estimate(result.moments, result.touches, result.camera)
-    with writing(path):
-        save(figure, path)
+    with writing(path) as place:
+        save(figure, place)

@@ -109,13 +109,13 @@ def run(options: argparse.Namespace) -> int:
         from octo_arm_model.experiment.identify_figures import pictures_of
 
         pictures = pictures_of(fitted, observations.shapes)
-        with writing(options.pictures), Bar('pictures') as bar:
-            save_all(pictures, options.pictures, bar.on_terminal)
+        with writing(options.pictures, folder=True) as place, Bar('pictures') as bar:
+            save_all(pictures, place, bar.on_terminal)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')
     if options.out is not None and best.is_trustworthy:
         text = as_config(best, str(options.bag or options.tension_csv))
-        with writing(options.out):
-            options.out.write_text(text, encoding='utf-8')
+        with writing(options.out) as place:
+            place.write_text(text, encoding='utf-8')
         notes.append(f'the fitted arm is in {options.out}')
     elif options.out is not None:
         notes.append(f'{options.out} is not written: the data do not determine the arm')
@@ -126,8 +126,8 @@ def run(options: argparse.Namespace) -> int:
                 shapes, best.parameters, best.model, best.alignment, bar.on_terminal
             )
         names = Config.from_parameters(best.parameters).arm.tendon_names
-        with writing(options.csv):
-            tables = write_tables(options.csv, [fitted_arm], names)
+        with writing(options.csv, folder=True) as place:
+            tables = write_tables(place, [fitted_arm], names)
         notes.append(f'{", ".join(tables)} of the fitted arm are in {options.csv}')
     elif options.csv is not None:
         notes.append(f'{options.csv} stays empty: the data do not determine the arm')

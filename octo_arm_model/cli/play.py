@@ -87,6 +87,8 @@ def run(options: argparse.Namespace) -> None:
     profile = find_profile(options.profile, arm, read_highest(options))
     if options.csv or options.plot:
         refuse_without_effect(options, _OF_PLAYING, 'with --csv or --plot')
+        if options.csv == options.plot:
+            raise ConfigError(f'--csv and --plot are {str(options.csv)!r}, expected two files')
         check_out(options, '--csv', folder=False)
         check_out(options, '--plot', folder=False, draws=True)
         _write(options, profile, arm)
@@ -114,14 +116,14 @@ def _write(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> No
     times = np.linspace(0.0, duration, max(2, 1 + round(duration * options.rate)))
     tensions = profile.at(options.speed * times)
     if options.csv:
-        with writing(options.csv), options.csv.open('w', encoding='utf-8', newline='') as file:
+        with writing(options.csv) as place, place.open('w', encoding='utf-8', newline='') as file:
             write_csv(file, times, tensions, arm)
         print(options.csv)
     if options.plot:
         from octo_arm_model.simulation.profiles.profile_figure import draw_profile
 
-        with writing(options.plot):
-            draw_profile(times, tensions, arm, options.profile, options.plot)
+        with writing(options.plot) as place:
+            draw_profile(times, tensions, arm, options.profile, place)
         print(options.plot)
 
 

@@ -99,8 +99,8 @@ def run(options: argparse.Namespace) -> None:
             writer = open_files.enter_context(BagWriter(options.out, options.storage, custom))
             table = None
             if options.csv is not None:
-                open_files.enter_context(writing(options.csv))
-                table = open_files.enter_context(CsvAnswers(options.csv, topics))
+                place = open_files.enter_context(writing(options.csv, folder=True))
+                table = open_files.enter_context(CsvAnswers(place, topics))
             report = replay(
                 reader,
                 writer,

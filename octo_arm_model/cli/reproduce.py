@@ -40,8 +40,8 @@ def run(options: argparse.Namespace) -> int:
     html = options.outdir / 'renda2012.html'
     with Bar('pictures') as bar:
         page = as_html(content.blocks(claims), bar)
-    with writing(html):
-        html.write_text(page, encoding='utf-8')
+    with writing(html) as place:
+        place.write_text(page, encoding='utf-8')
     print(html, content.summary(claims), sep='\n')
     failed = [claim for claim in claims if claim.fails]
     for claim in failed:

@@ -86,8 +86,8 @@ def run(options: argparse.Namespace) -> None:
     if picture is not None:
         from octo_arm_model.analysis.workspace_figure import draw_workspace
 
-        with writing(picture):
-            draw_workspace(workspace, config.solver(), picture)
+        with writing(picture) as place:
+            draw_workspace(workspace, config.solver(), place)
     print(
         json.dumps(as_dict(workspace, config.model, options.seed))
         if options.json

@@ -34,12 +34,12 @@ def save_all(
 
 
 def save(figure: Any, path: Path) -> None:
-    """Write a ``figure`` of `new_figure` to ``path``, in the format of its ending.
+    """Write a ``figure`` of `new_figure` to ``path``, a PNG whatever its ending.
 
     Raises:
         OSError: if it cannot be written.
     """
-    figure.savefig(path, dpi=120, bbox_inches='tight', pad_inches=0.1)
+    figure.savefig(path, format='png', dpi=120, bbox_inches='tight', pad_inches=0.1)
 
 
 class TensionColours:

@@ -39,7 +39,7 @@ def test_a_profile_is_written_at_the_speed_and_rate_asked_for(
 def test_a_file_that_a_full_disk_cuts_short_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = run(capsys, 'play', 'fetching', '--csv', '/dev/full')
     assert (status, out) == (2, '')
-    assert err.startswith('octo-arm: error: /dev/full: cannot be written whole: ')
+    assert err.startswith('octo-arm: error: /dev/full: cannot be written: ')
 
 
 def test_folders_of_a_profile_are_made_before_anything_is_written(
@@ -74,6 +74,7 @@ def test_a_profile_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
         (('nowhere.csv',), 'nowhere.csv: No such file'),
         (('ramps', '--csv', 'a.csv', '--loop'), '--loop has no effect with --csv or --plot'),
         (('ramps', '--plot', 'a.png', '--topic', 'a'), '--topic has no effect with --csv'),
+        (('ramps', '--csv', 'a', '--plot', 'a'), "--csv and --plot are 'a', expected two files"),
         (('--list', '--csv', 'a.csv'), '--csv has no effect with --list'),
     ],
 )

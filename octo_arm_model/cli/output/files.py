@@ -13,6 +13,8 @@ from pathlib import Path
 
 from octo_arm_model.core.errors import BagError, ConfigError
 
+_HIDDEN = '.octo_arm.'  # and eight letters: folders of what is being written
+
 
 def check_out(
     options: argparse.Namespace, name: str, *, folder: bool, draws: bool = False
@@ -41,13 +43,13 @@ def check_out(
     except OSError as error:
         raise ConfigError(f'{name} is {str(path)!r}, cannot be made: {error.strerror}') from error
     problem = None
-    if folder or not path.exists():
+    if path.exists() and not os.access(path, os.W_OK):
+        problem = os.strerror(errno.EACCES)
+    elif not path.exists() or path.is_file() or folder:  # a pipe is not opened: it would end
         try:
-            tempfile.TemporaryFile(dir=place).close()
+            tempfile.TemporaryFile(dir=path if folder else path.resolve().parent).close()
         except OSError as error:
             problem = error.strerror
-    elif not os.access(path, os.W_OK):  # not opened: the reader of a pipe would see its end
-        problem = os.strerror(errno.EACCES)
     if problem is not None:
         raise ConfigError(f'{name} is {str(path)!r}, cannot be written: {problem}')
 
@@ -80,22 +82,31 @@ def refuse_inside(bag: Path | None, *outputs: Path | None) -> None:
 
 
 @contextlib.contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Say of what ends the block that ``path``, a file or folder written in it, is not whole.
+def writing(path: Path, *, folder: bool = False) -> Iterator[Path]:
+    """Where to write ``path`` in the block, a ``folder`` or a file: all of it or nothing is there.
+
+    That is in a hidden folder, on the same disk, whose files take their places at the end of the
+    block; after an error ``path`` is as it was. A device or a pipe is written to as it is.
 
     Raises:
-        ConfigError: for an error that names no file, such as that of a full disk.
+        ConfigError: for an error of these files, or of none that is named, as of a full disk.
     """
     try:
-        yield
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f'{path} is not whole') from None
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            yield path
+            return
+        place = path if folder else path.resolve().parent
+        with unwritten(path), tempfile.TemporaryDirectory(prefix=_HIDDEN, dir=place) as name:
+            hidden = Path(name)
+            yield hidden if folder else hidden / path.resolve().name
+            for one in hidden.iterdir():
+                one.replace(place / one.name)
     except BrokenPipeError:
         raise
     except OSError as error:
-        if error.filename is not None:
+        if error.filename is not None and _HIDDEN not in str(error.filename):
             raise
-        raise ConfigError(f'{path}: cannot be written whole: {error.strerror}') from error
+        raise ConfigError(f'{path}: cannot be written: {error.strerror}') from error
 
 
 @contextlib.contextmanager
