@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import NoReturn, TextIO
+from typing import Any, NoReturn, TextIO
 
 from octo_arm_model.core.errors import OctoArmError
 
@@ -34,8 +34,35 @@ _EXTRAS = {
 }
 
 
+class _StoreOnce(argparse.Action):
+    """Stores the value of an option, which is given once: a second one would replace it.
+
+    The namespace has the names of those given as ``given``.
+    """
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: object,
+        option_string: str | None = None,
+    ) -> None:
+        given = namespace.__dict__.setdefault('given', set())
+        if self.dest in given:
+            many = ', with all its values behind it' if self.nargs == '+' else ''
+            parser.error(f'{option_string} is given twice, expected once{many}')
+        if option_string is not None:
+            given.add(self.dest)
+        setattr(namespace, self.dest, values)
+
+
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, without all options, which --help lists."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.register('action', None, _StoreOnce)
+        self.register('action', 'store', _StoreOnce)
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f'{self.prog}: error: {message}; see {self.prog} --help\n')

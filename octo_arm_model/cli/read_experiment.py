@@ -139,10 +139,16 @@ def _columns(words: Sequence[str]) -> dict[str, str]:
         MeasurementError: if a word is neither, or the file cannot be read.
     """
     found: dict[str, str] = {}
+
+    def take(name: str, column: str) -> None:
+        if name in found:
+            raise MeasurementError(f'--columns names {shown(name)} twice, expected once')
+        found[name] = column
+
     for word in words:
         name, equals, column = word.partition('=')
         if equals and name and column:
-            found[name] = column
+            take(name, column)
             continue
         if not word.endswith(('.yaml', '.yml')):
             raise MeasurementError(
@@ -155,5 +161,6 @@ def _columns(words: Sequence[str]) -> dict[str, str]:
             for value in content.values()
         ):
             raise MeasurementError(f'{word}: expected names with a column each, such as time: t')
-        found.update({str(name): str(column) for name, column in content.items()})
+        for key, value in content.items():
+            take(str(key), str(value))
     return found

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 from typing import TYPE_CHECKING
 
+from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.terminal import missing
 
 if TYPE_CHECKING:
@@ -53,8 +54,12 @@ def open_page(
 
     Raises:
         AddressError: if the page cannot be served where ``options`` say.
+        ConfigError: if they say it with --no-viewer.
     """
     if options.no_viewer:
+        if given := sorted({'host', 'port', 'allow_origin'} & set(getattr(options, 'given', ()))):
+            option = given[0].replace('_', '-')
+            raise ConfigError(f'--{option} has no effect with --no-viewer')
         return None
     try:
         from octo_arm_model.viewer.address import serving

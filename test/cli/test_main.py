@@ -23,6 +23,10 @@ from octo_arm_model.cli.main import main
             'material.density is 0.0, expected a density > 0',
         ),
         ((*SOLVE, TENSIONS, '--model', 'exact', '--density', '-1'), 'material.density is -1.0'),
+        ((*SOLVE, TENSIONS, '--model', 'exact', '--density', '1080'),
+         '--density has no effect without --gravity'),
+        ((*SOLVE, TENSIONS, '--model', 'exact', '--fluid-density', '1000'),
+         '--fluid-density has no effect without --gravity'),
         ((*SOLVE, TENSIONS, '--tip-force', '0', 'nan', '0'), 'loads.tip_force is (0.0, nan'),
         (
             (*SOLVE, TENSIONS, '--model', 'exact', '--tip-force', '0', '1e6', '0'),
@@ -111,6 +115,25 @@ def test_wrong_usage_is_status_2(
     assert 'error: ' in err
     assert '--help\n' in err
     assert err.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        (*SOLVE, TENSIONS, '--stations', '9', '--stations', '11'),
+        (*SOLVE, TENSIONS, '--tensions', TENSIONS),
+        ('compare', 'bag', '--midlines', 'a', '--tolerance', '1', '--midlines', 'b'),
+        ('identify', '--fit', 'friction', '--config', 'a.yaml', '--fit', 'friction'),
+        ('inverse', 'renda2012_table4', '--tip', '0', '0', '0', '--tip', '0', '0', '0'),
+    ],
+)
+def test_an_option_is_given_once_as_the_last_would_replace_the_others(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as leave:
+        main(words)
+    assert leave.value.code == 2
+    assert 'is given twice, expected once' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

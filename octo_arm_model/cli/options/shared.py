@@ -19,15 +19,19 @@ _CONFIG = 'ROS parameter file of the arm, or the name of a preset'
 
 
 def refuse_without_effect(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
-    """Check that options ``names`` are as by default, since they do nothing ``why``.
+    """Check that options ``names`` are not given, since they do nothing ``why``.
 
     Raises:
-        ConfigError: if one is not.
+        ConfigError: if one is.
     """
     for name in names:
-        key = name.lstrip('-').replace('-', '_')
-        if getattr(options, key) != options.default_of(key):
+        if is_given(options, name.lstrip('-').replace('-', '_')):
             raise ConfigError(f'{name} has no effect {why}')
+
+
+def is_given(options: argparse.Namespace, key: str) -> bool:
+    """Whether the option stored as ``key`` is given."""
+    return key in getattr(options, 'given', ()) or getattr(options, key) != options.default_of(key)
 
 
 def add_number(
@@ -201,12 +205,15 @@ def read_config(options: argparse.Namespace) -> Config:
         for name, value in given.items()
         if value is not None
     }
+    acting = dataclasses.replace(config.loads, **loads)
+    if not any(acting.gravity):
+        refuse_without_effect(options, ('--density', '--fluid-density'), 'without --gravity')
     return dataclasses.replace(
         config,
         model=model,
         stations=config.stations if options.stations is None else options.stations,
         law=options.material or config.law,
-        loads=dataclasses.replace(config.loads, **loads),
+        loads=acting,
     )
 
 

@@ -26,7 +26,7 @@ from octo_arm_model.wire.tension_fields import NONE
 
 DISPLACEMENT = 'displacement_'  # and the name of a tendon: what its encoder reads
 NO_READING = 'no encoder reading'
-_POINT = re.compile(r'^x_?([0-9]{1,6})$')
+_POINT = re.compile(r'^x_?[0-9]{1,6}$')
 
 
 @dataclass(frozen=True)
@@ -113,18 +113,23 @@ def csv_frames(
         MeasurementError: if a column is missing or a cell holds no number.
     """
     stamps = table.times()
-    wide = [match.group(1) for column in table.columns if (match := _POINT.match(column.name))]
-    if table.find('x') is None and wide:
-        under = '_' if any(column.name == f'x_{wide[0]}' for column in table.columns) else ''
-        names = [[f'{axis}{under}{number}' for axis in 'xyz'] for number in sorted(wide, key=int)]
-        places = np.stack([_point(table, name, measured.unit) for name in names], axis=1)
-        grouped = list(zip(stamps, places))
-    else:
-        flat = _point(table, ['x', 'y', 'z'], measured.unit)
+    # Columns that are named are meant, whatever else the file has.
+    there = dict.fromkeys((*(column.name for column in table.columns), *table.given))
+    wide = [name for name in there if _POINT.match(name)]
+    if not any(map(_POINT.match, table.given)) and table.find('x') is not None:
+        wide = []
+    elif not wide and measured.marker_s:  # what is then missing
+        wide = [f'x{number + 1}' for number in range(len(measured.marker_s))]
+    wide.sort(key=lambda name: int(name.strip('x_')))
+    names = [[f'{axis}{name[1:]}' for axis in 'xyz'] for name in wide or ['x']]
+    _check_unit(table, names, measured.unit)
+    places = np.stack([_point(table, name, measured.unit) for name in names], axis=1)
+    grouped = list(zip(stamps, places))
+    if not wide:
         order = sorted(range(len(stamps)), key=stamps.__getitem__)
         cuts = [i for i in range(1, len(order)) if stamps[order[i]] != stamps[order[i - 1]]]
         parts = np.split(np.array(order), cuts)
-        grouped = [(stamps[part[0]], flat[part]) for part in parts]
+        grouped = [(stamps[part[0]], places[part, 0]) for part in parts]
     is_midline = max(len(one) for _, one in grouped) > 1
     frames = []
     table.count.expect(len(grouped))
@@ -135,6 +140,16 @@ def csv_frames(
         except MeasurementError as error:
             refusals.count(str(table.path), str(error))
     return frames
+
+
+def _check_unit(table: CsvTable, names: list[list[str]], unit: str) -> None:
+    """Check that a ``unit`` that is given counts for one of the columns ``names`` at least."""
+    found = [table.find(name) for point in names for name in point]
+    own = [table.columns[number].unit for number in found if isinstance(number, int)]
+    if unit != Measured.unit and own and all(own):
+        raise MeasurementError(
+            f'--length-unit has no effect on {table.path}: its header says {" and ".join({*own})}'
+        )
 
 
 def _point(table: CsvTable, names: list[str], unit: str) -> FloatArray:

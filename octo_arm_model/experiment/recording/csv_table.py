@@ -8,7 +8,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,12 +27,17 @@ FORCE = {'N': 1.0, 'mN': 1e-3}
 _HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')
 _FIRST = re.compile(r'^.*[^\s,;].*$', re.MULTILINE)  # line with more than separators
 _MISSING = ('', 'nan', 'NaN', 'NAN')
+_EXPECTED = (
+    'expected one line of headers, with another name for each column such as time, x, y, z, and '
+    'only rows of numbers below it: leave out lines of other things before it'
+)
 _TOGETHER = 4096  # rows counted at a time
 
 
 class _Column(NamedTuple):
     name: str
     unit: str
+    text: str  # of the header, name and unit
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,7 @@ class CsvTable:
         lines: line of each row.
         given: name of the column of each quantity where it has another, or a number instead.
         count: progress of the conversion of its columns.
+        wanted: names of all quantities that were looked for.
     """
 
     path: Path
@@ -54,6 +60,7 @@ class CsvTable:
     lines: tuple[int, ...]
     given: Mapping[str, str]
     count: Count
+    wanted: set[str] = field(default_factory=set)
 
     def find(self, name: str) -> int | float | None:
         """Number of the column for ``name``, or the value in place of one; None if neither.
@@ -61,9 +68,10 @@ class CsvTable:
         Raises:
             MeasurementError: if a column was given for it and there is none of that name.
         """
-        wanted = self.given.get(name, name)
+        self.wanted.add(name)
+        wanted = self.given.get(name, name).strip()
         for number, column in enumerate(self.columns):
-            if wanted in (column.name, f'{column.name} [{column.unit}]'):
+            if wanted in (column.name, column.text, f'{column.name} [{column.unit}]'):
                 return number
         if name not in self.given:
             return None
@@ -75,8 +83,10 @@ class CsvTable:
 
     @property
     def listing(self) -> str:
-        """The names of the columns, of many not all."""
-        return f'it has {listed([column.name for column in self.columns])}'
+        """The names of the columns, of many not all, and whether they look like a header."""
+        names = [column.name for column in self.columns]
+        doubt = f'; {_EXPECTED}' if any(map(NUMBER.match, names)) else ''
+        return f'it has {listed(names)}{doubt}'
 
     def numbers(self, name: str, units: Mapping[str, float], default: str) -> FloatArray:
         """Values of the column for ``name`` in the first of ``units``, NaN where there is none.
@@ -159,9 +169,10 @@ def read_csv(path: Path, given: Mapping[str, str], count: Count) -> CsvTable:
                 count.expect(expected * (1 + len(columns)))
                 continue
             if len(cells) != len(columns):
+                doubt = f'; {_EXPECTED}' if not rows else ''
                 raise MeasurementError(
                     f'{path}, line {line}: {len(cells)} values, expected {len(columns)} as in the '
-                    'header'
+                    f'header{doubt}'
                 )
             if len(rows) == MAX_CSV_ROWS:
                 raise MeasurementError(f'{path}, line {line}: more than {MAX_CSV_ROWS} rows')
@@ -181,12 +192,18 @@ def _header(cells: Sequence[str], path: str | Path, line: int) -> tuple[_Column,
         raise MeasurementError(
             f'{path}, line {line}: {len(cells)} columns, expected at most {MAX_CSV_COLUMNS}'
         )
+    texts = [cell.strip() for cell in cells]
+    if all(NUMBER.match(text) or text in _MISSING for text in texts):
+        raise MeasurementError(f'{path}, line {line}: numbers and no header, {_EXPECTED}')
     columns = []
-    for cell in cells:
-        match = _HEADER.match(cell.strip())
-        columns.append(_Column(*match.groups()) if match else _Column(cell.strip(), ''))
+    for text in texts:
+        match = _HEADER.match(text)
+        name, unit = match.groups() if match else (text, '')
+        columns.append(_Column(name, unit, text))
     counts = Counter(column.name for column in columns)
     for name, count in counts.items():
         if count > 1:
-            raise MeasurementError(f'{path}, line {line}: two columns {shown(name)}')
+            raise MeasurementError(
+                f'{path}, line {line}: {count} columns {shown(name)}, {_EXPECTED}'
+            )
     return tuple(columns)

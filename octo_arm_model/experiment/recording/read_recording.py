@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.core.errors import BagError, ConfigError, MeasurementError
+from octo_arm_model.core.errors import BagError, ConfigError, MeasurementError, listed
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.csv_recording import (
     CsvSources,
@@ -122,14 +122,17 @@ def _gather(
         topics = MeasuredTopics(bag.reader, measured, points, config.base_frame)
         count.expect(bag.reader.count(list(dict.fromkeys(topics.topics))))
     pulled = reeled_in = None
+    wanted: set[str] = set()
     if files.tensions is not None:
         table = read_csv(files.tensions, files.columns, count)
         pulled = csv_tensions(table, config, refusals)
+        wanted |= table.wanted
     elif bag is not None:
         pulled = bag.tensions(config, refusals, count)
     if files.displacements is not None:
         table = read_csv(files.displacements, files.columns, count)
         reeled_in = csv_displacements(table, config.arm, refusals)
+        wanted |= table.wanted
     elif bag is not None:
         reeled_in = bag.displacements(config, refusals, count)
     for what, stamped in (('tensions', pulled), ('encoder readings', reeled_in)):
@@ -142,6 +145,12 @@ def _gather(
         source = str(files.midlines)
         table = read_csv(files.midlines, files.columns, count)
         frames = csv_frames(table, measured, points, refusals)
+        wanted |= table.wanted
+    if unread := [name for name in files.columns if name not in wanted]:
+        raise MeasurementError(
+            f'--columns names {listed(unread)}, which is not read here; expected names of '
+            f'{listed(sorted(wanted))}'
+        )
     count.add(count.total - count.done)  # columns that were not used
     return assemble(
         parameters, pulled, reeled_in, frames, source, measured, points, refusals, notes
