@@ -10,7 +10,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from octo_arm_model.cli.options.estimator import add_estimator, read_estimator
+from octo_arm_model.cli.options.estimator import (
+    TENSIONS,
+    add_estimator,
+    read_estimator,
+    refuse_idle,
+)
 from octo_arm_model.cli.options.shared import (
     add_config_option,
     add_flag,
@@ -136,6 +141,10 @@ def run(options: argparse.Namespace) -> int:
         reader = opened.enter_context(BagReader(options.bag))
         with Bar('messages') as bar:
             recorded = read_recorded(reader, sources, bar.on_terminal)
+        sensors = ([TENSIONS] if recorded.sensors.tensions else []) + list(recorded.sensors.others)
+        refuse_idle(options, sensors, recorded.settings.unknowns)
+        if recorded.camera is None:
+            refuse_without_effect(options, ('--clock-offset',), 'without --midlines to compare')
         outputs = []
         if out is not None:
             opened.enter_context(unwritten(out))

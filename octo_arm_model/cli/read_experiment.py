@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from octo_arm_model.cli.options.experiment import ALL
+from octo_arm_model.cli.options.shared import refuse_without_effect
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.yaml_files import load_yaml, read_text, reading
@@ -15,12 +16,20 @@ from octo_arm_model.core.errors import ConfigError, MeasurementError, SolveError
 from octo_arm_model.core.limits import MAX_YAML_BYTES
 from octo_arm_model.core.rod.pose import Pose
 from octo_arm_model.core.solver import MODELS
+from octo_arm_model.experiment.fitting.unknowns.unknown import AXIAL
 from octo_arm_model.experiment.recording.csv_recording import CsvSources
 from octo_arm_model.experiment.recording.measured_points import Measured
 from octo_arm_model.experiment.recording.read_recording import read_recording
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.shapes.alignment import Alignment
-from octo_arm_model.experiment.shapes.observations import Observations, Pairing, observe
+from octo_arm_model.experiment.shapes.observations import (
+    POSES,
+    RAMP,
+    STEPS,
+    Observations,
+    Pairing,
+    observe,
+)
 from octo_arm_model.experiment.shapes.steady_windows import SteadyRule
 
 T = TypeVar('T')
@@ -45,6 +54,10 @@ def read_options(
     if offset is not None:
         finite('--clock-offset', offset, 'a finite time [s]')
     steady = SteadyRule(options.steady, options.hold, options.settle)
+    kind = POSES if options.poses else STEPS if options.ramp is None else RAMP
+    if kind != STEPS:
+        idle = '--steady', '--hold', '--settle'
+        refuse_without_effect(options, idle, f'with --{"poses" if options.poses else "ramp"}')
     alignment = None if options.align is None else read_alignment(options.align)
     measured = Measured(
         tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
@@ -64,6 +77,13 @@ def read_options(
             options.displacements,
             progress=bar.on_terminal,
         )
+    if recording.is_driven:
+        refuse_without_effect(options, ('--tendons',), 'on encoder readings, which have names')
+    elif AXIAL not in getattr(options, 'fit', ()):
+        why = f'beside tensions, which count, but for identify --fit {AXIAL}'
+        refuse_without_effect(options, ('--displacements', '--displacement-csv'), why)
+    if recording.is_tips or recording.marker_s is not None:
+        refuse_without_effect(options, ('--base-end',), 'on tips and markers')
     config = Config.from_parameters(recording.parameters)
     notes: list[str] = []
     if options.align is None and recording.frame_id == config.base_frame:
@@ -74,9 +94,8 @@ def read_options(
             f'midlines are in {recording.frame_id!r}, base_frame is {config.base_frame!r}: the '
             'alignment is fitted'
         )
-    ramp = options.ramp
-    width = None if ramp is True else ramp
-    pairing = Pairing(steady, tolerance, offset, options.base_end, ramp is not None, width)
+    width = None if options.ramp is True else options.ramp
+    pairing = Pairing(steady, tolerance, offset, options.base_end, kind, width)
     with Bar('clock offsets') as bar:
         observations = observe(recording, pairing, alignment, bar.on_terminal)
     models = _models(options.model or default_models, config)

@@ -19,6 +19,7 @@ from octo_arm_model.cli.options.shared import (
     add_tendons,
     add_values,
     read_config_option,
+    refuse_without_effect,
 )
 from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten, writing
 from octo_arm_model.cli.output.progress import Bar
@@ -93,6 +94,8 @@ def run(options: argparse.Namespace) -> None:
     check_out(options, '--csv', folder=True)
     with unwritten(options.out), Bar('messages') as bar, BagReader(options.bag) as reader:
         arms = find_arms(reader, options.topics, parameters, options.model, options.tendons)
+        if all(arm.displacements.issuperset(arm.topics) for arm in arms):
+            refuse_without_effect(options, ('--tendons',), 'on displacements, which have names')
         custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
         topics = [topic for arm in arms for topic in arm.topics]
         with contextlib.ExitStack() as open_files:

@@ -182,6 +182,18 @@ def test_the_help_names_every_parameter_and_topic(capsys: pytest.CaptureFixture[
         (['--no-copy'], '--no-copy has no effect without --out'),
         (['--storage', 'sqlite3'], '--storage has no effect without --out'),
         (['--rate', '0'], '--rate has no effect without --out'),
+        (['--marker-s', '0.1'], '--marker-s has no effect without measured/markers; there are te'),
+        (['--base-moment-stddev', '1'], '--base-moment-stddev has no effect without measured/ba'),
+        (['--displacement-stddev', '1e-3'], 'has no effect without tendon_displacements'),
+        (['--tensions', '-', '--tension-stddev', '1'], '--tension-stddev has no effect without t'),
+        (['--tensions', '-', '--tendons', *'abcd'], '--tendons has no effect without tensions; t'),
+        (['--tip-pose', '-', '--tip-rotation-stddev', '1'], 'has no effect without measured/tip'),
+        (['--contact', 'none', '--force-stddev', '1'], 'no effect with --contact none'),
+        (['--current-stddev', '1'], '--current-stddev has no effect with --contact tip'),
+        (['--contact', 'at', '0.1', '--moment-stddev', '1'], 'no effect with --contact at'),
+        (['--contact', 'at', '0.1', '--change-time', '1'], 'no effect with --contact at'),
+        (['--tension-bias-rate', '1'], 'no effect without --tension-bias-stddev'),
+        (['--tensions', '-', '--clock-offset', '1'], '--clock-offset has no effect without --mid'),
     ],
 )  # fmt: skip
 def test_wrong_options_are_one_line(

@@ -6,6 +6,7 @@ import argparse
 
 from octo_arm_model.cli.options.shared import (
     add_config_option,
+    add_flag,
     add_number,
     add_path,
     add_tendons,
@@ -26,16 +27,18 @@ recordings of laboratories, for compare and identify alike:
   octo-arm compare trial --marker-s 0.09 0.27 --marker-frames middle tip
   octo-arm compare trial --displacements /winches/encoders
   octo-arm compare trial --ramp
+  octo-arm compare --config arm.yaml --tension-csv poses.csv --midline-csv tips.csv --poses
   octo-arm compare --config arm.yaml --tension-csv loads.csv --midline-csv track.csv \\
       --columns time=Zeit tendon_1_1="LC 1" tendon_1_2=0 tendon_1_3=0 tendon_1_4=0
 
 how a recording is read:
   Tensions are steady while none of them leaves a band of twice --steady, for at least --hold; the
-  first --settle seconds do not count. The frames of the camera in a steady step become its mean
-  midline, without those more than three times as far from the median as the median frame. The
-  base is the end of the midlines that moves least, or --base-end. The offset of the camera's clock
-  is found from the motion, or --clock-offset. What the model published itself (backbone/path,
-  tip_pose) is no measurement unless named by --midlines. All these decisions are printed.
+  first --settle seconds do not count. With --poses each row is a step, with the frames within
+  --tolerance of its stamp. The frames of the camera in a step become its mean midline, without
+  those more than three times as far from the median as the median frame. The base is the end of
+  the midlines that moves least, or --base-end. The offset of the camera's clock is found from the
+  motion, or --clock-offset. What the model published itself (backbone/path, tip_pose) is no
+  measurement unless named by --midlines. All these decisions are printed.
 
 exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input is wrong
 """
@@ -121,11 +124,13 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
     )
     text = (
         'half the band that steady tensions stay in [N], or lengths [m] where there are no '
-        'tensions (default: the larger of 2 percent of the highest and four times the noise)'
+        'tensions (default: the larger of 2 percent of the highest and four times the noise, as '
+        'far as that is below 5 percent of it)'
     )
     add_value(pairing, '--steady', 'N', text, float)
     add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
-    pairing.add_argument(
+    kind = pairing.add_mutually_exclusive_group()
+    kind.add_argument(
         '--ramp',
         nargs='?',
         type=float,
@@ -135,5 +140,7 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         'time: windows of so many N (default: 5 percent of the highest tension, or eight times '
         'the noise)',
     )
+    text = 'each row of tensions is a static pose, as in a table of poses'
+    add_flag(kind, '--poses', text)
     settle = 'time from its beginning until the arm is at rest [s]'
     add_number(pairing, '--settle', 0.5, settle, 'S')

@@ -127,7 +127,8 @@ def read_recorded(
     recorded = tension_statistics(time, tensions.rows) if len(time) else None
     settings = EstimatorSettings.from_parameters(own, config, recorded)
     models = settings.models(config)
-    arm = MeasuredArm(config, settings.noise, _pose_of(sources.alignment))
+    turned: set[str] = set()
+    arm = MeasuredArm(config, settings.noise, _pose_of(sources.alignment, turned))
     groups = read_measured(reader, sensors, tensions, arm, refusals, count.add)
     if not groups:
         where = ', '.join(sensors.all)
@@ -140,6 +141,8 @@ def read_recorded(
             camera = _camera(reader, topic, config, sensors, tensions, sources, refusals, notes)
         except MeasurementError as error:
             notes.append(f'{topic} is not compared with: {error}')
+    if sources.alignment is not None and not turned and camera is None:
+        raise BagError('--align has no effect: all that is measured is in base_frame')
     return Recorded(
         given, config, sensors, settings, models, groups, origin, camera,
         topic if camera is not None else None, refusals, notes,
@@ -151,6 +154,7 @@ def tension_statistics(time: FloatArray, tensions: FloatArray) -> TensionStatist
 
     The rate is that of which the largest change from one reading to the next is three standard
     deviations; each reading is the median of three, so that one wrong reading is no change.
+    Readings of nearly the same stamp count as the usual time apart.
     """
     if len(time) < 3:
         return TensionStatistics(0.0, 0.0)
@@ -159,17 +163,24 @@ def tension_statistics(time: FloatArray, tensions: FloatArray) -> TensionStatist
     middle = without_spikes(tensions)[1:-1]
     elapsed = np.diff(time[1:-1])
     is_later = elapsed > 0.0
-    change = np.abs(np.diff(middle, axis=0))[is_later] / np.sqrt(elapsed[is_later, np.newaxis])
-    rate = float(change.max()) / _TIMES if change.size else 0.0
+    usual = float(np.median(elapsed[is_later])) if is_later.any() else 0.0
+    apart = np.maximum(elapsed[is_later], usual)
+    change = np.abs(np.diff(middle, axis=0))[is_later] / np.sqrt(apart[:, np.newaxis])
+    rate = float(change.max(initial=0.0)) / _TIMES
     return TensionStatistics(reading_noise(tensions), rate)
 
 
-def _pose_of(alignment: Alignment | None) -> PoseOf | None:
-    """Pose of every frame that is not base_frame."""
+def _pose_of(alignment: Alignment | None, turned: set[str]) -> PoseOf | None:
+    """Pose of every frame that is not base_frame, which ``turned`` then has."""
     if alignment is None:
         return None
     pose = Pose(tuple(alignment.shift.tolist()), tuple(alignment.quaternion.tolist()))
-    return lambda frame, stamp_ns: pose
+
+    def pose_of(frame: str, stamp_ns: int) -> Pose:
+        turned.add(frame)
+        return pose
+
+    return pose_of
 
 
 def _camera_topic(reader: BagReader, wanted: str | None) -> str | None:

@@ -32,6 +32,7 @@ _CLEAR = 0.5
 _PLAY = 0.1
 _STIFFER = 0.7  # part of the tensions, under which the arm is as under all if it were stiffer
 _KEPT = 0.9  # fraction of the frames: the worst may be outliers
+_FRAMES = 30  # at least: three for each of the ten numbers that fit a coordinate of the tips
 
 
 def clock_offset(
@@ -53,8 +54,11 @@ def clock_offset(
     of all.
 
     Returns:
-        The offset; None where no minimum is clear, as for an arm at rest.
+        The offset; None where no minimum is clear, as for an arm at rest, or frames are so few
+        that the function passes near them at any offset.
     """
+    if len(tips) < _FRAMES:
+        return None
     some = np.linspace(0, len(tensions) - 1, min(len(tensions), _SAMPLES)).astype(int)
     plain = dataclasses.replace(arm, friction=(), sheath_stiffness=())
     stations = max(_STATIONS, len(arm.sections) + 2)

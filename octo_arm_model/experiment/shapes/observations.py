@@ -26,11 +26,17 @@ from octo_arm_model.experiment.shapes.midlines import is_tip_first
 from octo_arm_model.experiment.shapes.steady_windows import (
     SteadyRule,
     Window,
+    pose_windows,
     ramp_windows,
     steady_windows,
 )
 
 _FEW_STEADY = 0.2  # of the time: steps of a staircase take more
+STEPS, RAMP, POSES = 'steady steps', 'windows of a ramp', 'poses'
+_ELSE = (
+    'where it changes slowly instead of in steps, say --ramp; where each row is a static pose, '
+    'as in a table of poses, say --poses'
+)
 
 
 @dataclass(frozen=True)
@@ -43,7 +49,8 @@ class Pairing:
             and lies at least that far inside its window [s].
         offset: added to the stamps of frames [s]; None to find it from the motion.
         base_end: 'first' or 'last' point of the midlines; None for the one that moves less.
-        is_ramp: whether tensions change slowly, instead of in steps, see `ramp_windows`.
+        kind: what is recorded: `STEPS`, a `RAMP` of tensions that change slowly, see
+            `ramp_windows`, or a table of `POSES`, see `pose_windows`.
         ramp_width: of the windows of a ramp [N]; None for the default.
     """
 
@@ -51,7 +58,7 @@ class Pairing:
     tolerance: float = 0.1
     offset: float | None = None
     base_end: str | None = None
-    is_ramp: bool = False
+    kind: str = STEPS
     ramp_width: float | None = None
 
 
@@ -86,32 +93,33 @@ def observe(
     """
     notes = list(recording.notes)
     config = Config.from_parameters(recording.parameters)
-    frames = base_first(recording, pairing, config, known, notes)
-    offset = camera_offset(recording, pairing, config, frames, notes, progress)
     time, sampled = recording.held
     what, unit = ('length', 'm') if recording.is_driven else ('tension', 'N')
-    if pairing.is_ramp:
+    rule, is_stepped = pairing.steady, pairing.kind == STEPS
+    if pairing.kind == POSES:
+        windows = pose_windows(time, sampled, pairing.tolerance)
+    elif pairing.kind == RAMP:
         windows = ramp_windows(time, sampled, pairing.ramp_width)
     else:
-        windows = steady_windows(time, sampled, pairing.steady)
+        windows = steady_windows(time, sampled, rule)
     if not windows:
-        rule = pairing.steady
         raise SolveError(
             f'nothing to compare: no {what} stays within {rule.tolerance_for(sampled):.3g} {unit} '
-            f'for {rule.duration:g} s, and beyond the first {rule.settle:g} s; '
-            'where it changes slowly instead of in steps, say --ramp'
+            f'for {rule.duration:g} s, and beyond the first {rule.settle:g} s; {_ELSE}'
         )
+    frames = base_first(recording, pairing, config, known, notes)
+    offset = camera_offset(recording, pairing, config, frames, notes, progress)
     span = float(np.ptp(time))
     share = sum(window.stop - window.start for window in windows) / max(span, 1e-9)
     seen = recording.frame_time + offset
     usable = _distance(seen, time) <= pairing.tolerance
-    steady = f'{len(windows)} {"windows of a ramp" if pairing.is_ramp else "steady steps"}'
+    steady = f'{len(windows)} {pairing.kind}'
     paired: list[tuple[Window, list[FloatArray]]] = []
-    margin = 0.0 if pairing.is_ramp else pairing.tolerance
+    margin = pairing.tolerance if is_stepped else 0.0
     for window in windows:
         inside = usable & (seen >= window.start + margin) & (seen <= window.stop - margin)
         if inside.any():
-            at = seen[inside] if pairing.is_ramp else None
+            at = seen[inside] if pairing.kind == RAMP else None
             window = _read_in(window, at, recording)
             paired.append((window, list(itertools.compress(frames, inside))))
     if recording.is_driven:
@@ -135,13 +143,11 @@ def observe(
             f'nothing to compare: none of {len(frames)} frames from {seen[0]:.3f} to '
             f'{seen[-1]:.3f} s lies in one of {steady} from {windows[0].start:.3f} to '
             f'{windows[-1].stop:.3f} s with {what}s within {pairing.tolerance:g} s'
+            + (f'; {_ELSE}' if is_stepped else '')
         )
     notes.append(f'{steady}, {len(shapes)} of them with frames: {used} of {len(frames)} used')
-    if share < _FEW_STEADY and not pairing.is_ramp:
-        notes.append(
-            f'{what}s are steady in {100.0 * share:.0f} % of the time: where they change slowly '
-            'instead of in steps, say --ramp'
-        )
+    if share < _FEW_STEADY and is_stepped:
+        notes.append(f'{what}s are steady in {100.0 * share:.0f} % of the time: {_ELSE}')
     notes += recording.refusals.lines()
     notes += _unseen(recording)
     return Observations(tuple(shapes), offset, tuple(notes))
@@ -176,6 +182,9 @@ def camera_offset(
     """Offset of the camera's clock, given or estimated."""
     if pairing.offset is not None:
         return pairing.offset
+    if pairing.kind == POSES:
+        notes.append('clock offset taken as 0 s: the stamps say which frames show which pose')
+        return 0.0
     if recording.is_driven:
         notes.append('clock offset taken as 0 s: without load cells it is not looked for')
         return 0.0

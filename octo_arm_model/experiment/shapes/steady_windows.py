@@ -20,12 +20,13 @@ _TIMES_NOISE = 4.0
 # Of normal noise the standard deviation is so many times the median of the absolute values.
 MAD = 1.4826
 # Of noise: least parts of readings that are another than before and of these changes that turn
-# back, and the largest part of the range that they are.
-_MOVED, _TURNED, _LITTLE = 0.05, 0.5, 0.25
+# back, and its largest part of the highest reading.
+_MOVED, _TURNED, _LARGEST = 0.05, 0.5, 0.05
 _ROUNDING = 1e-12  # of the largest reading
 _FIRST_BLOCK = 64
 _RAMP_PART = 0.05  # of the highest tension
-MOST_WINDOWS = 1000  # of a ramp
+MOST_WINDOWS = 1000  # of a ramp, and poses of a table
+_APART = 0.49  # of the time between two poses: how far their windows reach
 
 
 @dataclass(frozen=True)
@@ -70,34 +71,30 @@ class SteadyRule:
 def reading_noise(tensions: FloatArray) -> float:
     """Standard deviation of a reading of ``tensions`` (n, tendons), the largest of them [N].
 
-    From the differences of neighbouring readings, each of which has the noise of both. Readings
-    that equal the one before tell nothing where they are those of a slack tendon, which stay at
-    zero, or repeated until the next one of the cell. They are left out where the others change as
-    noise does, often, to and fro and by little: one of twenty readings at least is another than
-    before, half of these changes are followed by one of the other sign (of white noise two of
-    three are), and they are usually at most a quarter of all that the tension changes by.
-    Otherwise what changes is the tension itself, by steps or ramps, and equal readings count as
-    the differences of zero that they are. Of a load cell that reads in steps it is of the size of
-    a step where readings change as often as that, and 0 where nothing changes.
+    From the differences of neighbouring readings, each of which has the noise of both. Noise
+    changes readings often and to and fro: one of twenty readings at least is another than the one
+    before, and half of these changes are followed by one of the other sign (of white noise two of
+    three are). Equal readings tell nothing: they are those of a slack tendon, which stay at zero,
+    or repeated until the next one of the cell. Noise is little: at most a twentieth of the
+    highest reading of all tendons. What changes otherwise is the tension itself, and the noise is
+    0. Of a load cell that reads in steps it is of the size of a step where readings change as
+    often as that.
     """
-    columns = (column[np.isfinite(column)] for column in tensions.T)
-    return float(MAD * max(map(_usual_change, columns), default=0.0) / np.sqrt(2.0))
+    columns = [column[np.isfinite(column)] for column in tensions.T]
+    most = _LARGEST * max((float(np.abs(one).max(initial=0.0)) for one in columns), default=0.0)
+    found = (MAD / np.sqrt(2.0) * _usual_change(column) for column in columns)
+    return max((noise for noise in found if noise <= most), default=0.0)
 
 
 def _usual_change(readings: FloatArray) -> float:
-    """Median change from one of ``readings`` (n,) to the next, see `reading_noise` [N]."""
-    if readings.size < 2:
-        return 0.0
+    """Median change from one of ``readings`` (n,) to the next, 0 of no noise [N]."""
     steps = np.diff(readings)
-    changes = np.abs(steps)
     # Up to the rounding of whoever calculated or scaled them they are equal.
-    is_other = changes > _ROUNDING * np.abs(readings).max()
-    usual = float(np.median(np.where(is_other, changes, 0.0)))
+    is_other = np.abs(steps) > _ROUNDING * np.abs(readings).max(initial=0.0)
     turned = np.diff(np.signbit(steps[is_other]))
     if not turned.size or is_other.mean() < _MOVED or turned.mean() < _TURNED:
-        return usual
-    of_others = float(np.median(changes[is_other]))
-    return of_others if of_others <= _LITTLE * np.ptp(readings) else usual
+        return 0.0
+    return float(np.median(np.abs(steps[is_other])))
 
 
 def held_readings(rows: FloatArray) -> FloatArray:
@@ -137,11 +134,18 @@ class Window:
 
 
 def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> list[Window]:
-    """Steady windows of ``tensions`` (n, tendons) [N] at ascending ``time`` (n,) [s]."""
+    """Steady windows of ``tensions`` (n, tendons) [N] at ascending ``time`` (n,) [s].
+
+    There are none where the usual change from one row to the next is more than a window may have:
+    two rows that agree then do so by chance, and nothing was held.
+    """
     if not len(time):
         return []
     band = 2.0 * rule.tolerance_for(tensions)
     tensions = held_readings(tensions)
+    changes = np.abs(np.diff(tensions, axis=0)).max(axis=1, initial=0.0)
+    if changes.size and np.median(changes) > band:
+        return []
     gap = _longest_gap(time, rule.duration)
     ranges: list[tuple[int, int]] = []
     first = 0
@@ -188,6 +192,29 @@ def ramp_windows(time: FloatArray, tensions: FloatArray, width: float | None) ->
         windows.append(Window(*ends, part.mean(axis=0), np.zeros(tensions.shape[1])))
         first = stop
     return windows
+
+
+def pose_windows(time: FloatArray, tensions: FloatArray, tolerance: float) -> list[Window]:
+    """Windows of a table of static poses, whose ``tensions`` (n, tendons) [N] are one a row.
+
+    Each reaches ``tolerance`` [s] to both sides of its stamp, or nearly halfway to the next pose.
+
+    Raises:
+        MeasurementError: if there are too many poses, or two of the same time.
+    """
+    if len(time) > MOST_WINDOWS:
+        raise MeasurementError(f'{len(time)} poses, expected at most {MOST_WINDOWS}')
+    gaps = np.diff(time)
+    if not gaps.all():
+        same = float(time[int(gaps.argmin())])
+        raise MeasurementError(
+            f'two rows of tensions at {same:g} s, expected another time for each pose'
+        )
+    reach = min(tolerance, _APART * float(gaps.min(initial=np.inf)))
+    return [
+        Window(float(at) - reach, float(at) + reach, row, np.zeros(row.size))
+        for at, row in zip(time, held_readings(tensions))
+    ]
 
 
 def _window(

@@ -29,7 +29,7 @@ from octo_arm_model.experiment.recording.csv_recording import CsvSources
 from octo_arm_model.experiment.recording.read_recording import read_recording
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.shapes.alignment import Alignment
-from octo_arm_model.experiment.shapes.observations import Pairing, observe
+from octo_arm_model.experiment.shapes.observations import RAMP, Pairing, observe
 
 STRETCHING = {'tendons.axial_stiffness': [500.0], 'model': 'exact'}
 ARM = Config.from_parameters({**PARAMETERS, **STRETCHING}).arm
@@ -144,7 +144,7 @@ def test_encoders_may_publish_in_messages_of_their_own(tmp_path: Path, seen: lis
     bag = bag_of(tmp_path / 'bag', [description(**STRETCHING), *seen, *encoders])
     recording = read_recording(bag)
     check_driven(recording)
-    ramp = observe(recording, Pairing(offset=0.0, is_ramp=True), Alignment.none()).shapes
+    ramp = observe(recording, Pairing(offset=0.0, kind=RAMP), Alignment.none()).shapes
     assert max(shape.tension for shape in ramp) == pytest.approx(max(HELD[:4]), abs=2e-3)
     assert all(np.isfinite(shape.window.displacements).all() for shape in ramp)
 

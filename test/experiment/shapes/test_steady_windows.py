@@ -12,6 +12,7 @@ from octo_arm_model.core.errors import ArmDefinitionError, MeasurementError
 from octo_arm_model.experiment.shapes.steady_windows import (
     SteadyRule,
     Window,
+    pose_windows,
     ramp_windows,
     reading_noise,
     steady_windows,
@@ -151,3 +152,75 @@ def test_steps_and_ramps_without_noise_have_none(hold: float, ramp: float) -> No
 def test_where_nothing_changes_there_is_no_noise(rows: int) -> None:
     assert reading_noise(np.full((rows, 2), 0.7)) == 0.0
     assert reading_noise(np.full((rows, 2), np.nan)) == 0.0
+
+
+RNG = np.random.default_rng(5)
+# What is pulled, and not held: (seconds from row to row, rows of one or two tendons) [N].
+NOT_HELD = {
+    'poses': (2.3, RNG.uniform(0.0, 2.0, (40, 2))),
+    'poses of one tendon': (2.3, RNG.uniform(0.0, 2.0, (40, 1))),
+    'poses around one': (1.0, np.abs(RNG.normal(1.0, 0.3, (300, 2)))),
+    'poses that rise': (3.0, np.sort(RNG.uniform(0.0, 2.0, (12, 1)), axis=0)),
+    'poses on a grid': (2.0, RNG.integers(0, 5, (60, 4)) * 0.5),
+    'held for 0.1 s': (0.01, np.repeat(RNG.uniform(0.0, 2.0, (200, 2)), 10, axis=0)),
+    'held for one row': (0.1, RNG.uniform(0.0, 2.0, (400, 2))),
+    'a fast sine': (0.1, 1.0 + np.sin(4.0 * np.pi * 0.1 * np.arange(300))[:, np.newaxis]),
+    'faster': (0.1, 1.0 + np.sin(6.4 * np.pi * 0.1 * np.arange(300))[:, np.newaxis]),
+    'a chirp': (0.05, 1.0 + np.sin(0.02 * np.arange(50, 400) ** 2)[:, np.newaxis]),
+    'to and fro': (1.0, np.tile([[0.0], [2.0]], (30, 1))),
+}
+
+
+@pytest.mark.parametrize('name', NOT_HELD)
+def test_what_is_not_held_is_neither_noise_nor_steady(name: str) -> None:
+    step, tensions = NOT_HELD[name]
+    assert reading_noise(tensions) == 0.0
+    assert SteadyRule().tolerance_for(tensions) <= 0.02 * tensions.max()
+    assert steady_windows(step * np.arange(len(tensions)), tensions, SteadyRule()) == []
+
+
+@pytest.mark.parametrize('name', NOT_HELD)
+def test_a_ramp_of_what_is_not_held_has_no_wider_windows(name: str) -> None:
+    step, tensions = NOT_HELD[name]
+    for window in ramp_windows(step * np.arange(len(tensions)), tensions, None):
+        inside = tensions[round(window.start / step) : round(window.stop / step) + 1]
+        assert np.ptp(inside, axis=0).max() <= 0.05 * tensions.max()
+
+
+@pytest.mark.parametrize('noise', [0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
+def test_the_tolerance_is_bounded_by_the_highest_reading(noise: float) -> None:
+    time, pulled = staircase(HELD, hold=3.0, ramp=1.0)
+    read = (pulled + noise * NOISE[: pulled.size])[:, np.newaxis]
+    assert SteadyRule().tolerance_for(read) <= 0.2 * np.abs(read).max()
+    found = steady_windows(time, read, SteadyRule())
+    # Above some five percent it is not told from the tension, and nothing is steady.
+    if noise <= 0.03:
+        assert len(found) == len(HELD)
+    elif noise >= 0.3:
+        assert not found
+
+
+def test_start_and_end_of_each_step_are_enough() -> None:
+    time = np.array([0.0, 3.0, 4.0, 7.0, 8.0, 11.0])
+    tensions = np.repeat([[0.5], [1.5], [1.0]], 2, axis=0)
+    found = steady_windows(time, tensions, SteadyRule(settle=0.0))
+    assert [window.tensions.item() for window in found] == [0.5, 1.5, 1.0]
+
+
+def test_each_row_of_a_table_is_a_pose() -> None:
+    step, tensions = NOT_HELD['poses']
+    time = step * np.arange(len(tensions))
+    found = pose_windows(time, tensions, 0.1)
+    assert np.array([window.tensions for window in found]).tolist() == tensions.tolist()
+    for window, at in zip(found, time):
+        assert (window.start, window.stop) == pytest.approx((at - 0.1, at + 0.1))
+    # What is nearer together than that is not shared.
+    near = pose_windows(0.01 * time, tensions, 0.1)
+    assert all(one.stop < other.start for one, other in itertools.pairwise(near))
+    assert len(pose_windows(time[:1], tensions[:1], 0.1)) == 1
+    with pytest.raises(
+        MeasurementError, match=r'two rows of tensions at 2\.3 s, expected another'
+    ):
+        pose_windows(time[[0, 1, 1]], tensions[:3], 0.1)
+    with pytest.raises(MeasurementError, match='1001 poses, expected at most 1000'):
+        pose_windows(np.arange(1001.0), np.ones((1001, 1)), 0.1)
