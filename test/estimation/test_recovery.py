@@ -16,7 +16,6 @@ from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
 from octo_arm_model.estimation.tracker import Tracked, Tracker
 
-pytestmark = pytest.mark.slow
 SECOND = 10**9
 PERIOD = SECOND // 10  # of every sensor
 ORIGIN = 1_700_000_000 * SECOND
@@ -95,6 +94,7 @@ def test_an_arm_that_moves_faster_than_told_is_found_again() -> None:
     assert own.restarts == 1
 
 
+@pytest.mark.endurance
 def test_a_new_beginning_that_takes_too_much_is_put_off(monkeypatch: pytest.MonkeyPatch) -> None:
     own = tracker()
     steps(own, range(4), [cells, markers, tip])
@@ -126,27 +126,29 @@ def test_it_is_lost_for_ever_where_it_may_not_begin_anew() -> None:
     model = rubber(Unknowns(STEADY, tip_force=LIKELY))
     own = Tracker({'tip': model})
     steps(own, range(4), [cells, markers])
-    found = steps(own, range(4, 20), [cells, markers], is_moved=True)
+    found = steps(own, range(4, 11), [cells, markers], is_moved=True)
     assert own.restarts == 0
     assert not all(part.is_accepted for part in found[-2].innovations)
     with pytest.raises(MeasurementError, match=r'recover_after is -1\.0, expected'):
         Tracker({'tip': model}, recover_after=-1.0)
 
 
-def test_a_sensor_that_lies_alone_stays_thrown_out() -> None:
+@pytest.mark.parametrize('count', [6, pytest.param(18, marks=pytest.mark.endurance)])
+def test_a_sensor_that_lies_alone_stays_thrown_out(count: int) -> None:
     own = tracker()
     steps(own, range(4), [cells, markers, tip])
-    # Long enough to begin anew three times.
-    found = steps(own, range(4, 22), [cells, markers, lying_tip])
+    # Long enough to begin anew, once or three times.
+    found = steps(own, range(4, 4 + count), [cells, markers, lying_tip])
     assert own.restarts == 0
-    assert own.consistency['tip position'].refused == 18
+    assert own.consistency['tip position'].refused == count
     assert own.consistency['markers'].refused == own.consistency['tensions'].refused == 0
     assert_is(found[-1], CALM)
     # It tells the truth again, and is welcome.
-    assert_is(steps(own, [22], [cells, markers, tip])[-1], CALM)
-    assert own.consistency['tip position'].refused == 18
+    assert_is(steps(own, [4 + count], [cells, markers, tip])[-1], CALM)
+    assert own.consistency['tip position'].refused == count
 
 
+@pytest.mark.endurance
 def test_the_arm_is_found_again_beside_a_sensor_that_lies() -> None:
     own = tracker()
     steps(own, range(4), [cells, markers, tip])
@@ -169,6 +171,7 @@ def test_one_sensor_alone_is_believed_where_it_agrees_with_itself() -> None:
     assert own.restarts == 1
 
 
+@pytest.mark.endurance
 def test_late_measurements_count_after_a_new_beginning() -> None:
     in_time, late = tracker(window=0.3), tracker(window=0.3)
     for own in (in_time, late):
@@ -191,6 +194,7 @@ def test_late_measurements_count_after_a_new_beginning() -> None:
     assert late.late == 1 and late.restarts == 1
 
 
+@pytest.mark.endurance
 def test_it_begins_anew_where_the_place_of_a_force_is_unknown() -> None:
     def at(s: float) -> ArmModel:
         return rubber(Unknowns(STEADY, point_forces=(PointForce(s, LIKELY),)))

@@ -138,7 +138,6 @@ def quick() -> Tracker:
     return Tracker({'tip': rubber(Unknowns(Walk(5.0, 5.0), tip_force=LIKELY))})
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('order', [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
 def test_what_is_measured_at_one_time_is_judged_together_whichever_comes_first(
     order: tuple[int, ...],
@@ -167,7 +166,6 @@ def test_what_is_measured_at_one_time_is_judged_together_whichever_comes_first(
         assert {sum(count) for count in counts.values()} == {5} and len(counts) == 3
 
 
-@pytest.mark.slow
 def test_a_load_cell_that_lied_is_doubted_until_it_agrees() -> None:
     """By itself it is refused as long as it is off, however fast tensions may change."""
     own = quick()
@@ -229,7 +227,7 @@ def test_it_pauses_before_every_solve_and_finds_the_same(monkeypatch: pytest.Mon
         given = [Tensions(TENSIONS, 0.01), TipPosition(tip(), 1e-3)]
         found = paused.add(ORIGIN + step * SECOND, given, pause)
         expected = plain.add(ORIGIN + step * SECOND, given)
-        np.testing.assert_array_equal(found.estimate.mean, expected.estimate.mean)
+        np.testing.assert_allclose(found.estimate.mean, expected.estimate.mean, rtol=1e-9)
     assert seen[0] > 2
 
 
@@ -251,7 +249,7 @@ def test_what_is_ended_in_a_pause_leaves_all_as_it_was() -> None:
         one.add(ORIGIN + SECOND, [TipPosition(tip() + 0.02, 1e-3)], pause)
     given = [TipPosition(tip(), 1e-3)]
     found, expected = (tracker.add(ORIGIN + SECOND, given) for tracker in (one, other))
-    np.testing.assert_array_equal(found.estimate.mean, expected.estimate.mean)
+    np.testing.assert_allclose(found.estimate.mean, expected.estimate.mean, rtol=1e-9)
 
 
 def test_of_nothing_accepted_the_mean_is_not_a_number() -> None:

@@ -68,7 +68,7 @@ def test_two_whiles_are_one(first: float, second: float, time: float, rate: floa
     walk = Walk(1.0, rate, time)
     both = walk.variance(first + second)
     parts = walk.variance(first) * walk.decay(second) ** 2 + walk.variance(second)
-    assert both == pytest.approx(parts, rel=1e-9, abs=1e-15)
+    assert both == pytest.approx(parts, rel=1e-9, abs=1e-12)
     assert walk.decay(first + second) == pytest.approx(walk.decay(first) * walk.decay(second))
 
 

@@ -221,18 +221,22 @@ def test_tendons_that_hold_still_draw_no_force_from_nowhere() -> None:
     assert square(found, Prediction(model, x, None), model.state.tip_force) < chi2.ppf(0.999, 3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('is_lost', [False, True])
-def test_a_force_is_as_sure_as_it_should_be_while_tendons_hold_still(is_lost: bool) -> None:
+@pytest.mark.parametrize(
+    ('runs', 'steps', 'sets'), [(1, 150, 1), pytest.param(6, 250, 12, marks=pytest.mark.endurance)]
+)
+def test_a_force_is_as_sure_as_it_should_be_while_tendons_hold_still(
+    is_lost: bool, runs: int, steps: int, sets: int
+) -> None:
     """Load cells, a marker and the tip; or these alone, while tensions may be anything."""
     unknowns = Unknowns(Walk(5.0, 1.0), tip_force=Walk.stationary(0.01, 10.0))
-    model, squares, runs = rubber(unknowns), [], 6
+    model, squares = rubber(unknowns), []
     state, force = model.state, model.state.tip_force
     for seed in range(runs):
         rng, own = np.random.default_rng(seed), Filter(model)
         x = np.concatenate([np.ones(4), 0.01 * rng.normal(size=3)])
         at = None
-        for step in range(250):
+        for step in range(steps):
             noise = state.growth(0.01) * rng.normal(size=state.size)
             x[force] = (state.decay(0.01) * x + noise)[force]
             at = Prediction(model, x.copy(), None if at is None else at.solved)
@@ -240,19 +244,19 @@ def test_a_force_is_as_sure_as_it_should_be_while_tendons_hold_still(is_lost: bo
             if is_lost:
                 place = at.solved.position[15] + 5e-4 * rng.normal(size=3)
                 measured.append(Markers(at.solved.s[[15]], [place], 5e-4))
-            if not is_lost or step < 100:
+            if not is_lost or step < 0.4 * steps:
                 measured.append(Tensions(1.0 + 0.01 * rng.normal(size=4), 0.01))
             found = own.add(0.01 * step, measured)
             if step % 50 == 49:
                 squares.append(square(found, at, force))
     # Half a second is hardly a tenth of the correlation time, but the force is told anew in it.
-    assert np.mean(squares) < chi2.ppf(0.9999, 3 * 2 * runs) / (2 * runs)
+    assert np.mean(squares) < chi2.ppf(0.9999, 3 * sets) / sets
 
 
-@pytest.mark.slow
-def test_a_filter_that_remembers_is_as_sure_as_it_should_be() -> None:
+@pytest.mark.parametrize('runs', [2, pytest.param(10, marks=pytest.mark.endurance)])
+def test_a_filter_that_remembers_is_as_sure_as_it_should_be(runs: int) -> None:
     model = arm_model(remembers=True, stations=31)
-    force, runs = model.state.tip_force, 5
+    force = model.state.tip_force
     squares, errors = [], []
     for seed in range(runs):
         own = Filter(model)

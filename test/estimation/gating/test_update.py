@@ -74,8 +74,10 @@ KINDS: dict[str, Callable[[float], Measurement]] = {
 FIRST, *OTHERS = MODEL.arm.tendon_names
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('liar', KINDS)
+@pytest.mark.parametrize('liar', [
+    kind if kind == 'markers' else pytest.param(kind, marks=pytest.mark.endurance)
+    for kind in KINDS
+])  # fmt: skip
 def test_one_that_lies_is_refused_and_named(liar: str) -> None:
     own = Filter(MODEL)
     found = own.add(0.0, [make(30.0 * (name == liar)) for name, make in KINDS.items()])
@@ -124,7 +126,6 @@ def test_what_is_refused_may_be_more_exact_than_rounding() -> None:
     assert np.isfinite(found.covariance).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('number', range(4))
 def test_the_load_cell_that_lies_is_thrown_out_by_tip_and_markers(number: int) -> None:
     own, lie = Filter(MODEL), np.zeros(4)
