@@ -25,3 +25,14 @@ def jacobian(
         far = np.asarray(function(at + 2 * move)) - np.asarray(function(at - 2 * move))
         columns.append((8 * near - far) / (12 * h))
     return np.stack(columns, axis=-1)
+
+
+def along(
+    function: Callable[[np.ndarray], ArrayLike], at: ArrayLike, direction: ArrayLike
+) -> np.ndarray:
+    """Derivative of ``function`` along ``direction`` (n,), which is as long as a step.
+
+    `jacobian` times ``direction``, by four values of ``function`` however many components it has.
+    """
+    at, direction = np.asarray(at, dtype=float), np.asarray(direction, dtype=float)
+    return jacobian(lambda part: function(at + part * direction), [0.0], 1.0)[..., 0]

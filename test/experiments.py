@@ -42,7 +42,7 @@ def one_tendon(tension: float) -> np.ndarray:
     return np.array([tension, 0.0, 0.0, 0.0])
 
 
-PULLS = tuple(one_tendon(tension) for tension in STEPS)
+PULLS = tuple(one_tendon(tension) for tension in STEPS[::2])
 
 
 def circle(radius: float = 0.1, angle: float = 2.0, count: int = 41) -> np.ndarray:

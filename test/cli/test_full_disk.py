@@ -15,7 +15,6 @@ pytest.importorskip('matplotlib')
 from experiments import midline, one_tendon, path_sample, staircase_bag
 from recordings import Sample
 
-pytestmark = pytest.mark.slow
 QUICK = ['--clock-offset', '0']
 FITTED = ['identify', 'BAG', '--model', 'closed_form', *QUICK]
 ESTIMATED = ['estimate', 'BAG', '--contact', 'none', *QUICK]

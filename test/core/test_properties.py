@@ -5,7 +5,7 @@ from __future__ import annotations
 from unittest.mock import patch
 
 import numpy as np
-from hypothesis import given, reject
+from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from strategies import MODEL_NAMES, arms, loaded_arms
 
@@ -39,6 +39,7 @@ def assert_trustworthy(backbone: Backbone) -> None:
     assert (backbone.q > -1.0).all()
 
 
+@settings(max_examples=30)
 @given(LOADED, MODEL)
 def test_default_stations_put_the_tip_within_a_millionth_of_the_length(
     case: tuple[Arm, np.ndarray], model: str
@@ -50,6 +51,7 @@ def test_default_stations_put_the_tip_within_a_millionth_of_the_length(
     assert np.linalg.norm(backbone.tip - fine.tip) < 1e-6 * arm.length
 
 
+@settings(max_examples=30)
 @given(LOADED, MODEL)
 def test_few_stations_put_the_tip_where_many_do(case: tuple[Arm, np.ndarray], model: str) -> None:
     arm, tensions = case
@@ -88,7 +90,7 @@ def test_tendons_only_ever_compress(case: tuple[Arm, np.ndarray]) -> None:
     arm, tensions = case
     q = solve_or_reject(Solver(arm, 'closed_form'), tensions).q
     # k alpha <= alpha^2 / A1 <= T1 + T3 by Cauchy and Schwarz, and likewise for xi.
-    assert (q <= 1e-15).all()
+    assert (q <= 1e-12).all()
 
 
 @given(LOADED, MODEL)

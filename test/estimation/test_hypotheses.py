@@ -27,7 +27,9 @@ def models() -> dict[str, object]:
     return {'free': rubber(UNKNOWNS), **found}
 
 
-@pytest.mark.parametrize('place', [*PLACES, None])
+@pytest.mark.parametrize('place', [
+    0.13, None, *(pytest.param(place, marks=pytest.mark.endurance) for place in (0.07, 0.19))
+])  # fmt: skip
 def test_the_place_is_found(place: float | None) -> None:
     rng = np.random.default_rng(7)
     given = models()

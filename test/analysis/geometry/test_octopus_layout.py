@@ -16,5 +16,5 @@ def test_octopus_has_its_arms_evenly_around_its_body():
     np.testing.assert_allclose(gaps, gaps[0])
     for position, quaternion in poses:
         turn = matrix_of(quaternion)
-        np.testing.assert_allclose(turn[:, 0] * 0.05, position, atol=1e-15)
-        np.testing.assert_allclose(turn[:, 2], [0.0, 0.0, 1.0], atol=1e-15)
+        np.testing.assert_allclose(turn[:, 0] * 0.05, position, atol=1e-12)
+        np.testing.assert_allclose(turn[:, 2], [0.0, 0.0, 1.0], atol=1e-12)

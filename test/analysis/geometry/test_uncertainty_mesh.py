@@ -63,7 +63,7 @@ def test_the_cone_holds_as_much_of_the_directions_as_is_said() -> None:
     np.testing.assert_allclose(arrow.end, scale * FORCE, rtol=1e-12)
     along = FORCE / np.linalg.norm(FORCE)
     rim = arrow.cone[:CORNERS] - arrow.end
-    np.testing.assert_allclose(rim @ along, 0.0, atol=1e-15)
+    np.testing.assert_allclose(rim @ along, 0.0, atol=1e-12)
     samples = np.random.default_rng(2).multivariate_normal(np.zeros(3), scale**2 * given, COUNT)
     axes = np.linalg.svd(along[np.newaxis])[2][1:]
     # A point is within an ellipse if it is within the linear image that makes that a circle.

@@ -80,7 +80,6 @@ def test_tensions_and_displacements_are_each_others_inverse(
     np.testing.assert_allclose(wound.backbone.position, pulled.position, atol=1e-9)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('loads', LOADS)
 def test_they_are_along_a_history_too(loads: Loads) -> None:
     solver = Solver(HELICAL, 'exact', 11, loads=loads)
@@ -164,8 +163,9 @@ def test_tendons_that_hardly_stretch_are_nearly_those_that_do_not() -> None:
     assert off[1] < 0.02 * off[0] < 1e-5
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('loads', LOADS)
+@pytest.mark.parametrize(
+    'loads', [pytest.param(Loads(), marks=pytest.mark.endurance), LOADS[1].values[0]]
+)
 def test_derivatives_with_displacements_held_are_those_of_differences(loads: Loads) -> None:
     arm = dataclasses.replace(HELICAL, sheath_stiffness=(5e5,), free_length=(0.1,))
     solver = Solver(arm, 'exact', 11, loads=loads)
@@ -229,8 +229,10 @@ def test_where_a_tendon_sticks_derivatives_are_refused() -> None:
 # The lengths of these contradicted each other by less than tensions can tell, a tendon had to get
 # slack first, or the slipping part of many grew past points of the arm.
 REVERSALS = [
-    *(('by tension', seed) for seed in (27, 28, 42, 50)),
-    *(('by length', seed) for seed in (23, 68)),
+    ('by tension', 27),
+    ('by length', 23),
+    *(pytest.param('by tension', seed, marks=pytest.mark.endurance) for seed in (28, 42, 50)),
+    pytest.param('by length', 68, marks=pytest.mark.endurance),
 ]
 
 
@@ -259,9 +261,13 @@ def test_tendons_that_do_not_stretch_are_reversed_at_random(
     assert np.abs(agreeing).max() <= 1e-8 * arm.length
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('size', [1e-4, 1e-2])
-def test_tendons_that_do_not_stretch_follow_small_movements(table4: Config, size: float) -> None:
+@pytest.mark.parametrize(
+    ('size', 'count'),
+    [(1e-4, 2), *(pytest.param(size, 4, marks=pytest.mark.endurance) for size in (1e-4, 1e-2))],
+)
+def test_tendons_that_do_not_stretch_follow_small_movements(
+    table4: Config, size: float, count: int
+) -> None:
     """Some turn round at each, and slip no farther than the first points of the arm."""
     arm = dataclasses.replace(table4.arm, friction=(0.1,))
     solver = Solver(arm, 'closed_form', 41)
@@ -271,7 +277,7 @@ def test_tendons_that_do_not_stretch_follow_small_movements(table4: Config, size
         solver.solve(tensions),
         solve_displacements(solver, {}, by_name(solver, tensions)),
     )
-    for _ in range(4):
+    for _ in range(count):
         tensions = tensions * (1.0 + size * random.uniform(-1.0, 1.0, (3, 4)))
         pulled = solver.follow(tensions, pulled)
         lengths = displacements_of(solver, pulled)
@@ -279,4 +285,5 @@ def test_tendons_that_do_not_stretch_follow_small_movements(table4: Config, size
         off = wound.displacement - lengths
         assert (off >= -1e-6 * arm.length).all()
         assert np.abs(off[wound.backbone.tensions > 0.0]).max() <= 1e-6 * arm.length
-        np.testing.assert_array_equal(wound.displacement, displacements_of(solver, wound.backbone))
+        own = displacements_of(solver, wound.backbone)
+        np.testing.assert_allclose(wound.displacement, own, rtol=1e-12, atol=1e-15)

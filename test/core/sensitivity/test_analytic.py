@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from differences import jacobian
+from differences import along
 from helical_arm import CONE, HELICES
 from scipy.spatial.transform import Rotation
 
@@ -188,15 +188,19 @@ def assert_derivative(
         solver = function(x)
         return outcome(solver, solve(solver, x), solved.backbone)
 
-    # Per step, so that newtons and metres compare.
-    expected = jacobian(moved, at, steps) * steps
-    found = given(change) * steps
+    # All components at once, each by another part of its step.
+    random = np.random.default_rng(4)
+    direction = steps * random.uniform(0.4, 1.0, at.size) * random.choice([-1.0, 1.0], at.size)
+    expected = along(moved, at, direction)
+    columns = given(change)
+    found, sizes = columns @ direction, np.abs(columns) @ np.abs(direction)
     assert found.shape == expected.shape
     # Positions, angles, curvatures, strains and lengths, each by its largest.
     kinds = np.array([*2 * (*3 * (0,), *3 * (1,), *3 * (2,), 3), *(len(found) - 20) * (4,)])
     for kind in range(5):
         rows = kinds == kind
-        scale = np.abs(expected[rows]).max()
+        # Not of what is left where components cancel each other.
+        scale = sizes[rows].max()
         # Strains of derivatives are interpolated, see `RESOLVED`.
         np.testing.assert_allclose(found[rows], expected[rows], atol=2e-5 * scale, rtol=0)
 
@@ -385,7 +389,12 @@ def test_tendons_and_tip_answer_each_other_alike(name: str) -> None:
 # Uncertainty -----------------------------------------------------------------------------------
 
 
-def test_the_tips_covariance_is_that_of_many_samples_to_first_order() -> None:
+@pytest.mark.parametrize(
+    ('count', 'near'), [(60, 0.4), pytest.param(400, 0.2, marks=pytest.mark.endurance)]
+)
+def test_the_tips_covariance_is_that_of_many_samples_to_first_order(
+    count: int, near: float
+) -> None:
     case = CASES['loaded rubber']
     solver = case.solver()
     backbone = solver.solve(case.tensions)
@@ -395,7 +404,7 @@ def test_the_tips_covariance_is_that_of_many_samples_to_first_order() -> None:
     assert np.linalg.eigvalsh(covariance).min() > -1e-12 * np.trace(covariance)
     random = np.random.default_rng(0)
     samples = []
-    for _ in range(200):
+    for _ in range(count):
         moved = case.solver(
             deviation.youngs_modulus * random.normal(),
             deviation.poisson_ratio * random.normal(),
@@ -404,8 +413,8 @@ def test_the_tips_covariance_is_that_of_many_samples_to_first_order() -> None:
         tensions = case.tensions + deviation.tension * random.normal(size=(2, 4))
         samples.append(moved.solve(tensions, start=backbone).tip)
     spread = np.cov(np.array(samples).T)
-    # Of 200 samples a variance is known to 10 %.
-    np.testing.assert_allclose(spread, covariance[:3, :3], atol=0.25 * np.abs(spread).max())
+    # Of 60 samples a variance is known to 18 %, of 400 to 7 %.
+    np.testing.assert_allclose(spread, covariance[:3, :3], atol=near * np.abs(spread).max())
 
 
 @pytest.mark.parametrize('quantity', ['tension', 'youngs_modulus', 'poisson_ratio', 'offset'])

@@ -223,7 +223,7 @@ def test_tendons_that_hold_still_draw_no_force_from_nowhere() -> None:
 
 @pytest.mark.parametrize('is_lost', [False, True])
 @pytest.mark.parametrize(
-    ('runs', 'steps', 'sets'), [(1, 150, 1), pytest.param(6, 250, 12, marks=pytest.mark.endurance)]
+    ('runs', 'steps', 'sets'), [(1, 100, 1), pytest.param(6, 250, 12, marks=pytest.mark.endurance)]
 )
 def test_a_force_is_as_sure_as_it_should_be_while_tendons_hold_still(
     is_lost: bool, runs: int, steps: int, sets: int

@@ -74,10 +74,8 @@ KINDS: dict[str, Callable[[float], Measurement]] = {
 FIRST, *OTHERS = MODEL.arm.tendon_names
 
 
-@pytest.mark.parametrize('liar', [
-    kind if kind == 'markers' else pytest.param(kind, marks=pytest.mark.endurance)
-    for kind in KINDS
-])  # fmt: skip
+@pytest.mark.endurance
+@pytest.mark.parametrize('liar', KINDS)
 def test_one_that_lies_is_refused_and_named(liar: str) -> None:
     own = Filter(MODEL)
     found = own.add(0.0, [make(30.0 * (name == liar)) for name, make in KINDS.items()])

@@ -23,7 +23,6 @@ from octo_arm_model.experiment.estimating.estimates import (
     smoothed,
 )
 
-pytestmark = pytest.mark.slow
 SECOND = 10**9
 PERIOD = SECOND // 10
 CELL, PLACE = 0.01, 5e-4  # noise of a load cell [N], of a coordinate [m]
@@ -94,6 +93,7 @@ def test_after_updates_that_failed_the_smoother_begins_where_the_filter_did() ->
         assert [part.is_accepted for part in one.innovations] == [True, True]
 
 
+@pytest.mark.endurance
 def test_a_sensor_that_a_new_beginning_leaves_out_is_not_heard_by_the_smoother() -> None:
     """A tip that lies comes before the markers, and a force explains it."""
     rng, at = np.random.default_rng(5), [10, 20, 30]

@@ -22,7 +22,6 @@ from octo_arm_model.estimation.measurements import Tensions
 from octo_arm_model.experiment.estimating.recorded import Sources, read_recorded
 from octo_arm_model.experiment.estimating.run import Result, estimate
 
-pytestmark = pytest.mark.slow
 MARKED = {'estimator.marker_s': list(MARKERS)}
 TIP_ALONE = {'measured/markers': '-'}
 
@@ -146,7 +145,7 @@ def lost(is_smooth: bool, recover_after: float = 1.0) -> Result:
     return estimate(dataclasses.replace(recorded, groups=some), is_smooth)
 
 
-@pytest.mark.parametrize('is_smooth', [False, True])
+@pytest.mark.parametrize('is_smooth', [False, pytest.param(True, marks=pytest.mark.endurance)])
 def test_an_arm_that_was_lost_is_found_again_and_told(is_smooth: bool) -> None:
     found = lost(is_smooth)
     (time,) = found.restarts
@@ -156,6 +155,7 @@ def test_an_arm_that_was_lost_is_found_again_and_told(is_smooth: bool) -> None:
     assert after.any() and (found.camera.tip[0][after] < 3e-3).all()
 
 
+@pytest.mark.endurance
 def test_the_smoother_begins_anew_with_what_the_filter_does() -> None:
     """What was measured afterwards tells of the arm from there on, and of no time before."""
     filtered, smoothed = lost(is_smooth=False), lost(is_smooth=True)

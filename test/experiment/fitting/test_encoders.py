@@ -68,7 +68,7 @@ def without_cells(steps: Sequence[MeasuredShape], parameters: dict) -> list[Meas
 
 
 def test_modulus_and_stretch_are_found_together() -> None:
-    fitted = identify(winches(), WINCHES, 'exact', BOTH, Alignment.none())
+    fitted = identify(winches(pulls=HALF), WINCHES, 'exact', BOTH, Alignment.none())
     for name, true, near in (('youngs_modulus', TRUE, 3e-3), ('axial_stiffness', THREAD, 0.02)):
         found = fitted.estimates[name]
         assert found.value == pytest.approx(true, rel=near)
@@ -86,19 +86,19 @@ def test_modulus_and_stretch_are_found_together() -> None:
 
 def test_without_load_cells_the_shape_tells_the_tension() -> None:
     guess = {**STIFF, 'tendons.axial_stiffness': [700.0]}
-    steps = without_cells(winches(), guess)
+    steps = without_cells(winches(pulls=HALF), guess)
     fitted = identify(steps, guess, 'exact', STRETCH, Alignment.none())
     found = fitted.estimates['axial_stiffness']
     assert found.value == pytest.approx(THREAD, rel=0.03)
     low, high = found.interval95
     assert low < THREAD < high
-    np.testing.assert_allclose(fitted.tensions[:, 0], STEPS, rtol=0.02)
+    np.testing.assert_allclose(fitted.tensions[:, 0], STEPS[1::2], rtol=0.02)
 
 
 def test_without_load_cells_only_the_ratio_of_stiffnesses_shows() -> None:
     """Twice as stiff an arm with twice as stiff tendons has the same shape at equal lengths."""
     guess = {**STIFF, 'tendons.axial_stiffness': [700.0]}
-    steps = without_cells(winches(), guess)
+    steps = without_cells(winches(pulls=HALF), guess)
     fitted = identify(steps, guess, 'exact', BOTH, Alignment.none())
     assert fitted.estimates['axial_stiffness'].value is None
     (why,) = [text for text in fitted.undetermined if text.startswith('axial_stiffness')]
@@ -107,14 +107,14 @@ def test_without_load_cells_only_the_ratio_of_stiffnesses_shows() -> None:
 
 
 def test_tendons_too_stiff_to_tell_are_said_to_be() -> None:
-    steps = winches(backlash=1e-4, **{'tendons.axial_stiffness': [2e5]})
+    steps = winches(backlash=1e-4, pulls=HALF, **{'tendons.axial_stiffness': [2e5]})
     fitted = identify(steps, WINCHES, 'exact', BOTH, Alignment.none())
     assert fitted.estimates['axial_stiffness'].value is None
     assert fitted.estimates['youngs_modulus'].value == pytest.approx(TRUE, rel=3e-3)
     (why,) = fitted.undetermined
     assert 'what the readings leave uncertain is more than what tendons stretch by' in why
     least = float(why.split('all from ')[1].split(' N')[0])
-    assert 1e3 < least < 2e5
+    assert 100.0 < least < 2e5
     assert 'tendons.axial_stiffness' not in fitted.parameters
 
 
@@ -124,7 +124,7 @@ def test_one_load_does_not_tell_a_stretch_from_a_zero() -> None:
     assert 'encoder_zero.tendon_1_1' in fitted.undetermined[0]
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 @pytest.mark.parametrize('has_cells', [True, False])
 def test_intervals_hold_the_truth_as_often_as_they_say(has_cells: bool) -> None:
     """Of 24 experiments at most 4 miss: more do at 95 % in 0.6 % of all such counts."""
@@ -150,8 +150,9 @@ def test_derivatives_are_those_of_differences(has_cells: bool) -> None:
     fits = ['youngs_modulus', 'poisson_ratio', 'tendon_offsets', 'axial_stiffness']
     unknowns = Unknowns(guess, 'exact', fits, Readings.of(steps), Alignment.none())
     problem = Problem(steps, unknowns)
+    random = np.random.default_rng(0)
     sizes = np.array([unknown.scale for unknown in unknowns.unknowns])
-    x = unknowns.start + 0.1 * sizes * np.random.default_rng(0).standard_normal(sizes.size)
+    x = unknowns.start + 0.1 * sizes * random.standard_normal(sizes.size)
     x[unknowns.names.index('poisson_ratio')] = 0.4
     for step in range(len(steps)):
         got = problem.weighed_change(x, step)

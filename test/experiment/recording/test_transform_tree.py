@@ -131,7 +131,7 @@ def test_between_stamps_a_transform_moves_evenly_and_turns_evenly() -> None:
     stamps, points = tree.origins('marker', 'world', skipped.append)
     assert (stamps.tolist(), skipped) == ([0, 500_000_000, 10**9], [])
     expected = [[1.0, 0.0, 0.0], [1.0 + half, half, 0.0], [2.0, 1.0, 0.0]]
-    np.testing.assert_allclose(points, expected, atol=1e-15)
+    np.testing.assert_allclose(points, expected, atol=1e-12)
 
 
 def test_stamps_are_those_of_the_moving_transform_nearest_to_the_frame() -> None:

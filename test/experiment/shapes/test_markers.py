@@ -40,6 +40,8 @@ def test_four_points_have_the_errors_of_points(
         assert step['tip_error_percent'] == pytest.approx(expected, abs=0.03)
         assert step['mean_error_percent'] < step['tip_error_percent'] + 0.05
         assert step['hausdorff_percent'] is None
+    if way != next(iter(WAYS)):
+        return
     fitted = printed(capsys, 'identify', bag, *S, *options, *STILL, '--model', 'exact')
     # The error of the model at the highest tensions, of which a marker at the tip sees all.
     assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)

@@ -76,7 +76,6 @@ def test_the_same_picture_comes_out_the_same() -> None:
     assert 'DOF &amp; &quot;more&quot; &lt;than&gt;' in as_html([picture])
 
 
-@pytest.mark.slow
 def test_a_browser_prints_it_on_a4_with_nothing_cut_off(folder: Path) -> None:
     pytest.importorskip('selenium')
     from browser import CHROMEDRIVER, Browser

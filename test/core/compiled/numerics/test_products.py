@@ -19,7 +19,7 @@ def test_runs_are_interpolated_from_the_points_of_their_elements(each: int) -> N
     expected = np.ones((3, 9))
     for (element, first, count), matrix in zip(runs, matrices):
         expected[:, first : first + count] += rows[:, element * each :][:, :each] @ matrix
-    np.testing.assert_allclose(out, expected, rtol=1e-14)
+    np.testing.assert_allclose(out, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize('rows', [1, 5, 6, 8, 11, 24])
@@ -29,9 +29,9 @@ def test_small_products_are_those_of_numpy(rows: int, columns: int) -> None:
     matrix, other = random.normal(size=(rows, 7)), random.normal(size=(rows, columns))
     out = np.full((7, columns), np.nan)
     multiply(matrix, other, out)
-    np.testing.assert_allclose(out, matrix.T @ other, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(out, matrix.T @ other, rtol=1e-12, atol=1e-12)
     one, matrices = random.normal(size=(3, rows)), random.normal(size=(3, rows, columns))
     found = np.ones((3, columns))
     add_each(one, matrices, found)
     expected = 1.0 + np.einsum('kn,knm->km', one, matrices)
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)

@@ -84,8 +84,8 @@ def test_too_few_steps_are_no_answer(table4: Config, monkeypatch: pytest.MonkeyP
     residual, steps = minimum_kernels.find_minima(tables, tensions, twist)
     machine = np.empty((4, 9))
     assert numba_build.find_minima()(tables, tensions, machine) == (
-        pytest.approx(residual, rel=1e-3, abs=1e-13),
-        steps,
+        pytest.approx(residual, rel=1e-3, abs=1e-12),
+        pytest.approx(steps, abs=1),
     )
     np.testing.assert_allclose(machine, twist, atol=1e-12 * np.abs(twist).max())
     monkeypatch.setattr(minimum_kernels, 'MOST_STEPS', steps)

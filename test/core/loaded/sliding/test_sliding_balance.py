@@ -61,5 +61,5 @@ def test_few_steps_find_the_angles_of_tendons_that_bend_each_other(
     rough = dataclasses.replace(arm, friction=(friction,), sheath_stiffness=stiffness)
     solver, pull = Solver(rough, 'exact'), 0.5 * np.array(FETCHING_IN_SPACE)
     drawn = solver.solve(pull)
-    assert drawn.iterations <= 6
-    assert solver.follow(0.9 * pull, drawn).iterations <= 6
+    assert drawn.iterations <= 8
+    assert solver.follow(0.9 * pull, drawn).iterations <= 8
