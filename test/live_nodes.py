@@ -29,7 +29,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_domains import new_domain, reserved_domain  # noqa: F401 - tests take both from here
+from ros_domains import new_domain, reserved_domain
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
