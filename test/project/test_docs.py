@@ -132,7 +132,7 @@ def test_commands_have_these_options(page):
 
 def test_the_example_of_the_estimator_finds_the_force_that_moves_its_tip():
     names = {}
-    for code in blocks(ROOT / 'docs' / 'virtual_sensor.md', 'python'):
+    for code, _ in blocks(ROOT / 'docs' / 'virtual_sensor.md', 'python'):
         exec(code, names)
     found, shape = names['found'], names['backbone']
     assert found.refused == ()
