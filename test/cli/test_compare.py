@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -19,16 +20,17 @@ STEPS = (0.0, 1.09, 3.06)
 Write = Callable[..., Path]
 
 
-@pytest.fixture
-def write(tmp_path: Path) -> Write:
-    """Writes a bag: three steps, the arm seen ``off`` where the paper's model has it [m]."""
+@pytest.fixture(scope='module')
+def write(tmp_path_factory: pytest.TempPathFactory) -> Write:
+    """Path of a bag: three steps, the arm seen ``off`` where the paper's model has it [m]."""
 
+    @functools.cache
     def make(off: float = 0.0, tips: bool = False) -> Path:
         def see(tension: float, stamp_ns: int) -> Sample:
             points = midline('renda2012', one_tendon(tension), 21) + [0.0, 0.0, off]
             return pose_sample(points[-1], stamp_ns) if tips else path_sample(points, stamp_ns)
 
-        return staircase_bag(tmp_path / 'bag', STEPS, see)
+        return staircase_bag(tmp_path_factory.mktemp('steps') / 'bag', STEPS, see)
 
     return make
 

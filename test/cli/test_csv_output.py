@@ -63,8 +63,9 @@ def test_the_fitted_arm_has_less_left_than_the_one_that_was_given(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = str(marker_bag(tmp_path / 'bag'))
-    assert main(['compare', bag, *S, '--out', str(tmp_path / 'compared')]) == 0
-    assert main(['identify', bag, *S, '--csv', str(tmp_path / 'fitted')]) == 0
+    model = '--model', 'exact'
+    assert main(['compare', bag, *S, *model, '--out', str(tmp_path / 'compared')]) == 0
+    assert main(['identify', bag, *S, *model, '--csv', str(tmp_path / 'fitted')]) == 0
     capsys.readouterr()
     axes = [f'residual_{axis} [m]' for axis in 'xyz']
     before, after = (
