@@ -225,7 +225,10 @@ def test_children_end_with_their_parent(how):
         assert time.monotonic() < end, f'after {DEADLINE} s they still run'
 
 
-@pytest.mark.parametrize(('module', 'namespace'), [('demo', ''), ('octopus', 'arm_1')])
+@pytest.mark.parametrize(
+    ('module', 'namespace'),
+    [('demo', ''), pytest.param('octopus', 'arm_1', marks=pytest.mark.endurance)],
+)
 def test_a_second_arm_goes_to_another_domain_and_says_so(started, module, namespace):
     domain = new_domain()
     started(module, 'renda2012_table4', '--no-viewer', domain=domain).line('arms|waiting|shapes')
