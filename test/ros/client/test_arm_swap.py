@@ -37,7 +37,8 @@ def load(monkeypatch, capfd):
         monkeypatch.setenv('ROS_DOMAIN_ID', str(client.domain))
         capfd.readouterr()
         with spinning(client):
-            status = main(['load', '--wait', str(DEADLINE), *map(str, arguments)])
+            waiting = () if '--wait' in arguments else ('--wait', DEADLINE)
+            status = main(['load', *map(str, (*waiting, *arguments))])
         said, complaints = capfd.readouterr()
         # The node logs here as well.
         own = [line for line in complaints.splitlines(True) if not line.startswith('[')]
