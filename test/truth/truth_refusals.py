@@ -141,7 +141,7 @@ _STEPS: list[tuple[str, Parameters, list[dict[str, Any]], str, str]] = [
     (ROD, {'model': 'closed_form'}, [{'displacements': {'tendon_1_1': 0.001},
                                       'tip_wrench': [1.0] + 5 * [0.0]}], 'ConfigError',
      'closed_form'),
-    (PROTOTYPE, {}, [{'displacements': {'tendon_1_1': 0.5}}], 'SolveError', ''),
+    (PROTOTYPE, {}, [{'displacements': {'tendon_1_1': 0.5}}], 'TensionError', 'tendon_1_1'),
 ]  # fmt: skip
 
 
