@@ -255,7 +255,7 @@ def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
         ('measured/tip_pose', unmeasured, 'tip pose: position is'),
         ('measured/tip_pose', boundless, 'tip pose: position is'),
         ('measured/tip_pose', unturned, 'tip pose: quaternion is'),
-        ('measured/tip_pose', impossible, 'tip pose: the variance of number 1 of 6 is -1'),
+        ('measured/tip_pose', impossible, 'its covariance is -1 at 0, 0, expected'),
         ('measured/markers', many, 'it has 20000 marker(s), expected 2'),
         ('measured/base_wrench', endless, 'base wrench: value is'),
         ('measured/base_wrench', elsewhere, "its frame is 'camera'"),
