@@ -9,6 +9,7 @@ from octo_arm_model.ros.launch_parts import (
     declare,
     node,
     overrides,
+    params_file,
     rviz,
     sim_time,
     text,
@@ -19,6 +20,7 @@ from octo_arm_model.ros.launch_parts import (
 def start(context):
     """The eight nodes and, if wanted, RViz, once the arguments have values."""
     radius = float(value_of('radius', context))
+    file = params_file(context)
     common = sim_time() | overrides(context, 'model') | {'base_frame': text('base_frame')}
     actions = [rviz('octopus.rviz', arguments=['-f', LaunchConfiguration('base_frame')])]
     for number in range(1, ARMS + 1):
@@ -28,8 +30,7 @@ def start(context):
             'base.quaternion': quaternion,
             'frame_prefix': f'arm_{number}_',
         }
-        params_file = LaunchConfiguration('params_file')
-        arm = node('octo_arm_node', 'octo_arm', f'arm_{number}', params_file, common | own)
+        arm = node('octo_arm_node', 'octo_arm', f'arm_{number}', file, common | own)
         actions.append(arm)
     return actions
 

@@ -10,6 +10,7 @@ from octo_arm_model.ros.launch_parts import (
     arm_node,
     declare,
     node,
+    params_file,
     rviz,
     sim_time,
     text,
@@ -21,8 +22,8 @@ from octo_arm_model.simulation.touched_arm import touched
 
 def start(context):
     """Everything to start, once the arguments have values."""
-    namespace, params_file = LaunchConfiguration('namespace'), LaunchConfiguration('params_file')
-    of_simulator, of_load_cells = [params_file], {}
+    namespace, file = LaunchConfiguration('namespace'), params_file(context)
+    of_simulator, of_load_cells = [file], {}
     if simulator_file := value_of('simulator_file', context):
         of_simulator.append(LaunchConfiguration('simulator_file'))
         of_load_cells = for_arm_node(load_parameters(simulator_file))
@@ -30,7 +31,7 @@ def start(context):
     if value_of('profile', context):
         of_simulator.append({'profile.name': text('profile'), 'profile.loop': True})
     program, of_arm, of_truth = 'octo_arm_node', of_load_cells, {}
-    config = load_config(value_of('params_file', context))
+    config = load_config(file)
     if value_of('estimate', context).lower() in ('true', '1'):
         of_sensors, of_estimator = touched(config)
         of_simulator.append(of_sensors)
@@ -48,7 +49,7 @@ def start(context):
         truth = sim_time() | for_true_arm(config.arm) | of_truth
         truth['frame_prefix'] = f'{prefix}ground_truth_'
         name, where = 'octo_arm', [namespace, '/ground_truth']
-        actions.append(node('octo_arm_node', name, where, params_file, truth))
+        actions.append(node('octo_arm_node', name, where, file, truth))
     return actions
 
 

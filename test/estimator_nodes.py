@@ -165,12 +165,6 @@ class EstimatorClient(RosClient):
         return np.array([force.x, force.y, force.z]), np.sqrt(covariance.diagonal()[:3])
 
 
-def estimating():
-    """The node as a process of its own, and its client."""
-    return running('ros.estimator.main', *ARGUMENTS, files=(FILE,), client=EstimatorClient,
-                   node='octo_arm_estimator')  # fmt: skip
-
-
 def estimating_here(make_node, *arguments, domain=None):
     """A node in this process that its client spins."""
     return hosting(make_node, *ARGUMENTS, *arguments, files=(FILE,), client=EstimatorClient,

@@ -136,4 +136,4 @@ def check_gate(gate: float) -> None:
         MeasurementError: if it is none.
     """
     if not 0.0 < gate < 1.0:
-        raise MeasurementError(f'gate is {gate!r}, expected a probability in (0, 1)')
+        raise MeasurementError(f'gate is {gate}, expected a probability in (0, 1)')

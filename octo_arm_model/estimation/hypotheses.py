@@ -82,7 +82,7 @@ class Hypotheses:
         if not models:
             raise MeasurementError('models are none, expected at least one')
         if not change_time > 0.0:
-            raise MeasurementError(f'change_time is {change_time!r}, expected > 0 [s]')
+            raise MeasurementError(f'change_time is {change_time}, expected > 0 [s]')
         check_gate(gate)
         self._models, self._change_time, self._gate = dict(models), change_time, gate
         self._window = Window(self._next, window)

@@ -159,7 +159,7 @@ def _check(given: Mapping[str, Any], arm: Arm) -> None:
             f'estimator.contact_s is {shown(list(places))}, expected each place once'
         )
     if not 0.0 < given['gate'] < 1.0:
-        raise ConfigError(f'estimator.gate is {given["gate"]!r}, expected within (0, 1)')
+        raise ConfigError(f'estimator.gate is {given["gate"]}, expected within (0, 1)')
 
 
 def _unknowns(

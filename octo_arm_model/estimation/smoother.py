@@ -195,7 +195,7 @@ def _filtered(
     for time, measurements in recording:
         if steps and not time >= steps[-1].time:
             raise MeasurementError(
-                f'time {time!r} s comes after {steps[-1].time!r} s, expected them in order'
+                f'time {time} s comes after {steps[-1].time} s, expected them in order'
             )
         check_count(len(steps) + 1)
         made = tuple(measurements)

@@ -96,7 +96,7 @@ class Tracker:
         """
         if not 0.0 <= recover_after < math.inf:
             raise MeasurementError(
-                f'recover_after is {recover_after!r}, expected a finite number >= 0 [s]'
+                f'recover_after is {recover_after}, expected a finite number >= 0 [s]'
             )
         self._models = models.values()
         self._begin = lambda: Hypotheses(models, change_time, gate, window)

@@ -65,7 +65,7 @@ class Window(Generic[S]):
             MeasurementError: if the number is outside its range.
         """
         if not 0.0 <= length < np.inf:
-            raise MeasurementError(f'window is {length!r}, expected a finite number >= 0 [s]')
+            raise MeasurementError(f'window is {length}, expected a finite number >= 0 [s]')
         self._advance, self._length = advance, length
         self._steps: list[S] = []
         self._is_cut = False  # whether there were steps before these
@@ -86,7 +86,7 @@ class Window(Generic[S]):
             SolveError: as the steps.
         """
         if not np.isfinite(time):
-            raise MeasurementError(f'time is {time!r}, expected a finite number [s]')
+            raise MeasurementError(f'time is {time}, expected a finite number [s]')
         steps, taken = self._steps, tuple(measurements)
         index = bisect.bisect_right([step.time for step in steps], time)
         if steps and not index:

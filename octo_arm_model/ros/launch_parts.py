@@ -15,12 +15,12 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.presets import find_path, preset_path
 
 PACKAGE = 'octo_arm_model'
 # Default value and description; None for the preset of table 4.
 ARGUMENTS: dict[str, tuple[str | None, str]] = {
-    'params_file': (None, 'ROS parameter file of the arm'),
+    'params_file': (None, 'ROS parameter file of the arm, or the name of a preset'),
     'namespace': ('', 'namespace of all topics and services'),
     'use_sim_time': ('false', 'whether time comes from /clock, as with a bag or a simulation'),
     'rviz': ('false', 'whether to start RViz'),
@@ -49,6 +49,15 @@ def value_of(name: str, context: LaunchContext) -> str:
     return str(LaunchConfiguration(name).perform(context))
 
 
+def params_file(context: LaunchContext) -> str:
+    """Path of the parameter file that the argument of that name is, or names as a preset.
+
+    Raises:
+        ConfigError: if there is no such preset.
+    """
+    return str(find_path(value_of('params_file', context)))
+
+
 def text(name: str) -> ParameterValue:
     """The argument ``name`` as a string parameter, even if YAML reads it as a number."""
     return ParameterValue(LaunchConfiguration(name), value_type=str)
@@ -70,7 +79,7 @@ def arm_node(context: LaunchContext, program: str = 'octo_arm_node', **own: Any)
         program,
         program.removesuffix('_node'),
         LaunchConfiguration('namespace'),
-        LaunchConfiguration('params_file'),
+        params_file(context),
         sim_time() | overrides(context, *_OVERRIDES) | own,
     )
 

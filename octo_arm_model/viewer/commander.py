@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import shlex
 
 import numpy as np
@@ -103,9 +104,14 @@ def as_yaml(arm: Arm, tensions: FloatArray) -> str:
 
 
 def as_shell_line(arm: Arm, tensions: FloatArray, topic: str) -> str:
-    """``tensions`` (tendons,) [N] as a line for a shell that publishes them once on ``topic``."""
+    """``tensions`` (tendons,) [N] as a line for a shell that publishes them once on ``topic``.
+
+    With the ROS domain of this process, where it is not the default one.
+    """
     message = shlex.quote(_yaml(arm, tensions, True).strip())
-    return f'ros2 topic pub -1 {topic} octo_arm_msgs/msg/TendonTensions {message}'
+    domain = os.environ.get('ROS_DOMAIN_ID', '0') or '0'
+    setting = '' if domain == '0' else f'ROS_DOMAIN_ID={shlex.quote(domain)} '
+    return f'{setting}ros2 topic pub -1 {topic} octo_arm_msgs/msg/TendonTensions {message}'
 
 
 def _yaml(arm: Arm, tensions: FloatArray, flow: bool | None) -> str:

@@ -26,6 +26,7 @@ ARGUMENTS = {
 # What the shared functions read.
 READ = {
     'arm_node': {'namespace', 'params_file', 'use_sim_time', 'model', 'frame_prefix'},
+    'params_file': {'params_file'},
     'rviz': {'rviz', 'use_sim_time'},
     'sim_time': {'use_sim_time'},
 }
@@ -134,6 +135,12 @@ def test_what_is_given_overrides_the_file_and_what_is_not_leaves_it_alone() -> N
     assert Path(plain['file']).stem == 'renda2012_table4'
     ((_, given),) = started('octo_arm', model='exact', frame_prefix='1_').items()
     assert (given['model'], given['frame_prefix']) == ('exact', '1_')
+
+
+@pytest.mark.parametrize('launch', ['octo_arm', 'simulation', 'octopus'])
+def test_a_preset_is_taken_by_its_name(launch: str) -> None:
+    nodes = started(launch, params_file='renda2012_table2')
+    assert {Path(given['file']).stem for given in nodes.values()} == {'renda2012_table2'}
 
 
 def test_two_simulated_arms_have_frames_of_their_own(tmp_path: Path) -> None:

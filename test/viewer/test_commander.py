@@ -105,7 +105,8 @@ def test_whatever_is_commanded_is_a_tension(tensions, time, speed):
 
 
 @pytest.mark.parametrize('names', [(), ("it's", 'b: c', '#d', '"e"')])
-def test_copied_tensions_are_the_message_they_stand_for(names):
+def test_copied_tensions_are_the_message_they_stand_for(names, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', '0')
     config = load_config(preset_path('renda2012_prototype'))
     arm = config.arm if not names else type(config.arm)(
         config.arm.material, config.arm.body, config.arm.sections, names
@@ -124,3 +125,7 @@ def test_copied_tensions_are_the_message_they_stand_for(names):
     assert all(isinstance(tension, float) for tension in fields['tension'])
     read = TENDON_TENSIONS.read(SimpleNamespace(**fields), arm)
     np.testing.assert_array_equal(read.ravel(), tensions)
+    # The page of a second arm, which is in a domain of its own, copies a line for that one.
+    monkeypatch.setenv('ROS_DOMAIN_ID', '7')
+    line = as_shell_line(arm, tensions, '/arm/tendon_commands')
+    assert shlex.split(line) == ['ROS_DOMAIN_ID=7', *words, message]

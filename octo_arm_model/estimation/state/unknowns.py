@@ -47,7 +47,7 @@ class Walk:
             ('correlation_time', self.correlation_time, self.correlation_time > 0.0, '> 0 [s]'),
         ):
             if not is_fine:
-                raise MeasurementError(f'{name} of a walk is {value!r}, expected {expected}')
+                raise MeasurementError(f'{name} of a walk is {value}, expected {expected}')
 
     @classmethod
     def stationary(cls, stddev: float, correlation_time: float) -> Walk:
@@ -166,7 +166,7 @@ class State:
         for point, place in zip(unknowns.point_forces, places, strict=True):
             if not 0.0 < point.s <= arm.length:
                 raise MeasurementError(
-                    f's of a point force is {point.s!r}, expected within (0, {arm.length}] [m]'
+                    f's of a point force is {point.s}, expected within (0, {arm.length}] [m]'
                 )
             self._add(f'force at {place}', point.force, _AXES)
         self.point_forces = slice(start, len(self.names))

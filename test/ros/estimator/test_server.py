@@ -1,4 +1,4 @@
-"""The estimator as a process of its own, told over DDS what sensors of a known arm measure."""
+"""The node of the estimator, told over DDS what sensors of a known arm measure."""
 
 import dataclasses
 import itertools
@@ -11,13 +11,14 @@ rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from estimator_nodes import CONFIG, INPUTS, LENGTH, NAMES, STATIONS, TENSIONS, estimating
+from estimator_nodes import CONFIG, INPUTS, LENGTH, NAMES, STATIONS, TENSIONS, estimating_here
 from geometry_msgs.msg import Pose, TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import MarkerArray
 
 from octo_arm_model import Loads, PointLoad
+from octo_arm_model.ros.estimator.main import EstimatorNode
 
 FORCE = np.array([0.0, -0.004, 0.008])
 PRIOR = 0.01  # standard deviation of each component of the force [N]
@@ -27,7 +28,7 @@ GATES = itertools.count()
 
 @pytest.fixture(scope='module')
 def shared():
-    with estimating() as client:
+    with estimating_here(EstimatorNode) as client:
         client.connect()
         yield client
 
