@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, PoseArray, PoseWithCovarianceStamped, WrenchStamped
-from live_nodes import RosClient, hosting, running
+from live_nodes import RosClient, hosting
 from octo_arm_msgs.msg import BackboneCovariance, TendonTensions
 from sensor_msgs.msg import JointState
 
