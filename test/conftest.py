@@ -94,9 +94,7 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
     """Name the tests of `make test` that took more processor time than they should."""
     spent: Counter[str] = Counter()
     for report in (one for reports in terminalreporter.stats.values() for one in reports):
-        # What a module's tests share ends with the last of them, and is none of its time.
-        is_own = getattr(report, 'when', '') != 'teardown'
-        if is_own and 'endurance' not in getattr(report, 'keywords', ()):
+        if 'endurance' not in getattr(report, 'keywords', ()):
             spent[report.nodeid] += getattr(report, 'processor_time', 0.0)
     dear = [(name, seconds) for name, seconds in spent.most_common() if seconds > _MOST]
     if dear:

@@ -124,12 +124,11 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
             f'its covariance is {own[i, j]:g} at {i}, {j}, expected finite numbers of at most '
             f'{LARGEST**2:g}'
         )
-    # `Measurement` sees the sum with the errors of the model, which may hide it.
+    # Of these `Measurement` sees the sum with the errors of the model, which may be positive.
     if (np.diag(own) < 0.0).any():
         i = int(np.diag(own).argmin())
         raise MeasurementError(
-            f'tip pose: the variance of number {i + 1} of 6 is {own[i, i]:g}, '
-            'expected a positive definite covariance'
+            f'its covariance is {own[i, i]:g} at {i}, {i}, expected a positive definite one'
         )
     deviation = np.sqrt(np.diag(own))
     skew = np.abs(own - own.T) > _ASYMMETRY * np.outer(deviation, deviation)

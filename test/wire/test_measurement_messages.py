@@ -227,7 +227,7 @@ def test_displacements_are_of_the_tendons_named(truth: Prediction) -> None:
          tip_pose(np.zeros(3), np.array([1e200, 0, 0, 1.0]), np.eye(6), FRAME), {}, 'expected'),
         ('measured/tip_pose',
          tip_pose(np.zeros(3), np.array([0.0, 0, 0, 1]), -np.eye(6), FRAME), {},
-         'the variance of number 1 of 6 is -1, expected a positive definite covariance$'),
+         'its covariance is -1 at 0, 0, expected a positive definite one$'),
         ('measured/tip_pose',
          tip_pose(np.zeros(3), np.array([0.0, 0, 0, 1]), np.diag([1.0, 1, 0, 1, 1, 1]), FRAME),
          {}, 'tip pose: the variance of number 3 of 6 is 0, expected a positive definite covar'),

@@ -25,7 +25,7 @@ from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.client import arm_swap
+from octo_arm_model.ros.client.arm_swap import swap_arm
 from octo_arm_model.ros.estimator.main import EstimatorNode
 
 
@@ -139,12 +139,11 @@ def test_what_is_not_answered_is_asked_again(client, monkeypatch):
         return Future() if len(asked) == 1 else whole(self)  # The first answer is lost.
 
     monkeypatch.setattr(AsyncParameterClient, 'list_parameters', ask)
-    monkeypatch.setattr(arm_swap, '_QUESTIONS', int(DEADLINE))  # one a second
     monkeypatch.setenv('ROS_DOMAIN_ID', str(client.domain))
     values = load_parameters(preset_path('renda2012_table2'))
     with spinning(client):
-        arm_swap.swap_arm(values, (), '/octo_arm', DEADLINE)
-    assert len(asked) >= 2
+        swap_arm(values, (), '/octo_arm', 20.0)
+    assert len(asked) == 2
     assert client.dump()['sections.anchorage'] == values['sections.anchorage']
 
 
