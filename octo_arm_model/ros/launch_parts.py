@@ -15,12 +15,12 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from octo_arm_model.config.presets import find_path, preset_path
+from octo_arm_model.config.presets import find_path
 
 PACKAGE = 'octo_arm_model'
-# Default value and description; None for the preset of table 4.
-ARGUMENTS: dict[str, tuple[str | None, str]] = {
-    'params_file': (None, 'ROS parameter file of the arm, or the name of a preset'),
+# Default value and description.
+ARGUMENTS: dict[str, tuple[str, str]] = {
+    'params_file': ('renda2012_table4', 'ROS parameter file of the arm, or the name of a preset'),
     'namespace': ('', 'namespace of all topics and services'),
     'use_sim_time': ('false', 'whether time comes from /clock, as with a bag or a simulation'),
     'rviz': ('false', 'whether to start RViz'),
@@ -33,15 +33,11 @@ _OVERRIDES = ('model', 'frame_prefix')
 
 def declare(*names: str) -> list[DeclareLaunchArgument]:
     """Declare the arguments ``names`` of `ARGUMENTS`."""
-    declared = []
-    for name in names:
-        default, description = ARGUMENTS[name]
-        if default is None:
-            default = str(preset_path('renda2012_table4'))
-        declared.append(
-            DeclareLaunchArgument(name, default_value=default, description=description)
-        )
-    return declared
+    return [
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name in names
+        for default, description in (ARGUMENTS[name],)
+    ]
 
 
 def value_of(name: str, context: LaunchContext) -> str:
@@ -50,7 +46,7 @@ def value_of(name: str, context: LaunchContext) -> str:
 
 
 def params_file(context: LaunchContext) -> str:
-    """Path of the parameter file that the argument of that name is, or names as a preset.
+    """Path of the parameter file that the argument ``params_file`` gives, by path or preset.
 
     Raises:
         ConfigError: if there is no such preset.
