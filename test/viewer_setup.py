@@ -26,19 +26,19 @@ class Setup:
     """Node and simulator, a viewer as a process, and a client that hears what they say."""
 
     def __init__(self):
-        self._domain = new_domain()
+        self.domain = new_domain()
         self.node = self.start_node()
         self._simulator = self._start(SimulatorNode, 'octo_arm_sim', '-p', 'rate:=10.0')
         # Its port is taken already, so it has to look for another.
         with socket.create_server(('127.0.0.1', 0)) as taken:
             self.port = taken.getsockname()[1]
             self.viewer = start(
-                'viewer.main', '--port', self.port, domain=self._domain, PYTHONUNBUFFERED='1'
+                'viewer.main', '--port', self.port, domain=self.domain, PYTHONUNBUFFERED='1'
             )
             self.said = self.viewer.stdout.readline()
         self.url = re.search(r'http://\S+', self.said)[0]
         self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=self._domain)
+        rclpy.init(context=self.context, domain_id=self.domain)
         self.client = ArmClient(rclpy.create_node('listener', context=self.context))
         self.client.listen({**POSES, **DETAILS})
 
@@ -48,7 +48,7 @@ class Setup:
     def _start(self, make_node, name, *arguments):
         """A node that works until what is returned is closed."""
         with contextlib.ExitStack() as stack:
-            given = {'client': RosClient, 'node': name, 'domain': self._domain}
+            given = {'client': RosClient, 'node': name, 'domain': self.domain}
             client = stack.enter_context(hosting(make_node, *arguments, **given))
             stack.enter_context(spinning(client))
             return stack.pop_all()

@@ -106,10 +106,10 @@ def as_yaml(arm: Arm, tensions: FloatArray) -> str:
 def as_shell_line(arm: Arm, tensions: FloatArray, topic: str) -> str:
     """``tensions`` (tendons,) [N] as a line for a shell that publishes them once on ``topic``.
 
-    With the ROS domain of this process, where it is not the default one.
+    It names the ROS domain of this process, unless that is 0.
     """
     message = shlex.quote(_yaml(arm, tensions, True).strip())
-    domain = os.environ.get('ROS_DOMAIN_ID', '0') or '0'
+    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
     setting = '' if domain == '0' else f'ROS_DOMAIN_ID={shlex.quote(domain)} '
     return f'{setting}ros2 topic pub -1 {topic} octo_arm_msgs/msg/TendonTensions {message}'
 

@@ -105,7 +105,8 @@ def test_the_strains_are_drawn(setup, browser):
 
 
 @pytest.mark.endurance
-def test_tensions_can_be_copied_as_a_line_for_a_shell(setup, browser):
+def test_tensions_can_be_copied_as_a_line_for_a_shell(setup, browser, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(setup.domain))
     slacken(setup, browser)
     browser.sliders()[3].send_keys(Keys.ARROW_RIGHT)
     setup.wait_for(lambda: setup.tensions()[3] > 0.0, 'a tension')
