@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from checkout import ROOT
@@ -27,17 +26,17 @@ NEEDED = {
 @pytest.mark.endurance
 @pytest.mark.parametrize('name', sorted(BENCHMARKS))
 def test_every_benchmark_runs_to_its_end(
-    name: str, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+    name: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     for module in NEEDED.get(name, []):
         pytest.importorskip(module)
     if name == 'viewer.py' and not shutil.which('chromedriver'):
         pytest.skip('needs chromedriver')
+    folder = tmp_path_factory.mktemp('b')  # A browser's socket has no room for a long path.
     done = subprocess.run(
         [sys.executable, '-W', 'error::DeprecationWarning:__main__', FOLDER / name, '--brief'],
-        cwd=tmp_path,
-        # A browser's socket has no room for a long path.
-        env=dict(os.environ, TMPDIR=str(tmp_path_factory.mktemp('b'))),
+        cwd=folder,
+        env=dict(os.environ, TMPDIR=str(folder)),
         capture_output=True,
         text=True,
         timeout=1200,
