@@ -165,6 +165,7 @@ def test_models_are_those_of_the_file_solved_by_the_model_exact() -> None:
         ({'force_time': 0.0}, r'force_time is 0.0, expected a finite number > 0 \[s\]'),
         ({'marker_stddev': float('inf')}, r'marker_stddev is inf, .* > 0 \[m\]'),
         ({'gate': 1.0}, r'gate is 1.0, expected within \(0, 1\)'),
+        ({'gate': np.float64(2.0)}, r'gate is 2.0, expected within \(0, 1\)'),
         ({'force_stdev': 1.0}, 'did you mean estimator.force_stddev'),
         ({'marker_s': 'tip'}, r"marker_s is 'tip', expected double\[\]"),
     ],
