@@ -113,6 +113,15 @@ class Browser:
         """The scene as PNG."""
         return self.driver.find_element(By.CSS_SELECTOR, 'canvas').screenshot_as_png
 
+    def scene_width(self) -> int:
+        """Width of the scene [pixels]."""
+        return self.driver.find_element(By.CSS_SELECTOR, 'canvas').size['width']
+
+    def resize(self, width: int, height: int) -> None:
+        """Give the window this very size, as small as that of a phone."""
+        size = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': width < 500}
+        self.driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', size)
+
     def complaints(self) -> list[str]:
         """Errors on the browser's console since the last time."""
         entries = self.driver.get_log('browser')

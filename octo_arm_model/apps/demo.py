@@ -7,6 +7,7 @@ import contextlib
 import sys
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from octo_arm_model.simulation.profiles.commands import find_profile, profile_na
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.touched_arm import touched
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
-from octo_arm_model.viewer.options import add_optional_page, open_page
+from octo_arm_model.viewer.options import add_optional_page, open_page, titled
 
 if TYPE_CHECKING:
     from octo_arm_model.ros.client.client import ArmClient
@@ -121,13 +122,14 @@ def _show(options: argparse.Namespace) -> int:
         stack.enter_context(own_domain(_PROG))
         started = stack.enter_context(children(commands))
         client = ArmClient(stack.enter_context(client_node(_PROG)))
-        server = open_page(options, stack)
+        title = titled(Path(path).stem)
+        server = open_page(options, stack, title)
         if server is None:
             step = _watching(client)
         else:
             from octo_arm_model.viewer.app import Viewer  # needs viser
 
-            step = Viewer(server, client, always=True).step
+            step = Viewer(server, client, always=True, title=title).step
         line = stack.enter_context(StatusLine(sys.stdout, LINE_PERIOD))
         while not is_over() and not ended(started):
             step()

@@ -24,7 +24,7 @@ from octo_arm_model.ros.child_processes import children, ended, parameter_argume
 from octo_arm_model.simulation.profiles.commands import find_profile
 from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
-from octo_arm_model.viewer.options import add_optional_page, open_page
+from octo_arm_model.viewer.options import add_optional_page, open_page, titled
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -177,11 +177,12 @@ def _show(options: argparse.Namespace) -> int:
         clients = [ArmClient(node, f'arm_{number}') for number in range(1, ARMS + 1)]
         for client in clients:
             client.listen({**POSES, 'strains': DETAILS['strains']})
-        server = open_page(options, stack)
+        title = titled('an octopus')
+        server = open_page(options, stack, title)
         if server is not None:
             from octo_arm_model.viewer.page.octopus_page import OctopusPage  # needs viser
 
-            page = OctopusPage(server, clients, lambda: describe(clients))
+            page = OctopusPage(server, clients, lambda: describe(clients), title)
         started = stack.enter_context(children(commands))
         line = stack.enter_context(StatusLine(sys.stdout, LINE_PERIOD))
         due = time.monotonic()

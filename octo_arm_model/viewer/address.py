@@ -12,8 +12,9 @@ import viser
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.viewer.access import Access
+from octo_arm_model.viewer.document import Document
 from octo_arm_model.viewer.guard import Guard
-from octo_arm_model.viewer.options import LOOPBACK
+from octo_arm_model.viewer.options import LOOPBACK, TITLE
 
 _TRIED = 100
 
@@ -23,8 +24,12 @@ class AddressError(OctoArmError, ValueError):
 
 
 @contextlib.contextmanager
-def serving(host: str, port: int, origins: Sequence[str] = ()) -> Iterator[viser.ViserServer]:
+def serving(
+    host: str, port: int, origins: Sequence[str] = (), *, title: str = TITLE
+) -> Iterator[viser.ViserServer]:
     """Serve a page on ``host``, at the first free port from ``port`` on, and print its URL.
+
+    ``title`` is that of the browser's tab.
 
     Only that page may command, and pages of ``origins`` such as http://arm.lab:8080, whose host is
     then a name of this page as well.
@@ -35,7 +40,7 @@ def serving(host: str, port: int, origins: Sequence[str] = ()) -> Iterator[viser
         ConfigError: if one of ``origins`` is none.
         GuardError: if requests to the installed viser cannot be checked.
     """
-    guard = Guard(Access(host, origins))
+    guard = Guard(Access(host, origins), Document(title))
     free = free_port(host, port)
     # Without the banner of viser; one line is printed below.
     with guard.installed(), contextlib.redirect_stdout(io.StringIO()):

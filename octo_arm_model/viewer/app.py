@@ -12,7 +12,9 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.viewer.guard import RefusalLog
+from octo_arm_model.viewer.options import TITLE
 from octo_arm_model.viewer.page import numbers
+from octo_arm_model.viewer.page.cameras import Cameras
 from octo_arm_model.viewer.page.page import Page
 from octo_arm_model.viewer.page.scene import set_theme
 
@@ -28,13 +30,19 @@ class Viewer:
     """
 
     def __init__(
-        self, server: viser.ViserServer, client: ArmClient, *, always: bool = False
+        self,
+        server: viser.ViserServer,
+        client: ArmClient,
+        *,
+        always: bool = False,
+        title: str = TITLE,
     ) -> None:
-        """Show on ``server`` what ``client`` receives.
+        """Show on ``server`` what ``client`` receives, under ``title``.
 
         It subscribes to shapes while a browser is connected, or ``always``.
         """
-        self._always = always
+        self._always, self._title = always, title
+        self._cameras = Cameras(server)
         self._server, self._client = server, client
         self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._page: Page | None = None
@@ -96,7 +104,9 @@ class Viewer:
             if config is not self._config and config is not None:
                 self._clear()
                 self._config = config
-                self._page = Page(self._server, self._client, config, self._todo.put)
+                self._page = Page(
+                    self._server, self._cameras, self._client, config, self._todo.put
+                )
         except OctoArmError as error:
             self._clear()
             self._server.gui.add_html(numbers.failed(error))
@@ -110,4 +120,4 @@ class Viewer:
         server = self._server
         server.scene.reset()
         server.gui.reset()
-        set_theme(server.gui, 'octo_arm')
+        set_theme(server.gui, self._title)

@@ -22,6 +22,7 @@ from websockets.http11 import Request, Response
 
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.viewer.access import Access
+from octo_arm_model.viewer.document import Document
 from octo_arm_model.viewer.requests import Requests
 
 MOST_PAGES = 32
@@ -66,8 +67,9 @@ class Guard:
         requests: the checks of messages; its `watch` must be called with the server.
     """
 
-    def __init__(self, access: Access) -> None:
-        """Accept the hosts and origins that ``access`` allows."""
+    def __init__(self, access: Access, document: Document) -> None:
+        """Accept the hosts and origins that ``access`` allows, and serve them ``document``."""
+        self._document = document
         self.requests = Requests()
         self._access = access
         self._refusals = RefusalLog()
@@ -126,6 +128,7 @@ class Guard:
         except (OSError, ValueError):  # an invalid file name
             return connection.respond(http.HTTPStatus.NOT_FOUND, 'NOT FOUND')
         if response is not None:
+            self._document.change(response)
             response.headers.update(_page_headers(hosts[0]))
         return response
 

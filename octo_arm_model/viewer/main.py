@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from octo_arm_model.ros.arguments import split_arguments
 from octo_arm_model.ros.child_processes import stop_signals
 from octo_arm_model.terminal import make_parser, status_of
-from octo_arm_model.viewer.options import add_address
+from octo_arm_model.viewer.options import add_address, titled
 
 _PROG = 'octo_arm_viewer'
 _EPILOG = """\
@@ -41,14 +41,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from octo_arm_model.viewer.address import serving
     from octo_arm_model.viewer.app import Viewer
 
+    title = titled(options.namespace.strip('/'))
+
     is_over = stop_signals()
 
     def show() -> int:
         with (
             client_node(_PROG, of_ros) as node,
-            serving(options.host, options.port, options.allow_origin) as server,
+            serving(options.host, options.port, options.allow_origin, title=title) as server,
         ):
-            viewer = Viewer(server, ArmClient(node, options.namespace))
+            viewer = Viewer(server, ArmClient(node, options.namespace), title=title)
             while not is_over():
                 viewer.step()
         return 0

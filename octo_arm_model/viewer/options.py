@@ -14,6 +14,12 @@ if TYPE_CHECKING:
 
 LOOPBACK = '127.0.0.1'
 PORT = 8080
+TITLE = 'octo_arm'
+
+
+def titled(name: str) -> str:
+    """Title of the page of the arm ``name``; that of any arm if it is empty."""
+    return f'{TITLE}: {name}' if name else TITLE
 
 
 def add_address(parser: argparse.ArgumentParser) -> None:
@@ -48,9 +54,11 @@ def add_optional_page(parser: argparse.ArgumentParser) -> None:
 
 
 def open_page(
-    options: argparse.Namespace, stack: contextlib.ExitStack
+    options: argparse.Namespace, stack: contextlib.ExitStack, title: str
 ) -> viser.ViserServer | None:
     """Server of a page until ``stack`` is closed; None with --no-viewer or without viser.
+
+    ``title`` is that of the browser's tab.
 
     Raises:
         AddressError: if the page cannot be served where ``options`` say.
@@ -66,4 +74,5 @@ def open_page(
     except ModuleNotFoundError as error:
         print(f'no viewer: {missing(error)}')
         return None
-    return stack.enter_context(serving(options.host, options.port, options.allow_origin))
+    page = serving(options.host, options.port, options.allow_origin, title=title)
+    return stack.enter_context(page)

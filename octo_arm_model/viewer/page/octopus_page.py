@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import viser
@@ -11,6 +12,7 @@ import viser
 from octo_arm_model.analysis.geometry.octopus_layout import RADIUS
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.viewer.page import numbers
+from octo_arm_model.viewer.page.cameras import Cameras
 from octo_arm_model.viewer.page.scene import (
     BODY_COLOUR,
     ArmScene,
@@ -21,7 +23,8 @@ from octo_arm_model.viewer.page.scene import (
 from octo_arm_model.viewer.page.view import View
 
 _READING = 0.5  # [s] between numbers
-_VIEW = (1.12, -0.94, 1.02)  # initial position of the camera, in units of 1.6 lengths
+_FROM = (1.8, -1.5, 1.63)  # position of the camera in lengths of an arm, in a wide picture
+_WIDE = 1.5  # width over height of a picture that all arms fit into from there
 
 
 class OctopusPage:
@@ -32,13 +35,18 @@ class OctopusPage:
         server: viser.ViserServer,
         clients: Sequence[ArmClient],
         describe: Callable[[], str],
+        title: str,
     ) -> None:
-        """Show on ``server`` the arms of ``clients``, and the text that ``describe`` returns."""
+        """Show on ``server`` the arms of ``clients``, and the text that ``describe`` returns.
+
+        ``title`` is the heading of the panel.
+        """
         self._server, self._clients, self._describe = server, clients, describe
         self._arms: list[ArmScene | None] = [None] * len(clients)
         self._stamps = [np.nan] * len(clients)
         self._read = -np.inf
-        set_theme(server.gui, 'octo_arm: an octopus')
+        set_theme(server.gui, title)
+        self._cameras = Cameras(server)
         self._text = server.gui.add_html('')
         server.scene.add_icosphere(
             '/body',
@@ -68,8 +76,8 @@ class OctopusPage:
         if arm is None:
             if not any(self._arms):
                 length = config.arm.length
-                view = View(1.6 * length * np.array(_VIEW), np.zeros(3))
-                set_scene(self._server, view, np.zeros(3), 1.6 * length, length)
+                set_scene(self._server, np.zeros(3), 1.6 * length, length)
+                self._cameras.aim(partial(_view, length), 0.016 * length)
             arm = ArmScene(
                 self._server.scene,
                 f'arm_{index + 1}',
@@ -81,3 +89,9 @@ class OctopusPage:
         if shape.stamp != self._stamps[index] and len(strains.s) == len(shape.position):
             self._stamps[index] = shape.stamp
             arm.show(LiveShape(shape.position, shape.quaternion, strains.q), np.zeros(0))
+
+
+def _view(length: float, aspect: float) -> View:
+    """View of arms of a ``length`` [m] in a picture of an ``aspect``, width over height."""
+    distance = length * max(1.0, _WIDE / aspect)
+    return View(distance * np.array(_FROM), np.zeros(3))

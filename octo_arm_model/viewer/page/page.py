@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import viser
@@ -18,6 +19,7 @@ from octo_arm_model.ros.client.published import PublishedShape, PublishedStrains
 from octo_arm_model.simulation.profiles.limits import tendon_limits
 from octo_arm_model.viewer.commander import Commander
 from octo_arm_model.viewer.page import numbers
+from octo_arm_model.viewer.page.cameras import Cameras
 from octo_arm_model.viewer.page.controls import Controls, Later
 from octo_arm_model.viewer.page.model_overlay import ModelOverlay
 from octo_arm_model.viewer.page.plots import StrainPlots
@@ -32,7 +34,7 @@ from octo_arm_model.viewer.page.scene import (
 )
 from octo_arm_model.viewer.page.target import Answer, TargetSearch
 from octo_arm_model.viewer.page.uncertainty import UncertaintyScene
-from octo_arm_model.viewer.page.view import ASPECT, FIELD, framing, reached, tangent_of
+from octo_arm_model.viewer.page.view import framing, reached, tangent_of
 
 _READING = 0.2  # [s] between updates of the numbers
 _PLOTTING = 0.1  # [s] between updates of the plots
@@ -49,6 +51,7 @@ class Page:
     def __init__(
         self,
         server: viser.ViserServer,
+        cameras: Cameras,
         client: ArmClient,
         config: Config,
         later: Later,
@@ -62,9 +65,9 @@ class Page:
         self._read = self._plotted = -np.inf
         self._config = config
         length = config.arm.length
-        self._points = reached(config, tendon_limits(config))
-        view = framing(self._points, tangent_of(config))
-        set_scene(server, view, middle_of(config), length, 0.55 * length)
+        points = reached(config, tendon_limits(config))
+        set_scene(server, middle_of(config), length, 0.55 * length)
+        cameras.aim(partial(framing, points, tangent_of(config)), 0.01 * length)
         set_base(server.scene, config)
         self._arm = ArmScene(server.scene, 'arm', self._solver)
         self._uncertainty = UncertaintyScene(server.scene, self._solver)
@@ -73,7 +76,12 @@ class Page:
         self._text = gui.add_html(numbers.live(client))
         self._overlap = gui.add_html('')
         whole = gui.add_button('Show the whole arm', color='gray', icon=viser.Icon.FOCUS_CENTERED)
-        whole.on_click(self._look)
+
+        @whole.on_click
+        def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            if event.client is not None:
+                cameras.show(event.client)
+
         tabs = gui.add_tab_group()
         with tabs.add_tab('Tendons'):
             self._controls = Controls(
@@ -153,17 +161,6 @@ class Page:
     def _radius(self, q: FloatArray) -> FloatArray:
         radius = self._config.arm.body.radius(self._solver.grid.s)
         return radius * (1.0 + q) ** -0.5 if self._solver.law.widens else radius
-
-    def _look(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        """Move the camera of one browser so that the workspace of the arm is in the picture."""
-        if event.client is None:
-            return
-        camera = event.client.camera
-        view = framing(self._points, tangent_of(self._config), camera.aspect or ASPECT)
-        with event.client.atomic():
-            camera.up_direction = (0.0, 0.0, 1.0)
-            camera.position, camera.look_at = view.position, view.look_at
-            camera.fov = FIELD
 
     def _add_ghost(self) -> None:
         rest = np.zeros(self._solver.arm.tension_shape)

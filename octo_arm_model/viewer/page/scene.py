@@ -1,4 +1,4 @@
-"""The scene: body, discs and tendons of arms, base frame, floor, light and camera."""
+"""The scene: body, discs and tendons of arms, base frame, floor and light."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.core.solver import Solver
-from octo_arm_model.viewer.page.view import FIELD, View, across, tangent_of
+from octo_arm_model.viewer.page.view import across, tangent_of
 
 Colour = tuple[int, int, int]
 _BRAND: Colour = (200, 85, 61)
@@ -151,10 +151,8 @@ def set_theme(gui: viser.GuiApi, title: str) -> None:
     gui.main_panel.dock_right()
 
 
-def set_scene(
-    server: viser.ViserServer, view: View, middle: FloatArray, length: float, depth: float
-) -> None:
-    """Set floor, light and the initial ``view`` for arms of a ``length`` about ``middle`` [m].
+def set_scene(server: viser.ViserServer, middle: FloatArray, length: float, depth: float) -> None:
+    """Set floor and light for arms of a ``length`` about ``middle`` [m].
 
     The floor is so much in ``depth`` below ``middle`` (3,) [m].
     """
@@ -173,10 +171,6 @@ def set_scene(
         fade_distance=6.0 * length,
         fade_from='origin',
     )
-    server.initial_camera.look_at = view.look_at
-    server.initial_camera.position = view.position
-    server.initial_camera.near = 0.01 * length
-    server.initial_camera.fov = FIELD
 
 
 def set_base(scene: viser.SceneApi, config: Config) -> None:
