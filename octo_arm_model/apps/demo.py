@@ -65,10 +65,12 @@ def describe(client: ArmClient) -> str:
     if client.shape is None:
         return 'waiting for the node ...'
     base, tip = client.shape.position[[0, -1]] * 1e3
+    rate = client.rate()
+    often = '' if np.isnan(rate) else f'{rate:5.1f} shapes/s   '
     return (
         f'tip {tip[0]:7.1f} {tip[1]:7.1f} {tip[2]:7.1f} mm   '
         f'to the base {np.linalg.norm(tip - base):6.1f} mm   '
-        f'{client.rate():5.1f} shapes/s   {1e3 * client.latency:5.1f} ms behind'
+        f'{often}{1e3 * client.latency:5.1f} ms behind'
         f'{client.problem and f"   {client.problem}"}'
     )
 

@@ -84,6 +84,8 @@ def describe(clients: Sequence[ArmClient]) -> str:
         return f'{len(seen)} of {len(clients)} arms are there ...'
     rates = [client.rate() for client in clients]
     latency = max(client.latency for client in clients)
+    if np.isnan(rates).any():
+        return next(client.problem for client in seen if np.isnan(client.rate()))
     return (
         f'{sum(rates):5.0f} shapes/s of {len(clients)} arms, the slowest {min(rates):4.1f} of '
         f'{RATE:.0f} Hz; {1e3 * latency:5.1f} ms behind'

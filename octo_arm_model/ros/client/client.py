@@ -43,7 +43,8 @@ from octo_arm_model.wire.cdr.estimate import CONTACT, TIP_WRENCH
 from octo_arm_model.wire.tension_messages import JOINT_STATE
 
 # Topics of the backbone, and of further quantities at the same stations, with their types.
-POSES: dict[str, Any] = {'backbone/poses': PoseArray}
+_SHAPES = 'backbone/poses'
+POSES: dict[str, Any] = {_SHAPES: PoseArray}
 DETAILS: dict[str, Any] = {
     'strains': SectionStrains,
     TENDON_LENGTHS: JointState,
@@ -139,7 +140,7 @@ class ArmClient:
     def _read(self, name: str, data: bytes, info: dict[str, Any]) -> None:
         if self.config is None:
             return
-        if name == 'backbone/poses':
+        if name == _SHAPES:
             self._read_shape(data, info)
             return
         message = decoded(data, DETAILS[name])
@@ -159,13 +160,23 @@ class ArmClient:
     def problem(self) -> str:
         """Warnings and errors in the newest diagnostics of the arm's nodes; empty for none.
 
-        Also which of the newest messages are none of their types.
+        Also which of the newest messages are none of their types, and that several nodes publish.
         """
-        return '; '.join(problem for problem in self._problems.values() if problem)
+        problems = [problem for problem in self._problems.values() if problem]
+        if (nodes := self._sources) > 1:
+            problems.insert(0, f'{nodes} nodes publish shapes on {self._prefix}{_SHAPES}')
+        return '; '.join(problems)
+
+    @property
+    def _sources(self) -> int:
+        return self._topics[_SHAPES].publishers if _SHAPES in self._topics else 0
 
     def rate(self) -> float:
-        """Shapes the node publishes per second [Hz], including those skipped here."""
-        return self._meter.rate(time.time())
+        """Shapes the node publishes per second [Hz], including those skipped here.
+
+        NaN where several nodes publish: each counts its own, and none says whose a message is.
+        """
+        return np.nan if self._sources > 1 else self._meter.rate(time.time())
 
     @property
     def latency(self) -> float:

@@ -27,6 +27,12 @@ class Topic:
         """Unsubscribe."""
         node.destroy_subscription(self._subscription)
 
+    @property
+    def publishers(self) -> int:
+        """Number of publishers of the topic."""
+        with self._subscription.handle:
+            return int(self._subscription.handle.get_publisher_count())
+
     def take_raw(self) -> list[tuple[bytes, dict[str, Any]]]:
         """Serialised messages since the last call, at most the queue's depth, oldest first."""
         taken = []

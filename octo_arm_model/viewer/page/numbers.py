@@ -44,11 +44,12 @@ def live(client: ArmClient) -> str:
     if deviation.any():
         spread = f' &plusmn; {deviation[0]:.1f} {deviation[1]:.1f} {deviation[2]:.1f}'
     distance = 1e3 * np.linalg.norm(shape.position[-1] - shape.position[0])
+    rate = client.rate()
     model = html.escape(client.strains.model[:MAX_NAME]) if client.strains else ''
     rows = [
         ('Tip', f'<span class="octo-arm-tip">{x:.2f} {y:.2f} {z:.2f}</span>{spread} mm'),
         ('To the base', f'{distance:.1f} mm, turned by {tip_angle(shape):.0f}°'),
-        ('Node', f'{model}, {client.rate():.0f} Hz'),
+        ('Node', model if np.isnan(rate) else f'{model}, {rate:.0f} Hz'),
         ('Latency', _milliseconds(client.latency)),
     ]
     if client.force is not None and client.covariance is not None:

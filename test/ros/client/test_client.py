@@ -50,6 +50,21 @@ def test_bytes_that_are_no_message_are_a_problem_until_the_next_one(name, data):
         assert (client.shape if name in POSES else client.strains) is not None
 
 
+def test_of_two_nodes_no_rate_is_told_but_that_they_are_two():
+    with contextlib.closing(RosClient(new_domain())) as ros:
+        client = ArmClient(rclpy.create_node('reading', context=ros.context))
+        client.listen(TOPICS)
+        kind, nodes = POSES['backbone/poses'], []
+        for count, rate in ((1, 0.0), (2, np.nan)):
+            nodes.append(ros.node.create_publisher(kind, 'backbone/poses', OUTPUT_QOS))
+            ros.wait(lambda rate=rate: np.array_equal(client.rate(), rate, True), 'a rate')
+            expected = '' if count == 1 else '2 nodes publish shapes on backbone/poses'
+            assert client.problem == expected
+        ros.node.destroy_publisher(nodes[0])
+        ros.wait(lambda: client.rate() == 0.0, 'one node')
+        assert client.problem == ''
+
+
 def _spoiled(part, change):
     """A message of a ``part`` of what the node publishes, with a ``change`` to it."""
     config = load_config(CONFIG_FILE)
