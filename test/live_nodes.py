@@ -34,10 +34,13 @@ from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
+from octo_arm_model.ros import refusal_log
 from octo_arm_model.ros.messages import message_class
+from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
 from octo_arm_model.ros.node.main import OctoArmNode, make_executor
 from octo_arm_model.ros.simulator.main import SimulatorNode
+from octo_arm_model.ros.start import read_here
 from octo_arm_model.wire.tension_messages import TENSION_TOPICS
 
 # [s] for anything that takes milliseconds on an idle machine; long, since only what fails waits.
@@ -47,6 +50,9 @@ PERIOD = 0.02  # [s] between polls of what is not waited for by an executor
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
 NAMES = list(CONFIG.arm.tendon_names)
+# Nodes in this process report and warn more often than those in processes of their own, each
+# second: most of the time of their tests would be waiting for that.
+diagnostics.PERIOD = refusal_log.WARNING_PERIOD = 0.2
 # What makes the nodes, and their names.
 NODES = {
     'node': (OctoArmNode, 'octo_arm'),
@@ -385,11 +391,11 @@ def hosting(
     connected, made = client(domain or new_domain(), node), None
     given = [word for file in files for word in ('--params-file', str(file))]
     try:
-        made = make_node(
-            context=connected.context,
-            cli_args=['--ros-args', '-r', f'__node:={node}', *given, *map(str, arguments)],
-            use_global_arguments=False,
-        )
+        of_ros = ['--ros-args', '-r', f'__node:={node}', *given, *map(str, arguments)]
+        with read_here(of_ros) as cli_args:
+            made = make_node(
+                context=connected.context, cli_args=cli_args, use_global_arguments=False
+            )
         connected.executor.add_node(made)
         yield connected
     finally:

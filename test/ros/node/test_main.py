@@ -17,6 +17,7 @@ from live_nodes import (
     check_end,
     environment,
     file_with,
+    hosting,
     new_domain,
     running,
     start_node,
@@ -26,7 +27,7 @@ from std_msgs.msg import String
 from octo_arm_model import Config, OctoArmError, load_config
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.ros.node import lifecycle
-from octo_arm_model.ros.node.main import main
+from octo_arm_model.ros.node.main import OctoArmNode, main
 from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
 from octo_arm_model.ros.simulator import main as simulator
 
@@ -208,7 +209,7 @@ def test_the_node_reads_a_file_as_the_command_does(tmp_path, old, new, name, val
     others = 'camera: {ros__parameters: {rate: 30, gains: [1, 0.5]}}\nversion: 2\n'
     path.write_text(path.read_text() + others)
     given = ('-p', 'loads.fluid_density:=0', '-p', 'loads.gravity:=[0, 0, 0.0]')
-    with running('ros.node.main', *given, files=[path]) as client:
+    with hosting(OctoArmNode, *given, files=[path]) as client:
         dumped = client.dump()
         assert dumped[name] == value
         assert (dumped['loads.fluid_density'], dumped['loads.gravity']) == (0.0, [0.0, 0.0, 0.0])
