@@ -221,13 +221,26 @@ def batches(arm: Arm, solvers: dict[str, Solver]) -> None:
         print(f'{way:24}{single * 1e6:15.1f}{batch * 1e6:16.1f}{single / batch:9.1f}')
 
 
+def solver_of(
+    config: Config,
+    arm: Arm,
+    loads: Loads,
+    stations: int = STATIONS,
+    *,
+    compiled: bool | None = None,
+) -> Solver:
+    """Solver `exact` of another ``arm`` and ``loads``, else as ``config``."""
+    changed = dataclasses.replace(config, arm=arm, loads=loads)
+    return changed.solver('exact', stations, compiled=compiled)
+
+
 def loaded(config: Config) -> None:
     """The exact model with gravity in water and a tip force, against `solve_bvp`."""
     arm = config.arm.with_density(1080.0)
     loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0, tip_force=(0.0, 1e-3, 1e-3))
-    solver = Solver(arm, 'exact', STATIONS, config.base, loads=loads, compiled=False)
+    solver = solver_of(config, arm, loads, compiled=False)
     tensions = np.array(FETCHING_IN_SPACE)
-    fine = Solver(arm, 'exact', 20 * STATIONS, config.base, loads=loads).solve(tensions).tip
+    fine = solver_of(config, arm, loads, 20 * STATIONS).solve(tensions).tip
     ours = solver.solve(tensions)
     cold = seconds(lambda: solver.solve(tensions), 50)
     moving = iter(np.sin(np.arange(1000.0)))
@@ -265,7 +278,7 @@ def hanging(config: Config, ways: list[bool]) -> None:
             ('in water', Loads(gravity=GRAVITY, fluid_density=1000.0)),
             ('in air', Loads(gravity=GRAVITY)),
         ):
-            solver = Solver(arm, 'exact', STATIONS, config.base, loads=loads, compiled=is_compiled)
+            solver = solver_of(config, arm, loads, compiled=is_compiled)
             way = f'{medium}{", compiled" if is_compiled else ""}'
             times = [value / unit for value in times_of(solver, tensions)]
             columns = ''.join(f'{value:15.1f}' for value in times)
@@ -326,7 +339,7 @@ def along(config: Config, is_compiled: bool) -> None:
         cases.append((Arm(arm.material, arm.body, sections), pulls, STATIONS))
     for case, pulls, stations in cases:
         loads = Loads(gravity=GRAVITY)
-        solver = Solver(case, 'exact', stations, config.base, loads=loads, compiled=is_compiled)
+        solver = solver_of(config, case, loads, stations, compiled=is_compiled)
         last = solver.solve(pulls)
         moving = itertools.cycle((0.99, 1.01))
         took = least(lambda: solver.solve(next(moving) * pulls, start=last), 200)
@@ -337,7 +350,7 @@ def eight_arms(config: Config, is_compiled: bool) -> None:
     """Eight arms in air, each from its own last shape, with tensions as in fetching."""
     arm, tensions = config.arm.with_density(1080.0), np.array(FETCHING_IN_SPACE)
     loads = Loads(gravity=GRAVITY)
-    solver = Solver(arm, 'exact', STATIONS, config.base, loads=loads, compiled=is_compiled)
+    solver = solver_of(config, arm, loads, compiled=is_compiled)
     steps = 3 if IS_BRIEF else 1000
     lasts = [solver.solve(0.0 * tensions)] * 8
     rounds = []

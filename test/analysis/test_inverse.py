@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -165,7 +167,9 @@ def test_a_stiffness_that_no_arm_has_is_not_reached(short: Solver) -> None:
 
 def test_loads_are_taken_into_account(table4: Config) -> None:
     loads = Loads(gravity=(0, 0, -9.81), fluid_density=1000)
-    loaded = Solver(table4.arm.with_density(1080), 'exact', 61, table4.base, loads=loads)
+    loaded = dataclasses.replace(table4, arm=table4.arm.with_density(1080), loads=loads).solver(
+        'exact', 61
+    )
     found = find_tensions(loaded, TipPosition([0.25, 0.1, -0.1]), HIGHEST)
     assert found.reached
     tip = loaded.solve(found.backbone.tensions).tip

@@ -8,7 +8,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from backbone_messages import assert_hold
 from builtin_interfaces.msg import Time
 
-from octo_arm_model import ConfigError, Solver, load_config
+from octo_arm_model import ConfigError, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages, message_class
@@ -18,7 +18,7 @@ ARM = CONFIG.arm
 
 
 def test_messages_carry_the_backbone_unchanged():
-    backbone = Solver(ARM, base=CONFIG.base).solve(FETCHING_IN_SPACE)
+    backbone = CONFIG.solver().solve(FETCHING_IN_SPACE)
     stamp = Time(sec=7, nanosec=8)
     path, poses, strains = backbone_messages(backbone, stamp, 'somewhere')
     headers = [message.header for message in (path, poses, strains, *path.poses)]

@@ -17,7 +17,7 @@ from octo_arm_model.config.paper_data import (
 )
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.numerics.interpolation import nearest
-from octo_arm_model.core.solver import MODELS, Solver
+from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
 from octo_arm_model.reproduce.claims.claim import Claim, Finding, below, claim, of_models
 
@@ -55,8 +55,9 @@ def weight() -> Claim:
     def sag(difference: float) -> float:
         # In water: weight less buoyancy, by the difference of the densities.
         arm = config.arm.with_density(difference)
-        loaded = Solver(arm, 'exact', base=config.base, loads=loads).solve(tensions)
-        free = Solver(arm, 'exact', base=config.base).solve(tensions)
+        of_arm = dataclasses.replace(config, arm=arm)
+        loaded = dataclasses.replace(of_arm, loads=loads).solver('exact').solve(tensions)
+        free = of_arm.solver('exact').solve(tensions)
         return 100.0 * float(np.linalg.norm(loaded.tip - free.tip)) / arm.length
 
     return Claim(
@@ -137,7 +138,8 @@ def errors_grow(model: str) -> Finding:
     )
     arm = dataclasses.replace(config.arm, material=softer)
     shape = cases.solve('prototype', model, tensions)
-    off = Solver(arm, model, cases.STATIONS, config.base).solve(tensions).position
+    solver = dataclasses.replace(config, arm=arm).solver(model, cases.STATIONS)
+    off = solver.solve(tensions).position
     error = np.linalg.norm(off - shape.position, axis=1) * 1e3
     quarters = error[nearest(np.array([0.25, 0.5]) * shape.s[-1], shape.s)]
     return Finding(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model import Solver, load_config
+from octo_arm_model import load_config
 from octo_arm_model.analysis.geometry.uncertainty_mesh import (
     ARROW_TRIANGLES,
     CONE_TRIANGLES,
@@ -17,7 +17,7 @@ from octo_arm_model.analysis.geometry.uncertainty_mesh import (
 from octo_arm_model.config.presets import preset_path
 
 CONFIG = load_config(preset_path('renda2012_prototype'))
-SOLVER = Solver(CONFIG.arm, 'exact', 21)
+SOLVER = CONFIG.solver('exact', 21)
 SHAPE = SOLVER.solve([[1.0, 0.4, 0.3, 0.5]])
 DRAWING = UncertaintyDrawing(CONFIG.arm, SHAPE.s)
 FORCE = np.array([0.002, -0.004, 0.008])

@@ -111,7 +111,9 @@ def test_opposite_tendons_wound_alike_compress_the_arm_straight(solver: Solver) 
 
 def test_it_holds_under_loads_and_from_a_start(table4: Config) -> None:
     loads = Loads(gravity=(0, 0, -9.81), fluid_density=1000)
-    loaded = Solver(table4.arm.with_density(1080), 'exact', loads=loads)
+    loaded = dataclasses.replace(table4, arm=table4.arm.with_density(1080), loads=loads).solver(
+        'exact'
+    )
     wanted = {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}
     cold = solve_displacements(loaded, wanted)
     assert cold.displacement[0, 0] == pytest.approx(0.02, abs=1e-9)

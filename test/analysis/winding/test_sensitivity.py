@@ -15,7 +15,7 @@ TENSIONS = np.array([[0.03, 0.01, 0.02, 0.015]])  # [N]
 
 @pytest.fixture(scope='module', params=['closed_form', 'exact'])
 def solver(request: pytest.FixtureRequest, prototype: Config) -> Solver:
-    return Solver(prototype.arm, request.param)
+    return prototype.solver(request.param)
 
 
 def wound_as(solver: Solver, tensions: np.ndarray) -> tuple[np.ndarray, Wound]:

@@ -27,7 +27,7 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from octo_arm_model import Backbone, ConfigError, Solver, load_config
+from octo_arm_model import Backbone, ConfigError, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.ros.messages import backbone_messages, pose_message
@@ -207,7 +207,7 @@ def test_tip_and_tendons_likewise(frame, names, sec, nanosec, seed):
 @example('Arm/Basis-Süd', 30, 2)
 def test_markers_likewise(frame, stations, seed):
     random = np.random.default_rng(seed)
-    solver = Solver(CONFIG.arm, 'closed_form', stations)
+    solver = CONFIG.solver('closed_form', stations)
     writer = MarkersWriter(CONFIG.arm, solver.grid.s, frame, widen=bool(seed % 2))
     for sec in (-(2**31), seed):  # the template holds another shape and stamp by then
         backbone = solver.solve(random.uniform(0.0, 0.3, CONFIG.arm.tension_shape))
@@ -334,7 +334,7 @@ def test_another_shape_is_refused(method):
     others = {
         r'\(1, 11, 3\)': SOLVER.solve(np.array([FETCHING_IN_SPACE])),
         r'\(2, 11, 3\)': SOLVER.solve(np.zeros((2, 3, 4))),
-        r'\(12, 3\)': Solver(CONFIG.arm, 'closed_form', 12).solve(FETCHING_IN_SPACE),
+        r'\(12, 3\)': CONFIG.solver('closed_form', 12).solve(FETCHING_IN_SPACE),
         r'\(1, 3\)': made_up(1),
     }
     for shape, backbone in others.items():

@@ -35,7 +35,7 @@ def solved(friction=0.0, stations=11):
 @example('', [''] * 12, 4, -1, 2**32 - 1)
 @example('触手😀', ['x', 'y', 'z', 's', *map(str, range(8))], 5, 7, 0)
 def test_a_reader_finds_each_number_where_the_fields_say(frame, names, stations, sec, nanosec):
-    backbone = Solver(CONFIG.arm, 'closed_form', stations).solve(TENSIONS)
+    backbone = CONFIG.solver('closed_form', stations).solve(TENSIONS)
     writer = TensionProfilesWriter(frame, backbone.s, names)
     for stamp in ((0, 0), (sec, nanosec)):  # the template holds another stamp by then
         ours = writer.write(backbone, *stamp)

@@ -57,7 +57,9 @@ class FollowingForce:
 
 def solver_of(table4: Config, *others: FollowingForce) -> Solver:
     weight = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0, others=others)
-    return Solver(table4.arm.with_density(1080.0), 'exact', base=table4.base, loads=weight)
+    return dataclasses.replace(table4, arm=table4.arm.with_density(1080.0), loads=weight).solver(
+        'exact'
+    )
 
 
 def rotation_at(backbone: Backbone, station: int) -> FloatArray:
