@@ -37,7 +37,14 @@ def test_stamps_that_run_backwards_and_two_sources_are_diagnosed(client):
     assert float(values['age of the newest stamp [s]']) > 1e6
 
 
+# Of the inputs where a test waits for it, shorter than the node's own.
+SILENCE = 0.5  # [s]
+
+
 def test_silence_is_diagnosed_and_nobody_claims_to_solve_or_publish(client):
+    usual = client.dump()['diagnostics.silence_limit']
+    assert client.change(diagnostics__silence_limit=SILENCE) == (True, '')
+
     def silent():
         status, _ = client.status('input')
         return 'silent for' in status.message and status.level == DiagnosticStatus.WARN
@@ -46,10 +53,12 @@ def test_silence_is_diagnosed_and_nobody_claims_to_solve_or_publish(client):
     for name in ('solver', 'output'):
         status, _ = client.status(name)
         assert (status.level, status.message) == (DiagnosticStatus.OK, 'waiting')
+    assert client.change(diagnostics__silence_limit=usual) == (True, '')
 
 
 def test_winches_and_force_sensors_that_die_are_named():
-    with hosting(OctoArmNode, *AFFORDED, '-p', 'model:=exact', node='wound') as client:
+    options = (*AFFORDED, '-p', 'model:=exact', '-p', f'diagnostics.silence_limit:={SILENCE}')
+    with hosting(OctoArmNode, *options, node='wound') as client:
         winches = client.node.create_publisher(JointState, 'tendon_displacements', 10)
         client.connect()
         client.wait(winches.get_subscription_count, 'a subscription to displacements')

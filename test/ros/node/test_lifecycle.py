@@ -17,11 +17,16 @@ from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
 @pytest.fixture(scope='module')
 def managed():
     """Client of a managed node that every test leaves unconfigured."""
-    with running('ros.node.lifecycle') as client:
+    with hosting(ManagedOctoArmNode, node='managed') as client:
         yield client
 
 
-def test_a_managed_node_answers_while_it_is_active(managed):
+def test_a_managed_node_answers_while_it_is_active():
+    with running('ros.node.lifecycle') as client:
+        answers_while_it_is_active(client)
+
+
+def answers_while_it_is_active(managed):
     assert managed.transition(Transition.TRANSITION_CONFIGURE)
     managed.wait(lambda: managed.node.count_publishers('backbone/path') == 1, 'a configured node')
     assert managed.node.count_subscribers('tendon_tensions') == 0

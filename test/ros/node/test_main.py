@@ -32,19 +32,17 @@ from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
 from octo_arm_model.ros.simulator import main as simulator
 
 
-def test_node_ends_cleanly():
-    # By SIGINT every process of `running` ends.
+@pytest.mark.parametrize(
+    ('first', 'again'),
+    [
+        (signal.SIGINT, signal.SIGTERM),
+        pytest.param(signal.SIGTERM, signal.SIGINT, marks=pytest.mark.endurance),
+    ],
+)
+def test_signals_that_come_while_it_ends_change_nothing(first, again):
     with running('ros.node.main') as client:
         client.wait(lambda: client.diagnostics, 'a diagnosis')
-        client.process.send_signal(signal.SIGTERM)
-        check_end(client.process, 0)
-
-
-@pytest.mark.parametrize('again', [signal.SIGINT, signal.SIGTERM])
-def test_signals_that_come_while_it_ends_change_nothing(again):
-    with running('ros.node.main') as client:
-        client.wait(lambda: client.diagnostics, 'a diagnosis')
-        client.process.send_signal(signal.SIGINT)
+        client.process.send_signal(first)
         # Until the end: also while Python frees its modules, with its handlers gone.
         while client.process.poll() is None:
             client.process.send_signal(again)
@@ -175,7 +173,7 @@ def test_arguments_that_cannot_be_read_are_told(run_here, arguments, complaint):
     assert complaint in run_here(main, 1, '--ros-args', *arguments)
 
 
-def test_numbers_given_twice_are_numbers_and_other_types_are_refused(tmp_path):
+def test_numbers_given_twice_are_numbers_and_other_types_are_refused(tmp_path, run_here):
     # rcl reads 3 for the one, and 101 for the other.
     later = tmp_path / 'later.yaml'
     later.write_text('/**:\n  ros__parameters: {friction_memory: 2.5, loads.fluid_density: 0.5}\n')
@@ -183,9 +181,12 @@ def test_numbers_given_twice_are_numbers_and_other_types_are_refused(tmp_path):
     given = ('-p', 'loads.fluid_density:=2')
     with running('ros.node.main', *given, files=[first, later]) as client:
         dumped = client.dump()
+        # By SIGINT every other process of `running` ends.
+        client.process.send_signal(signal.SIGTERM)
+        check_end(client.process, 0)
     assert (dumped['friction_memory'], dumped['loads.fluid_density']) == (2.5, 2.0)
-    process = start_node('ros.node.main', new_domain(), '-p', 'stations:=many')
-    assert 'stations is 101 and a value of another type as well' in check_end(process, 1)
+    given = '--ros-args', '--params-file', CONFIG_FILE, '-p', 'stations:=many'
+    assert 'stations is 101 and a value of another type as well' in run_here(main, 1, *given)
 
 
 # What rcl refuses or reads as integers, and what the command reads of it.

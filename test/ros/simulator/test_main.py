@@ -379,7 +379,7 @@ def test_the_arm_follows_the_command_through_simulator_and_node(controller) -> N
 def test_a_profile_is_played_from_the_command_line(controller, monkeypatch, capfd) -> None:
     monkeypatch.setenv('ROS_DOMAIN_ID', str(controller.domain))
     controller.measured.clear()
-    assert main(['play', 'fetching_in_plane', '--speed', '2', '--wait', str(DEADLINE)]) == 0
+    assert main(['play', 'fetching_in_plane', '--speed', '6', '--wait', str(DEADLINE)]) == 0
     assert capfd.readouterr() == ('', '')
     read = controller.measured
     controller.wait(lambda: any(one.tension[10] > 0.0 for one in read), 'a pull')
@@ -388,11 +388,13 @@ def test_a_profile_is_played_from_the_command_line(controller, monkeypatch, capf
     np.testing.assert_allclose(peak, PLANE, rtol=1e-9)
 
 
-@pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize(
+    'how', [signal.SIGINT, pytest.param(signal.SIGHUP, marks=pytest.mark.endurance)]
+)
 def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller, how) -> None:
     heard = controller.hear(TendonTensions, 'tendon_commands')
     process = start(
-        'cli.main', 'play', 'fetching_in_plane', '--loop', '--speed', '3', '--wait', DEADLINE,
+        'cli.main', 'play', 'fetching_in_plane', '--loop', '--speed', '9', '--wait', DEADLINE,
         domain=controller.domain,
     )  # fmt: skip
     controller.wait(lambda: heard and heard[-1].tension[10] > 6.0, 'a pull')
