@@ -8,6 +8,8 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -66,6 +68,77 @@ def run(
     )
 
 
+# Imports modules, which takes most of the time of a program, and then runs programs in forks.
+FORKS = """
+import json, os, sys, tempfile
+import octo_arm_start, {modules}
+for line in sys.stdin:
+    case = json.loads(line)
+    with tempfile.TemporaryFile('w+') as out, tempfile.TemporaryFile('w+') as err:
+        if not (child := os.fork()):
+            os.dup2(out.fileno(), 1), os.dup2(err.fileno(), 2)
+            for name, value in case['environment'].items():
+                os.environ.pop(name, None) if value is None else os.environ.update({{name: value}})
+            exec(case['before'])
+            sys.argv[1:] = case['arguments']
+            sys.exit(getattr(octo_arm_start, case['program'])())
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        out.seek(0), err.seek(0)
+        print(json.dumps([status, out.read(), err.read()]), flush=True)
+"""
+ALL_OF_ROS = """octo_arm_model.ros.estimator.lifecycle, octo_arm_model.ros.node.lifecycle,\
+octo_arm_model.ros.simulator.main, octo_arm_model.apps.demo, octo_arm_model.apps.octopus"""
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@contextmanager
+def forking(modules: str, before: str = '') -> Iterator[Run]:
+    """As `run`, in a fork of one process that has imported ``modules`` after ``before``."""
+    code = before + FORKS.format(modules=modules)
+    with subprocess.Popen(
+        [sys.executable, '-c', code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdin and process.stdout
+        given, answers = process.stdin, process.stdout
+
+        def run(
+            program: str, *arguments: str, before: str = '', **environment: str | None
+        ) -> subprocess.CompletedProcess[str]:
+            case = {
+                'program': program, 'arguments': arguments, 'before': before,
+                'environment': environment,
+            }  # fmt: skip
+            given.write(json.dumps(case) + '\n')
+            given.flush()
+            return subprocess.CompletedProcess(arguments, *json.loads(answers.readline()))
+
+        yield run
+        given.close()
+
+
+@pytest.fixture(scope='module')
+def run_without_ros() -> Iterator[Run]:
+    """As `run`, where ROS is not installed."""
+    with forking('octo_arm_model', WITHOUT_ROS) as run:
+        yield run
+
+
+@pytest.fixture(scope='module')
+def run_quickly() -> Iterator[Run]:
+    """As `run`, with what the command always needs imported before ``before``."""
+    with forking('octo_arm_model.cli.main') as run:
+        yield run
+
+
+@pytest.fixture(scope='module')
+def run_with_ros() -> Iterator[Run]:
+    """As `run`, with ROS and the programs imported."""
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+    with forking(ALL_OF_ROS) as run:
+        yield run
+
+
 def started(program: str, *arguments: str, **options: str | None) -> tuple[int, str]:
     """Run a program to its end; returns status and stderr."""
     done = run(program, *arguments, **options)
@@ -78,21 +151,21 @@ def test_every_program_is_started_here() -> None:
 
 
 @pytest.mark.parametrize('program', PROGRAMS)
-def test_help_needs_no_ros(program: str) -> None:
-    done = run(program, '--help', before=WITHOUT_ROS)
+def test_help_needs_no_ros(run_without_ros: Run, program: str) -> None:
+    done = run_without_ros(program, '--help')
     assert (done.returncode, done.stderr) == (0, '')
     assert done.stdout.startswith('usage: ')
     assert 'example' in done.stdout
 
 
 @pytest.mark.parametrize('program', OF_ROS)
-def test_without_ros_that_is_one_line(program: str) -> None:
-    status, complaint = started(program, *OF_ROS[program], before=WITHOUT_ROS)
-    assert status == 2
+def test_without_ros_that_is_one_line(run_without_ros: Run, program: str) -> None:
+    done = run_without_ros(program, *OF_ROS[program])
+    assert done.returncode == 2
     assert re.fullmatch(
         r'.*: error: needs ROS 2 and the package octo_arm_msgs \(\w+ is missing\): '
         r'source them, or put tools/with_ros of the checkout in front\n',
-        complaint,
+        done.stderr,
     )
 
 
@@ -109,11 +182,11 @@ def test_without_ros_that_is_one_line(program: str) -> None:
     ],
 )
 def test_without_an_extra_all_that_the_command_may_need_are_named(
-    command: list[str], module: str, extras: str
+    run_quickly: Run, command: list[str], module: str, extras: str
 ) -> None:
-    status, complaint = started('command_line', *command, before=HIDE.format(rf'{module}\\b.*'))
+    done = run_quickly('command_line', *command, before=HIDE.format(rf'{module}\\b.*'))
     hint = f"install it with: pip install 'octo_arm_model[{extras}]'"
-    assert (status, complaint) == (2, f'octo-arm: error: needs {module}; {hint}\n')
+    assert (done.returncode, done.stderr) == (2, f'octo-arm: error: needs {module}; {hint}\n')
 
 
 def test_without_viser_the_viewer_says_what_to_install() -> None:
@@ -150,16 +223,17 @@ def test_without_memory_that_is_said() -> None:
 
 
 @pytest.mark.parametrize('program', OF_ROS)
-def test_where_logs_cannot_be_written_that_is_said(program: str, tmp_path: Path) -> None:
-    pytest.importorskip('rclpy', reason='needs ROS 2')
-    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+def test_where_logs_cannot_be_written_that_is_said(
+    run_with_ros: Run, program: str, tmp_path: Path
+) -> None:
     (tmp_path / 'file').write_text('')
     for environment in (
         {'HOME': None, 'ROS_HOME': None, 'ROS_LOG_DIR': None},
         {'ROS_LOG_DIR': str(tmp_path / 'file' / 'logs')},
     ):
-        status, complaint = started(program, *OF_ROS[program], **environment)
-        assert status in (1, 2)
+        done = run_with_ros(program, *OF_ROS[program], **environment)
+        complaint = done.stderr
+        assert done.returncode in (1, 2)
         # rcutils reports errors of its own before it.
         last = complaint.splitlines()[-1]
         assert ': error: failed to initialize logging' in last
