@@ -6,6 +6,7 @@ import ast
 import errno
 import io
 import itertools
+import os
 import re
 import sys
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 from checkout import ROOT
 from command_line import Terminal
 
-from octo_arm_model.terminal import StatusLine, missing
+from octo_arm_model.terminal import StatusLine, missing, status_of
 
 # What setup.py installs always, and a module of Python from 3.14 on.
 BASE = {'numpy', 'scipy', 'yaml', 'octo_arm_model', 'compression'}
@@ -93,3 +94,20 @@ class _Full(io.StringIO):
 
 def test_a_line_that_cannot_be_written_does_not_end_the_work() -> None:
     assert shown(_Full(), 0.15) == '2\n5\nend\n'
+
+
+def test_a_program_ends_quietly_with_the_reader_of_its_output(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)  # as `head` does
+    with os.fdopen(writer, 'w') as stream:
+        monkeypatch.setattr(sys, 'stdout', stream)
+
+        def run() -> int:
+            with StatusLine(sys.stdout) as line:
+                line.show(lambda: 'a line', always=True)
+            return 0
+
+        assert status_of('program', run) == 141
+        print('what Python has left to write at exit', flush=True)

@@ -21,7 +21,7 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 import rclpy
-from live_nodes import DEADLINE, PERIOD, new_domain, start, start_node, stop
+from live_nodes import DEADLINE, PERIOD, RosClient, hosting, new_domain, spinning, start
 
 from octo_arm_model import load_config
 from octo_arm_model.apps import demo, octopus
@@ -29,6 +29,7 @@ from octo_arm_model.apps.domain import own_domain
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.ros.client.client import ArmClient
+from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.simulation.profiles.commands import find_profile
 
 NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')
@@ -139,35 +140,24 @@ def stop_here():
     os.kill(os.getpid(), signal.SIGINT)
 
 
-def test_the_demonstration_moves_the_arm_and_leaves_nothing_behind(run_here):
-    tips = set()
-
-    def watch(line, family):
-        if found := NUMBERS.search(line):
-            tips.add(found.groups()[:3])
-            assert len(family) == 2  # node and simulator
-        if len(tips) == 2:
-            stop_here()
-
-    status, complaints = run_here(demo, ['renda2012_table2', '--no-viewer'], watch)
-    assert status == 0, complaints
-
-
-def test_the_demonstration_says_where_to_look(run_here):
+def test_the_demonstration_moves_the_arm_says_where_to_look_and_leaves_nothing_behind(run_here):
     pytest.importorskip('viser', reason='needs viser')
-    said = []
+    said, tips = [], set()
 
     def watch(line, family):
         if found := re.search('port (.*) is in use; open http://localhost:(.*)', line):
             said.extend(map(int, found.groups()))
             with socket.create_connection(('127.0.0.1', said[1]), timeout=DEADLINE):
                 pass
-        if NUMBERS.search(line):
+        if found := NUMBERS.search(line):
+            tips.add(found.groups()[:3])
+            assert len(family) == 2  # node and simulator
+        if len(tips) == 2:
             stop_here()
 
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]
-        path = str(preset_path('renda2012_prototype'))
+        path = str(preset_path('renda2012_table2'))
         status, complaints = run_here(demo, [path, '--port', str(port)], watch)
     assert status == 0, complaints
     assert said[0] == port < said[1]
@@ -225,10 +215,21 @@ def test_children_end_with_their_parent(how):
         assert time.monotonic() < end, f'after {DEADLINE} s they still run'
 
 
-@pytest.mark.parametrize(
-    ('module', 'namespace'),
-    [('demo', ''), pytest.param('octopus', 'arm_1', marks=pytest.mark.endurance)],
-)
+def test_a_domain_with_an_arm_is_left_to_it(monkeypatch, capsys):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(new_domain()))
+    domain = os.environ['ROS_DOMAIN_ID']
+    with own_domain('first'), own_domain('elsewhere', '/arm_1'):
+        assert os.environ['ROS_DOMAIN_ID'] == domain
+        assert capsys.readouterr().out == ''
+        with own_domain('second'):
+            other = os.environ['ROS_DOMAIN_ID']
+            assert other != domain
+    expected = f'second: there is an arm in ROS domain {domain} already; this one is in domain '
+    assert capsys.readouterr().out.startswith(f'{expected}{other}: ')
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize(('module', 'namespace'), [('demo', ''), ('octopus', 'arm_1')])
 def test_a_second_arm_goes_to_another_domain_and_says_so(started, module, namespace):
     domain = new_domain()
     started(module, 'renda2012_table4', '--no-viewer', domain=domain).line('arms|waiting|shapes')
@@ -251,12 +252,19 @@ def test_a_second_arm_goes_to_another_domain_and_says_so(started, module, namesp
     assert program.end()[0] == 0
 
 
-def test_what_else_publishes_tensions_is_told(started):
-    domain = new_domain()
-    other = start_node('ros.simulator.main', domain)
-    program = started('demo', 'renda2012_table4', '--no-viewer', domain=domain)
-    program.line('shapes/s.*several sources: 2 publishers on /tendon_tensions')
-    stop(other)
+def test_what_else_publishes_tensions_is_told(run_here):
+    said = []
+
+    def watch(line, family):
+        if re.search('shapes/s.*several sources: 2 publishers on /tendon_tensions', line):
+            said.append(line)
+            stop_here()
+
+    given = {'client': RosClient, 'node': 'other', 'domain': int(os.environ['ROS_DOMAIN_ID'])}
+    with hosting(SimulatorNode, '-p', 'rate:=5.0', **given) as other, spinning(other):
+        status, complaints = run_here(demo, ['renda2012_prototype', '--no-viewer'], watch)
+    assert status == 0, complaints
+    assert said
 
 
 def test_a_domain_that_is_no_number_is_refused(monkeypatch):
