@@ -52,6 +52,8 @@ class CsvTable:
         given: name of the column of each quantity where it has another, or a number instead.
         count: progress of the conversion of its columns.
         wanted: names of all quantities that were looked for.
+        taken: those of them that were found as ``given``.
+        own: why each was not, of those that have a column of their own name instead.
     """
 
     path: Path
@@ -61,25 +63,37 @@ class CsvTable:
     given: Mapping[str, str]
     count: Count
     wanted: set[str] = field(default_factory=set)
+    taken: set[str] = field(default_factory=set)
+    own: dict[str, str] = field(default_factory=dict)
 
     def find(self, name: str) -> int | float | None:
         """Number of the column for ``name``, or the value in place of one; None if neither.
 
+        A column that was given for it may be that of another file, see `check_taken`.
+
         Raises:
-            MeasurementError: if a column was given for it and there is none of that name.
+            MeasurementError: if a column was given for it, and there is none of either name.
         """
         self.wanted.add(name)
-        wanted = self.given.get(name, name).strip()
+        if name not in self.given:
+            return self._number(name)
+        wanted = self.given[name].strip()
+        number = self._number(wanted)
+        if number is not None or NUMBER.match(wanted):
+            self.taken.add(name)
+            return float(wanted) if number is None else number
+        problem = f'{self.path}: no column {shown(wanted)} for {name}; {self.listing}'
+        own = self._number(name)
+        if own is None:
+            raise MeasurementError(problem)
+        self.own[name] = problem
+        return own
+
+    def _number(self, wanted: str) -> int | None:
         for number, column in enumerate(self.columns):
             if wanted in (column.name, column.text, f'{column.name} [{column.unit}]'):
                 return number
-        if name not in self.given:
-            return None
-        if NUMBER.match(wanted):
-            return float(wanted)
-        raise MeasurementError(
-            f'{self.path}: no column {shown(wanted)} for {name}; {self.listing}'
-        )
+        return None
 
     @property
     def listing(self) -> str:
@@ -185,6 +199,19 @@ def read_csv(path: Path, given: Mapping[str, str], count: Count) -> CsvTable:
     if not rows:
         raise MeasurementError(f'{path}: no rows, expected a header and rows below it')
     return CsvTable(path, columns, tuple(rows), tuple(lines), given, count)
+
+
+def check_taken(tables: Sequence[CsvTable]) -> None:
+    """Check that each given column is in one of ``tables``; others may have their own name for it.
+
+    Raises:
+        MeasurementError: if one is in none of them.
+    """
+    taken = {name for table in tables for name in table.taken}
+    for table in tables:
+        for name, problem in table.own.items():
+            if name not in taken:
+                raise MeasurementError(problem)
 
 
 def _header(cells: Sequence[str], path: str | Path, line: int) -> tuple[_Column, ...]:

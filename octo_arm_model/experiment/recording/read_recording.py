@@ -16,7 +16,7 @@ from octo_arm_model.experiment.recording.csv_recording import (
     csv_frames,
     csv_tensions,
 )
-from octo_arm_model.experiment.recording.csv_table import read_csv
+from octo_arm_model.experiment.recording.csv_table import CsvTable, check_taken, read_csv
 from octo_arm_model.experiment.recording.measured_points import Measured, MeasuredPoints
 from octo_arm_model.experiment.recording.recording import Recording, assemble
 from octo_arm_model.wire.refusals import Refusals
@@ -122,17 +122,17 @@ def _gather(
         topics = MeasuredTopics(bag.reader, measured, points, config.base_frame)
         count.expect(bag.reader.count(list(dict.fromkeys(topics.topics))))
     pulled = reeled_in = None
-    wanted: set[str] = set()
+    tables: list[CsvTable] = []
     if files.tensions is not None:
         table = read_csv(files.tensions, files.columns, count)
         pulled = csv_tensions(table, config, refusals)
-        wanted |= table.wanted
+        tables.append(table)
     elif bag is not None:
         pulled = bag.tensions(config, refusals, count)
     if files.displacements is not None:
         table = read_csv(files.displacements, files.columns, count)
         reeled_in = csv_displacements(table, config.arm, refusals)
-        wanted |= table.wanted
+        tables.append(table)
     elif bag is not None:
         reeled_in = bag.displacements(config, refusals, count)
     for what, stamped in (('tensions', pulled), ('encoder readings', reeled_in)):
@@ -145,7 +145,9 @@ def _gather(
         source = str(files.midlines)
         table = read_csv(files.midlines, files.columns, count)
         frames = csv_frames(table, measured, points, refusals)
-        wanted |= table.wanted
+        tables.append(table)
+    check_taken(tables)
+    wanted = {name for table in tables for name in table.wanted}
     if unread := [name for name in files.columns if name not in wanted]:
         raise MeasurementError(
             f'--columns names {listed(unread)}, which is not read here; expected names of '

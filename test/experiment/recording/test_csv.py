@@ -302,6 +302,23 @@ def test_markers_are_named_by_columns(
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
 
 
+def test_one_of_two_files_has_another_name_for_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tendons = ','.join(f'tendon_1_{n}' for n in (1, 2, 3, 4))
+    loads = loads_csv(tmp_path / 'loads.csv', f'Zeit,{tendons}')
+    track = wide_csv(tmp_path / 'track.csv')
+    track.write_text(track.read_text().replace('Zeit', 'time', 1))
+    files = ['--tension-csv', str(loads), '--midline-csv', str(track), *S, *ARM, *STILL]
+    columns = [f'z{number}=0' for number in range(1, 5)]
+    said = printed(capsys, 'compare', *files, '--columns', 'time=Zeit', *columns)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+    loads.write_text(loads.read_text().replace('Zeit', 'time', 1))
+    assert main(['compare', *files, '--columns', 'time=Zeit', *columns]) == 2
+    assert "loads.csv: no column 'Zeit' for time; it has time, " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ('told', 'message'),
     [
