@@ -34,7 +34,20 @@ FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH
 
 _LOG, _COMPILE_LOG = 'prepare.log', 'compile.log'
 # Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
-_COMPILE = 'from octo_arm_model.core.compiled.numba_build import make_side_by_side as make; make()'
+_COMPILE = """
+import numpy as np
+from octo_arm_model import load_config
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.core.compiled.numba_build import is_available, make_side_by_side
+from octo_arm_model.rod.rod import Rod, Setting
+
+if __name__ == '__main__' and is_available():
+    arm = load_config(preset_path('renda2012_prototype')).arm
+    rod = Rod(arm, setting=Setting(compiled=True))
+    found = rod.solve(np.zeros(len(arm.tendons)), np.full(6, 1e-9))
+    rod.readout(found.level, np.array([0.0, arm.length])).read(found.state)
+    make_side_by_side()
+"""
 
 
 class CannotPrepare(Exception):
@@ -263,8 +276,9 @@ def build(steps: Steps, folder: Path, venv: Path) -> None:
 def compiled_sources() -> str:
     """Hash of all that the solver is compiled from."""
     digest = hashlib.sha256()
-    for path in sorted((ROOT / 'octo_arm_model' / 'core').rglob('*.py')):
-        digest.update(path.read_bytes())
+    for folder in ('core', 'rod'):
+        for path in sorted((ROOT / 'octo_arm_model' / folder).rglob('*.py')):
+            digest.update(path.read_bytes())
     return digest.hexdigest()
 
 

@@ -142,33 +142,17 @@ class Attacked(Setup):
 
     def pulls_one(self, page):
         """Slacken all but one tendon; whether the others were slack by then."""
-        again = -math.inf
-
-        def is_slack():
-            nonlocal again
-            if time.monotonic() > again:
-                again = time.monotonic() + 2.0
-                page.update('Let all go slack', value=True)
-            return self.hear() is not None and not self.last.any()
-
-        self.wait_for(is_slack, 'slack')
+        page.update('Let all go slack', value=True)
+        self.wait_for(lambda: self.hear() is not None and not self.last.any(), 'slack')
         self.tension = round(self.tension % 3.0 + 0.01, 2)
         self.pull(page, 5, self.tension)
         return np.count_nonzero(self.last) == 1
 
     def pull(self, page, tendon, tension):
         """Set a slider of ``page`` until its tension is commanded."""
-        again = -math.inf
-
-        def is_pulled():
-            # Sliders follow what is commanded, now and then over a value that was just set.
-            nonlocal again
-            if time.monotonic() > again:
-                again = time.monotonic() + 2.0
-                page.update(NAMES[tendon], value=tension)
-            return self.hear() and self.last[tendon] == tension
-
-        self.wait_for(is_pulled, f'the tension of {NAMES[tendon]}')
+        page.update(NAMES[tendon], value=tension)
+        what = f'the tension of {NAMES[tendon]}'
+        self.wait_for(lambda: self.hear() and self.last[tendon] == tension, what)
 
     def request(self, path, **headers):
         connection = http.client.HTTPConnection('127.0.0.1', self.number, timeout=DEADLINE)

@@ -32,6 +32,9 @@ _COPY = (
 class Controls:
     """The controls for the tensions of one arm.
 
+    What browsers do with them is done in that order: viser calls coroutines at once and one after
+    the other, functions by any of many threads.
+
     Attributes:
         highest: limit of each tendon and end of its slider [N], (tendons,).
     """
@@ -46,6 +49,7 @@ class Controls:
     ) -> None:
         """Add them to the page of ``server``; commands are published on ``topic``."""
         self._gui, self._arm, self._commander = server.gui, config.arm, commander
+        self._loop = server.get_event_loop()
         self._topic, self._later = topic, later
         self.highest = tendon_limits(config)
         self._sliders: list[viser.GuiSliderHandle[float]] = []
@@ -57,6 +61,14 @@ class Controls:
         self._problem = self._gui.add_html('')
 
     def follow(self) -> None:
+        """Have the controls set to what is commanded, soon.
+
+        It is done where viser takes what browsers set: else it could come between a value and its
+        callback, and that value would be lost.
+        """
+        self._loop.call_soon_threadsafe(self.follow_at_once)
+
+    def follow_at_once(self) -> None:
         """Set the sliders to the commanded tensions, but for those whose command is due."""
         tensions = self._commander.tensions.tolist()
         for slider, moved, tension in zip(self._sliders, self._moved, tensions, strict=True):
@@ -74,13 +86,20 @@ class Controls:
     def _add_figures(self) -> None:
         slack = self._gui.add_button('Let all go slack')
         rest = np.zeros(len(self._arm.tendons))
-        slack.on_click(lambda event: self._move(rest))
+
+        @slack.on_click
+        async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            self._move(rest)
+
         tensions_of = figures(self._arm)
         if tensions_of:
             group = self._gui.add_button_group(
                 'Figure', tuple(tensions_of), hint='Tensions of the figures of Renda et al. 2012'
             )
-            group.on_click(lambda event: self._move(tensions_of[event.target.value]))
+
+            @group.on_click
+            async def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
+                self._move(tensions_of[event.target.value])
 
     def _move(self, tensions: FloatArray) -> None:
         def move() -> None:
@@ -113,12 +132,15 @@ class Controls:
         self._sliders.append(slider)
         self._moved.append(moved)
 
-        # A coroutine is called at once and in order, a function by any of many threads.
+        def pull() -> None:
+            self._pull(tendon, moved[0])
+            moved.popleft()  # no earlier, as the slider follows what is commanded from then on
+
         @slider.on_update
         async def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
             if event.client_id is not None:  # from a browser, not by `follow`
                 moved.append(event.target.value)
-                self._later(lambda: self._pull(tendon, moved.popleft()))
+                self._later(pull)
 
     def _pull(self, tendon: int, tension: float) -> None:
         self._problem.content = ''
@@ -147,13 +169,18 @@ class Controls:
             text.content = numbers.note(names[chosen.value])
 
         chosen.on_update(describe)
-        self._play.on_click(lambda event: self._later(play))
-        self._stop.on_click(lambda event: self._later(self._commander.stop))
-        speed.on_update(
-            lambda event: self._later(
-                lambda: self._commander.change_speed(speed.value, time.monotonic())
-            )
-        )
+
+        @self._play.on_click
+        async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            self._later(play)
+
+        @self._stop.on_click
+        async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            self._later(self._commander.stop)
+
+        @speed.on_update
+        async def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+            self._later(lambda: self._commander.change_speed(speed.value, time.monotonic()))
 
     def _add_copies(self) -> None:
         group = self._gui.add_button_group('Tensions as', ('YAML', 'ros2 line'))

@@ -55,12 +55,19 @@ class _Moved:
         with server.gui.add_folder('Profile'):
             self.controls.add_profiles()
         self.slider = self.controls._sliders[4]
+        self.labelled = {
+            handle.label: handle for handle in server.gui._gui_input_handle_from_uuid.values()
+        }
 
     def move(self, value):
         """As viser does where a browser says so: the value first, then what listens."""
         self.slider._impl.value = value
-        event = viser.GuiEvent(client=None, client_id=1, target=self.slider)
-        asyncio.run(self.slider._impl.update_cb[0](event))
+        self.tell(self.slider)
+
+    def tell(self, handle):
+        """Have what listens to a control hear of it, at once as viser calls coroutines alone."""
+        event = viser.GuiEvent(client=None, client_id=1, target=handle)
+        asyncio.run(handle._impl.update_cb[0](event))
 
     def act(self):
         while self._actions:
@@ -80,27 +87,40 @@ def moved():
 
 def test_a_slider_that_was_moved_meanwhile_does_not_jump_back(moved):
     moved.move(0.02)
-    moved.controls.follow()
+    moved.controls.follow_at_once()
     assert moved.slider.value == 0.02  # nothing else is commanded yet
     moved.act()
     moved.move(0.04)  # between its command and what the page shows
-    moved.controls.follow()
+    moved.controls.follow_at_once()
     assert moved.slider.value == 0.04
     moved.act()
     assert moved.commander.tensions[4] == 0.04
     moved.move(0.0412345)
     moved.act()
-    moved.controls.follow()
+    moved.controls.follow_at_once()
     assert moved.slider.value == 0.0412345  # it is where it was moved to, not rounded
     moved.command_rest()
-    moved.controls.follow()
+    moved.controls.follow_at_once()
     assert moved.slider.value == 0.0  # something else is commanded
 
 
 def test_a_slider_that_was_moved_during_a_movement_shows_what_it_commands(moved):
     moved.move(0.02)
     moved.commander.pull(4, 0.1)  # as a movement does until the slider's command
-    moved.controls.follow()
+    moved.controls.follow_at_once()
     moved.act()
-    moved.controls.follow()
+    moved.controls.follow_at_once()
     assert moved.slider.value == moved.commander.tensions[4] == 0.02
+
+
+def test_what_is_pressed_and_moved_is_done_in_that_order(moved):
+    buttons = {name: moved.labelled[name] for name in ('Let all go slack', 'Play', 'Stop')}
+    for name, button in buttons.items():
+        moved.tell(button)
+        moved.move(0.02 + moved.slider.value)
+        moved.act()
+        assert not moved.commander.is_moving, name  # the slider came last, and stops all movement
+        moved.move(0.02 + moved.slider.value)
+        moved.tell(button)
+        moved.act()
+        assert moved.commander.is_moving == (name != 'Stop')
