@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from selenium import webdriver
-from selenium.common.exceptions import StaleElementReferenceException
+from selenium.common.exceptions import StaleElementReferenceException, TimeoutException
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
@@ -111,7 +111,10 @@ class Browser:
 
     def picture(self) -> bytes:
         """The scene as PNG."""
-        return self.driver.find_element(By.CSS_SELECTOR, 'canvas').screenshot_as_png
+        scene = self.driver.find_element(By.CSS_SELECTOR, 'canvas')
+        # Without a graphics card, beside other work, one may take longer than the driver waits.
+        patience = WebDriverWait(self.driver, self._wait, 0.1, [TimeoutException])
+        return patience.until(lambda driver: scene.screenshot_as_png, 'no picture of the scene')
 
     def scene_width(self) -> int:
         """Width of the scene [pixels]."""
