@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import html
+import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 import numpy as np
 import viser
@@ -51,6 +53,7 @@ class Controls:
         self._gui, self._arm, self._commander = server.gui, config.arm, commander
         self._loop = server.get_event_loop()
         self._topic, self._later = topic, later
+        self._lock, self._is_closed = threading.Lock(), False
         self.highest = tendon_limits(config)
         self._sliders: list[viser.GuiSliderHandle[float]] = []
         # Where browsers have moved each slider to, until that is commanded [N].
@@ -68,8 +71,18 @@ class Controls:
         """
         self._loop.call_soon_threadsafe(self.follow_at_once)
 
+    def close(self) -> None:
+        """Set the controls no more, as they will be removed."""
+        with self._lock:
+            self._is_closed = True
+
     def follow_at_once(self) -> None:
         """Set the sliders to the commanded tensions, but for those whose command is due."""
+        with self._lock:
+            if not self._is_closed:
+                self._set()
+
+    def _set(self) -> None:
         tensions = self._commander.tensions.tolist()
         for slider, moved, tension in zip(self._sliders, self._moved, tensions, strict=True):
             # One that a browser moves farther meanwhile would jump back.
@@ -87,19 +100,13 @@ class Controls:
         slack = self._gui.add_button('Let all go slack')
         rest = np.zeros(len(self._arm.tendons))
 
-        @slack.on_click
-        async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-            self._move(rest)
-
+        slack.on_click(_in_order(lambda event: self._move(rest)))
         tensions_of = figures(self._arm)
         if tensions_of:
             group = self._gui.add_button_group(
                 'Figure', tuple(tensions_of), hint='Tensions of the figures of Renda et al. 2012'
             )
-
-            @group.on_click
-            async def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
-                self._move(tensions_of[event.target.value])
+            group.on_click(_in_order(lambda event: self._move(tensions_of[event.target.value])))
 
     def _move(self, tensions: FloatArray) -> None:
         def move() -> None:
@@ -136,11 +143,12 @@ class Controls:
             self._pull(tendon, moved[0])
             moved.popleft()  # no earlier, as the slider follows what is commanded from then on
 
-        @slider.on_update
-        async def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+        def moved_by(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
             if event.client_id is not None:  # from a browser, not by `follow`
                 moved.append(event.target.value)
                 self._later(pull)
+
+        slider.on_update(_in_order(moved_by))
 
     def _pull(self, tendon: int, tension: float) -> None:
         self._problem.content = ''
@@ -168,19 +176,13 @@ class Controls:
         def describe(event: object) -> None:
             text.content = numbers.note(names[chosen.value])
 
+        def change_speed() -> None:
+            self._commander.change_speed(speed.value, time.monotonic())
+
         chosen.on_update(describe)
-
-        @self._play.on_click
-        async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-            self._later(play)
-
-        @self._stop.on_click
-        async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-            self._later(self._commander.stop)
-
-        @speed.on_update
-        async def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
-            self._later(lambda: self._commander.change_speed(speed.value, time.monotonic()))
+        self._play.on_click(_in_order(lambda event: self._later(play)))
+        self._stop.on_click(_in_order(lambda event: self._later(self._commander.stop)))
+        speed.on_update(_in_order(lambda event: self._later(change_speed)))
 
     def _add_copies(self) -> None:
         group = self._gui.add_button_group('Tensions as', ('YAML', 'ros2 line'))
@@ -193,6 +195,15 @@ class Controls:
                 text = as_shell_line(self._arm, tensions, self._topic)
             if event.client is not None:
                 _show_copy(event.client.gui, text)
+
+
+def _in_order(act: Callable[[Any], None]) -> Callable[[Any], Coroutine[Any, Any, None]]:
+    """``act``, called with an event, as a coroutine: see `Controls`."""
+
+    async def call(event: Any) -> None:
+        act(event)
+
+    return call
 
 
 def _show_copy(gui: viser.GuiApi, text: str) -> None:

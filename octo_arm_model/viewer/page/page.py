@@ -102,6 +102,7 @@ class Page:
         """End the thread of the search; queued actions are dropped."""
         self._is_closed = True
         self._search.close()
+        self._controls.close()
 
     def _later(self, action: Callable[[], None]) -> None:
         self._queue(lambda: None if self._is_closed else action())

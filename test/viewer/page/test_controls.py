@@ -104,6 +104,16 @@ def test_a_slider_that_was_moved_meanwhile_does_not_jump_back(moved):
     assert moved.slider.value == 0.0  # something else is commanded
 
 
+def test_controls_that_are_removed_are_set_no_more(moved):
+    moved.move(0.02)
+    moved.act()
+    moved.controls.close()
+    moved.slider.remove()  # as where another arm is shown
+    moved.command_rest()
+    moved.controls.follow_at_once()
+    assert moved.slider.value == 0.02
+
+
 def test_a_slider_that_was_moved_during_a_movement_shows_what_it_commands(moved):
     moved.move(0.02)
     moved.commander.pull(4, 0.1)  # as a movement does until the slider's command
