@@ -21,7 +21,7 @@ from octo_arm_model.simulation.profiles.commands import find_profile, profile_na
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.touched_arm import touched
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
-from octo_arm_model.viewer.options import add_optional_page, open_page, titled
+from octo_arm_model.viewer.options import add_optional_page, open_page, page_title
 
 if TYPE_CHECKING:
     from octo_arm_model.ros.client.client import ArmClient
@@ -66,11 +66,11 @@ def describe(client: ArmClient) -> str:
         return 'waiting for the node ...'
     base, tip = client.shape.position[[0, -1]] * 1e3
     rate = client.rate()
-    often = '' if np.isnan(rate) else f'{rate:5.1f} shapes/s   '
+    rate_text = '' if np.isnan(rate) else f'{rate:5.1f} shapes/s   '
     return (
         f'tip {tip[0]:7.1f} {tip[1]:7.1f} {tip[2]:7.1f} mm   '
         f'to the base {np.linalg.norm(tip - base):6.1f} mm   '
-        f'{often}{1e3 * client.latency:5.1f} ms behind'
+        f'{rate_text}{1e3 * client.latency:5.1f} ms behind'
         f'{client.problem and f"   {client.problem}"}'
     )
 
@@ -124,7 +124,7 @@ def _show(options: argparse.Namespace) -> int:
         stack.enter_context(own_domain(_PROG))
         started = stack.enter_context(children(commands))
         client = ArmClient(stack.enter_context(client_node(_PROG)))
-        title = titled(Path(path).stem)
+        title = page_title(Path(path).stem)
         server = open_page(options, stack, title)
         if server is None:
             step = _watching(client)

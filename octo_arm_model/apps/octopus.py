@@ -24,7 +24,7 @@ from octo_arm_model.ros.child_processes import children, ended, parameter_argume
 from octo_arm_model.simulation.profiles.commands import find_profile
 from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
-from octo_arm_model.viewer.options import add_optional_page, open_page, titled
+from octo_arm_model.viewer.options import add_optional_page, open_page, page_title
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -85,7 +85,9 @@ def describe(clients: Sequence[ArmClient]) -> str:
     rates = [client.rate() for client in clients]
     latency = max(client.latency for client in clients)
     if np.isnan(rates).any():
-        return next(client.problem for client in seen if np.isnan(client.rate()))
+        return next(
+            client.problem for client, rate in zip(clients, rates, strict=True) if np.isnan(rate)
+        )
     return (
         f'{sum(rates):5.0f} shapes/s of {len(clients)} arms, the slowest {min(rates):4.1f} of '
         f'{RATE:.0f} Hz; {1e3 * latency:5.1f} ms behind'
@@ -179,7 +181,7 @@ def _show(options: argparse.Namespace) -> int:
         clients = [ArmClient(node, f'arm_{number}') for number in range(1, ARMS + 1)]
         for client in clients:
             client.listen({**POSES, 'strains': DETAILS['strains']})
-        title = titled('an octopus')
+        title = page_title('an octopus')
         server = open_page(options, stack, title)
         if server is not None:
             from octo_arm_model.viewer.page.octopus_page import OctopusPage  # needs viser

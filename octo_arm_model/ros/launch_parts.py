@@ -34,9 +34,10 @@ _OVERRIDES = ('model', 'frame_prefix')
 def declare(*names: str) -> list[DeclareLaunchArgument]:
     """Declare the arguments ``names`` of `ARGUMENTS`."""
     return [
-        DeclareLaunchArgument(name, default_value=default, description=description)
+        DeclareLaunchArgument(
+            name, default_value=ARGUMENTS[name][0], description=ARGUMENTS[name][1]
+        )
         for name in names
-        for default, description in (ARGUMENTS[name],)
     ]
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from octo_arm_model.ros.arguments import split_arguments
 from octo_arm_model.ros.child_processes import stop_signals
 from octo_arm_model.terminal import make_parser, status_of
-from octo_arm_model.viewer.options import add_address, titled
+from octo_arm_model.viewer.options import add_address, page_title
 
 _PROG = 'octo_arm_viewer'
 _EPILOG = """\
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from octo_arm_model.viewer.address import serving
     from octo_arm_model.viewer.app import Viewer
 
-    title = titled(options.namespace.strip('/'))
+    title = page_title(options.namespace.strip('/'))
 
     is_over = stop_signals()
 

@@ -17,7 +17,7 @@ PORT = 8080
 TITLE = 'octo_arm'
 
 
-def titled(name: str) -> str:
+def page_title(name: str) -> str:
     """Title of the page of the arm ``name``; that of any arm if it is empty."""
     return f'{TITLE}: {name}' if name else TITLE
 

@@ -53,7 +53,6 @@ class CsvTable:
         count: progress of the conversion of its columns.
         wanted: names of all quantities that were looked for.
         taken: those of them that were found as ``given``.
-        own: why each was not, of those that have a column of their own name instead.
     """
 
     path: Path
@@ -64,7 +63,6 @@ class CsvTable:
     count: Count
     wanted: set[str] = field(default_factory=set)
     taken: set[str] = field(default_factory=set)
-    own: dict[str, str] = field(default_factory=dict)
 
     def find(self, name: str) -> int | float | None:
         """Number of the column for ``name``, or the value in place of one; None if neither.
@@ -82,12 +80,15 @@ class CsvTable:
         if number is not None or NUMBER.match(wanted):
             self.taken.add(name)
             return float(wanted) if number is None else number
-        problem = f'{self.path}: no column {shown(wanted)} for {name}; {self.listing}'
         own = self._number(name)
         if own is None:
-            raise MeasurementError(problem)
-        self.own[name] = problem
+            raise self.lacking(name)
         return own
+
+    def lacking(self, name: str) -> MeasurementError:
+        """The error that the column that was given for ``name`` is not here."""
+        wanted = shown(self.given[name].strip())
+        return MeasurementError(f'{self.path}: no column {wanted} for {name}; {self.listing}')
 
     def _number(self, wanted: str) -> int | None:
         for number, column in enumerate(self.columns):
@@ -209,9 +210,9 @@ def check_taken(tables: Sequence[CsvTable]) -> None:
     """
     taken = {name for table in tables for name in table.taken}
     for table in tables:
-        for name, problem in table.own.items():
-            if name not in taken:
-                raise MeasurementError(problem)
+        for name in table.given:
+            if name in table.wanted and name not in taken:
+                raise table.lacking(name)
 
 
 def _header(cells: Sequence[str], path: str | Path, line: int) -> tuple[_Column, ...]:

@@ -30,8 +30,7 @@ class Topic:
     @property
     def publishers(self) -> int:
         """Number of publishers of the topic."""
-        with self._subscription.handle:
-            return int(self._subscription.handle.get_publisher_count())
+        return int(self._subscription.get_publisher_count())
 
     def take_raw(self) -> list[tuple[bytes, dict[str, Any]]]:
         """Serialised messages since the last call, at most the queue's depth, oldest first."""
