@@ -70,12 +70,13 @@ def run(
 
 # Imports modules, which takes most of the time of a program, and then runs programs in forks.
 FORKS = """
-import json, os, sys, tempfile
+import json, os, signal, sys, tempfile
 import octo_arm_start, {modules}
 for line in sys.stdin:
     case = json.loads(line)
     with tempfile.TemporaryFile('w+') as out, tempfile.TemporaryFile('w+') as err:
         if not (child := os.fork()):
+            signal.alarm(600)
             os.dup2(out.fileno(), 1), os.dup2(err.fileno(), 2)
             for name, value in case['environment'].items():
                 os.environ.pop(name, None) if value is None else os.environ.update({{name: value}})

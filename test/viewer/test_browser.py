@@ -84,7 +84,7 @@ def test_the_picture_is_the_arm_and_moves_with_it(setup, browser):
 
     def has_moved():
         before, after = body_pixels(straight), body_pixels(browser.picture())
-        return (before & ~after).sum() > 0.15 * before.sum() and after.mean() > 0.003
+        return (before ^ after).sum() > 0.35 * before.sum() and after.mean() > 0.003
 
     browser.until(has_moved, 'another picture')
 
