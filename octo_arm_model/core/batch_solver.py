@@ -7,10 +7,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo_arm_model.core.compiled.compiled import Compiled
-from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.models.statics import Setup, Statics
@@ -95,7 +93,7 @@ class BatchSolver:
         if self._compiled is not None and not is_loaded:
             results.make_room()
             # Arms for which the kernels do not converge are solved, or refused, by NumPy.
-            failed = self._compiled.solve(tensions, results, before)
+            failed = self._compiled.solve(tensions, results)
             parts = [slice(one, one + 1) for one in failed]
         else:
             if not results.is_one:
@@ -111,21 +109,6 @@ class BatchSolver:
                 if not results.is_one:
                     error.in_batch(numbers[part])
                 raise
-
-    def wind(
-        self, given: FloatArray, driven: NDArray[np.bool_], reeled: Reeled,
-        tip_wrench: FloatArray, start: Backbone,
-    ) -> Backbone | None:  # fmt: skip
-        """As `Solver.wind`, with the whole wrench ``tip_wrench`` (6,) on the tip [N, N m]."""
-        results, setup = Results((), self._setup.grid, self._setup.base), self._setup
-        results.make_room()
-        spending = setup.allowance.spending()
-        if self._compiled is None or not self._compiled.wind(
-            given, driven, reeled, tip_wrench, start, results, spending
-        ):
-            return None
-        held = reeled.tensions.reshape(setup.arm.tension_shape)
-        return results.backbone(self._model, held, tip_wrench.copy(), (), self._reach)
 
     @functools.cached_property
     def _reach(self) -> FloatArray:

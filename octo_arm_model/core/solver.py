@@ -102,7 +102,9 @@ class Solver:
         loads.check_inside(arm.length)
         self.grid = StationGrid.build(arm, stations, loads.breaks, loads.knots)
         self._allowance = Allowance(budget)
-        setup = Setup(arm, self.grid, frame, LAWS[material], shear, loads, self._allowance)
+        setup = Setup(
+            arm, self.grid, frame, LAWS[material], shear, loads, self._allowance, compiled
+        )
         self._statics: Statics = STATICS[model](setup)
         self.law = self._statics.law
         if shear and not (self._statics.strains == 6 and material == 'linear'):
@@ -181,7 +183,7 @@ class Solver:
                     ) from None
                 checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
         if start is not None:
-            self._own_twist(start)
+            self._check_single(start)
         return self._batches.solve(checked.copy(), wrench, start, before)
 
     def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:
@@ -241,7 +243,7 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        self._own_twist(backbone)
+        self._check_single(backbone)
         return self._statics.sensitivity(backbone, by_offsets)
 
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
@@ -257,7 +259,7 @@ class Solver:
                 another kind than the dead ones, or tendons have friction.
             ArmDefinitionError: if a load does not fit the arm.
         """
-        self._own_twist(backbone)
+        self._check_single(backbone)
         self._require_loads()
         for one in loads:
             one.check_inside(self.arm.length)
@@ -281,7 +283,7 @@ class Solver:
         """
         if not uncertainty.is_any:
             return np.zeros((6, 6))
-        self._own_twist(backbone)
+        self._check_single(backbone)
         return self._statics.tip_covariance(backbone, uncertainty)
 
     def tendon_lengths(self, backbone: Backbone) -> FloatArray:
@@ -292,11 +294,8 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch.
         """
-        twist = self._own_twist(backbone)
-        gives_way = bool(self.arm.sheath_stiffness)
-        tensions = self._statics.local_tensions(backbone) if gives_way else None
-        lengths = self._lengths.under(twist, tensions)
-        return lengths.reshape(self.arm.tension_shape)
+        self._check_single(backbone)
+        return self._statics.lengths.of(backbone).reshape(self.arm.tension_shape)
 
     def local_tensions(self, backbone: Backbone) -> FloatArray:
         """Tension of every tendon at every node of the grid [N], (tendons, nodes).
@@ -306,7 +305,7 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch.
         """
-        self._own_twist(backbone)
+        self._check_single(backbone)
         return self._statics.local_tensions(backbone)
 
     def tension_integrals(self, backbone: Backbone) -> FloatArray:
@@ -318,14 +317,14 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch.
         """
-        inside = self._lengths.integral(self.local_tensions(backbone))
+        inside = self._statics.lengths.integrals(self.local_tensions(backbone))
         free = np.array(self.arm.free_length or 0.0) * backbone.tensions.ravel()
         return (inside + free).reshape(self.arm.tension_shape)
 
     @property
     def rest_lengths(self) -> FloatArray:
         """Length of every tendon of the unloaded arm [m], of `Arm.tension_shape`."""
-        return self._lengths.at_rest.reshape(self.arm.tension_shape)
+        return self._statics.lengths.at_rest.reshape(self.arm.tension_shape)
 
     @functools.cached_property
     def largest_displacements(self) -> FloatArray:
@@ -356,46 +355,21 @@ class Solver:
                 f'arm{more}'
             )
 
-    @functools.cached_property
-    def offset_weights(self) -> FloatArray:
-        """See `TendonLengths.offset_weights`."""
-        return self._lengths.offset_weights(self.arm)
+    def integrals_by_offset(self, backbone: Backbone) -> FloatArray:
+        """Derivatives of `tension_integrals` by the tendons' distances from the midline [N].
 
-    @functools.cached_property
-    def _lengths(self) -> TendonLengths:
-        lengths = TendonLengths(self._statics.sections, self.grid)
-        if self._compiled is not None:
-            self._compiled.measure(lengths)
-        return lengths
-
-    def wind(
-        self, given: FloatArray, driven: NDArray[np.bool_], reeled: Reeled, start: Backbone,
-        tip_wrench: FloatArray,
-    ) -> Backbone | None:  # fmt: skip
-        """Shape with tendons at prescribed displacements, by compiled kernels.
-
-        For `Winding`, from the solution ``start``. ``given`` and ``driven`` are those of
-        `Winches`, ``reeled`` is overwritten; ``tip_wrench`` (6,) [N, N m] is besides that of
-        ``loads``. None with friction or compliant sheaths, or where a few steps do not suffice.
-
-        Raises:
-            ContinuationError: if the budget is spent.
+        Of their unloaded lengths at given tensions, (tendons,).
         """
-        self._own_twist(start)
-        found = self._batches.wind(given, driven, reeled, self._wrench + tip_wrench, start)
-        if found is not None:
-            self._limits.check_tensions(found.tensions)
-        return found
+        along = self.local_tensions(backbone)
+        return np.einsum('jn,jn->j', along, self._statics.lengths.offset_weights(backbone))
 
-    def _own_twist(self, backbone: Backbone) -> FloatArray:
-        """Twist at the nodes of a single solution of this solver.
+    def _check_single(self, backbone: Backbone) -> None:
+        """Check that ``backbone`` is a single solution of this solver.
 
         Raises:
             ConfigError: if it is that of a batch or of another solver.
         """
         if backbone.twist is None:
             raise ConfigError('the backbone is that of a batch, expected a single solution')
-        shape = self._statics.strains, self.grid.nodes.size
-        if backbone.model != self.model or backbone.twist.shape != shape:
+        if backbone.model != self.model or not self._statics.has_solved(backbone):
             raise ConfigError('the backbone was solved by another solver')
-        return backbone.twist

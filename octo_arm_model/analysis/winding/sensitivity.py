@@ -116,7 +116,6 @@ def unloaded_by_offset(solver: Solver, backbone: Backbone) -> FloatArray:
     By their unloaded lengths alone, and what these stretch by; only of tendons that wind about
     the midline.
     """
-    weights = solver.offset_weights
-    integrals = np.einsum('jn,jn->j', solver.local_tensions(backbone), weights)
-    by_offset: FloatArray = weights.sum(axis=1) + solver.arm.stretched(integrals)
-    return by_offset
+    by_offset, integrals = solver.rest_lengths_by_offset(backbone)
+    total: FloatArray = by_offset + solver.arm.stretched(integrals)
+    return total

@@ -17,7 +17,6 @@ from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
 from octo_arm_model.core.rod.solution import Solution
 from octo_arm_model.core.section.elastic_laws import Law
-from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
 
 # Arms solved in one NumPy call: enough that the call costs little, few enough for the arrays to
@@ -38,6 +37,7 @@ class Setup(NamedTuple):
         shear: whether cross sections shear.
         loads: what loads the arm but its tendons and the wrench on its tip.
         allowance: what solves may take, where equilibria are followed.
+        compiled: whether numba compiles what it can; None where it is installed.
     """
 
     arm: Arm
@@ -47,12 +47,34 @@ class Setup(NamedTuple):
     shear: bool
     loads: Loads
     allowance: Allowance
+    compiled: bool | None = None
 
     @property
     def batch(self) -> int:
         """How many arms are solved in one NumPy call."""
         product = self.grid.nodes.size * len(self.arm.tendons)
         return max(1, min(_LARGEST_BATCH, _LARGEST_PRODUCT // product))
+
+
+class Lengths(Protocol):
+    """Lengths of the tendons of one arm, from the base to their anchorages."""
+
+    @property
+    def at_rest(self) -> FloatArray:
+        """In the unloaded arm [m], (tendons,)."""
+
+    def of(self, backbone: Backbone) -> FloatArray:
+        """In a single solution of the model [m], (tendons,)."""
+
+    def integrals(self, local_tensions: FloatArray) -> FloatArray:
+        """Integrals of tensions (tendons, nodes) [N] over unloaded lengths [N m], (tendons,)."""
+
+    @property
+    def offset_weights(self) -> FloatArray:
+        """Derivatives of unloaded lengths by the tendons' distances from the midline [-].
+
+        As a sum over nodes: (tendons, nodes). Zero for tendons that do not wind about the midline.
+        """
 
 
 class Statics(Protocol):
@@ -71,8 +93,8 @@ class Statics(Protocol):
         """How many strains a cross section has: 4, or 6 with shear."""
 
     @property
-    def sections(self) -> SectionEnergy:
-        """The cross sections at the nodes, for lengths of tendons and derivatives."""
+    def lengths(self) -> Lengths:
+        """Lengths of the tendons."""
 
     def is_loaded(self, tip_wrench: FloatArray) -> bool:
         """Whether anything but the tendons loads an arm, with ``tip_wrench`` (..., 6) on its tip.
