@@ -114,3 +114,20 @@ def _quaternion_rates(q: FloatArray, kappa: FloatArray, out: FloatArray) -> None
     out[:, 1] = w * p + y * s - z * r
     out[:, 2] = w * r + z * p - x * s
     out[:, 3] = w * s + x * r - y * p
+
+
+def integrate_poses(
+    problem: Problem, z: FloatArray, integration: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (S, 3) [m] from the base and quaternions w, x, y, z (S, 4) at stations.
+
+    From twists ``z`` (N, m) whose orientations are in ``problem.work``, by the matrix
+    ``integration`` (S, N) from values at the nodes to integrals up to the stations.
+    """
+    rates = np.empty((len(z), 7))
+    rates[:, :3] = problem.work.slope
+    _quaternion_rates(problem.work.quaternion, z[:, :3], rates[:, 3:])
+    found = integration @ rates
+    turn = found[:, 3:] + problem.tables.base
+    turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
+    return found[:, :3], turn

@@ -11,7 +11,8 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget, Spending
+from octo_arm_model.core.budget import Budget, Spending
+from octo_arm_model.rod import arrays
 from octo_arm_model.rod.continuation import (
     MOST_CORRECTED,
     ON_THE_WAY,
@@ -78,6 +79,8 @@ class Rod:
     Attributes:
         arm: the arm.
         setting: how it is modelled.
+        is_compiled: whether numba compiles the node functions.
+        is_loaded: whether anything but tendons and the wrench on the tip loads it.
     """
 
     def __init__(
@@ -92,6 +95,7 @@ class Rod:
         self.arm, self.setting, self._loads, self._budget = arm, setting, loads, budget
         self._base = np.array([1.0, 0.0, 0.0, 0.0]) if base is None else base
         self._form = choose_form(setting.compiled)
+        self.is_compiled = self._form is not arrays
         self._strains = 6 if setting.shear else 4
         # Problems of each level, and one of few nodes to follow an arm from its unloaded shape.
         self.problem = functools.lru_cache(self._problem)

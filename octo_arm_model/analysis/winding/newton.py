@@ -13,17 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
-from octo_arm_model.analysis.winding.complementarity import complementary_step
+from octo_arm_model.analysis.winding.complementarity import complementary_step, lacking
 from octo_arm_model.analysis.winding.tendon_displacement import (
     displacements_by_tension,
     displacements_of,
     tendon_compliance,
 )
-from octo_arm_model.core.compiled.models.tension_step_kernels import lacking
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
 
 # Displacements are met to this part of the length of the arm, and tensions to this of the largest.
 TOLERANCE = 1e-9

@@ -20,9 +20,9 @@ from octo_arm_model.analysis.winding.tendon_displacement import (
     displacements_by_tension,
 )
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
+from octo_arm_model.rod.solver import Solver
 
 # Of the largest singular value of D_T: of an arm that tapers the smallest is 1e-2 to 1e-4, and
 # what is zero comes out as 1e-10 or less.
