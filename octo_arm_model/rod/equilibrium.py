@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -70,6 +70,27 @@ class State(NamedTuple):
     z: FloatArray
     imbalance: FloatArray
     residual: float
+
+
+class TensionChanges(Protocol):
+    """What local tensions change by, for given tensions at the base, each (N, J).
+
+    Attributes:
+        by_friction: per unit of mu of each tendon, at fixed twists.
+        by_sheath_stiffness: per pascal of each sheath, likewise.
+    """
+
+    by_friction: FloatArray
+    by_sheath_stiffness: FloatArray
+
+    def by_offset(self, outwards: FloatArray) -> FloatArray:
+        """Per metre of each tendon's distance from the midline, likewise.
+
+        ``outwards`` (4, N, J) are the directions away from it along n and b [-] and their slopes.
+        """
+
+    def by_twists(self, change: FloatArray) -> FloatArray:
+        """Changes (N, J, k) by those of the twists (N, m, k)."""
 
 
 class Problem:
@@ -159,6 +180,14 @@ class Problem:
             nodes, strains = state.z.shape
             blocks = self.work.jacobian.reshape(nodes, strains, nodes, strains)
             np.einsum('iaic->iac', blocks)[...] += damping * self.work.hessian
+
+    def tension_rates(self, state: State) -> FloatArray:
+        """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
+        return self.tables.reach
+
+    def tension_changes(self, state: State) -> TensionChanges | None:
+        """What else local tensions change by in ``state``; None without friction."""
+        return None
 
     def has_energy(self, condition: Condition) -> bool:
         """Whether all loads derive from an energy: a moment fixed in base_frame does not."""

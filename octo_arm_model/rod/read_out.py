@@ -70,7 +70,7 @@ class Readout:
         finer.form.orientations(finer.tables, z, work)
         rates = np.empty((len(z), 10))
         rates[:, :3] = work.slope
-        _quaternion_rates(work.quaternion, z[:, :3], rates[:, 3:7])
+        quaternion_rates(work.quaternion, z[:, :3], rates[:, 3:7])
         carried = rates[:, 7:]
         x, f = work.slope.T, acting.force.T
         carried[:, 0] = x[1] * f[2] - x[2] * f[1]
@@ -105,7 +105,7 @@ class Readout:
         return z
 
 
-def _quaternion_rates(q: FloatArray, kappa: FloatArray, out: FloatArray) -> None:
+def quaternion_rates(q: FloatArray, kappa: FloatArray, out: FloatArray) -> None:
     """Rates q (0, kappa) / 2 of quaternions ``q`` (N, 4), w, x, y, z."""
     half = 0.5 * kappa
     w, x, y, z = q.T
