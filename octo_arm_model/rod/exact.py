@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 
+from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Spending
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.rod.derivatives import ExactDerivatives
+from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Problem
-from octo_arm_model.rod.read_out import Readout
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
-from octo_arm_model.rod.statics import Derivatives, Setup, Shape, Statics
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
+from octo_arm_model.rod.statics import Setup, Shape, Statics
 
 
 class Exact(Statics):
@@ -36,14 +38,14 @@ class Exact(Statics):
         setting = Setting(setup.law == 'neo_hookean', setup.shear, compiled=setup.compiled)
         self.rod = Rod(setup.arm, setup.loads, setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
-        self._readout = functools.cache(self._make_readout)
+        self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
+        self._derivatives = functools.cache(
+            lambda level: Derivatives(self.rod, level, setup.s)
+        )
 
     def problem(self, level: int) -> Problem:
         """See `Statics`."""
         return self.rod.problem(level)
-
-    def _make_readout(self, level: int) -> Readout:
-        return self.rod.readout(level, self._setup.s)
 
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None,
@@ -65,9 +67,17 @@ class Exact(Statics):
             found,
         )
 
-    def derivatives(self, found: Equilibrium) -> Derivatives:
+    def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
         """See `Statics`."""
-        return ExactDerivatives(self.rod, found, self._setup.s)
+        return self._derivatives(found.level).sensitivity(found.state, by_offsets)
+
+    def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
+        """See `Statics`."""
+        return self._derivatives(found.level).tip_covariance(found.state, uncertainty)
+
+    def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
+        """See `Statics`."""
+        return self._derivatives(found.level).by_loads(found.state, loads)
 
 
 def strains_of(z: FloatArray) -> FloatArray:

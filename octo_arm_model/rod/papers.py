@@ -22,7 +22,8 @@ from octo_arm_model.rod.read_out import ADDED_POINTS, integrate_poses
 from octo_arm_model.rod.resolution import position_error
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.statics import Derivatives, Setup, Shape, Statics
+from octo_arm_model.rod.statics import Setup, Shape, Statics
+from octo_arm_model.rod.tables import AXIAL
 from octo_arm_model.rod.tendons import tendon_stretch
 
 _ACCURACY = 1e-8  # of positions, over the length
@@ -139,72 +140,56 @@ class Papers(Statics):
                 f'(q = {stretch[worst] - 1.0:.4g}, must be > -1)'
             )
 
-    def derivatives(self, found: Equilibrium) -> Derivatives:
+    def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
+        """By tensions and E alone."""
+        return sensitivity(self._at(found.level), found.state)
+
+    def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
         """See `Statics`."""
-        return _Derivatives(self._at(found.level), found)
+        return self.sensitivity(found).tip_covariance(uncertainty)
+
+    def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
+        """Never called, as no loads are taken."""
+        raise NotImplementedError
 
 
-class _Derivatives(Derivatives):
-    """By tensions and E, from those of the strains.
+def sensitivity(level: _Level, state: State) -> Sensitivity:
+    """By tensions and E, from those of the strains, of the ``state`` on a ``level``.
 
     With one tension perturbed by a small imaginary step, the imaginary part of the strains over
     the step is the derivative (Squire and Trapp 1998), without cancellation; the step only has to
     exceed the tolerance of the sweeps of renda2012. Scaling E is equivalent to dividing all
     tensions by the same factor.
     """
+    problem, equations, _ = level
+    problem.load_work(state)
+    tensions = state.acting.condition.tensions
+    stiffness = float(problem.tables.body[:, AXIAL].min())
+    step = 1e-6 * max(float(tensions.max()), 1e-3 * stiffness)
+    moved = tensions + 1j * step * np.eye(tensions.size)
+    by_tension = equations.solve(moved).twist.imag / step  # (4, J, N + S)
+    by_young = np.einsum('ijn,j->in', by_tension, -tensions)
+    change = np.concatenate([by_tension, by_young[:, np.newaxis]], axis=1)
+    nodes = problem.elements.s.size
+    pose, strains = _poses(level, change[..., :nodes]), change[..., nodes:].copy()
+    z = equations.solve(tensions).twist[:, np.newaxis, nodes:]
+    strains[:3] = (strains[:3] - z[:3] / z[3] * strains[3]) / z[3]
+    along = state.acting.tensions
+    stretch = tendon_stretch(problem.tables, state.z, along, problem.work.offsets)
+    length = np.einsum('jnm,mcn->jc', lengths_of(problem, stretch).by_z, change[..., :nodes])
+    strains = strains.transpose(2, 0, 1)
+    parts = [
+        Change(pose[..., own], strains[..., own], length[..., own])
+        for own in (slice(0, -1), slice(-1, None))
+    ]
+    return Sensitivity(*parts)
 
-    def __init__(self, level: _Level, found: Equilibrium) -> None:
-        """Of the solution ``found`` on a ``level``."""
-        self._level, self._found = level, found
 
-    def sensitivity(self, by_offsets: bool = True) -> Sensitivity:
-        """By tensions and E."""
-        (problem, equations, integration), state = self._level, self._found.state
-        problem.load_work(state)
-        tensions = state.acting.condition.tensions
-        stiffness = float(problem.tables.body[:, 0].min())
-        step = 1e-6 * max(float(tensions.max()), 1e-3 * stiffness)
-        moved = tensions + 1j * step * np.eye(tensions.size)
-        by_tension = equations.solve(moved).twist.imag / step  # (4, J, N + S)
-        by_young = by_tension.swapaxes(1, 2) @ -tensions
-        change = np.concatenate([by_tension, by_young[:, np.newaxis]], axis=1)
-        nodes = problem.elements.s.size
-        pose = self._poses(change[..., :nodes])
-        strains = self._strains(change[..., nodes:])
-        offsets = problem.work.offsets
-        lengths = lengths_of(
-            problem, tendon_stretch(problem.tables, state.z, state.acting.tensions, offsets)
-        )
-        length = np.einsum('jnm,mcn->jc', lengths.by_z, change[..., :nodes])
-        parts = [
-            Change(pose[..., own], strains[..., own], length[..., own])
-            for own in (slice(0, -1), slice(-1, None))
-        ]
-        return Sensitivity(*parts)
-
-    def _poses(self, change: FloatArray) -> FloatArray:
-        """Changes of poses at the stations, (S, 6, columns), by those of z (4, columns, N)."""
-        problem, _, integration = self._level
-        work, own = problem.work, problem.elements
-        turning = np.einsum('nik,kcn->nic', work.rotation, change[:3])
-        turn = np.tensordot(own.integration(own.s), turning, 1)
-        moved = np.cross(turn, work.slope[..., np.newaxis], axis=1)
-        moved += work.rotation[:, :, :1] * change[3].T[:, np.newaxis]
-        return np.tensordot(integration, np.concatenate([moved, turning], axis=1), 1)
-
-    def _strains(self, change: FloatArray) -> FloatArray:
-        """Changes of tau, xi, k and q at the stations, (S, 4, columns), by those of z."""
-        state, (problem, equations, _) = self._found.state, self._level
-        nodes = problem.elements.s.size
-        z = equations.solve(state.acting.condition.tensions).twist[:, np.newaxis, nodes:]
-        strains = change.copy()
-        strains[:3] = (change[:3] - z[:3] / z[3] * change[3]) / z[3]
-        return strains.transpose(2, 0, 1)
-
-    def tip_covariance(self, uncertainty: Uncertainty) -> FloatArray:
-        """Covariance (6, 6) of the tip."""
-        return self.sensitivity().tip_covariance(uncertainty)
-
-    def by_loads(self, loads: Sequence[Loads]) -> Change:
-        """Never called, as no loads are taken."""
-        raise NotImplementedError
+def _poses(level: _Level, change: FloatArray) -> FloatArray:
+    """Changes of poses at the stations, (S, 6, columns), by those of z (4, columns, N)."""
+    work, own = level.problem.work, level.problem.elements
+    turning = np.einsum('nik,kcn->nic', work.rotation, change[:3])
+    turn = np.tensordot(own.integration(own.s), turning, 1)
+    moved = np.cross(turn, work.slope[..., np.newaxis], axis=1)
+    moved += work.rotation[:, :, :1] * change[3].T[:, np.newaxis]
+    return np.tensordot(level.integration, np.concatenate([moved, turning], axis=1), 1)

@@ -25,12 +25,11 @@ from octo_arm_model.core.errors import (
     TensionError,
 )
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.load_limits import LoadLimits, tip_wrench_of
+from octo_arm_model.rod.load_limits import LoadLimits, tip_wrench_of
 from octo_arm_model.core.compiled.numba_build import add_up_curvature
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.closed_form import ClosedForm
 from octo_arm_model.rod.exact import Exact
-from octo_arm_model.rod.paper_balance import SectionStiffness
 from octo_arm_model.rod.papers import Papers
 from octo_arm_model.rod.renda2012 import Renda2012
 from octo_arm_model.rod.rod import Equilibrium
@@ -124,7 +123,7 @@ class Solver:
             self._require_loads()
         self._wrench = loads.tip_wrench
         places = np.linspace(0.0, arm.length, _PLACES)
-        self._limits = LoadLimits(SectionStiffness.at(arm, places))
+        self._limits = LoadLimits(arm, places)
         self._reach = transmission(arm, *own).T.copy()
         self._reach.setflags(write=False)
 
@@ -322,7 +321,7 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        return self._statics.derivatives(self._own(backbone)).sensitivity(by_offsets)
+        return self._statics.sensitivity(self._own(backbone), by_offsets)
 
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
         """Change of a single solution of this solver per unit of each of ``loads``.
@@ -344,7 +343,7 @@ class Solver:
             if one.others or one.scaled:
                 what = 'others' if one.others else 'scaled'
                 raise ConfigError(f'loads.{what} have no derivatives by their magnitude')
-        return self._statics.derivatives(found).by_loads(loads)
+        return self._statics.by_loads(found, loads)
 
     def tip_curvature(self, backbone: Backbone, change: FloatArray) -> FloatArray:
         """See `tip_curvature`, of a single solution of this solver and a ``change`` of it."""
@@ -361,7 +360,7 @@ class Solver:
         """
         if not uncertainty.is_any:
             return np.zeros((6, 6))
-        return self._statics.derivatives(self._own(backbone)).tip_covariance(uncertainty)
+        return self._statics.tip_covariance(self._own(backbone), uncertainty)
 
     def tendon_lengths(self, backbone: Backbone) -> FloatArray:
         """Length of every tendon from the base to its anchorage [m], of `Arm.tension_shape`.

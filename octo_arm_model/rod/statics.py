@@ -13,7 +13,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Allowance, Spending
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Problem
 from octo_arm_model.rod.lengths import rest_stretches, rest_stretches_by_offset, tendon_lengths
@@ -64,22 +64,6 @@ class Shape(NamedTuple):
     equilibrium: Equilibrium
 
 
-class Derivatives(abc.ABC):
-    """First derivatives of one solution."""
-
-    @abc.abstractmethod
-    def sensitivity(self, by_offsets: bool = True) -> Sensitivity:
-        """By all quantities that the model has."""
-
-    @abc.abstractmethod
-    def tip_covariance(self, uncertainty: Uncertainty) -> FloatArray:
-        """Covariance (6, 6) of the tip's position and rotation vector."""
-
-    @abc.abstractmethod
-    def by_loads(self, loads: Sequence[Loads]) -> Change:
-        """Per unit of each of ``loads``."""
-
-
 class Statics(abc.ABC):
     """A model of the arm's statics, prepared for a `Setup`.
 
@@ -118,8 +102,16 @@ class Statics(abc.ABC):
         """
 
     @abc.abstractmethod
-    def derivatives(self, found: Equilibrium) -> Derivatives:
-        """First derivatives of a solution of this model."""
+    def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
+        """First derivatives of a solution, see `Solver.sensitivity`."""
+
+    @abc.abstractmethod
+    def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance (6, 6) of the tip of a solution, see `Solver.tip_covariance`."""
+
+    @abc.abstractmethod
+    def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
+        """Change of a solution per unit of each of ``loads``, if the model takes loads."""
 
     def has_solved(self, found: Equilibrium) -> bool:
         """Whether ``found`` may be a solution of this model, by its numbers."""

@@ -70,6 +70,20 @@ def rotation_matrices(wxyz: FloatArray) -> FloatArray:
     return (_TO_MATRIX @ products.reshape(16, -1)).reshape(3, 3, *wxyz.shape[1:])
 
 
+def quaternion_rates(q: FloatArray, kappa: FloatArray, out: FloatArray) -> None:
+    """Rates q (0, kappa) / 2 of quaternions ``q`` (n, 4), w, x, y, z, into ``out`` (n, 4).
+
+    ``kappa`` (n, 3) are angular rates in the turned axes.
+    """
+    half = 0.5 * kappa
+    w, x, y, z = q.T
+    p, r, s = half.T
+    out[:, 0] = -(x * p + y * r + z * s)
+    out[:, 1] = w * p + y * s - z * r
+    out[:, 2] = w * r + z * p - x * s
+    out[:, 3] = w * s + x * r - y * p
+
+
 def product(a: Number, b: Number, c: Number, d: Number) -> tuple[Number, Number]:
     """Quaternion (a + b j) (c + d j), of complex numbers."""
     return a * c - b * np.conj(d), a * d + b * np.conj(c)

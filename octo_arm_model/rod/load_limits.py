@@ -11,12 +11,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.core.arm.loads import Loads, Resultants
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import ArmDefinitionError, LoadError, SolveError, shown
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.rod.paper_balance import SectionStiffness
-from octo_arm_model.rod.tendon_sums import largest_of
 
 LARGEST_STRAIN = 100.0  # of the weakest cross section, if it were linear [-]
 
@@ -30,9 +29,11 @@ class LoadLimits:
         tension: largest tension that balances are found for at all [N].
     """
 
-    def __init__(self, stiffness: SectionStiffness) -> None:
-        """Derive the limits from the ``stiffness`` of the arm at its nodes."""
-        axial, bending = float(stiffness.axial.min()), float(stiffness.bending.min())
+    def __init__(self, arm: Arm, s: FloatArray) -> None:
+        """Derive the limits from the stiffness of ``arm`` at arc coordinates ``s`` (n,) [m]."""
+        squared, young = arm.body.radius(s) ** 2, arm.material.youngs_modulus_at(s)
+        axial = float(np.pi * (young * squared).min())
+        bending = float(0.25 * np.pi * (young * squared**2).min())
         self.force = LARGEST_STRAIN * axial
         # The axial force is a difference of terms of this size; beyond, it is lost in rounding.
         self.tension = 1e6 * axial
@@ -50,7 +51,7 @@ class LoadLimits:
         Raises:
             SolveError: if it is too large.
         """
-        if (largest := largest_of(tensions)) > self.tension:
+        if (largest := float(tensions.max(initial=0.0))) > self.tension:
             raise SolveError(
                 f'tension of {largest:.4g} N is beyond {self.tension:.4g} N, a '
                 'million times what would compress the thinnest cross section to nothing'
@@ -67,8 +68,10 @@ class LoadLimits:
         if (largest := _largest(wrench[..., 3:])) > self.moment:
             raise LoadError(f'moment on the tip is {largest:.4g} N m, expected {self._moment}')
 
-    def check_loads(self, loads: Loads, resultants: Resultants) -> None:
+    def check_loads(self, loads: Loads, resultants: FloatArray) -> None:
         """Check ``loads``, and their ``resultants`` on the cross sections of the straight rod.
+
+        The latter are forces and free moments (2, n, 3) [N, N m].
 
         Raises:
             ArmDefinitionError: if one is too large, or all together are.
@@ -80,9 +83,9 @@ class LoadLimits:
         for point in loads.points:
             if _largest(point.moment) > self.moment:
                 raise ArmDefinitionError('loads.point.moment', point.moment, self._moment)
-        if (largest := _largest(resultants.force.T)) > self.force:
+        if (largest := _largest(resultants[0])) > self.force:
             raise ArmDefinitionError('force of all loads along the arm', largest, self._force)
-        if (largest := _largest(resultants.moment.T)) > self.moment:
+        if (largest := _largest(resultants[1])) > self.moment:
             raise ArmDefinitionError('moment of all loads along the arm', largest, self._moment)
 
 
