@@ -11,6 +11,7 @@ from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Variation, factorise
 from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.friction import Changes, Sliding, slide, slide_along
 from octo_arm_model.rod.tables import AXIAL, LEVER, Tables, force_scale, work_arrays
 
 
@@ -21,11 +22,14 @@ class Condition(NamedTuple):
         tensions: of the tendons at the base, (J,), or at every node, (N, J) [N].
         tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
         factor: on all other loads [-], from 0 to 1.
+        before: tensions at the nodes (N, J) [N] from which tendons with friction slide; None for
+            slack ones.
     """
 
     tensions: FloatArray
     tip_wrench: FloatArray
     factor: float = 1.0
+    before: FloatArray | None = None
 
     def towards(self, other: Condition, part: float) -> Condition:
         """This one, moved by ``part`` of the way to ``other``."""
@@ -35,6 +39,7 @@ class Condition(NamedTuple):
             self.tensions + part * (other.tensions - self.tensions),
             self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
             self.factor + part * (other.factor - self.factor),
+            other.before,
         )
 
 
@@ -82,6 +87,7 @@ class Problem:
         work: what they computed last.
         loads: all but the wrench on the tip.
         strains: 4, or 6 with shear.
+        has_friction: whether any tendon has.
     """
 
     def __init__(
@@ -95,6 +101,9 @@ class Problem:
         self._current: FloatArray | None = None
         self._scaled: FloatArray | None = None
         self._last_acting: Acting | None = None
+        self.has_friction = bool(tables.friction.any())
+        self._sliding: Sliding | None = None
+        self._held: FloatArray | None = None
         unit = np.ones((elements.s.size, strains))
         unit[:, :3] = tables.body[:, LEVER, np.newaxis]
         # Squares of twists times this are those of strains, integrated over the arm.
@@ -121,11 +130,34 @@ class Problem:
         work = self.work
         if self._scaled is not acting.scale:
             work.scale[:] = self._scaled = acting.scale
+        if self._slides(acting):
+            acting = acting._replace(tensions=self._slide(acting.condition, z))
         left = self.form.residual(
             self.tables, z, acting.tensions, acting.force, acting.couple, work
         )
         self._current = z
         return State(acting, z, work.residual.copy(), left)
+
+    def _slides(self, acting: Acting) -> bool:
+        return self.has_friction and acting.condition.tensions.ndim == 1
+
+    def _slide(self, condition: Condition, z: FloatArray) -> FloatArray:
+        last, near = self._sliding, None
+        if last is not None and ((last.tensions[0] > 0.0) == (condition.tensions > 0.0)).all():
+            near = last.tensions
+        self._sliding = slide_along(
+            self.tables, self.form, z, condition.tensions, condition.before, self.work, near
+        )
+        return self._sliding.tensions
+
+    def first_tensions(self, condition: Condition, z: FloatArray) -> FloatArray:
+        """Tensions (N, J) [N] that bend an arm less than ``z`` (N, m), which full ones bend."""
+        self.evaluate(self.acting(condition), z)
+        assert self._sliding is not None
+        # Exact for a curvature in proportion to the tension of a tendon that is drawn in.
+        mu = np.maximum(self.tables.friction, 1e-30)
+        angle = np.log1p(mu * self._sliding.angle) / mu
+        return slide(self.tables, condition.tensions, condition.before, angle).tensions
 
     def known(self, state: State) -> State:
         """The ``state``, whose orientations are in `work` already."""
@@ -148,7 +180,8 @@ class Problem:
 
     def variation(self) -> Variation:
         """The second variation of the energy, of the Jacobian that was filled in last."""
-        return Variation(self.work.jacobian, self.work.hessian, self.elements.weights)
+        held = self.work.jacobian if self._held is None else self._held
+        return Variation(held, self.work.hessian, self.elements.weights)
 
     def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
         """The Jacobian at ``state``, with sections stiffer by ``damping``, into `work`."""
@@ -159,6 +192,22 @@ class Problem:
             nodes, strains = state.z.shape
             blocks = self.work.jacobian.reshape(nodes, strains, nodes, strains)
             np.einsum('iaic->iac', blocks)[...] += damping * self.work.hessian
+        if self.has_friction:
+            self._held = self.work.jacobian.copy()
+            if self._slides(acting):
+                self.tension_changes(state).add_to(self.work.jacobian)
+
+    def tension_changes(self, state: State) -> Changes:
+        """How the tensions with friction change about ``state``."""
+        self.load_work(state)
+        assert self._sliding is not None
+        return Changes(self.tables, state.z, self._sliding, self.work)
+
+    def tension_rates(self, state: State) -> FloatArray:
+        """Derivative of the local tensions by those at the base, at fixed twists, (N, J) [-]."""
+        if not self._slides(state.acting):
+            return self.tables.reach
+        return self.tension_changes(state).by_base_tension()
 
     def has_energy(self, condition: Condition) -> bool:
         """Whether all loads derive from an energy: a moment fixed in base_frame does not."""
