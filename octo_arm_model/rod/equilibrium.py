@@ -12,6 +12,7 @@ from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Variation, factorise
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Changes, Sliding, slide, slide_along
+from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
 from octo_arm_model.rod.tables import AXIAL, LEVER, Tables, force_scale, work_arrays
 
 
@@ -85,7 +86,8 @@ class Problem:
         tables: of the arm at the nodes.
         form: the node functions.
         work: what they computed last.
-        loads: all but the wrench on the tip.
+        loads: dead ones, all but the wrench on the tip.
+        others: loads of other kinds.
         strains: 4, or 6 with shear.
         has_friction: whether any tendon has.
     """
@@ -97,6 +99,7 @@ class Problem:
         """Of the ``tables`` at the nodes of ``elements``."""
         self.elements, self.tables, self.loads = elements, tables, loads
         self.form, self.strains = form, strains
+        self.others = OtherLoads(loads.others, elements, tables.base)
         self.work = work_arrays(tables, strains, has_jacobian=has_jacobian)
         self._current: FloatArray | None = None
         self._scaled: FloatArray | None = None
@@ -125,6 +128,11 @@ class Problem:
         self._last_acting = Acting(condition, tensions, force, couple, scale)
         return self._last_acting
 
+    def straight_resultants(self) -> FloatArray:
+        """Force and free moment of all loads but the tip's on the straight rod, (2, N, 3)."""
+        dead = self.loads.at(1.0, np.zeros(6))
+        return dead + self.others.resultants(self.others.straight())
+
     def evaluate(self, acting: Acting, z: FloatArray) -> State:
         """The state of twists ``z`` (N, m), which is kept and not to be changed any more."""
         work = self.work
@@ -132,6 +140,8 @@ class Problem:
             work.scale[:] = self._scaled = acting.scale
         if self._slides(acting):
             acting = acting._replace(tensions=self._slide(acting.condition, z))
+        if self.others.loads:
+            acting = self._with_others(acting, z)
         left = self.form.residual(
             self.tables, z, acting.tensions, acting.force, acting.couple, work
         )
@@ -158,6 +168,13 @@ class Problem:
         mu = np.maximum(self.tables.friction, 1e-30)
         angle = np.log1p(mu * self._sliding.angle) / mu
         return slide(self.tables, condition.tensions, condition.before, angle).tensions
+    def _with_others(self, acting: Acting, z: FloatArray) -> Acting:
+        """What is ``acting`` on a rod of twists ``z`` (N, m), loads that follow its shape too."""
+        self.form.orientations(self.tables, z, self.work)
+        factor, tip_wrench = acting.condition.factor, acting.condition.tip_wrench
+        more = self.others.resultants(NodeRod(self.others, self.work.quaternion, z))
+        force, couple = self.loads.at(factor, tip_wrench) + factor * more
+        return acting._replace(force=force, couple=couple)
 
     def known(self, state: State) -> State:
         """The ``state``, whose orientations are in `work` already."""
@@ -188,30 +205,34 @@ class Problem:
         self.load_work(state)
         acting = state.acting
         self.form.jacobian(self.tables, state.z, acting.tensions, acting.force, self.work)
+        if self.others.loads:
+            self.others.add_tangents(acting.condition.factor, state.z, self.work)
         if damping:
             nodes, strains = state.z.shape
             blocks = self.work.jacobian.reshape(nodes, strains, nodes, strains)
             np.einsum('iaic->iac', blocks)[...] += damping * self.work.hessian
         if self.has_friction:
             self._held = self.work.jacobian.copy()
-            if self._slides(acting):
-                self.tension_changes(state).add_to(self.work.jacobian)
+            changes = self.tension_changes(state)
+            if changes is not None:
+                changes.add_to(self.work.jacobian)
 
-    def tension_changes(self, state: State) -> Changes:
-        """How the tensions with friction change about ``state``."""
+    def tension_changes(self, state: State) -> Changes | None:
+        """How tensions with friction change about ``state``; None without friction."""
+        if not self._slides(state.acting):
+            return None
         self.load_work(state)
         assert self._sliding is not None
         return Changes(self.tables, state.z, self._sliding, self.work)
 
     def tension_rates(self, state: State) -> FloatArray:
-        """Derivative of the local tensions by those at the base, at fixed twists, (N, J) [-]."""
-        if not self._slides(state.acting):
-            return self.tables.reach
-        return self.tension_changes(state).by_base_tension()
+        """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
+        changes = self.tension_changes(state)
+        return self.tables.reach if changes is None else changes.by_base_tension()
 
     def has_energy(self, condition: Condition) -> bool:
         """Whether all loads derive from an energy: a moment fixed in base_frame does not."""
-        return not (self.loads.has_moments or condition.tip_wrench[3:].any())
+        return not (self.loads.has_moments or self.others.loads or condition.tip_wrench[3:].any())
 
     def turn(self, change: FloatArray) -> float:
         """How far a ``change`` (N, m) of the twists turns the arm, all its bends added [rad]."""

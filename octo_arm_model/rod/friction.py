@@ -179,19 +179,28 @@ class Changes:
         tables, (_, slip, angle) = self._tables, self._sliding
         return self._settled(tables.reach * (slip != 0.0) * np.exp(slip * tables.friction * angle))
 
-    def by_coefficient(self) -> FloatArray:
-        """Derivative by each tendon's own mu [N], (N, J)."""
+    def by_twists(self, change: FloatArray) -> FloatArray:
+        """Changes (N, J, k) by those of the twists (N, m, k), base tensions held."""
+        found = np.zeros((*self._sliding.tensions.shape, change.shape[2]))
+        rows = self.by_z.reshape(*self.by_z.shape[:2], -1)
+        found[:, self.pulled] = (rows @ change.reshape(-1, change.shape[2])).swapaxes(0, 1)
+        return found
+
+    @property
+    def by_friction(self) -> FloatArray:
+        """Derivative by each tendon's own mu at fixed twists [N], (N, J)."""
         tensions, slip, angle = self._sliding
         return self._settled(slip * angle * tensions)
 
-    def by_offset(self, outward: FloatArray, slope: FloatArray) -> FloatArray:
+    def by_offset(self, outwards: FloatArray) -> FloatArray:
         """Derivative by each tendon's own distance from the midline [N/m], (N, J).
 
-        ``outward`` (N, J, 2) is the change of its place, and ``slope`` that of the place's slope.
+        ``outwards`` (4, N, J) are the directions away from it along n and b [-] and their slopes.
         """
-        pulled = self.pulled
-        return self._by_direction(self._directions.by_path(outward[:, pulled], slope[:, pulled]))
+        own = outwards[..., self.pulled]
+        return self._by_direction(self._directions.by_path(own[:2], own[2:]))
 
+    @property
     def by_sheath_stiffness(self) -> FloatArray:
         """Derivative by the stiffness of each tendon's own sheath [N/Pa], (N, J)."""
         return self._by_direction(self._directions.by_sheath_stiffness(self._offsets))
@@ -256,9 +265,9 @@ class _Directions:
         return self._displaced(offsets.transpose(2, 0, 1))
 
     def by_path(self, place: FloatArray, slope: FloatArray) -> FloatArray:
-        """Change by changes of the ``place`` in the section and its ``slope``, (n, J, 2)."""
-        u = self._moved(place.transpose(2, 0, 1))
-        u[1:] += self._bends.width * slope.transpose(2, 0, 1)
+        """Change by changes of the ``place`` in the section and its ``slope``, (2, n, J)."""
+        u = self._moved(place)
+        u[1:] += self._bends.width * slope
         return u + self._displaced(self._by_u(u)) if self._gives_way else u
 
     def _by_u(self, u: FloatArray) -> FloatArray:

@@ -17,6 +17,8 @@ MOST = 15  # iterations of one search
 # Part of a residual that a step has to leave at most: the first by factors from elsewhere, the
 # first by those of the state, which may raise it, and every other.
 _PREDICTED, _FIRST, _PROGRESS = 0.3, 3.0, 0.7
+# Where a load states no tangent stiffness convergence is linear: iterations and what each leaves.
+_MOST_LINEAR, _LINEAR_PROGRESS = 200, 0.99
 _CHORD = 0.2  # and up to which the same factors are used again
 _LEAST_DENOMINATOR = 0.2  # of Broyden's update
 
@@ -76,7 +78,10 @@ def settle(
     predicted: State | None = None
     chord = None if factors is None else _Chord(problem, factors)
     is_near, is_first = False, True
-    while state.residual > tolerance and iterations < MOST:
+    limit, progress, again = MOST, _PROGRESS, _CHORD
+    if problem.others.without_tangent:
+        limit, progress, again = _MOST_LINEAR, _LINEAR_PROGRESS, _LINEAR_PROGRESS
+    while state.residual > tolerance and iterations < limit:
         if chord is None:
             try:
                 chord, is_near = _Chord(problem, problem.linearise(state)), True
@@ -85,7 +90,7 @@ def settle(
         step = chord.step(state.imbalance)
         new = problem.evaluate(acting, state.z + step)
         iterations += 1
-        most = _PROGRESS
+        most = progress
         if is_first:
             most = _FIRST if is_near else _PREDICTED
         factors = chord.factors
@@ -95,7 +100,7 @@ def settle(
             chord = None
             continue
         predicted = new if is_first else predicted
-        if new.residual > _CHORD * state.residual:
+        if new.residual > again * state.residual:
             chord = None
         state, is_first, is_near = new, False, False
     corrected = 0.0 if predicted is None else problem.turn(state.z - predicted.z)
