@@ -17,7 +17,9 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.body import Body, ProfiledBody
 from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad
 from octo_arm_model.core.arm.material import Material
+from octo_arm_model.core.arm.pose import Pose
 from octo_arm_model.core.arm.profile import Constant, Function, Linear, Profile, Table
+from octo_arm_model.core.arm.sheath_stiffness import estimate_sheath_stiffness
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.core.errors import (
     ArmDefinitionError,
@@ -29,10 +31,8 @@ from octo_arm_model.core.errors import (
     TargetError,
     TensionError,
 )
-from octo_arm_model.rod.once import solve
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.arm.sheath_stiffness import estimate_sheath_stiffness
+from octo_arm_model.rod.once import solve
 from octo_arm_model.rod.sensitivity import Sensitivity, Uncertainty
 from octo_arm_model.rod.solver import MODELS, Solver
 

@@ -12,6 +12,7 @@ the stations are those that balance it there, and so as exact as these integrals
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -21,10 +22,10 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
-from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.equilibrium import Acting, State
+from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.lengths import rest_stretches
 from octo_arm_model.rod.rod import Rod
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.tables import (
     AXIAL,
     SHEAR,
@@ -55,10 +56,10 @@ class _Columns(NamedTuple):
     def of(cls, *counts: int) -> _Columns:
         """So many of each."""
         ends = np.cumsum((0, *counts)).tolist()
-        return cls(*(slice(first, last) for first, last in zip(ends[:-1], ends[1:])))
+        return cls(*(slice(first, last) for first, last in itertools.pairwise(ends)))
 
     @property
-    def count(self) -> int:
+    def total(self) -> int:
         """Number of columns."""
         return int(self.friction.stop)
 
@@ -171,7 +172,9 @@ class Derivatives:
         def part(where: slice) -> Change | None:
             return _part(change, where) if where.stop > where.start else None
 
-        young, poisson = (_part(change, slice(at, at + 1)) for at in range(tendons + 6, tendons + 8))
+        young, poisson = (
+            _part(change, slice(at, at + 1)) for at in range(tendons + 6, tendons + 8)
+        )
         return Sensitivity(
             _part(change, columns.tension), young, _part(change, columns.loads), poisson,
             part(columns.offset), part(columns.sheath_stiffness), part(columns.friction),
@@ -236,7 +239,7 @@ class Derivatives:
         moment = moment + np.tensordot(to_tip, carried, axes=1)
         push[:, :3, columns.loads] -= inverse @ moment
         push[:, 3:, columns.loads] -= inverse[:, : push.shape[1] - 3] @ force
-        z = factors.solve(-push.reshape(-1, columns.count)).reshape(push.shape)
+        z = factors.solve(-push.reshape(-1, columns.total)).reshape(push.shape)
         # Rates of displacement, rotation and of what is carried.
         turn = np.tensordot(self._to_nodes, work.rotation @ z[:, :3], axes=1)
         rates = _rates(work, acting.force, z.shape[1]) @ np.concatenate([turn, z], axis=1)
@@ -264,7 +267,7 @@ class Derivatives:
         """Changes of the local tensions at fixed twists, (N, J, columns)."""
         problem = self._problem
         slides = problem.tension_changes(state)
-        found = np.zeros((*problem.tables.reach.shape, columns.count))
+        found = np.zeros((*problem.tables.reach.shape, columns.total))
         own = np.arange(found.shape[1])
         if columns.tension.stop > columns.tension.start:
             found[:, own, columns.tension.start + own] = problem.tension_rates(state)

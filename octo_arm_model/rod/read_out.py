@@ -83,6 +83,10 @@ class Readout:
         moment = finer.elements.weights @ carried - found[:, 7:]
         return Reading(found[:, :3], turn, moment, z, acting)
 
+    def tensions(self, reading: Reading) -> FloatArray:
+        """Tension of every tendon at the stations [N], (S, J)."""
+        return self._interpolation @ reading.acting.tensions
+
     def twists(self, reading: Reading) -> FloatArray:
         """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""
         acting, work, strains = reading.acting, self._work, reading.z.shape[1]

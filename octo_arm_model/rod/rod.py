@@ -9,9 +9,9 @@ import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.budget import Budget, Spending
 from octo_arm_model.core.errors import ConfigError, ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.budget import Budget, Spending
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.checks import check_solution
 from octo_arm_model.rod.continuation import (

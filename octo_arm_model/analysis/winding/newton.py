@@ -17,7 +17,6 @@ from octo_arm_model.analysis.winding.complementarity import complementary_step, 
 from octo_arm_model.analysis.winding.tendon_displacement import (
     displacements_by_tension,
     displacements_of,
-    tendon_compliance,
 )
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
