@@ -160,6 +160,10 @@ class Problem:
             blocks = self.work.jacobian.reshape(nodes, strains, nodes, strains)
             np.einsum('iaic->iac', blocks)[...] += damping * self.work.hessian
 
+    def tension_rates(self, state: State) -> FloatArray:
+        """Derivative of the tension of every tendon at every node by that at its base, (N, J)."""
+        return self.tables.reach
+
     def has_energy(self, condition: Condition) -> bool:
         """Whether all loads derive from an energy: a moment fixed in base_frame does not."""
         return not (self.loads.has_moments or condition.tip_wrench[3:].any())

@@ -116,6 +116,10 @@ class Rod:
         """Reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
         return Readout(self.problem(level), self._problem(level, ADDED_POINTS), self.arm, s)
 
+    def spending(self) -> Spending:
+        """Of one solve that begins now."""
+        return Spending(self._budget)
+
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None = None,
         spending: Spending | None = None,
@@ -129,7 +133,7 @@ class Rod:
             ContinuationError: if it would take more than the budget.
         """
         wanted = Condition(tensions, tip_wrench)
-        spending = spending or Spending(self._budget)
+        spending = spending or self.spending()
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             if not self.is_loaded and not tip_wrench.any():
                 return self._unloaded_equilibrium(wanted)
@@ -150,7 +154,7 @@ class Rod:
             acting = problem.acting(wanted)
             problem.form.orientations(problem.tables, z, problem.work)
             state = problem.known(State(acting, z, np.zeros_like(z), left))
-            if self._is_resolved(problem, state, level):
+            if self.is_resolved(problem, state, level):
                 break
         return Equilibrium(state, level, None, None, iterations)
 
@@ -186,7 +190,7 @@ class Rod:
         if not (state.residual <= spending.residual and found.corrected <= MOST_CORRECTED):
             return None
         firm = start.judged
-        if firm is not None and self._is_near(problem, firm, state):
+        if firm is not None and self.is_near(problem, firm, state):
             return Equilibrium(state, start.level, found.factors or start.factors, firm, total)
         return self._equilibrium(self._judged(problem, state), start.level, total)
 
@@ -202,7 +206,7 @@ class Rod:
         firm = judged.state if judged.stability.is_firm else None
         return Equilibrium(judged.state, level, judged.factors, firm, total)
 
-    def _is_near(self, problem: Problem, judged: State, state: State) -> bool:
+    def is_near(self, problem: Problem, judged: State, state: State) -> bool:
         """Whether ``state`` is stable as surely as what was ``judged`` stable by a margin."""
         if not problem.has_energy(state.acting.condition):
             return False
@@ -244,7 +248,7 @@ class Rod:
             try:
                 rough = self.unloaded(coarse, wanted.tensions)[0]
                 near = follow(coarse, known, rough, wanted, spending, ON_THE_WAY, _FIRST_STEP)
-                guess = _moved(near.state.z, coarse.elements, fine.elements)
+                guess = moved(near.state.z, coarse.elements, fine.elements)
                 return follow(fine, wanted, guess, wanted, spending)
             except ContinuationError:
                 raise  # Its budget is spent.
@@ -254,17 +258,18 @@ class Rod:
 
     def _resolved(self, found: Equilibrium, wanted: Condition, spending: Spending) -> Equilibrium:
         """What was ``found``, on as many nodes as it takes."""
-        while not self._is_resolved(self.problem(found.level), found.state, found.level):
+        while not self.is_resolved(self.problem(found.level), found.state, found.level):
             level = found.level + 1
             problem = self.problem(level)
-            z = _moved(found.state.z, self.problem(found.level).elements, problem.elements)
+            z = moved(found.state.z, self.problem(found.level).elements, problem.elements)
             judged = follow(problem, wanted, z, wanted, spending)
             finer = self._equilibrium(judged, level, spending.iterations)
             assert finer is not None
             found = finer
         return found
 
-    def _is_resolved(self, problem: Problem, state: State, level: int) -> bool:
+    def is_resolved(self, problem: Problem, state: State, level: int) -> bool:
+        """Whether ``state`` on a ``level`` is as accurate as it should be."""
         if level == len(LEVELS) - 1:
             return True
         problem.load_work(state)
@@ -272,6 +277,6 @@ class Rod:
         return error <= self.setting.accuracy
 
 
-def _moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
+def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
     """Twists ``z`` (N, m) at the nodes of other elements."""
     return np.ascontiguousarray(before.interpolation(now.s) @ z)
