@@ -33,10 +33,12 @@ def complementary_step(
     tensions of taut tendons the least change is taken; where they contradict each other, the
     tendon of least tension becomes slack.
     """
-    counts = np.abs(wrong[driven & ((tensions > 0.0) | (wrong > 0.0))])
-    stays_slack = max(_STAYS_SLACK * length, _UNSURE * float(counts.max(initial=0.0)))
-    taut = driven & ((tensions > 0.0) | (wrong > stays_slack))
-    diagonal = changes.diagonal()
+    is_taut = tensions > 0.0
+    lacking = np.where(driven, np.where(is_taut, np.abs(wrong), wrong), 0.0)
+    stays_slack = max(_STAYS_SLACK * length, _UNSURE * float(lacking.max(initial=0.0)))
+    taut = driven & is_taut
+    if not taut.any():
+        taut = driven & (wrong > stays_slack)
     for _ in range(_EXCHANGES):
         step = np.where(driven & ~taut, -tensions, 0.0)
         (index,) = taut.nonzero()
@@ -51,10 +53,9 @@ def complementary_step(
                 if np.abs(part @ step[index] - right).max() > stays_slack:
                     taut[index[tensions[index].argmin()]] = False
                     continue
-        excess = np.where(
-            taut, -diagonal * (tensions + step), wrong - changes @ step - stays_slack
-        )
-        excess[~driven] = 0.0
+        excess = wrong - changes @ step - stays_slack
+        excess[index] = (-changes.diagonal() * (tensions + step))[index]
+        excess *= driven
         worst = excess.argmax()
         if not excess[worst] > 0.0:
             return step

@@ -195,7 +195,7 @@ class Reeling:
         problem, length = self.problem, self._arm.length
         now, iterations = self.evaluate(aim, z, tensions), 0
         chord = None if border is None else Chord(self._measure)
-        is_near, is_first, is_worse = False, True, False
+        is_near, is_first, is_worse, expected, size = False, True, False, np.inf, z.size
         predicted: State | None = None
 
         def found(is_met: bool) -> _Found:
@@ -203,6 +203,11 @@ class Reeling:
             return _Found(now, border, iterations, far, is_met)
 
         while True:
+            is_met = now.state.residual <= tolerance and now.left <= MET * length
+            if is_met and (is_worse or expected <= MET * float(now.tensions.max(initial=0.0))):
+                return found(True)
+            if iterations >= MOST:
+                return found(is_met)
             if chord is None:
                 try:
                     border, is_near = self.border(now.state), True
@@ -210,38 +215,29 @@ class Reeling:
                     return found(False)
                 chord = Chord(self._measure)
             assert border is not None
-            step = self._step(now, border)
-            is_met = now.state.residual <= tolerance and now.left <= MET * length
-            step = chord.corrected(step)
-            by_tension = step[now.state.z.size :]
-            if is_met:
-                most = MET * float(now.tensions.max(initial=0.0))
-                is_fine = float(np.abs(by_tension).max(initial=0.0)) <= most
-                if is_fine or is_worse or now.left <= _ROUNDING * length:
-                    return found(True)
-            if iterations >= MOST:
-                return found(is_met)
-            pulled = np.maximum(now.tensions + by_tension, 0.0)
-            new = self.evaluate(
-                aim, now.state.z + step[: now.state.z.size].reshape(now.state.z.shape), pulled
-            )
+            step = chord.corrected(self._step(now, border))
+            moved_z, moved = step[:size].reshape(now.state.z.shape), step[size:]
+            new = self.evaluate(aim, now.state.z + moved_z, np.maximum(now.tensions + moved, 0.0))
             iterations += 1
             before, after = (max(one.state.residual, one.left / length) for one in (now, new))
             most = PROGRESS * before
             if is_first:
                 # Residuals are measured by tensions, which a first step may raise from nothing.
                 most = max(FIRST * before, 1.0) if is_near else PREDICTED * before
-            if not after <= most:  # nor where it is NaN
+            if not after <= most and not is_met:  # nor where it is NaN
                 if is_near:
-                    return found(is_met)
+                    return found(False)
                 chord = None
                 continue
-            predicted = new.state if is_first else predicted
+            if is_met and not after <= before:
+                return found(True)  # it is all rounding
+            # The next step is smaller in proportion, nearly.
+            expected = float(np.abs(moved).max(initial=0.0)) * after / max(before, 1e-300)
             is_worse = is_met and after > CHORD * before
-            is_same = ((pulled > 0.0) == (now.tensions > 0.0)).all()
+            predicted = new.state if is_first else predicted
             if after > CHORD * before and not is_met:
                 chord = None
-            elif not is_same:
+            elif ((new.tensions > 0.0) != (now.tensions > 0.0)).any():
                 chord = Chord(self._measure)
             now, is_first, is_near = new, False, False
 
