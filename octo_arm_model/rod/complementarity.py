@@ -33,7 +33,7 @@ def complementary_step(
     tensions of taut tendons the least change is taken; where they contradict each other, the
     tendon of least tension becomes slack.
     """
-    is_taut = tensions > 0.0
+    is_taut, size = tensions > 0.0, np.abs(changes.diagonal())
     lacking = np.where(driven, np.where(is_taut, np.abs(wrong), wrong), 0.0)
     stays_slack = max(_STAYS_SLACK * length, _UNSURE * float(lacking.max(initial=0.0)))
     taut = driven & is_taut
@@ -54,7 +54,7 @@ def complementary_step(
                     taut[index[tensions[index].argmin()]] = False
                     continue
         excess = wrong - changes @ step - stays_slack
-        excess[index] = (-changes.diagonal() * (tensions + step))[index]
+        excess[index] = (-size * (tensions + step))[index]
         excess *= driven
         worst = excess.argmax()
         if not excess[worst] > 0.0:
