@@ -26,36 +26,37 @@ def complementary_step(
 ) -> FloatArray:
     """Step (J,) of ``tensions`` [N] that takes out what is ``wrong`` (J,) [m].
 
-    By the derivatives ``changes`` (J, J) [m/N] of what is reeled in. A linear complementarity
+    By the derivatives ``changes`` (J, J) [m/N] of what is reeled in; nothing is wrong where a
+    tendon is not ``driven``. A linear complementarity
     problem: every ``driven`` tendon is taut, its error zero, or slack, its tension zero and its
     error at most a small part of ``length`` [m], that of the arm. By principal pivoting the tendon
     that violates this most is exchanged until none does. Where errors do not determine the
     tensions of taut tendons the least change is taken; where they contradict each other, the
     tendon of least tension becomes slack.
     """
-    is_taut, size = tensions > 0.0, np.abs(changes.diagonal())
-    lacking = np.where(driven, np.where(is_taut, np.abs(wrong), wrong), 0.0)
-    stays_slack = max(_STAYS_SLACK * length, _UNSURE * float(lacking.max(initial=0.0)))
-    taut = driven & is_taut
+    taut = driven & (tensions > 0.0)
+    left = max(float(wrong.max()), -float((wrong * taut).min()), 0.0)
+    stays_slack = max(_STAYS_SLACK * length, _UNSURE * left)
     if not taut.any():
         taut = driven & (wrong > stays_slack)
+    size = np.abs(changes.diagonal())
     for _ in range(_EXCHANGES):
-        step = np.where(driven & ~taut, -tensions, 0.0)
+        step = np.where(taut | ~driven, 0.0, -tensions)
+        right = wrong - changes @ step
         (index,) = taut.nonzero()
         if index.size:
-            part, right = changes[index[:, np.newaxis], index], (wrong - changes @ step)[index]
+            part, own = changes[index[:, np.newaxis], index], right[index]
             factors, pivots, _ = dgetrf(part)
-            sizes = np.abs(factors.diagonal())
-            if sizes.min() > _SINGULAR * sizes.max():
-                step[index] = dgetrs(factors, pivots, right)[0]
+            pivot = np.abs(factors.diagonal())
+            if pivot.min() > _SINGULAR * pivot.max():
+                step[index] = dgetrs(factors, pivots, own)[0]
             else:
-                step[index] = np.linalg.lstsq(part, right, rcond=_SINGULAR)[0]
-                if np.abs(part @ step[index] - right).max() > stays_slack:
+                step[index] = np.linalg.lstsq(part, own, rcond=_SINGULAR)[0]
+                if np.abs(part @ step[index] - own).max() > stays_slack:
                     taut[index[tensions[index].argmin()]] = False
                     continue
-        excess = wrong - changes @ step - stays_slack
-        excess[index] = (-size * (tensions + step))[index]
-        excess *= driven
+        new = tensions + step
+        excess = np.where(taut, -size * new, wrong - changes @ step - stays_slack) * driven
         worst = excess.argmax()
         if not excess[worst] > 0.0:
             return step
