@@ -18,8 +18,8 @@ from octo_arm_model.core.limits import (
     MIN_RATE,
 )
 from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
-from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
-from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
+from octo_arm_model.rod.stations import DEFAULT_STATIONS
+from octo_arm_model.core.arm.laws import DEFAULT_LAW, LAWS
 
 _LAWS = ', '.join(f'{name} ({law.meant_for})' for name, law in LAWS.items())
 _MODELS = f'{", ".join(MODELS[:-1])} or {MODELS[-1]}'

@@ -14,7 +14,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Spending
+from octo_arm_model.core.budget import Spending
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Factors, Stability, Variation, factorise
 from octo_arm_model.rod.newton import settle
@@ -56,12 +56,15 @@ class Judged(NamedTuple):
 def judge(problem: Problem, state: State) -> Judged:
     """Linearise ``problem`` about an equilibrium and judge its stability.
 
+    Where a load states no tangent stiffness nothing tells of it, and it counts as stable.
+
     Raises:
         ConvergenceError: if the system is singular.
     """
     problem.fill_jacobian(state)
     variation = problem.variation()
-    stability = variation.stability()
+    is_known = not problem.others.without_tangent
+    stability = variation.stability() if is_known else Stability(True, False)
     factors = factorise(problem.work.jacobian.copy())
     if not stability.is_stable and not problem.has_energy(state.acting.condition):
         stability = Stability(factors.sign > 0, False)
@@ -97,8 +100,12 @@ def follow(
         spending.add(found.iterations, done, found.state.residual, found.state.z)
         is_found = found.state.residual <= limit
         judged = None
-        if is_found and (found.corrected <= MOST_CORRECTED or step <= _SMALLEST_STEP):
+        is_last = step <= _SMALLEST_STEP and not problem.others.without_tangent
+        if is_found and (found.corrected <= MOST_CORRECTED or is_last):
             judged = _judged_stable(problem, found.state)
+        if judged is None and step <= _SMALLEST_STEP and not is_last:
+            # No direction of descent follows without the tangent.
+            raise _unbalanced(found.state, spending.iterations)
         if judged is None and step <= _SMALLEST_STEP:
             # The branch ends or is unstable. Just past its end the imbalance is small and descent
             # slow, so that it begins a little further on.
@@ -179,7 +186,11 @@ def descend(
         damping *= factor
         damping = damping if damping > 0.1 * _LEAST_DAMPING else 0.0
         state = moved
-    raise ConvergenceError('the balance under load', state.residual, spending.iterations, state.z)
+    raise _unbalanced(state, spending.iterations)
+
+
+def _unbalanced(state: State, iterations: int) -> ConvergenceError:
+    return ConvergenceError('the balance under load', state.residual, iterations, state.z)
 
 
 def _perturbed(problem: Problem, judged: Judged) -> State:

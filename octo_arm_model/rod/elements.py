@@ -16,7 +16,7 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
-from octo_arm_model.core.rod.grid import apart
+from octo_arm_model.rod.stations import apart
 
 # Least number of elements, and the part of the ratio of radii that each takes: an arm that tapers
 # to an eighth has one for each factor of `_TAPER`.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Variation, factorise
 from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
 from octo_arm_model.rod.tables import AXIAL, LEVER, Tables, force_scale, work_arrays
 
 
@@ -72,6 +73,27 @@ class State(NamedTuple):
     residual: float
 
 
+class TensionChanges(Protocol):
+    """What local tensions change by, for given tensions at the base, each (N, J).
+
+    Attributes:
+        by_friction: per unit of mu of each tendon, at fixed twists.
+        by_sheath_stiffness: per pascal of each sheath, likewise.
+    """
+
+    by_friction: FloatArray
+    by_sheath_stiffness: FloatArray
+
+    def by_offset(self, outwards: FloatArray) -> FloatArray:
+        """Per metre of each tendon's distance from the midline, likewise.
+
+        ``outwards`` (4, N, J) are the directions away from it along n and b [-] and their slopes.
+        """
+
+    def by_twists(self, change: FloatArray) -> FloatArray:
+        """Changes (N, J, k) by those of the twists (N, m, k)."""
+
+
 class Problem:
     """The residual and Jacobian of one arm under its loads.
 
@@ -80,7 +102,8 @@ class Problem:
         tables: of the arm at the nodes.
         form: the node functions.
         work: what they computed last.
-        loads: all but the wrench on the tip.
+        loads: dead ones, all but the wrench on the tip.
+        others: loads of other kinds.
         strains: 4, or 6 with shear.
     """
 
@@ -91,6 +114,7 @@ class Problem:
         """Of the ``tables`` at the nodes of ``elements``."""
         self.elements, self.tables, self.loads = elements, tables, loads
         self.form, self.strains = form, strains
+        self.others = OtherLoads(loads.others, elements, tables.base)
         self.work = work_arrays(tables, strains, has_jacobian=has_jacobian)
         self._current: FloatArray | None = None
         self._scaled: FloatArray | None = None
@@ -116,16 +140,31 @@ class Problem:
         self._last_acting = Acting(condition, tensions, force, couple, scale)
         return self._last_acting
 
+    def straight_resultants(self) -> FloatArray:
+        """Force and free moment of all loads but the tip's on the straight rod, (2, N, 3)."""
+        dead = self.loads.at(1.0, np.zeros(6))
+        return dead + self.others.resultants(self.others.straight())
+
     def evaluate(self, acting: Acting, z: FloatArray) -> State:
         """The state of twists ``z`` (N, m), which is kept and not to be changed any more."""
         work = self.work
         if self._scaled is not acting.scale:
             work.scale[:] = self._scaled = acting.scale
+        if self.others.loads:
+            acting = self._with_others(acting, z)
         left = self.form.residual(
             self.tables, z, acting.tensions, acting.force, acting.couple, work
         )
         self._current = z
         return State(acting, z, work.residual.copy(), left)
+
+    def _with_others(self, acting: Acting, z: FloatArray) -> Acting:
+        """What is ``acting`` on a rod of twists ``z`` (N, m), loads that follow its shape too."""
+        self.form.orientations(self.tables, z, self.work)
+        factor, tip_wrench = acting.condition.factor, acting.condition.tip_wrench
+        more = self.others.resultants(NodeRod(self.others, self.work.quaternion, z))
+        force, couple = self.loads.at(factor, tip_wrench) + factor * more
+        return acting._replace(force=force, couple=couple)
 
     def known(self, state: State) -> State:
         """The ``state``, whose orientations are in `work` already."""
@@ -155,18 +194,24 @@ class Problem:
         self.load_work(state)
         acting = state.acting
         self.form.jacobian(self.tables, state.z, acting.tensions, acting.force, self.work)
+        if self.others.loads:
+            self.others.add_tangents(acting.condition.factor, state.z, self.work)
         if damping:
             nodes, strains = state.z.shape
             blocks = self.work.jacobian.reshape(nodes, strains, nodes, strains)
             np.einsum('iaic->iac', blocks)[...] += damping * self.work.hessian
 
     def tension_rates(self, state: State) -> FloatArray:
-        """Derivative of the tension of every tendon at every node by that at its base, (N, J)."""
+        """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
         return self.tables.reach
+
+    def tension_changes(self, state: State) -> TensionChanges | None:
+        """What else local tensions change by in ``state``; None without friction."""
+        return None
 
     def has_energy(self, condition: Condition) -> bool:
         """Whether all loads derive from an energy: a moment fixed in base_frame does not."""
-        return not (self.loads.has_moments or condition.tip_wrench[3:].any())
+        return not (self.loads.has_moments or self.others.loads or condition.tip_wrench[3:].any())
 
     def turn(self, change: FloatArray) -> float:
         """How far a ``change`` (N, m) of the twists turns the arm, all its bends added [rad]."""

@@ -17,6 +17,8 @@ MOST = 15  # iterations of one search
 # Part of a residual that a step has to leave at most: the first by factors from elsewhere, the
 # first by those of the state, which may raise it, and every other.
 PREDICTED, FIRST, PROGRESS = 0.3, 3.0, 0.7
+# Where a load states no tangent stiffness convergence is linear: iterations and what each leaves.
+MOST_LINEAR, LINEAR_PROGRESS = 200, 0.99
 CHORD = 0.2  # and up to which the same factors are used again
 _LEAST_DENOMINATOR = 0.2  # of Broyden's update
 
@@ -75,7 +77,10 @@ def settle(
     predicted: State | None = None
     chord = None if factors is None else Chord(problem.measure)
     is_near, is_first = False, True
-    while state.residual > tolerance and iterations < MOST:
+    limit, progress, again = MOST, PROGRESS, CHORD
+    if problem.others.without_tangent:
+        limit, progress, again = MOST_LINEAR, LINEAR_PROGRESS, LINEAR_PROGRESS
+    while state.residual > tolerance and iterations < limit:
         if chord is None:
             try:
                 factors, is_near = problem.linearise(state), True
@@ -86,7 +91,7 @@ def settle(
         step = chord.corrected(factors.solve(-state.imbalance.ravel()))
         new = problem.evaluate(acting, state.z + step.reshape(state.z.shape))
         iterations += 1
-        most = PROGRESS
+        most = progress
         if is_first:
             most = FIRST if is_near else PREDICTED
         if not new.residual <= most * state.residual:  # nor where it is NaN
@@ -95,7 +100,7 @@ def settle(
             chord = None
             continue
         predicted = new if is_first else predicted
-        if new.residual > CHORD * state.residual:
+        if new.residual > again * state.residual:
             chord = None
         state, is_first, is_near = new, False, False
     corrected = 0.0 if predicted is None else problem.turn(state.z - predicted.z)

@@ -11,7 +11,9 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget, Spending
+from octo_arm_model.core.budget import Budget, Spending
+from octo_arm_model.rod import arrays
+from octo_arm_model.rod.checks import check_solution
 from octo_arm_model.rod.continuation import (
     MOST_CORRECTED,
     ON_THE_WAY,
@@ -25,6 +27,7 @@ from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Factors
 from octo_arm_model.rod.forms import choose_form
+from octo_arm_model.rod.load_limits import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
 from octo_arm_model.rod.read_out import ADDED_POINTS, Readout
 from octo_arm_model.rod.resolution import position_error
@@ -78,6 +81,8 @@ class Rod:
     Attributes:
         arm: the arm.
         setting: how it is modelled.
+        is_compiled: whether numba compiles the node functions.
+        is_loaded: whether anything but tendons and the wrench on the tip loads it.
     """
 
     def __init__(
@@ -87,11 +92,13 @@ class Rod:
         """Of ``arm`` on a base of the orientation ``base``, a quaternion w, x, y, z.
 
         Raises:
-            ArmDefinitionError: if gravity acts on an arm of no density.
+            ArmDefinitionError: if gravity acts on an arm of no density, or if loads are larger
+                than `LoadLimits` allow.
         """
         self.arm, self.setting, self._loads, self._budget = arm, setting, loads, budget
         self._base = np.array([1.0, 0.0, 0.0, 0.0]) if base is None else base
         self._form = choose_form(setting.compiled)
+        self.is_compiled = self._form is not arrays
         self._strains = 6 if setting.shear else 4
         # Problems of each level, and one of few nodes to follow an arm from its unloaded shape.
         self.problem = functools.lru_cache(self._problem)
@@ -102,7 +109,11 @@ class Rod:
         self._per_square = (
             (own.tables.compliance / bending.min()) if any(own.tables.compliance) else None
         )
-        self.is_loaded = bool(own.loads.at(1.0, np.zeros(6)).any()) or loads.scaled is not None
+        with np.errstate(over='ignore', invalid='ignore'):
+            straight = own.straight_resultants()
+        places = np.concatenate([own.elements.edges, s])
+        LoadLimits(arm, places).check_loads(loads, straight)
+        self.is_loaded = bool(straight.any() or loads.others or loads.scaled)
 
     def _problem(self, level: int, added: int = 0) -> Problem:
         """The equations on elements of a ``level``, with so many points ``added`` to each."""
@@ -134,15 +145,25 @@ class Rod:
         """
         wanted = Condition(tensions, tip_wrench)
         spending = spending or self.spending()
+        is_loaded = self.is_loaded or bool(tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            if not self.is_loaded and not tip_wrench.any():
-                return self._unloaded_equilibrium(wanted)
-            found = None if start is None else self._warm(wanted, start, spending)
-            if found is None:
-                found = self._followed(wanted, start, spending)
-            if start is not None and found.judged is start.judged is not None:
-                return found  # resolved as well as that
-            return self._resolved(found, wanted, spending)
+            if is_loaded:
+                found = self._loaded_equilibrium(wanted, start, spending)
+            else:
+                found = self._unloaded_equilibrium(wanted)
+            check_solution(self.problem(found.level), found.state, is_loaded)
+        return found
+
+    def _loaded_equilibrium(
+        self, wanted: Condition, start: Equilibrium | None, spending: Spending
+    ) -> Equilibrium:
+        """A stable equilibrium under loads, on as many nodes as it takes."""
+        found = None if start is None else self._warm(wanted, start, spending)
+        if found is None:
+            found = self._followed(wanted, start, spending)
+        if start is not None and found.judged is start.judged is not None:
+            return found  # resolved as well as that
+        return self._resolved(found, wanted, spending)
 
     def _unloaded_equilibrium(self, wanted: Condition) -> Equilibrium:
         """The balance of every cross section by itself, on as many nodes as it takes."""

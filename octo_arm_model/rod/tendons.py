@@ -4,7 +4,7 @@ For a tendon of tension T on a path at r + d in the cross section, as in `loops`
 
     u = (lambda, v_n, v_b) + w kappa x (r + d) + w r',    its energy T |u| + k |d|^2 / 2
 
-is least by the offset d, k D dd + T d(p) = 0 with p = d|u|/dd. All changes of u then follow from
+is least by the offset d, k D dd + p dT = 0 with p = d|u|/dd at fixed twist. All changes of u then follow from
 one function: what a path that moves by rho changes, where d moves along.
 """
 
@@ -61,6 +61,10 @@ class Tendons:
 
     Attributes:
         tension: local [N], zero beyond the anchorage, (N, J).
+        width: radius over reference radius, w, (N, 1).
+        slope: its derivative by the stretch, (N, 1).
+        kappa: curvatures [1/m], (3, N, 1).
+        scaled: the same times w.
         has_sheaths: whether any tendon can leave its path.
     """
 
@@ -73,12 +77,12 @@ class Tendons:
         columns = z.T[..., np.newaxis]
         stretch = columns[3]
         if tables.widens:
-            self._width = 1.0 / np.sqrt(stretch)
-            self._slope = -0.5 * self._width / stretch
+            self.width = 1.0 / np.sqrt(stretch)
+            self.slope = -0.5 * self.width / stretch
         else:
-            self._width, self._slope = np.ones_like(stretch), np.zeros_like(stretch)
-        self._kappa = columns[:3]
-        self._scaled = columns[:3] * self._width
+            self.width, self.slope = np.ones_like(stretch), np.zeros_like(stretch)
+        self.kappa = columns[:3]
+        self.scaled = columns[:3] * self.width
         x, y, self._dx, self._dy = np.ascontiguousarray(tables.tendons.transpose(2, 0, 1))
         self.tension = tensions * tables.reach
         self._offsets = offsets.transpose(2, 0, 1)
@@ -89,8 +93,8 @@ class Tendons:
         self._x, self._y = x, y
         u = self._across(x, y)
         u[0] += stretch
-        u[1] += self._width * self._dx
-        u[2] += self._width * self._dy
+        u[1] += self.width * self._dx
+        u[2] += self.width * self._dy
         if self._strains == 6:
             u[1:] += columns[4:]
         size = np.sqrt(np.einsum('anj,anj->nj', u, u))
@@ -124,7 +128,7 @@ class Tendons:
         path, slopes = outwards[:2], outwards[2:]
         if self.has_sheaths:
             _, turned = self._turned(path, slopes)
-            t, n, b = self._scaled
+            t, n, b = self.scaled
             push = np.stack([t * turned[2] - b * turned[0], n * turned[0] - t * turned[1]])
             path = path - self._answer(push)
         return self.moved(path, slopes)
@@ -138,7 +142,7 @@ class Tendons:
         found[1] += path[1] * f[0]
         found[2] -= path[0] * f[0]
         if slopes is not None:
-            found[3] += self._slope * (slopes[0] * f[1] + slopes[1] * f[2])
+            found[3] += self.slope * (slopes[0] * f[1] + slopes[1] * f[2])
         return Moved(self._by_twist(found), along)
 
     @functools.cached_property
@@ -148,12 +152,12 @@ class Tendons:
     @functools.cached_property
     def _push(self) -> FloatArray:
         """p: derivative of |u| by the offset, (2, N, J)."""
-        (t, n, b), (c_t, c_n, c_b) = self._scaled, self._unit
+        (t, n, b), (c_t, c_n, c_b) = self.scaled, self._unit
         return np.stack([t * c_b - b * c_t, n * c_t - t * c_n])
 
     def _across(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """w kappa x r, (3, N, J)."""
-        t, n, b = self._scaled
+        t, n, b = self.scaled
         found = np.empty((3, *x.shape))
         found[0], found[1], found[2] = n * y - b * x, -t * y, t * x
         return found
@@ -164,7 +168,7 @@ class Tendons:
         """Changes of |u| (N, J) and, times T, of u / |u| (3, N, J), where paths move."""
         u = self._across(*path)
         if slopes is not None:
-            u[1:] += self._width * slopes
+            u[1:] += self.width * slopes
         along = np.einsum('anj,anj->nj', self._unit, u)
         u -= self._unit * along
         u *= self._per_length
@@ -172,7 +176,7 @@ class Tendons:
 
     def _answer(self, push: FloatArray) -> FloatArray:
         """(k D)^-1 of a ``push`` (2, N, J), zero in rigid sheaths."""
-        t, n, b = self._scaled
+        t, n, b = self.scaled
         p_n, p_b = self._push
         stiff = self._compliance * self._per_length
         nn = 1.0 + stiff * (b * b + t * t - p_n * p_n)
@@ -188,12 +192,12 @@ class Tendons:
         found[0] = self._x * f[2] - self._y * f[1]
         found[1] = self._y * f[0]
         found[2] = -self._x * f[0]
-        found[3] = f[0] + self._slope * (self._dx * f[1] + self._dy * f[2])
+        found[3] = f[0] + self.slope * (self._dx * f[1] + self._dy * f[2])
         found[4:] = f[1 : self._strains - 3]
         return found
 
     def _by_twist(self, g: FloatArray) -> FloatArray:
         """From a gradient (m, N, J) by the scaled strain to that by the twist, (N, J, m)."""
-        g[3] += self._slope * (self._kappa * g[:3]).sum(axis=0)
-        g[:3] *= self._width
+        g[3] += self.slope * (self.kappa * g[:3]).sum(axis=0)
+        g[:3] *= self.width
         return g.transpose(1, 2, 0)

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget
-from octo_arm_model.core.rod.pose import Pose
+from octo_arm_model.core.budget import Budget
+from octo_arm_model.core.arm.pose import Pose
 from octo_arm_model.estimation.measurements import Markers, Measurement
 from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction

@@ -18,8 +18,8 @@ from octo_arm_model.core.arm.validation import not_negative, positive, whole, wi
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_FRICTION
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.section.highest_tensions import default_highest
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.core.arm.highest_tensions import default_highest
 
 PRESET = 'renda2012_prototype'
 # Pose of the camera's frame in base_frame: beside the arm, looking at it.

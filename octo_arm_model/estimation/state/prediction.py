@@ -27,10 +27,10 @@ from octo_arm_model.core.errors import (
     TensionError,
 )
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget
-from octo_arm_model.core.loaded.continuation import TOLERANCE
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.core.budget import Budget
+from octo_arm_model.rod.continuation import TOLERANCE
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.estimation.state.curved_tip import CurvedTip
 from octo_arm_model.estimation.state.effort import Effort
 from octo_arm_model.estimation.state.state_change import Part, StateChange

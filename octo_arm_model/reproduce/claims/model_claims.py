@@ -17,7 +17,7 @@ from octo_arm_model.config.paper_data import (
 )
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.numerics.interpolation import nearest
-from octo_arm_model.core.solver import MODELS
+from octo_arm_model.rod.solver import MODELS
 from octo_arm_model.reproduce import cases
 from octo_arm_model.reproduce.claims.claim import Claim, Finding, below, claim, of_models
 

@@ -13,7 +13,7 @@ from octo_arm_model.config.paper_data import (
     PROTOTYPE_ERRORS,
     Tensions,
 )
-from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.reproduce import cases
 from octo_arm_model.reproduce.claims.claim import Finding, below, claim
 

@@ -11,7 +11,7 @@ from octo_arm_model.config.paper_data import (
     PROTOTYPE_AVERAGE_ERROR,
     PROTOTYPE_ERRORS,
 )
-from octo_arm_model.core.solver import MODELS
+from octo_arm_model.rod.solver import MODELS
 from octo_arm_model.reproduce import cases, figures, tables
 from octo_arm_model.reproduce.claims.claim import Claim, count
 from octo_arm_model.reproduce.page.html_page import TITLE, Block, Picture, heading, paragraph

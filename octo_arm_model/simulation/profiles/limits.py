@@ -13,8 +13,8 @@ from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ProfileError, TensionError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.section.highest_tensions import default_highest
-from octo_arm_model.core.section.tendons.tendon_sums import check_tensions
+from octo_arm_model.core.arm.highest_tensions import default_highest
+from octo_arm_model.rod.tendon_sums import check_tensions
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 
 _FIGURES = {

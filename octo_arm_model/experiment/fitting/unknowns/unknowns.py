@@ -11,7 +11,7 @@ import numpy as np
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.experiment.fitting.unknowns.readings import Readings
 from octo_arm_model.experiment.fitting.unknowns.tendon_offsets import move_tendons
 from octo_arm_model.experiment.fitting.unknowns.unknown import (
