@@ -50,7 +50,7 @@ class Exact(Statics):
         before: FloatArray | None, spending: Spending,
     ) -> Shape:  # fmt: skip
         """See `Statics`."""
-        return self.shape(self.rod.solve(tensions, tip_wrench, start, spending))
+        return self.shape(self.rod.solve(tensions, tip_wrench, start, spending, before))
 
     def shape(self, found: Equilibrium) -> Shape:
         """An equilibrium at the stations."""
