@@ -17,7 +17,9 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.body import Body, ProfiledBody
 from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad
 from octo_arm_model.core.arm.material import Material
+from octo_arm_model.core.arm.pose import Pose
 from octo_arm_model.core.arm.profile import Constant, Function, Linear, Profile, Table
+from octo_arm_model.core.arm.sheath_stiffness import estimate_sheath_stiffness
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.core.errors import (
     ArmDefinitionError,
@@ -29,12 +31,10 @@ from octo_arm_model.core.errors import (
     TargetError,
     TensionError,
 )
-from octo_arm_model.core.once import solve
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.rod.pose import Pose
-from octo_arm_model.core.section.sheaths.sheath_stiffness import estimate_sheath_stiffness
-from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
-from octo_arm_model.core.solver import MODELS, Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.once import solve
+from octo_arm_model.rod.sensitivity import Sensitivity, Uncertainty
+from octo_arm_model.rod.solver import MODELS, Solver
 
 __version__ = '0.1.0'
 

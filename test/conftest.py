@@ -168,4 +168,4 @@ def to_the_last_bit(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPa
         pytest.importorskip('numba')
     else:
         request.getfixturevalue('numpy_to_the_last_bit')
-        monkeypatch.setattr('octo_arm_model.core.solver.is_available', lambda: False)
+        monkeypatch.setattr('octo_arm_model.rod.solver.is_available', lambda: False)

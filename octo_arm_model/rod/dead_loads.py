@@ -15,6 +15,7 @@ class DeadLoads:
     """Force and free moment of dead loads beyond every node, without the wrench on the tip.
 
     Attributes:
+        others: those that are not dead, see `other_loads`.
         has_moments: whether a point load has a moment, which has no energy.
     """
 
@@ -22,12 +23,9 @@ class DeadLoads:
         """Tabulate the dead ones of ``loads`` on ``arm`` at the nodes of ``elements``.
 
         Raises:
-            ArmDefinitionError: if gravity acts on an arm of no density, or a load follows the
-                shape.
+            ArmDefinitionError: if gravity acts on an arm of no density.
         """
-        if loads.others:
-            expected = 'none: only loads that are fixed in base_frame'
-            raise ArmDefinitionError('loads.others', loads.others, expected)
+        self.others = loads.others
         self._to_tip = elements.weights - elements.integration(elements.s)
         self._fixed = self.tabulate(arm, elements, loads)
         self._scaled: ScaledLoads | None = loads.scaled

@@ -22,13 +22,13 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
-from octo_arm_model.core.numerics.quaternion import rotation_matrices
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
+from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.factors import Factors
+from octo_arm_model.rod.friction import Changes
 from octo_arm_model.rod.lengths import rest_stretches
-from octo_arm_model.rod.read_out import quaternion_rates
 from octo_arm_model.rod.rod import Rod
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.tables import (
     AXIAL,
     SHEAR,
@@ -136,16 +136,20 @@ class _Sections:
 
 
 class _Linear(NamedTuple):
-    """An equilibrium and the system about it, with what is in `Work` at the nodes.
+    """An equilibrium and the system about it.
 
     Attributes:
         state: the equilibrium.
         factors: of the Jacobian.
-        work: copies of the fields of `Work` that are used, by their names.
+        slides: how tensions with friction change; None without friction.
+        rates: derivatives of local tensions by those at the base at fixed twists, (N, J).
+        quaternion: with the following, as in `Work`.
     """
 
     state: State
     factors: Factors
+    slides: Changes | None
+    rates: FloatArray
     quaternion: FloatArray
     rotation: FloatArray
     slope: FloatArray
@@ -210,6 +214,7 @@ class Derivatives:
         Unless ``by_offsets`` none by the offsets and sheaths of tendons without friction.
 
         Raises:
+            LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
         tendons, slides = self._rest_lengths.size, self._problem.tension_changes(state) is not None
@@ -233,6 +238,7 @@ class Derivatives:
 
         Raises:
             ArmDefinitionError: if gravity acts on an arm of no density.
+            LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
         problem = self._problem
@@ -244,6 +250,7 @@ class Derivatives:
         """Covariance (6, 6) of the tip in the equilibrium ``state``, by the adjoint.
 
         Raises:
+            LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
         problem, linear = self._problem, self._linearised(state)
@@ -262,13 +269,11 @@ class Derivatives:
         found = []
         for name in uncertainty.quantities:
             if name == 'tension':
-                rates = problem.tension_rates(state)
-                change = sections.stretch.length_by_z * rates[..., np.newaxis]
+                change = sections.stretch.length_by_z * linear.rates[..., np.newaxis]
             elif name == 'offset':
                 change = sections.by_offset.gradient
-                slides = problem.tension_changes(state)
-                if slides is not None:
-                    local = slides.by_offset(self._outwards)[..., np.newaxis]
+                if linear.slides is not None:
+                    local = linear.slides.by_offset(self._outwards)[..., np.newaxis]
                     change = change + sections.stretch.length_by_z * local
             else:
                 change = getattr(sections, f'by_{name}')()[:, np.newaxis]
@@ -277,24 +282,25 @@ class Derivatives:
 
     def _linearised(self, state: State) -> _Linear:
         """The system about ``state``; that of the last one is kept."""
-        kept = self._kept
+        kept, problem = self._kept, self._problem
         if kept is None or kept.state is not state:
-            factors, work = self._problem.linearise(state), self._problem.work
-            copies = [getattr(work, name).copy() for name in _Linear._fields[2:]]
-            kept = self._kept = _Linear(state, factors, *copies)
+            problem.others.require_tangents('sensitivity')
+            factors, slides = problem.linearise(state), problem.tension_changes(state)
+            rates = problem.tables.reach if slides is None else slides.by_base_tension()
+            copies = [getattr(problem.work, name).copy() for name in _Linear._fields[4:]]
+            kept = self._kept = _Linear(state, factors, slides, rates, *copies)
         return kept
 
     def _change(self, state: State, columns: _Columns, wrenches: FloatArray) -> Change:
         """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
-        problem, weights = self._problem, self._problem.elements.weights
+        weights = self._problem.elements.weights
         linear, nodes = self._linearised(state), len(state.z)
-        slides = problem.tension_changes(state)
-        finer = self._finer(linear)
+        slides, finer = linear.slides, self._finer(linear)
         sections = self._sections(linear, finer)
         stretch = sections.stretch
         by_local = stretch.length_by_z.swapaxes(1, 2)
         push = sections.imbalance(columns)
-        local = self._local_changes(state, columns)
+        local = self._local_changes(linear, columns)
         if slides is None:
             push[..., columns.tension] += by_local[..., : columns.tension.stop]
         else:
@@ -332,13 +338,12 @@ class Derivatives:
             np.concatenate([linear.offsets, work.offsets]),
         )  # fmt: skip
 
-    def _local_changes(self, state: State, columns: _Columns) -> FloatArray:
+    def _local_changes(self, linear: _Linear, columns: _Columns) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, columns)."""
-        problem = self._problem
-        slides = problem.tension_changes(state)
-        found = np.zeros((*problem.tables.reach.shape, columns.total))
+        slides = linear.slides
+        found = np.zeros((*linear.rates.shape, columns.total))
         own = np.arange(found.shape[1])
-        parts = [(columns.tension, problem.tension_rates(state))]
+        parts = [(columns.tension, linear.rates)]
         if slides is not None and columns.friction.stop > columns.friction.start:
             parts.append((columns.offset, slides.by_offset(self._outwards)))
             parts.append((columns.friction, slides.by_friction))
@@ -364,13 +369,21 @@ class Derivatives:
         np.matmul(linear.rotation, z[:, :3], out=spin)
         turn = _along(self._to_nodes, spin)
         np.matmul(-_skew(force), _moved(linear.rotation, linear.slope, turn, z), out=carried)
-        carried[..., columns.loads] += _skew(linear.slope) @ wrenches[:, :3]
+        others = self._problem.others
+        if others.loads:
+            # Those that follow the shape.
+            more, where = others.changes(1.0, linear.quaternion, linear.state.z, spin), slice(None)
+            more[..., columns.loads] += wrenches
+            wrenches = more
+        else:
+            where = columns.loads
+        carried[..., where] += _skew(linear.slope) @ wrenches[:, :3]
         found = _along(self._to_finer, rates)
         turn = found[:, :3]
         # Force and moment beyond the finer points.
         beyond = _skew(finer.wrench.reshape(-1, 3)).reshape(-1, 6, 3) @ turn
         beyond[:, 3:] += self._problem.elements.weights @ carried.swapaxes(0, 1) - found[:, 3:]
-        beyond[..., columns.loads] += _along(self._between, wrenches)
+        beyond[..., where] += _along(self._between, wrenches)
         push = _turned(finer.rotation, beyond, strains) - push
         z = finer.compliance @ push
         rates = np.empty((len(z), 6, z.shape[2]))  # of displacement and rotation

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.hints import BoolArray, FloatArray, IntArray
 from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
-from octo_arm_model.core.rod.grid import apart
+from octo_arm_model.rod.stations import apart
 
 # Least number of elements, and the part of the ratio of radii that each takes: an arm that tapers
 # to an eighth has one for each factor of `_TAPER`.
@@ -40,6 +40,7 @@ class Elements(NamedTuple):
         s: arc coordinates of the nodes [m], (N,).
         weights: of the integral along the arm [m], (N,).
         section: section of each node, from the tip; 0 beyond the last anchorage, (N,).
+        sharp: whether strains may jump at the start of each element, (E,).
     """
 
     edges: FloatArray
@@ -48,6 +49,7 @@ class Elements(NamedTuple):
     s: FloatArray
     weights: FloatArray
     section: IntArray
+    sharp: BoolArray
 
     def element_at(self, s: FloatArray) -> IntArray:
         """Element of each place ``s`` (n,) [m]; at an edge the one towards the base."""
@@ -124,9 +126,12 @@ def build_elements(
     anchorages = np.array([section.anchorage for section in arm.sections])
     section = (anchorages > middles[:, np.newaxis]).sum(axis=1)
     weights = lengths[:, np.newaxis] * rule.weights
+    sharp = np.zeros(lengths.size, np.bool_)
+    sharp[np.cumsum(each * cuts)[:-1]] = True
     return Elements(
-        stops, rule, lengths, places.ravel(), weights.ravel(), np.repeat(section, rule.points.size)
-    )
+        stops, rule, lengths, places.ravel(), weights.ravel(),
+        np.repeat(section, rule.points.size), sharp,
+    )  # fmt: skip
 
 
 def _edges(arm: Arm, breaks: tuple[float, ...], knots: tuple[float, ...]) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Variation, factorise
 from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.friction import Changes, Sliding, slide, slide_along
+from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
 from octo_arm_model.rod.tables import AXIAL, LEVER, Tables, force_scale, work_arrays
 
 
@@ -21,11 +23,14 @@ class Condition(NamedTuple):
         tensions: of the tendons at the base, (J,), or at every node, (N, J) [N].
         tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
         factor: on all other loads [-], from 0 to 1.
+        before: tensions at the nodes (N, J) [N] from which tendons with friction slide; None for
+            slack ones.
     """
 
     tensions: FloatArray
     tip_wrench: FloatArray
     factor: float = 1.0
+    before: FloatArray | None = None
 
     def towards(self, other: Condition, part: float) -> Condition:
         """This one, moved by ``part`` of the way to ``other``."""
@@ -35,6 +40,7 @@ class Condition(NamedTuple):
             self.tensions + part * (other.tensions - self.tensions),
             self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
             self.factor + part * (other.factor - self.factor),
+            other.before,
         )
 
 
@@ -72,27 +78,6 @@ class State(NamedTuple):
     residual: float
 
 
-class TensionChanges(Protocol):
-    """What local tensions change by, for given tensions at the base, each (N, J).
-
-    Attributes:
-        by_friction: per unit of mu of each tendon, at fixed twists.
-        by_sheath_stiffness: per pascal of each sheath, likewise.
-    """
-
-    by_friction: FloatArray
-    by_sheath_stiffness: FloatArray
-
-    def by_offset(self, outwards: FloatArray) -> FloatArray:
-        """Per metre of each tendon's distance from the midline, likewise.
-
-        ``outwards`` (4, N, J) are the directions away from it along n and b [-] and their slopes.
-        """
-
-    def by_twists(self, change: FloatArray) -> FloatArray:
-        """Changes (N, J, k) by those of the twists (N, m, k)."""
-
-
 class Problem:
     """The residual and Jacobian of one arm under its loads.
 
@@ -101,8 +86,10 @@ class Problem:
         tables: of the arm at the nodes.
         form: the node functions.
         work: what they computed last.
-        loads: all but the wrench on the tip.
+        loads: dead ones, all but the wrench on the tip.
+        others: loads of other kinds.
         strains: 4, or 6 with shear.
+        has_friction: whether any tendon has.
     """
 
     def __init__(
@@ -112,10 +99,14 @@ class Problem:
         """Of the ``tables`` at the nodes of ``elements``."""
         self.elements, self.tables, self.loads = elements, tables, loads
         self.form, self.strains = form, strains
+        self.others = OtherLoads(loads.others, elements, tables.base)
         self.work = work_arrays(tables, strains, has_jacobian=has_jacobian)
         self._current: FloatArray | None = None
         self._scaled: FloatArray | None = None
         self._last_acting: Acting | None = None
+        self.has_friction = bool(tables.friction.any())
+        self._sliding: Sliding | None = None
+        self._held: FloatArray | None = None
         unit = np.ones((elements.s.size, strains))
         unit[:, :3] = tables.body[:, LEVER, np.newaxis]
         # Squares of twists times this are those of strains, integrated over the arm.
@@ -137,16 +128,53 @@ class Problem:
         self._last_acting = Acting(condition, tensions, force, couple, scale)
         return self._last_acting
 
+    def straight_resultants(self) -> FloatArray:
+        """Force and free moment of all loads but the tip's on the straight rod, (2, N, 3)."""
+        dead = self.loads.at(1.0, np.zeros(6))
+        return dead + self.others.resultants(self.others.straight())
+
     def evaluate(self, acting: Acting, z: FloatArray) -> State:
         """The state of twists ``z`` (N, m), which is kept and not to be changed any more."""
         work = self.work
         if self._scaled is not acting.scale:
             work.scale[:] = self._scaled = acting.scale
+        if self._slides(acting):
+            acting = acting._replace(tensions=self._slide(acting.condition, z))
+        if self.others.loads:
+            acting = self._with_others(acting, z)
         left = self.form.residual(
             self.tables, z, acting.tensions, acting.force, acting.couple, work
         )
         self._current = z
         return State(acting, z, work.residual.copy(), left)
+
+    def _slides(self, acting: Acting) -> bool:
+        return self.has_friction and acting.condition.tensions.ndim == 1
+
+    def _slide(self, condition: Condition, z: FloatArray) -> FloatArray:
+        last, near = self._sliding, None
+        if last is not None and ((last.tensions[0] > 0.0) == (condition.tensions > 0.0)).all():
+            near = last.tensions
+        self._sliding = slide_along(
+            self.tables, self.form, z, condition.tensions, condition.before, self.work, near
+        )
+        return self._sliding.tensions
+
+    def first_tensions(self, condition: Condition, z: FloatArray) -> FloatArray:
+        """Tensions (N, J) [N] that bend an arm less than ``z`` (N, m), which full ones bend."""
+        self.evaluate(self.acting(condition), z)
+        assert self._sliding is not None
+        # Exact for a curvature in proportion to the tension of a tendon that is drawn in.
+        mu = np.maximum(self.tables.friction, 1e-30)
+        angle = np.log1p(mu * self._sliding.angle) / mu
+        return slide(self.tables, condition.tensions, condition.before, angle).tensions
+    def _with_others(self, acting: Acting, z: FloatArray) -> Acting:
+        """What is ``acting`` on a rod of twists ``z`` (N, m), loads that follow its shape too."""
+        self.form.orientations(self.tables, z, self.work)
+        factor, tip_wrench = acting.condition.factor, acting.condition.tip_wrench
+        more = self.others.resultants(NodeRod(self.others, self.work.quaternion, z))
+        force, couple = self.loads.at(factor, tip_wrench) + factor * more
+        return acting._replace(force=force, couple=couple)
 
     def known(self, state: State) -> State:
         """The ``state``, whose orientations are in `work` already."""
@@ -169,29 +197,42 @@ class Problem:
 
     def variation(self) -> Variation:
         """The second variation of the energy, of the Jacobian that was filled in last."""
-        return Variation(self.work.jacobian, self.work.hessian, self.elements.weights)
+        held = self.work.jacobian if self._held is None else self._held
+        return Variation(held, self.work.hessian, self.elements.weights)
 
     def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
         """The Jacobian at ``state``, with sections stiffer by ``damping``, into `work`."""
         self.load_work(state)
         acting = state.acting
         self.form.jacobian(self.tables, state.z, acting.tensions, acting.force, self.work)
+        if self.others.loads:
+            self.others.add_tangents(acting.condition.factor, state.z, self.work)
         if damping:
             nodes, strains = state.z.shape
             blocks = self.work.jacobian.reshape(nodes, strains, nodes, strains)
             np.einsum('iaic->iac', blocks)[...] += damping * self.work.hessian
+        if self.has_friction:
+            self._held = self.work.jacobian.copy()
+            changes = self.tension_changes(state)
+            if changes is not None:
+                changes.add_to(self.work.jacobian)
+
+    def tension_changes(self, state: State) -> Changes | None:
+        """How tensions with friction change about ``state``; None without friction."""
+        if not self._slides(state.acting):
+            return None
+        self.load_work(state)
+        assert self._sliding is not None
+        return Changes(self.tables, state.z, self._sliding, self.work)
 
     def tension_rates(self, state: State) -> FloatArray:
         """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
-        return self.tables.reach
-
-    def tension_changes(self, state: State) -> TensionChanges | None:
-        """What else local tensions change by in ``state``; None without friction."""
-        return None
+        changes = self.tension_changes(state)
+        return self.tables.reach if changes is None else changes.by_base_tension()
 
     def has_energy(self, condition: Condition) -> bool:
         """Whether all loads derive from an energy: a moment fixed in base_frame does not."""
-        return not (self.loads.has_moments or condition.tip_wrench[3:].any())
+        return not (self.loads.has_moments or self.others.loads or condition.tip_wrench[3:].any())
 
     def turn(self, change: FloatArray) -> float:
         """How far a ``change`` (N, m) of the twists turns the arm, all its bends added [rad]."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Problem, State
 from octo_arm_model.rod.tables import SLOPE_B, SLOPE_N, Tables
@@ -51,3 +52,15 @@ def rest_stretches(tables: Tables) -> FloatArray:
     """
     slopes = tables.tendons[..., SLOPE_N], tables.tendons[..., SLOPE_B]
     return np.asarray(tables.reach * np.sqrt(1.0 + slopes[0] ** 2 + slopes[1] ** 2))
+
+
+def rest_stretches_by_offset(tables: Tables, arm: Arm, s: FloatArray) -> FloatArray:
+    """Derivatives of `rest_stretches` by every tendon's distance from the midline, (N, J) [1/m].
+
+    Of the tendons of ``arm`` at its nodes ``s`` (N,) [m].
+    """
+    slopes = tables.tendons[..., SLOPE_N], tables.tendons[..., SLOPE_B]
+    outwards = arm.tendon_outward_slopes(s)
+    change = slopes[0] * outwards[0].T + slopes[1] * outwards[1].T
+    size = np.sqrt(1.0 + slopes[0] ** 2 + slopes[1] ** 2)
+    return np.asarray(tables.reach * change / size)

@@ -13,7 +13,7 @@ import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.quaternion import rotation_matrices
+from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.tables import force_scale, tabulate, work_arrays
 
@@ -58,12 +58,11 @@ class Readout:
     def read(self, state: State) -> Reading:
         """Poses at the stations, by integrals from the base."""
         finer, condition = self._finer, state.acting.condition
-        if condition.tensions.ndim > 1:
-            # Given at the nodes, where friction has made them.
-            condition = condition._replace(tensions=self._to_finer @ condition.tensions)
-        acting, work = finer.acting(condition), finer.work
-        z = self._to_finer @ state.z
-        finer.evaluate(acting, z)
+        if self._problem.has_friction or condition.tensions.ndim > 1:
+            local = np.ascontiguousarray(self._to_finer @ state.acting.tensions)
+            condition = condition._replace(tensions=local)
+        work, z = finer.work, self._to_finer @ state.z
+        acting = finer.evaluate(finer.acting(condition), z).acting
         wrench = work.gradient - work.residual
         finer.form.section_steps(finer.tables, z, acting.tensions, wrench, work)
         z = z + work.step
@@ -83,6 +82,10 @@ class Readout:
         # What acts beyond a station: the moment at the base less what is carried up to there.
         moment = finer.elements.weights @ carried - found[:, 7:]
         return Reading(found[:, :3], turn, moment, z, acting)
+
+    def tensions(self, reading: Reading) -> FloatArray:
+        """Tension of every tendon at the stations [N], (S, J)."""
+        return self._interpolation @ reading.acting.tensions
 
     def twists(self, reading: Reading) -> FloatArray:
         """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""
@@ -105,12 +108,18 @@ class Readout:
         return z
 
 
-def quaternion_rates(q: FloatArray, kappa: FloatArray, out: FloatArray) -> None:
-    """Rates q (0, kappa) / 2 of quaternions ``q`` (N, 4), w, x, y, z."""
-    half = 0.5 * kappa
-    w, x, y, z = q.T
-    p, r, s = half.T
-    out[:, 0] = -(x * p + y * r + z * s)
-    out[:, 1] = w * p + y * s - z * r
-    out[:, 2] = w * r + z * p - x * s
-    out[:, 3] = w * s + x * r - y * p
+def integrate_poses(
+    problem: Problem, z: FloatArray, integration: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (S, 3) [m] from the base and quaternions w, x, y, z (S, 4) at stations.
+
+    From twists ``z`` (N, m) whose orientations are in ``problem.work``, by the matrix
+    ``integration`` (S, N) from values at the nodes to integrals up to the stations.
+    """
+    rates = np.empty((len(z), 7))
+    rates[:, :3] = problem.work.slope
+    quaternion_rates(problem.work.quaternion, z[:, :3], rates[:, 3:])
+    found = integration @ rates
+    turn = found[:, 3:] + problem.tables.base
+    turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
+    return found[:, :3], turn

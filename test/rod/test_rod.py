@@ -10,7 +10,6 @@ from rods import EVERYTHING, SHEATHED, TENSIONS, WRENCH
 
 from octo_arm_model import (
     Arm,
-    ArmDefinitionError,
     Body,
     Config,
     ConvergenceError,
@@ -19,9 +18,9 @@ from octo_arm_model import (
     Section,
     Solver,
 )
+from octo_arm_model.core.budget import Budget
 from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.rod.continuation import judge
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 
@@ -161,23 +160,6 @@ def test_a_budget_that_is_spent_says_how_far_the_arm_was_followed(table4: Config
         rod = Rod(arm, Loads(gravity=(-9.81, 0.0, 0.0)), setting=Setting(), budget=budget)
         with pytest.raises(ContinuationError, match=f'budget of {spent} at .* % of the'):
             rod.solve(np.zeros(12), NOTHING)
-
-
-class TipPull:
-    """A load of another kind, which is never asked for anything."""
-
-    breaks = knots = ()
-
-    def resultants(self, rod: object) -> None:
-        raise AssertionError
-
-    def tangents(self, rod: object) -> None:
-        raise AssertionError
-
-
-def test_a_load_that_follows_the_shape_is_refused() -> None:
-    with pytest.raises(ArmDefinitionError, match=r'loads\.others'):
-        made(False, METAL, Loads(others=(TipPull(),)))  # type: ignore[arg-type]
 
 
 def test_what_has_no_balance_is_refused() -> None:

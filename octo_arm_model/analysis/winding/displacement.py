@@ -32,8 +32,8 @@ from octo_arm_model.core.errors import (
     listed,
     shown,
 )
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
 
 
 def solve_displacements(

@@ -13,18 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
-from octo_arm_model.analysis.winding.complementarity import complementary_step
+from octo_arm_model.analysis.winding.complementarity import complementary_step, lacking
 from octo_arm_model.analysis.winding.tendon_displacement import (
     displacements_by_tension,
     displacements_of,
-    tendon_compliance,
 )
-from octo_arm_model.core.compiled.models.tension_step_kernels import lacking
-from octo_arm_model.core.compiled.models.winding_kernels import Reeled
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
 
 # Displacements are met to this part of the length of the arm, and tensions to this of the largest.
 TOLERANCE = 1e-9
@@ -84,10 +81,6 @@ class Winding:
         """
         self._is_near = True
         moved = tensions - start.backbone.tensions.ravel()
-        if self._solver.is_compiled:
-            found = self._follow_compiled(tensions, moved, start)
-            if found is not None:
-                return found
         # By the derivatives of the solution before.
         displacement = start.displacement.ravel() + start.changes @ moved
         step = self._step(tensions, displacement, start.changes)
@@ -140,18 +133,6 @@ class Winding:
                 changes = changes + np.outer(missed, moved) / size
             backbone, displacement, tensions = found, reached, new
         raise self._error(left, MAX_ITERATIONS)
-
-    def _follow_compiled(
-        self, tensions: FloatArray, moved: FloatArray, start: Wound
-    ) -> Wound | None:
-        """`follow` in machine code, where that finds it, after tensions have ``moved`` [N]."""
-        solver, changes = self._solver, start.changes.copy()
-        given = np.array([self._wanted, tendon_compliance(solver), solver.rest_lengths.ravel()])
-        displacement = start.displacement.flatten()
-        reeled = Reeled(tensions.copy(), moved, changes, displacement)
-        wrench = np.zeros(6) if self._tip_wrench is None else self._tip_wrench
-        backbone = solver.wind(given, self._driven, reeled, start.backbone, wrench)
-        return None if backbone is None else self._wound(backbone, displacement, changes)
 
     @property
     def _rounding(self) -> float:

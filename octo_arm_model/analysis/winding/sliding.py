@@ -30,7 +30,7 @@ from octo_arm_model.analysis.winding.tendon_displacement import (
 )
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.rod.backbone import Backbone
 
 _MOST = 100  # steps
 # Damping at first, at least and at most, in parts of what tendons yield on the slack arm, and its

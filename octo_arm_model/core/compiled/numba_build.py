@@ -15,29 +15,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from octo_arm_model.core.compiled.friction import sliding_kernels, sliding_rod_kernels
-from octo_arm_model.core.compiled.friction.friction_tables import no_friction
 from octo_arm_model.core.compiled.kernel_compiler import compiled
-from octo_arm_model.core.compiled.loaded import (
-    orientation_kernels,
-    readout_kernels,
-    rod_kernels,
-    rod_state,
-    sensitivity_kernels,
-    system_kernels,
-)
-from octo_arm_model.core.compiled.loaded.rod_tables import no_parameters, no_rod
-from octo_arm_model.core.compiled.models import (
-    exact_kernels,
-    frame_kernels,
-    paper_kernels,
-    winding_kernels,
-)
-from octo_arm_model.core.compiled.models.arm_tables import no_arm, no_grid
 from octo_arm_model.core.compiled.numerics import least_squares_kernels, posterior_kernels
-from octo_arm_model.core.compiled.section import length_kernels, minimum_kernels, section_kernels
-from octo_arm_model.core.compiled.section.section_tables import no_exact
-from octo_arm_model.core.sensitivity import tip_curvature
+from octo_arm_model.rod import tip_curvature
 
 _LOG = logging.getLogger(__name__)
 _R = TypeVar('_R')
@@ -58,64 +38,6 @@ def _made(
     return made
 
 
-# Arguments of an arm without points and tendons.
-_NONE, _FOUR, _TABLE, _OF_TENDONS = (
-    np.zeros(0), np.zeros((4, 0)), np.zeros((0, 0)), np.zeros((0, 4, 0)),
-)  # fmt: skip
-_POSITION, _QUATERNION, _DEAD = np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3, 0))
-_STATE, _WRENCH = rod_state.empty_state(0), np.zeros(6)
-_SHAPES = (
-    _FOUR, np.zeros((4, 0, 0)), np.zeros((0, 0, 3)), np.zeros((0, 0, 4)), _NONE,
-    np.zeros(0, np.int64),
-)  # fmt: skip
-
-find_shapes = _made(paper_kernels.find_shapes, no_arm(), no_grid(), _TABLE, *_SHAPES)
-find_exact_shapes = _made(exact_kernels.find_exact_shapes, no_exact(), no_grid(), _TABLE, *_SHAPES)
-find_sliding_shapes = _made(
-    sliding_kernels.find_sliding_shapes, no_friction(), no_grid(), _TABLE, _TABLE, *_SHAPES,
-    _TABLE, np.zeros((0, 0, 0)), _TABLE, _TABLE,
-)  # fmt: skip
-slide = _made(sliding_kernels.slide, no_friction(), _NONE, _TABLE, _TABLE, _FOUR)
-read_out = _made(frame_kernels.read_out, no_grid(), _FOUR, _FOUR, _POSITION, _QUATERNION)
-find_lengths = _made(length_kernels.find_lengths, _OF_TENDONS, _FOUR, False, _FOUR, _NONE)
-_WINCHES = (
-    winding_kernels.Winches(_OF_TENDONS, _FOUR, False, np.ones((3, 1)), np.zeros(1, np.bool_)),
-    winding_kernels.Reeled(np.zeros(1), np.zeros(1), np.ones((1, 1)), np.zeros(1)),
-)
-wind = _made(
-    winding_kernels.wind, no_exact(), no_grid(), *_WINCHES, _FOUR, _FOUR, _POSITION, _QUATERNION
-)
-first_step = _made(winding_kernels.first_step, *_WINCHES, np.zeros(1))
-next_step = _made(winding_kernels.next_step, *_WINCHES, _FOUR, 1.0, 1.0, np.zeros(1))
-evaluate_sections = _made(
-    section_kernels.evaluate_sections, no_exact().sections, _NONE, _FOUR, _FOUR,
-    np.zeros((4, 4, 0)), _FOUR,
-)  # fmt: skip
-find_minima = _made(minimum_kernels.find_minima, no_exact().sections, _NONE, _FOUR)
-find_turn = _made(
-    orientation_kernels.find_turn, no_rod().elements, _FOUR, 1.0, _FOUR,
-    np.zeros((orientation_kernels.TURN_ROWS, 0)),
-)  # fmt: skip
-_NO_SYSTEM = system_kernels.system_of(0, 0)
-balance = _made(
-    rod_kernels.balance, no_rod(), _NONE, _WRENCH, 1.0, 1.0, True, 0, False, _NO_SYSTEM, 0.0,
-    0.0, False, np.zeros((2, 0), complex), _STATE, _NO_SYSTEM, np.zeros((6, 6)),
-    np.zeros((4, 0, 6)), readout_kernels.empty_readings(0, 0),
-)  # fmt: skip
-slide_rod = _made(
-    sliding_rod_kernels.slide_rod, no_rod(), no_friction(), _NONE, _TABLE, _WRENCH, 1.0, 1.0, True,
-    0, False, _NO_SYSTEM, 0.0, 0.0, np.zeros((2, 0), complex), _STATE, _TABLE, _NO_SYSTEM,
-    np.zeros((6, 6)), np.zeros((4, 0, 6)), readout_kernels.empty_readings(0, 0),
-)  # fmt: skip
-# An arm without tendons has 8 columns in the one, and 2 deviations in the other.
-differentiate = _made(
-    sensitivity_kernels.differentiate, no_rod(), no_parameters(), _NONE, _WRENCH, _STATE, False,
-    _NO_SYSTEM, _DEAD, _DEAD, np.zeros((0, 6, 8)), np.zeros((0, 4, 8)), np.zeros((0, 8)),
-)  # fmt: skip
-add_tip_covariance = _made(
-    sensitivity_kernels.add_tip_covariance, no_rod(), no_parameters(), _NONE, _WRENCH, _STATE,
-    False, _NO_SYSTEM, np.zeros(2), np.zeros((6, 6)),
-)  # fmt: skip
 add_up_curvature = _made(
     tip_curvature.add_up, np.ones((3, 2)), np.ones((6, 2, 3)), np.ones(3), np.ones((6, 3, 3))
 )
@@ -165,7 +87,7 @@ def is_available() -> bool:
 def fault() -> str | None:
     """Why kernels cannot be compiled: '' without numba, else its error; None if they can."""
     try:
-        find_shapes()
+        add_up_curvature()
     except ModuleNotFoundError as error:
         reason = '' if error.name == 'numba' else str(error)
     except Exception as error:  # such as a NumPy newer than numba supports

@@ -70,6 +70,20 @@ def rotation_matrices(wxyz: FloatArray) -> FloatArray:
     return (_TO_MATRIX @ products.reshape(16, -1)).reshape(3, 3, *wxyz.shape[1:])
 
 
+def quaternion_rates(q: FloatArray, kappa: FloatArray, out: FloatArray) -> None:
+    """Rates q (0, kappa) / 2 of quaternions ``q`` (n, 4), w, x, y, z, into ``out`` (n, 4).
+
+    ``kappa`` (n, 3) are angular rates in the turned axes.
+    """
+    half = 0.5 * kappa
+    w, x, y, z = q.T
+    p, r, s = half.T
+    out[:, 0] = -(x * p + y * r + z * s)
+    out[:, 1] = w * p + y * s - z * r
+    out[:, 2] = w * r + z * p - x * s
+    out[:, 3] = w * s + x * r - y * p
+
+
 def product(a: Number, b: Number, c: Number, d: Number) -> tuple[Number, Number]:
     """Quaternion (a + b j) (c + d j), of complex numbers."""
     return a * c - b * np.conj(d), a * d + b * np.conj(c)
@@ -100,3 +114,10 @@ def cumulative_product(factors: Quaternions) -> Quaternions:
     products = ztbsv(3, band.reshape(-1, 4).T, first.ravel(), lower=1, diag=1, overwrite_x=1)
     a, b = products.reshape(-1, 2).T
     return Quaternions(a.reshape(factors.a.shape), b.reshape(factors.b.shape))
+
+
+def unit(orientation: Quaternions) -> Quaternions:
+    """Quaternions divided by their length."""
+    a, b = orientation
+    length = np.sqrt(a.real**2 + a.imag**2 + b.real**2 + b.imag**2)
+    return Quaternions(a / length, b / length)

@@ -45,16 +45,16 @@ from octo_arm_model.core.compiled.models import frame_kernels, paper_kernels
 from octo_arm_model.core.compiled.models.arm_tables import own
 from octo_arm_model.core.compiled.section.section_tables import section_tables
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget, Spending
+from octo_arm_model.core.budget import Budget, Spending
 from octo_arm_model.core.loaded.continuation import follow
 from octo_arm_model.core.loaded.linearised import TipAnswer
 from octo_arm_model.core.loaded.stability import stability_of, tip_answer
 from octo_arm_model.core.loaded.state import Condition, Stability
 from octo_arm_model.core.models.exact import Exact
-from octo_arm_model.core.models.picard import TOLERANCE
-from octo_arm_model.core.models.renda2012 import Renda2012
+from octo_arm_model.rod.picard import TOLERANCE
+from octo_arm_model.rod.renda2012 import Renda2012
 from octo_arm_model.core.rod.solution import Shape
-from octo_arm_model.core.section.highest_tensions import default_highest
+from octo_arm_model.core.arm.highest_tensions import default_highest
 from octo_arm_model.logs import show_logs
 
 pytest.importorskip('numba')

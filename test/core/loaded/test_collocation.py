@@ -16,9 +16,9 @@ from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
 from octo_arm_model.core.numerics.gauss import gauss_rule
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.rod.stations import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
-from octo_arm_model.core.section.elastic_laws import LAWS
+from octo_arm_model.core.arm.laws import LAWS
 
 ARM = Arm(
     Material(1.1e5, 0.45, 1080.0),

@@ -17,7 +17,7 @@ from scipy.special import fresnel
 from octo_arm_model import Arm, Body, ConfigError, Material, Pose, Section
 from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.core.rod import grid
-from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.rod.stations import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame, backbone_frames
 
 ARM = Arm(Material(1e5), Body(1.0, 0.1, 0.1), (Section(1.0, 0.0, 0.0),))

@@ -11,7 +11,7 @@ from helical_arm import HELICAL
 
 from octo_arm_model import Arm
 from octo_arm_model.core.section import energy as energy_module
-from octo_arm_model.core.section.elastic_laws import LAWS
+from octo_arm_model.core.arm.laws import LAWS
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.sheaths.sheath import sections_of
 

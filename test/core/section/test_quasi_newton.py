@@ -15,7 +15,7 @@ from octo_arm_model import Arm, Config, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.batched_ldlt import factorise
 from octo_arm_model.core.section import newton, quasi_newton
-from octo_arm_model.core.section.elastic_laws import LAWS
+from octo_arm_model.core.arm.laws import LAWS
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.newton import TOLERANCE, force_scale, initial_strain, minimise
 from octo_arm_model.core.section.sheaths.sheath import SheathedSections, sections_of

@@ -32,7 +32,7 @@ from octo_arm_model.core.compiled.friction.sliding_kernels import SQUARED
 from octo_arm_model.core.compiled.loaded.rod_state import empty_state, rod_work
 from octo_arm_model.core.compiled.loaded.state_kernels import find_state
 from octo_arm_model.core.compiled.numba_build import is_available
-from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.budget import Budget
 from octo_arm_model.core.loaded.continuation import TOLERANCE
 from octo_arm_model.core.loaded.read_out import read_out
 from octo_arm_model.core.loaded.sliding import sliding_balance

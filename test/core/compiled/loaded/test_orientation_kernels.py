@@ -16,7 +16,7 @@ from octo_arm_model.core.compiled.loaded.rod_tables import no_rod
 from octo_arm_model.core.loaded.collocation import Collocation
 from octo_arm_model.core.loaded.kinematics import frames
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.rod.stations import StationGrid
 
 ARM = Arm(Material(1e5), Body(0.4, 0.015, 0.006), (Section(0.4, 0.01, 0.006),))
 

@@ -14,9 +14,9 @@ from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.sliding.coupling import couplings
 from octo_arm_model.core.loaded.sliding.sliding_balance import ExactSections
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.rod.stations import StationGrid
 from octo_arm_model.core.rod.kinematics import Frame
-from octo_arm_model.core.section.elastic_laws import LAWS
+from octo_arm_model.core.arm.laws import LAWS
 
 
 @pytest.mark.parametrize('law', ['linear', 'neo_hookean'])

@@ -1,0 +1,89 @@
+"""What a solution is refused for: no material and no sheath bears it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.equilibrium import Problem, State
+from octo_arm_model.rod.tables import ALONG_B, ALONG_N, SQUARED_RADIUS
+
+SHORTEST_FIBRE = 0.02  # of its reference length
+
+
+def check_solution(problem: Problem, state: State, is_loaded: bool) -> None:
+    """Refuse a ``state`` of ``problem`` that cannot be trusted.
+
+    Raises:
+        SolveError: if there is a place for that; the message states its arc coordinate.
+    """
+    check_stretches(problem, state.z)
+    if problem.tables.compliance.any():
+        check_tendons(problem, state)
+        if not is_loaded:
+            check_stable(problem, state)
+
+
+def check_stretches(problem: Problem, z: FloatArray) -> None:
+    """Refuse twists ``z`` (N, m) that compress a section, or a fibre of rubber, to nothing.
+
+    Laws with widening have unbounded stress at zero length, unlike any material.
+
+    Raises:
+        SolveError: if there is one.
+    """
+    stretch = z[:, 3]
+    if problem.tables.widens:
+        # That of the section, whose area is 1 / stretch of what it was.
+        radius = np.sqrt(problem.tables.body[:, SQUARED_RADIUS] / stretch)
+        bend = np.sqrt(z[:, 1] * z[:, 1] + z[:, 2] * z[:, 2])
+        shortest = stretch - radius * bend
+        node = int(np.argmin(shortest))
+        if not shortest[node] > SHORTEST_FIBRE:
+            raise SolveError(
+                'tensions compress a fibre of the arm to nothing at s = '
+                f'{problem.elements.s[node]:.4g} m (to {shortest[node]:.2g} of its length, must '
+                f'be > {SHORTEST_FIBRE})'
+            )
+    node = int(np.argmin(stretch))
+    if not stretch[node] > 0.0:
+        raise SolveError(
+            f'tensions compress the arm to nothing at s = {problem.elements.s[node]:.4g} m '
+            f'(q = {stretch[node] - 1.0:.4g}, must be > -1)'
+        )
+
+
+def check_tendons(problem: Problem, state: State) -> None:
+    """Refuse tendons that are pressed out of the body.
+
+    Raises:
+        SolveError: if one is.
+    """
+    problem.load_work(state)
+    tables = problem.tables
+    path = tables.tendons[..., [ALONG_N, ALONG_B]]
+    moved = path + problem.work.offsets
+    squared = (moved * moved).sum(axis=-1)
+    farthest = np.maximum((path * path).sum(axis=-1), tables.body[:, SQUARED_RADIUS, np.newaxis])
+    outside = (squared > farthest) & (state.acting.tensions > 0.0) & (tables.compliance > 0.0)
+    _refuse(problem, outside.any(axis=1), 'press a tendon out of the body', 'its sheath is')
+
+
+def check_stable(problem: Problem, state: State) -> None:
+    """Refuse an equilibrium without loads that is no minimum of the energy.
+
+    Raises:
+        SolveError: if a section is unstable.
+    """
+    problem.form.sections(problem.tables, state.z, state.acting.tensions, problem.work)
+    least = np.linalg.eigvalsh(problem.work.hessian)[:, 0]
+    _refuse(problem, ~(least > 0.0), 'bend the arm without end', 'sheaths are')
+
+
+def _refuse(problem: Problem, where: NDArray[np.bool_], effect: str, soft: str) -> None:
+    """Raise a `SolveError` at the first of the nodes ``where`` (N,), if any."""
+    if where.any():
+        at = f's = {problem.elements.s[int(np.argmax(where))]:.4g} m'
+        raise SolveError(f'tensions {effect} at {at}: {soft} too soft')

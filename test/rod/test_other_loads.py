@@ -1,0 +1,215 @@
+"""Loads that change with the shape: a force that follows a cross section, by way of example."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from rods import CASES, EVERYTHING, TENSIONS, WRENCH, twists_at
+
+from octo_arm_model import Arm, ArmDefinitionError, Body, Config, LoadError, Loads
+from octo_arm_model.core.arm.loads import DeformedRod, Resultants, Tangent
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.quaternion import rotation_matrices
+from octo_arm_model.core.numerics.vectors import skew
+from octo_arm_model.rod.equilibrium import Condition
+from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
+
+NOTHING = np.zeros(6)
+PULL = np.array([0.0, 0.1, 0.1, 0.0, 0.5, 0.0, 0.0, 0.2, 0.0, 1.0, 0.0, 0.0])
+WEIGHT = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
+FORMS = pytest.mark.parametrize('compiled', [False, True], ids=['arrays', 'loops'])
+
+
+@dataclasses.dataclass(frozen=True)
+class FollowingForce:
+    """A force and a moment on one cross section that turn with it.
+
+    Attributes:
+        s: arc coordinate of the cross section [m].
+        force: in its axes t, n, b [N].
+        has_tangent: whether it says how it changes.
+        moment: likewise [N m].
+    """
+
+    s: float
+    force: tuple[float, float, float]
+    has_tangent: bool = True
+    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    knots: tuple[float, ...] = ()
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Where it acts."""
+        return (self.s,)
+
+    def resultants(self, rod: DeformedRod) -> Resultants:
+        """Force and moment in base_frame on all cross sections before it."""
+        turn = rod.rotation_at(self.s)
+        force, moment = (
+            np.where(rod.s < self.s, (turn @ own)[:, np.newaxis], 0.0)
+            for own in (self.force, self.moment)
+        )
+        return Resultants(force, moment)
+
+    def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...] | None:
+        """Rotated by phi they change by phi x force and phi x moment."""
+        if not self.has_tangent:
+            return None
+        turn = rod.rotation_at(self.s)
+        force, moment = (
+            np.where(rod.s < self.s, -skew((turn @ own)[:, np.newaxis]), 0.0)
+            for own in (self.force, self.moment)
+        )
+        return (Tangent(self.s, force, moment),)
+
+
+class Heavy:
+    """Weight of 1 N/m, as a load of another kind that is dead all the same."""
+
+    breaks = knots = ()
+
+    def resultants(self, rod: DeformedRod) -> Resultants:
+        """What is beyond each point."""
+        weight = np.zeros((3, rod.s.size))
+        weight[2] = -1.0
+        return Resultants(rod.integrate_from_tip(weight), np.zeros_like(weight))
+
+    def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
+        """None, as it is fixed in base_frame."""
+        return ()
+
+
+def made(
+    compiled: bool, arm: Arm, loads: Loads, base: FloatArray | None = None, **setting: bool
+) -> Rod:
+    if compiled:
+        pytest.importorskip('numba')
+    return Rod(arm, loads, base, Setting(compiled=compiled, **setting))
+
+
+def arm_of(table4: Config) -> Arm:
+    return table4.arm.with_density(1080.0)
+
+
+def positions(rod: Rod, found: Equilibrium, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Positions (S, 3) and rotations (3, 3, S) at ``s``."""
+    reading = rod.readout(found.level, s).read(found.state)
+    return reading.position, rotation_matrices(np.ascontiguousarray(reading.quaternion.T))
+
+
+def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
+    return positions(rod, found, np.array([0.0, rod.arm.length]))[0][-1]
+
+
+@FORMS
+@pytest.mark.parametrize('part', [1.0, 0.5])
+@pytest.mark.parametrize('has_tangent', [True, False])
+def test_at_balance_it_is_the_dead_force_of_that_direction(
+    table4: Config, part: float, has_tangent: bool, compiled: bool
+) -> None:
+    # Without its tangent a force is found by plain iteration, which converges for small ones.
+    size, arm = 1.0 if has_tangent else 0.3, arm_of(table4)
+    force = (0.001 * size, 0.004 * size, -0.003 * size)
+    load = FollowingForce(part * arm.length, force, has_tangent)
+    rod = made(compiled, arm, dataclasses.replace(WEIGHT, others=(load,)))
+    found = rod.solve(PULL, NOTHING)
+    assert found.state.residual < 1e-11
+    s = np.array([0.0, load.s, arm.length])
+    position, rotation = positions(rod, found, s)
+    straight = tip_of(rod, rod.solve(0.0 * PULL, NOTHING))
+    assert np.linalg.norm(position[-1] - straight) > 0.1 * arm.length
+    if part == 1.0:
+        wrench = np.array([*(rotation[..., -1] @ load.force), 0.0, 0.0, 0.0])
+        plain = made(compiled, arm, WEIGHT)
+        dead = tip_of(plain, plain.solve(PULL, wrench, found))
+        np.testing.assert_allclose(position[-1], dead, rtol=0.0, atol=1e-8 * arm.length)
+
+
+@FORMS
+def test_a_dead_load_of_a_users_own_is_that_load(table4: Config, compiled: bool) -> None:
+    uniform = dataclasses.replace(arm_of(table4), body=Body(0.45, 0.01, 0.01))
+    weight = Loads(gravity=(0.0, 0.0, -1.0 / (1080.0 * np.pi * 0.01**2)))
+    base = np.array([0.8, 0.0, 0.6, 0.0])
+    tips = [
+        tip_of(rod, rod.solve(PULL, WRENCH))
+        for loads in (weight, Loads(others=(Heavy(),)))
+        for rod in (made(compiled, uniform, loads, base),)
+    ]
+    np.testing.assert_allclose(tips[1], tips[0], rtol=0.0, atol=1e-11)
+
+
+@FORMS
+@pytest.mark.parametrize('name', CASES)
+def test_the_jacobian_holds_what_following_adds(name: str, compiled: bool) -> None:
+    arm, setting = CASES[name]
+    loads = dataclasses.replace(
+        EVERYTHING,
+        others=(
+            FollowingForce(0.3, (0.03, -0.05, 0.04), moment=(1e-4, 2e-4, -3e-4)),
+            FollowingForce(arm.length, (0.01, 0.02, 0.02)),
+        ),
+    )
+    if compiled:
+        pytest.importorskip('numba')
+    rod = Rod(arm, loads, setting=setting._replace(compiled=compiled))
+    errors = []
+    for level in (0, 2):
+        problem = rod.problem(level)
+        z = twists_at(problem.elements.s, problem.strains)
+        acting, s = problem.acting(Condition(TENSIONS, WRENCH, 0.7)), problem.elements.s
+        problem.fill_jacobian(problem.evaluate(acting, z))
+        jacobian, worst = problem.work.jacobian.copy(), 0.0
+        for column in range(problem.strains):
+            change = np.zeros_like(z)
+            change[:, column] = np.cos(7.0 * s) * (1.0 if column < 3 else 0.1)
+            ends = [
+                problem.evaluate(acting, z + side * 1e-4 * change).imbalance
+                for side in (1.0, -1.0)
+            ]
+            expected = (ends[0] - ends[1]) / 2e-4
+            found = (jacobian @ change.ravel()).reshape(z.shape)
+            scale = np.abs(expected).max(axis=0).clip(1e-3 * np.abs(expected).max())
+            worst = max(worst, float((np.abs(found - expected) / scale).max()))
+        errors.append(worst)
+    assert errors[0] < 2e-4
+    assert errors[1] < 2e-7
+
+
+@FORMS
+def test_a_start_nearby_and_none_lead_to_the_same(table4: Config, compiled: bool) -> None:
+    arm = arm_of(table4)
+    load = FollowingForce(arm.length, (0.0, 0.006, 0.0))
+    rod = made(compiled, arm, dataclasses.replace(WEIGHT, others=(load,)))
+    found = rod.solve(PULL, NOTHING)
+    warm = rod.solve(1.02 * PULL, WRENCH * 1e-2, found)
+    cold = rod.solve(1.02 * PULL, WRENCH * 1e-2)
+    assert warm.iterations <= 6
+    np.testing.assert_allclose(
+        tip_of(rod, warm), tip_of(rod, cold), rtol=0.0, atol=1e-9 * arm.length
+    )
+
+
+def test_without_a_tangent_there_are_shapes_but_neither_derivatives_nor_stability(
+    table4: Config,
+) -> None:
+    arm = arm_of(table4)
+    load, rods = FollowingForce(arm.length, (0.0, 0.002, 0.0), has_tangent=False), []
+    for one in (load, dataclasses.replace(load, has_tangent=True)):
+        rods.append(made(False, arm, dataclasses.replace(WEIGHT, others=(one,))))
+    tips = [tip_of(rod, rod.solve(PULL, NOTHING)) for rod in rods]
+    np.testing.assert_allclose(tips[0], tips[1], rtol=0.0, atol=1e-9 * arm.length)
+    others = rods[0].problem(0).others
+    with pytest.raises(LoadError, match='FollowingForce states no tangent stiffness, which sens'):
+        others.require_tangents('sensitivity')
+    rods[1].problem(0).others.require_tangents('sensitivity')
+
+
+def test_they_are_bounded_like_all_loads(table4: Config) -> None:
+    for load in (Loads(tip_force=(0.0, 1e9, 0.0)), Loads(tip_moment=(0.0, 1e9, 0.0))):
+        with pytest.raises(ArmDefinitionError, match=r'loads\.tip_.* 100 times the'):
+            made(False, arm_of(table4), load)
+    others = (FollowingForce(0.3, (0.0, 1e9, 0.0)),)
+    with pytest.raises(ArmDefinitionError, match='force of all loads along the arm is'):
+        made(False, arm_of(table4), Loads(others=others))
