@@ -51,6 +51,20 @@ class Elements(NamedTuple):
     section: IntArray
     sharp: BoolArray
 
+    def cut(self, parts: int, points: int) -> Elements:
+        """Each cut into so many equal ``parts`` of so many ``points``."""
+        rule, count = gauss_rule(points), self.lengths.size
+        lengths = np.repeat(self.lengths / parts, parts)
+        starts = self.edges[:-1, np.newaxis] + np.outer(self.lengths, np.arange(parts) / parts)
+        places = starts.reshape(-1, 1) + lengths[:, np.newaxis] * rule.points
+        sharp = np.zeros((count, parts), np.bool_)
+        sharp[:, 0] = self.sharp
+        return Elements(
+            np.append(starts, self.edges[-1]), rule, lengths, places.ravel(),
+            (lengths[:, np.newaxis] * rule.weights).ravel(),
+            np.repeat(self.section[:: self.points], parts * points), sharp.ravel(),
+        )  # fmt: skip
+
     def element_at(self, s: FloatArray) -> IntArray:
         """Element of each place ``s`` (n,) [m]; at an edge the one towards the base."""
         inner = self.edges[1:-1]
