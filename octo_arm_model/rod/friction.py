@@ -29,9 +29,6 @@ from octo_arm_model.rod.tables import Tables, Work
 SAME = 1e-8  # relative difference up to which two tensions of a tendon count as equal
 # Tolerance of the angles by which tendons in sheaths turn [rad], and most iterations for them.
 _PLACED, _MOST_PLACED = 1e-13, 50
-# Where a tendon begins to stick its tension has a kink, which few nodes do not resolve: a history
-# is kept in so many parts of each element, each of so many points.
-_PARTS, _POINTS = 12, 4
 
 
 class Sliding(NamedTuple):
@@ -66,18 +63,15 @@ class Friction:
     def __init__(self, tables: Tables, form: Form, elements: Elements) -> None:
         """Of the arm of ``tables`` at the nodes of ``elements``."""
         self._tables, self._form, self._elements = tables, form, elements
-        self.fine = elements.cut(_PARTS, _POINTS)
-        self._reach = np.repeat(tables.reach[:: elements.points], _PARTS * _POINTS, axis=0)
-        places = self.fine.s[: _PARTS * _POINTS] / elements.lengths[0]
-        self.to_fine = elements.rule.interpolate(places)
+        self.fine, self.to_fine = elements.fine, tables.to_fine
+        self._reach = np.repeat(tables.reach[:: elements.points], len(self.to_fine), axis=0)
         self.to_nodes = self.projection(elements)
         self._last: FloatArray | None = None  # tensions that are begun with in sheaths
 
     def projection(self, elements: Elements) -> FloatArray:
         """As `to_nodes`, to those of others of the same ``elements``, (p, M / E)."""
-        own, rule = self.fine, elements.rule
-        places = own.s[: _PARTS * _POINTS] / own.edges[_PARTS]
-        weights = own.weights[: _PARTS * _POINTS] / own.edges[_PARTS]
+        rule, count = elements.rule, len(self.to_fine)
+        places, weights = (own[:count] / elements.edges[1] for own in self.fine[3:5])
         return (rule.interpolate(places) * weights[:, np.newaxis]).T / rule.weights[:, np.newaxis]
 
     def spread(self, matrix: FloatArray, values: FloatArray) -> FloatArray:
@@ -206,38 +200,36 @@ class Changes:
         """Set `_by_u`; derivative of the angles by the curvatures for held u, (J, N, N, 3)."""
         tables, unit = self._tables, bends.tendons.unit
         elements, points, tendons = tables.lengths.size, len(tables.to_end), unit.shape[2]
+        h = tables.lengths[:, np.newaxis, np.newaxis, np.newaxis]
+        # By bends of nodes k: of integrals to nodes i and the end of elements, (3, E, i, k, J).
         across = np.divide(
             bends.bend, bends.rate, out=np.zeros_like(bends.bend), where=bends.rate > 0.0
         )
-        h = tables.lengths[:, np.newaxis, np.newaxis, np.newaxis]
-        # Of the integrand at k by the unit tangent at l, (3, E, k, l, J).
-        by_element = across.reshape(3, elements, points, 1, tendons)
-        of_rate = by_element * (tables.differentiation[..., np.newaxis] / h)
-        diagonal = np.arange(points)
-        kappa = z[:, :3].T[..., np.newaxis]
-        of_rate[:, :, diagonal, diagonal] += np.cross(across, kappa, axis=0).reshape(
-            3, elements, points, tendons
-        )
+        to_end = np.append(tables.to_point, [tables.weights[:points] / tables.lengths[0]], axis=0)
+        across = across.reshape(3, elements, 1, points, tendons)
+        by_bend = (to_end[..., np.newaxis] * h) * across
+        for e, j in zip(*np.nonzero(bends.is_rough)):
+            bend = tables.to_fine @ bends.bend.reshape(3, elements, points, -1)[:, e, :, j].T
+            size = np.sqrt((bend * bend).sum(axis=1, keepdims=True))
+            bend /= np.where(size > 0.0, size, 1.0)
+            rows = tables.fine_weights[:, np.newaxis] * bend.T
+            by_bend[:, e, :, :, j] = tables.lengths[e] * (rows @ tables.to_fine).swapaxes(0, 1)
+        inside = np.einsum('ceikj,kl->ceilj', by_bend, tables.differentiation) / h
+        kappa = z[:, :3].T.reshape(3, elements, 1, points, 1)
+        inside += np.cross(by_bend, kappa, axis=0)
+        turned = np.cross(unit.reshape(3, elements, 1, points, tendons), by_bend, axis=0)
         size = np.sqrt((bends.kink * bends.kink).sum(axis=0))
         scale = size * np.sqrt(np.maximum(1.0 - 0.25 * size * size, 1e-12))
         kink = np.divide(bends.kink, scale, out=np.zeros_like(bends.kink), where=scale > 0.0)
+        inside += np.einsum('l,cej->celj', tables.ends[0], kink)[:, :, np.newaxis]
+        inside[:, :-1, -1] -= np.einsum('l,cej->celj', tables.ends[1], kink[:, 1:])
         self._by_u = np.zeros((tendons, elements, points, elements, points, 3))
-        direct = np.zeros((tendons, elements, points, elements, points, 3))
-        own, lengths = np.arange(elements), tables.lengths[:, np.newaxis, np.newaxis]
-        start = np.einsum('l,cej->celj', tables.ends[0], kink)
-        inside = np.einsum('ik,ceklj->ceilj', tables.to_point, of_rate) * h
-        inside += start[:, :, np.newaxis]
-        weights = tables.weights[:points] / tables.lengths[0]
-        whole = np.einsum('k,ceklj->celj', weights, of_rate) * lengths + start
-        whole[:, :-1] -= np.einsum('l,cej->celj', tables.ends[1], kink[:, 1:])
-        turned = np.cross(unit, across, axis=0).reshape(3, elements, points, tendons)
-        turned_inside = (tables.to_point[..., np.newaxis] * h) * turned[:, :, np.newaxis]
-        for e in range(elements):
-            self._by_u[:, e + 1 :, :, e] = whole[:, e].T[:, np.newaxis, np.newaxis]
-            later = tables.weights[e * points : (e + 1) * points, np.newaxis] * turned[:, e]
-            direct[:, e + 1 :, :, e] = later.transpose(2, 1, 0)[:, np.newaxis, np.newaxis]
-        self._by_u[:, own, :, own] = inside.transpose(1, 4, 2, 3, 0)
-        direct[:, own, :, own] = turned_inside.transpose(1, 4, 2, 3, 0)
+        direct = np.zeros_like(self._by_u)
+        own = np.arange(elements)
+        for found, part in ((self._by_u, inside), (direct, turned)):
+            for e in range(elements):
+                found[:, e + 1 :, :, e] = part[:, e, -1].T[:, np.newaxis, np.newaxis]
+            found[:, own, :, own] = part[:, :, :-1].transpose(1, 4, 2, 3, 0)
         nodes = elements * points
         by_unit = self._by_u.reshape(tendons, nodes, nodes, 3)
         over, c = bends.tendons.over.T[:, np.newaxis], unit.transpose(2, 1, 0)[:, np.newaxis]
