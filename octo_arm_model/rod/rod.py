@@ -128,6 +128,10 @@ class Rod:
         """Reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
         return Readout(self.problem(level), self._problem(level, ADDED_POINTS), self.arm, s)
 
+    def spending(self) -> Spending:
+        """Of one solve that begins now."""
+        return Spending(self._budget)
+
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None = None,
         spending: Spending | None = None, before: FloatArray | None = None,
@@ -142,7 +146,7 @@ class Rod:
             ContinuationError: if it would take more than the budget.
         """
         wanted = Condition(tensions, tip_wrench, before=before)
-        spending = spending or Spending(self._budget)
+        spending = spending or self.spending()
         is_loaded = self.is_loaded or bool(tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             if is_loaded or self.has_friction:
@@ -185,7 +189,7 @@ class Rod:
         before = condition.before
         if before is None or (given := self._level_of(before)) == level:
             return condition
-        own = _moved(before, self._fine(given), self._fine(level))
+        own = moved(before, self._fine(given), self._fine(level))
         return condition._replace(before=own)
 
     def _at_least(self, start: Equilibrium | None, before: FloatArray | None) -> Equilibrium | None:
@@ -193,7 +197,7 @@ class Rod:
         if start is None or before is None or (level := self._level_of(before)) <= start.level:
             return start
         of, now = self.problem(start.level), self.problem(level)
-        z = _moved(start.state.z, of.elements, now.elements)
+        z = moved(start.state.z, of.elements, now.elements)
         condition = self._at_level(start.state.acting.condition, level)
         state = now.evaluate(now.acting(condition), z)
         return Equilibrium(state, level, None, None, start.iterations)
@@ -208,7 +212,7 @@ class Rod:
             acting = problem.acting(wanted)
             problem.form.orientations(problem.tables, z, problem.work)
             state = problem.known(State(acting, z, np.zeros_like(z), left))
-            if self._is_resolved(problem, state, level):
+            if self.is_resolved(problem, state, level):
                 break
         return Equilibrium(state, level, None, None, iterations)
 
@@ -249,7 +253,7 @@ class Rod:
         if not (state.residual <= spending.residual and found.corrected <= MOST_CORRECTED):
             return None
         firm = start.judged
-        if firm is not None and self._is_near(problem, firm, state):
+        if firm is not None and self.is_near(problem, firm, state):
             return Equilibrium(state, start.level, found.factors or start.factors, firm, total)
         return self._equilibrium(self._judged(problem, state), start.level, total)
 
@@ -265,7 +269,7 @@ class Rod:
         firm = judged.state if judged.stability.is_firm else None
         return Equilibrium(judged.state, level, judged.factors, firm, total)
 
-    def _is_near(self, problem: Problem, judged: State, state: State) -> bool:
+    def is_near(self, problem: Problem, judged: State, state: State) -> bool:
         """Whether ``state`` is stable as surely as what was ``judged`` stable by a margin."""
         if not problem.has_energy(state.acting.condition):
             return False
@@ -309,8 +313,9 @@ class Rod:
             try:
                 roughly = self._at_level(given, COARSE)
                 rough = self.unloaded(coarse, roughly)[0]
-                near = follow(coarse, roughly._replace(tip_wrench=np.zeros(6), factor=0.0), rough, roughly, spending, ON_THE_WAY, _FIRST_STEP)
-                guess = _moved(near.state.z, coarse.elements, fine.elements)
+                start = roughly._replace(tip_wrench=np.zeros(6), factor=0.0)
+                near = follow(coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP)
+                guess = moved(near.state.z, coarse.elements, fine.elements)
                 return follow(fine, wanted, guess, wanted, spending)
             except ContinuationError:
                 raise  # Its budget is spent.
@@ -320,10 +325,10 @@ class Rod:
 
     def _resolved(self, found: Equilibrium, wanted: Condition, spending: Spending) -> Equilibrium:
         """What was ``found``, on as many nodes as it takes."""
-        while not self._is_resolved(self.problem(found.level), found.state, found.level):
+        while not self.is_resolved(self.problem(found.level), found.state, found.level):
             level = found.level + 1
             problem = self.problem(level)
-            z = _moved(found.state.z, self.problem(found.level).elements, problem.elements)
+            z = moved(found.state.z, self.problem(found.level).elements, problem.elements)
             condition = self._at_level(wanted, level)
             judged = follow(problem, condition, z, condition, spending)
             finer = self._equilibrium(judged, level, spending.iterations)
@@ -331,7 +336,8 @@ class Rod:
             found = finer
         return found
 
-    def _is_resolved(self, problem: Problem, state: State, level: int) -> bool:
+    def is_resolved(self, problem: Problem, state: State, level: int) -> bool:
+        """Whether ``state`` on a ``level`` is as accurate as it should be."""
         if level == len(LEVELS) - 1:
             return True
         problem.load_work(state)
@@ -339,6 +345,6 @@ class Rod:
         return error <= self.setting.accuracy
 
 
-def _moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
+def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
     """Twists ``z`` (N, m) at the nodes of other elements."""
     return np.ascontiguousarray(before.interpolation(now.s) @ z)

@@ -260,8 +260,8 @@ class Solver:
             if array is not None:
                 array.setflags(write=False)
         return Backbone(
-            self.model, self.grid.s, self.grid.section, position, quaternion, *strains,
-            tensions, wrench, residual, iterations, found, self._reach, along, history,
+            self.model, self.grid.s, self.grid.section, position, quaternion,
+            strains[0], strains[1], strains[2], strains[3], tensions, wrench, residual, iterations, found, self._reach, along, history,
         )  # fmt: skip
 
     def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:

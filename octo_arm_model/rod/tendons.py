@@ -102,6 +102,11 @@ class Tendons:
         self._unit = u * (tables.reach / size)
         self._per_length = self.tension / size
 
+    @property
+    def stretches(self) -> FloatArray:
+        """|u|, (N, J) [-], zero beyond the anchorages."""
+        return self._size
+
     def stretch(self) -> Stretch:
         """`Stretch` of all tendons."""
         gradient = self._gradient
