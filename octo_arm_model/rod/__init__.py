@@ -15,11 +15,14 @@ from the base to the tip and have the node as first axis.
 `arrays`        the same over whole arrays for NumPy
 `forms`         which of the two is used
 `dead_loads`    F and M_free of dead loads at the nodes
+`other_loads`   the same of loads of a user's own, and their derivatives by the shape
+`load_limits`   bounds of loads and tensions
 `factors`       LU factors of the Jacobian, and whether its symmetric part is positive definite
 `equilibrium`   `Problem` (tables, loads, form) and `State`: residual, Jacobian, stability
 `unloaded`      the balance of every cross section by itself
 `newton`        chord steps and Newton's method
 `continuation`  following equilibria, and descent to the next where a branch ends
+`checks`        what a solution is refused for
 `rod`           `Rod`: from tensions and a wrench on the tip to a `State`
 `read_out`      positions, orientations and strains at stations
 
@@ -31,6 +34,6 @@ What comes next enters as a term of these, and changes no signature:
 * Winches: rows and columns around `Factors.solve`; the columns are gradients of tendons' lengths.
 * Loads that follow the shape: F and M_free are arguments of `residual`, made anew in
   `Problem.evaluate` from `Work.rotation` and `Work.slope`; their derivatives are added to
-  `Work.jacobian` in `Problem.fill_jacobian`. Inertia, drag and contact are such loads. Only dead
-  loads are here so far, and `Loads.others` are refused.
+  `Work.jacobian` in `Problem.fill_jacobian`. Inertia, drag and contact are such loads; those of a
+  user's own are in `other_loads`.
 """

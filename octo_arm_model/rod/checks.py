@@ -36,8 +36,8 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
     """
     stretch = z[:, 3]
     if problem.tables.widens:
-        radius = np.sqrt(problem.tables.body[:, SQUARED_RADIUS] / stretch.clip(1e-300))
-        # Curvatures per unit length of the widened section, as far as that widens.
+        # That of the section, whose area is 1 / stretch of what it was.
+        radius = np.sqrt(problem.tables.body[:, SQUARED_RADIUS] / stretch)
         bend = np.sqrt(z[:, 1] * z[:, 1] + z[:, 2] * z[:, 2])
         shortest = stretch - radius * bend
         node = int(np.argmin(shortest))

@@ -12,15 +12,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.core.budget import Spending
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.budget import Spending
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Factors, Stability, Variation, factorise
-from octo_arm_model.rod.newton import settle
+from octo_arm_model.rod.newton import Found, settle
 
 TOLERANCE = 1e-11
 ON_THE_WAY = 3e-3  # residual of equilibria on the way
+_CLOSER = 1e-7  # the same where these are not stable by a margin
 # Where the steps after the first turn the arm by more [rad] they may have left its branch.
 MOST_CORRECTED = 0.25
 _SMALLEST_STEP = 1e-3
@@ -35,6 +36,11 @@ _MOST_PERTURBED = 6  # times that a descent leaves unstable equilibria
 _NEARLY, _QUICK = 1e-7, 0.5
 # Damping, in parts of the stiffness of the sections.
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RAISED = 4.0, 1e-4, 1e9, 4.0
+_NO_DAMPING = 1e-8
+# Where the energy is level, as of an upright arm that may fall to any side, an equilibrium is
+# where no more than this residual is left along a mode that is no stiffer than this, in parts of
+# the stiffness of the sections, after steps of no more damping than this.
+_LEVEL, _NEUTRAL, _LITTLE_DAMPING = 1e-7, 1e-6, 1e-3
 
 
 class Judged(NamedTuple):
@@ -103,6 +109,13 @@ def follow(
         is_last = step <= _SMALLEST_STEP and not problem.others.without_tangent
         if is_found and (found.corrected <= MOST_CORRECTED or is_last):
             judged = _judged_stable(problem, found.state)
+            if limit > _CLOSER and not (judged is not None and judged.stability.is_firm):
+                # Near the end of a branch what a rough balance leaves decides where the arm goes.
+                found = _closer(problem, found, judged)
+                spending.add(found.iterations, done, found.state.residual, found.state.z)
+                is_near = found.corrected <= MOST_CORRECTED or is_last
+                is_found = found.state.residual <= _CLOSER
+                judged = _judged_stable(problem, found.state) if is_found and is_near else None
         if judged is None and step <= _SMALLEST_STEP and not is_last:
             # No direction of descent follows without the tangent.
             raise _unbalanced(found.state, spending.iterations)
@@ -124,6 +137,15 @@ def follow(
             # A converged step is shortened by how large its correction was, another by a factor.
             shorter = min(_growth(found.corrected), 0.7) if is_found else 0.25
             step = max(shorter * (target - done), _SMALLEST_STEP)
+
+
+def _closer(problem: Problem, found: Found, judged: Judged | None) -> Found:
+    """What is ``found`` and ``judged``, settled to `_CLOSER`."""
+    rough = found.state
+    factors = None if judged is None else judged.factors
+    closer = settle(problem, rough.acting, rough.z, _CLOSER, factors)
+    corrected = found.corrected + problem.turn(closer.state.z - rough.z)
+    return closer._replace(corrected=corrected)
 
 
 def _judged_stable(problem: Problem, state: State) -> Judged | None:
@@ -154,7 +176,7 @@ def descend(
     fraction of the way followed so far, for the error.
 
     Returns:
-        A stable equilibrium whose residual is at most `TOLERANCE`.
+        A stable equilibrium whose residual is at most `TOLERANCE`, or `_LEVEL`.
 
     Raises:
         ConvergenceError: if none is found.
@@ -179,13 +201,11 @@ def descend(
             if new is not None and new.residual <= _QUICK * state.residual:
                 state = new
                 continue
-        moved, factor = _descent_step(problem, state, damping)
-        if moved is None:
-            damping = max(_RAISED * damping, _LEAST_DAMPING)
-            continue
-        damping *= factor
-        damping = damping if damping > 0.1 * _LEAST_DAMPING else 0.0
-        state = moved
+            if state.residual <= _LEVEL and damping <= _LITTLE_DAMPING:
+                judged = judge(problem, state)
+                if judged.stability.is_stable and judged.variation.softest()[0] <= _NEUTRAL:
+                    return judged
+        state, damping = _descent_step(problem, state, damping)
     raise _unbalanced(state, spending.iterations)
 
 
@@ -204,33 +224,40 @@ def _perturbed(problem: Problem, judged: Judged) -> State:
 
 
 def _newton_step(problem: Problem, state: State) -> State | None:
-    """The state after a step of Newton's method; None where there is none."""
+    """The state after a step of Newton's method; None where there is none, or it leads uphill."""
     try:
-        step = problem.linearise(state).solve(-state.imbalance.ravel())
+        step = problem.linearise(state).solve(-state.imbalance.ravel()).reshape(state.z.shape)
     except ConvergenceError:
         return None
-    return problem.evaluate(state.acting, state.z + step.reshape(state.z.shape))
+    if not problem.power(state, step) > 0.0:
+        return None
+    return problem.evaluate(state.acting, state.z + step)
 
 
-def _descent_step(problem: Problem, state: State, damping: float) -> tuple[State | None, float]:
-    """The state after a damped step, and the factor on the damping of the next.
+def _descent_step(problem: Problem, state: State, damping: float) -> tuple[State, float]:
+    """The state after a damped step, and the damping of the next.
 
-    None where the step raises the energy, or leads far past its minimum along itself.
+    The same state where the step raises the energy, or leads far past its minimum along itself.
     """
+    raised = max(_RAISED * damping, _LEAST_DAMPING)
     problem.fill_jacobian(state, damping)
     # Where the second variation is not positive a step leads to a saddle of the energy, on the
     # other side of it perhaps.
-    if not problem.variation().is_positive():
-        return None, 1.0
+    variation = problem.variation()
     try:
+        if not variation.is_positive():
+            # As much as makes the softest mode as stiff as it is unstable, and no more: where the
+            # energy is nearly level the way down is long.
+            return state, 2.0 * (damping - variation.softest()[0])
         factors = factorise(problem.work.jacobian.copy())
     except ConvergenceError:
-        return None, 1.0
+        return state, raised
     step = factors.solve(-state.imbalance.ravel()).reshape(state.z.shape)
     new = problem.evaluate(state.acting, state.z + step)
     down = problem.power(state, step)
     left = problem.power(new, step)
     if not (down > 0.0 and np.isfinite(new.residual) and left > -0.5 * down):
-        return None, 1.0
+        return state, raised
     # Where the energy still falls at its end, the step could have been longer.
-    return new, 0.25 if left > 0.25 * down else 0.5
+    damping *= 0.25 if left > 0.25 * down else 0.5
+    return new, damping if damping > _NO_DAMPING else 0.0

@@ -20,9 +20,10 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
 from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.equilibrium import Acting, State
+from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.lengths import rest_stretches
 from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.tables import (
@@ -37,6 +38,7 @@ from octo_arm_model.rod.tables import (
 )
 from octo_arm_model.rod.tendons import Moved, Tendons
 
+_ADDED_POINTS = 4  # in each element, for what stations read
 _SKEW = np.zeros((3, 9))  # v @ this is the matrix of v x, row by row
 _SKEW[[2, 1, 0, 2, 1, 0], [3, 6, 7, 1, 2, 5]] = 1.0, -1.0, 1.0, -1.0, 1.0, -1.0
 
@@ -58,7 +60,7 @@ class _Columns(NamedTuple):
         return cls(*(slice(first, last) for first, last in zip(ends[:-1], ends[1:])))
 
     @property
-    def count(self) -> int:
+    def total(self) -> int:
         """Number of columns."""
         return int(self.friction.stop)
 
@@ -134,6 +136,26 @@ class _Sections:
         return found
 
 
+class _Finer(NamedTuple):
+    """An equilibrium at more points: twists, local tensions, and in base_frame the rest.
+
+    Attributes:
+        z: (n, m).
+        tensions: (n, J) [N].
+        rotation: (n, 3, 3).
+        slope: r', (n, 3).
+        force: of all that acts beyond, (n, 3) [N].
+        moment: likewise, (n, 3) [N m].
+    """
+
+    z: FloatArray
+    tensions: FloatArray
+    rotation: FloatArray
+    slope: FloatArray
+    force: FloatArray
+    moment: FloatArray
+
+
 class Derivatives:
     """First derivatives of equilibria of a rod on one level of nodes, at given stations."""
 
@@ -142,14 +164,18 @@ class Derivatives:
         self._arm, self._problem = rod.arm, rod.problem(level)
         elements, own = self._problem.elements, self._problem.tables
         self._to_nodes = elements.integration(elements.s)
-        self._to_stations = elements.integration(s)
-        self._between = elements.interpolation(s)
         self._rest = rest_stretches(own)
         self._rest_lengths = elements.weights @ self._rest
         self._outwards = _outwards(rod.arm, elements.s, own)
-        self._tables = tabulate(rod.arm, elements, own.base, widens=own.widens, s=s)
-        self._station_outwards = _outwards(rod.arm, s, self._tables)
+        finer = elements.with_more_points(_ADDED_POINTS)
+        self._to_finer = elements.integration(finer.s)
+        self._between = elements.interpolation(finer.s)
+        self._tables = tabulate(rod.arm, finer, own.base, widens=own.widens)
+        self._finer_outwards = _outwards(rod.arm, finer.s, self._tables)
         self._work = work_arrays(self._tables, self._problem.strains, has_jacobian=False)
+        self._along_finer = finer.integration(finer.s)
+        self._to_stations, self._at_stations = finer.integration(s), finer.interpolation(s)
+        self._to_stations[s == 0.0] = 0.0  # not by rounding only
 
     def sensitivity(self, state: State, by_offsets: bool = True) -> Sensitivity:
         """Of the equilibrium ``state`` by all quantities of `Sensitivity`.
@@ -225,46 +251,37 @@ class Derivatives:
     def _change(self, state: State, columns: _Columns, wrenches: FloatArray) -> Change:
         """Of all ``columns``; loads change force and moment (2, N, 3, loads) beyond the nodes."""
         problem, elements = self._problem, self._problem.elements
-        factors, work, acting = problem.linearise(state), problem.work, state.acting
-        nodes = _Sections(problem.tables, self._outwards, state.z, acting.tensions, work)
+        factors, work = problem.linearise(state), problem.work
+        nodes = _Sections(problem.tables, self._outwards, state.z, state.acting.tensions, work)
         local = self._local_changes(state, columns)
-        push = nodes.imbalance(columns, local)
-        inverse = work.rotation.swapaxes(1, 2)
         force, moment = wrenches
-        carried = _skew(work.slope) @ force
         to_tip = elements.weights - self._to_nodes
-        moment = moment + np.tensordot(to_tip, carried, axes=1)
-        push[:, :3, columns.loads] -= inverse @ moment
-        push[:, 3:, columns.loads] -= inverse[:, : push.shape[1] - 3] @ force
-        z = factors.solve(-push.reshape(-1, columns.count)).reshape(push.shape)
-        # Rates of displacement, rotation and of what is carried.
-        turn = np.tensordot(self._to_nodes, work.rotation @ z[:, :3], axes=1)
-        rates = _rates(work, acting.force, z.shape[1]) @ np.concatenate([turn, z], axis=1)
-        rates[:, 6:, columns.loads] += carried
-        found = np.tensordot(self._to_stations, rates, axes=1)
+        moment = moment + _along(to_tip, _skew(work.slope) @ force)
+        push = nodes.imbalance(columns, local)
+        push[..., columns.loads] -= _turned(work.rotation, moment, force, push.shape[1])
+        z = factors.solve(-push.reshape(-1, columns.total)).reshape(push.shape)
         slides = problem.tension_changes(state)
         if slides is not None:
             local = local + slides.by_twists(z)
-        beyond = np.tensordot(elements.weights, rates[:, 6:], axes=1) - found[:, 6:]
-        strain = self._strains(state, columns, local, wrenches, found[:, 3:6], beyond)
-        stretch, weights = nodes.stretch, elements.weights
-        length = np.einsum('i,ijm,imc->jc', weights, stretch.length_by_z, z, optimize=True)
+        pose, strain = self._read(state, columns, z, local, wrenches)
+        stretch, own = nodes.stretch, np.arange(self._rest_lengths.size)
+        by_z = elements.weights[:, np.newaxis, np.newaxis] * stretch.length_by_z
+        length = np.tensordot(by_z, z, axes=([0, 2], [0, 1]))
         if nodes.tendons.has_sheaths:
-            length += np.einsum('i,ij,ijc->jc', weights, stretch.by_tension, local)
-        own = np.arange(len(length))
+            length += np.einsum('i,ij,ijc->jc', elements.weights, stretch.by_tension, local)
         for where, moved in nodes.moved(columns):
-            length[own, where.start + own] += weights @ moved.stretch
+            length[own, where.start + own] += elements.weights @ moved.stretch
         mean = None
         if slides is not None:
-            mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
+            mean = np.einsum('i,ij,ijc->jc', elements.weights, self._rest, local)
             mean /= self._rest_lengths[:, np.newaxis]
-        return Change(found[:, :6], strain, length, mean)
+        return Change(pose, strain, length, mean)
 
     def _local_changes(self, state: State, columns: _Columns) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, columns)."""
         problem = self._problem
         slides = problem.tension_changes(state)
-        found = np.zeros((*problem.tables.reach.shape, columns.count))
+        found = np.zeros((*problem.tables.reach.shape, columns.total))
         own = np.arange(found.shape[1])
         if columns.tension.stop > columns.tension.start:
             found[:, own, columns.tension.start + own] = problem.tension_rates(state)
@@ -275,49 +292,54 @@ class Derivatives:
                 found[:, own, columns.sheath_stiffness.start + own] = slides.by_sheath_stiffness
         return found
 
-    def _strains(
-        self, state: State, columns: _Columns, local: FloatArray, wrenches: FloatArray,
-        turn: FloatArray, beyond: FloatArray,
-    ) -> FloatArray:  # fmt: skip
-        """Changes of strains at the stations, (S, 4, columns).
+    def _read(
+        self, state: State, columns: _Columns, z: FloatArray, local: FloatArray,
+        wrenches: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        """Changes of poses (S, 6, columns) and strains (S, 4, columns) at the stations.
 
-        ``local`` (N, J, columns) and ``wrenches`` (2, N, 3, loads) change the tensions and the
-        loads at the nodes, ``turn`` is the rotation of stations, ``beyond`` (S, 3, columns) what
-        the moment of forces beyond changes by.
+        Of the twists ``z`` (N, m, columns), the local tensions (N, J, columns) and the
+        ``wrenches`` (2, N, 3, loads) beyond, at the nodes. As in `read_out`, what integrals of
+        these say is balanced at more points of each element, from which stations are reached.
         """
-        z, tensions, rotation, force, moment = self._at_stations(state)
-        work, strains = self._work, z.shape[1]
-        sections = _Sections(self._tables, self._station_outwards, z, tensions, work)
-        between = functools.partial(np.tensordot, self._between, axes=1)
-        push = sections.imbalance(columns, between(local))
-        inverse = rotation.swapaxes(1, 2)
-        balance = np.zeros((len(z), strains, 6))
-        balance[:, :3, :3] = inverse
-        balance[:, :3, 3:] = inverse @ _skew(moment)
-        balance[:, 3:, 3:] = inverse[:, : strains - 3] @ _skew(force)
-        change = balance @ np.concatenate([beyond, turn], axis=1) - push
-        change[:, :3, columns.loads] += inverse @ between(wrenches[1])
-        change[:, 3:, columns.loads] += inverse[:, : strains - 3] @ between(wrenches[0])
+        problem, work, acting = self._problem, self._problem.work, state.acting
+        finer = self._finer_state(state)
+        # Wrenches at the finer points.
+        spin = work.rotation @ z[:, :3]
+        moved = _moved(work.rotation, work.slope, _along(self._to_nodes, spin), z)
+        carried = -_skew(acting.force) @ moved
+        carried[..., columns.loads] += _skew(work.slope) @ wrenches[0]
+        turn = _along(self._to_finer, spin)
+        moment = _along(problem.elements.weights - self._to_finer, carried)
+        moment += _skew(finer.moment) @ turn
+        force = _skew(finer.force) @ turn
+        force[..., columns.loads] += _along(self._between, wrenches[0])
+        moment[..., columns.loads] += _along(self._between, wrenches[1])
+        # And the twists that balance them.
+        sections = _Sections(
+            self._tables, self._finer_outwards, finer.z, finer.tensions, self._work
+        )
+        push = _turned(finer.rotation, moment, force, z.shape[1])
+        push -= sections.imbalance(columns, _along(self._between, local))
+        z = _inverses(self._work.hessian) @ push
+        rates = np.empty((len(z), 6, columns.total))
+        rates[:, 3:] = finer.rotation @ z[:, :3]
+        turn = _along(self._along_finer, rates[:, 3:])
+        rates[:, :3] = _moved(finer.rotation, finer.slope, turn, z)
         # tau, xi, k are curvatures over the stretch.
-        to_strain = np.zeros((len(z), 4, strains))
-        to_strain[:, 3, 3] = 1.0
-        over = 1.0 / z[:, 3]
-        for row in range(3):
-            to_strain[:, row, row] = over
-        to_strain[:, :3, 3] = -z[:, :3] * (over * over)[:, np.newaxis]
-        return np.asarray((to_strain @ np.linalg.inv(work.hessian)) @ change)
+        strain = z[:, :4].copy()
+        strain[:, :3] -= (finer.z[:, :3] / finer.z[:, 3:4])[..., np.newaxis] * z[:, 3:4]
+        strain[:, :3] /= finer.z[:, 3, np.newaxis, np.newaxis]
+        return _along(self._to_stations, rates), _along(self._at_stations, strain)
 
-    def _at_stations(self, state: State) -> tuple[FloatArray, ...]:
-        """Twists, local tensions, orientations, forces and moments at the stations.
-
-        Gradient, Hessian and offsets there are then in `_work`.
-        """
+    def _finer_state(self, state: State) -> _Finer:
+        """The equilibrium ``state`` at more points, with their sections in `_work`."""
         problem, acting = self._problem, state.acting
         work, own, strains = self._work, problem.work, state.z.shape[1]
         rates = np.empty((len(state.z), 7))
         quaternion_rates(own.quaternion, state.z[:, :3], rates[:, :4])
-        rates[:, 4:] = _cross(own.slope, acting.force)
-        found = self._to_stations @ rates
+        rates[:, 4:] = (_skew(own.slope) @ acting.force[..., np.newaxis])[..., 0]
+        found = self._to_finer @ rates
         turn = found[:, :4] + problem.tables.base
         turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
         rotation = rotation_matrices(np.ascontiguousarray(turn.T)).transpose(2, 0, 1)
@@ -327,14 +349,15 @@ class Derivatives:
         tensions = np.ascontiguousarray(between[:, strains + 6 :])
         force, moment = between[:, strains : strains + 3], between[:, strains + 3 : strains + 6]
         moment = moment + (problem.elements.weights @ rates[:, 4:] - found[:, 4:])
-        wrench = np.empty_like(z)
-        wrench[:, :3] = (moment[:, np.newaxis] @ rotation)[:, 0]
-        wrench[:, 3:] = (force[:, np.newaxis] @ rotation)[:, 0, : strains - 3]
         work.scale[:] = force_scale(self._tables, tensions)
+        columns = moment[..., np.newaxis], force[..., np.newaxis]
+        wrench = _turned(rotation, *columns, strains)[..., 0]
         problem.form.section_steps(self._tables, z, tensions, wrench, work)
-        z = z + work.step
-        problem.form.sections(self._tables, z, tensions, work)
-        return z, tensions, rotation, force, moment
+        # The Hessian of twists so near is exact enough.
+        z, work.gradient[:] = z + work.step, wrench
+        slope = rotation[:, :, 0] * z[:, 3:4]
+        slope += (rotation[..., 1 : strains - 3] @ z[:, 4:, np.newaxis])[..., 0]
+        return _Finer(z, tensions, rotation, slope, force, moment)
 
 
 def _part(change: Change, where: slice) -> Change:
@@ -351,20 +374,35 @@ def _outwards(arm: Arm, s: FloatArray, tables: Tables) -> FloatArray:
     return np.ascontiguousarray(found.swapaxes(1, 2) * tables.reach)
 
 
-def _rates(work: Work, force: FloatArray, strains: int) -> FloatArray:
-    """Rates of displacement, rotation and carried moment by rotation and twist, (N, 9, 3 + m)."""
-    found = np.zeros((len(force), 9, 3 + strains))
-    found[:, :3, :3] = -_skew(work.slope)
-    found[:, :3, 6:] = work.rotation[..., : strains - 3]
-    found[:, 3:6, 3:6] = work.rotation
-    found[:, 6:] = -_skew(force) @ found[:, :3]
-    return found
+def _along(matrix: FloatArray, values: FloatArray) -> FloatArray:
+    """``matrix`` (n, N) times ``values`` (N, k, columns)."""
+    product = matrix @ values.reshape(len(values), -1)
+    return product.reshape(-1, *values.shape[1:])
+
+
+def _moved(
+    rotation: FloatArray, slope: FloatArray, turn: FloatArray, z: FloatArray
+) -> FloatArray:
+    """Rates of displacement (n, 3, columns) by a ``turn`` (n, 3, columns) and by twists ``z``."""
+    found = rotation[..., : z.shape[1] - 3] @ z[:, 3:]
+    found -= _skew(slope) @ turn
+    return np.asarray(found)
+
+
+def _turned(
+    rotation: FloatArray, moment: FloatArray, force: FloatArray, strains: int
+) -> FloatArray:
+    """Wrenches in the axes of the sections, (n, strains, columns)."""
+    inverse = rotation.swapaxes(1, 2)
+    return np.concatenate([inverse @ moment, inverse[:, : strains - 3] @ force], axis=1)
+
+
+def _inverses(matrices: FloatArray) -> FloatArray:
+    """Of symmetric ``matrices`` (n, m, m), that of stable cross sections."""
+    return invert(factorise(matrices.transpose(1, 2, 0))).transpose(2, 0, 1)
 
 
 def _skew(vectors: FloatArray) -> FloatArray:
     """Matrices (n, 3, 3) of the cross product of ``vectors`` (n, 3) with another."""
     return (vectors @ _SKEW).reshape(-1, 3, 3)
 
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return (_skew(a) @ b[..., np.newaxis])[..., 0]

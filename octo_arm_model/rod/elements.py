@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.hints import BoolArray, FloatArray, IntArray
 from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
 from octo_arm_model.rod.stations import apart
 
@@ -40,6 +40,7 @@ class Elements(NamedTuple):
         s: arc coordinates of the nodes [m], (N,).
         weights: of the integral along the arm [m], (N,).
         section: section of each node, from the tip; 0 beyond the last anchorage, (N,).
+        sharp: whether strains may jump at the start of each element, (E,).
     """
 
     edges: FloatArray
@@ -48,6 +49,7 @@ class Elements(NamedTuple):
     s: FloatArray
     weights: FloatArray
     section: IntArray
+    sharp: BoolArray
 
     def element_at(self, s: FloatArray) -> IntArray:
         """Element of each place ``s`` (n,) [m]; at an edge the one towards the base."""
@@ -66,6 +68,16 @@ class Elements(NamedTuple):
         matrix = self._spread(s, self.rule.integrate) * np.repeat(self.lengths, self.points)
         before = np.arange(self.lengths.size) < element[:, np.newaxis]
         return matrix + np.repeat(before, self.points, axis=1) * self.weights
+
+    def with_more_points(self, added: int) -> Elements:
+        """The same elements, each with so many points ``added``."""
+        rule, section = gauss_rule(self.points + added), self.section[:: self.points]
+        places = self.edges[:-1, np.newaxis] + self.lengths[:, np.newaxis] * rule.points
+        weights = self.lengths[:, np.newaxis] * rule.weights
+        return self._replace(
+            rule=rule, s=places.ravel(), weights=weights.ravel(),
+            section=np.repeat(section, rule.points.size),
+        )  # fmt: skip
 
     @property
     def points(self) -> int:
@@ -114,9 +126,12 @@ def build_elements(
     anchorages = np.array([section.anchorage for section in arm.sections])
     section = (anchorages > middles[:, np.newaxis]).sum(axis=1)
     weights = lengths[:, np.newaxis] * rule.weights
+    sharp = np.zeros(lengths.size, np.bool_)
+    sharp[np.cumsum(each * cuts)[:-1]] = True
     return Elements(
-        stops, rule, lengths, places.ravel(), weights.ravel(), np.repeat(section, rule.points.size)
-    )
+        stops, rule, lengths, places.ravel(), weights.ravel(),
+        np.repeat(section, rule.points.size), sharp,
+    )  # fmt: skip
 
 
 def _edges(arm: Arm, breaks: tuple[float, ...], knots: tuple[float, ...]) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Variation, factorise
 from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.friction import Changes, Sliding, slide, slide_along
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
 from octo_arm_model.rod.tables import AXIAL, LEVER, Tables, force_scale, work_arrays
 
@@ -22,11 +23,14 @@ class Condition(NamedTuple):
         tensions: of the tendons at the base, (J,), or at every node, (N, J) [N].
         tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
         factor: on all other loads [-], from 0 to 1.
+        before: tensions at the nodes (N, J) [N] from which tendons with friction slide; None for
+            slack ones.
     """
 
     tensions: FloatArray
     tip_wrench: FloatArray
     factor: float = 1.0
+    before: FloatArray | None = None
 
     def towards(self, other: Condition, part: float) -> Condition:
         """This one, moved by ``part`` of the way to ``other``."""
@@ -36,6 +40,7 @@ class Condition(NamedTuple):
             self.tensions + part * (other.tensions - self.tensions),
             self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
             self.factor + part * (other.factor - self.factor),
+            other.before,
         )
 
 
@@ -73,27 +78,6 @@ class State(NamedTuple):
     residual: float
 
 
-class TensionChanges(Protocol):
-    """What local tensions change by, for given tensions at the base, each (N, J).
-
-    Attributes:
-        by_friction: per unit of mu of each tendon, at fixed twists.
-        by_sheath_stiffness: per pascal of each sheath, likewise.
-    """
-
-    by_friction: FloatArray
-    by_sheath_stiffness: FloatArray
-
-    def by_offset(self, outwards: FloatArray) -> FloatArray:
-        """Per metre of each tendon's distance from the midline, likewise.
-
-        ``outwards`` (4, N, J) are the directions away from it along n and b [-] and their slopes.
-        """
-
-    def by_twists(self, change: FloatArray) -> FloatArray:
-        """Changes (N, J, k) by those of the twists (N, m, k)."""
-
-
 class Problem:
     """The residual and Jacobian of one arm under its loads.
 
@@ -105,6 +89,7 @@ class Problem:
         loads: dead ones, all but the wrench on the tip.
         others: loads of other kinds.
         strains: 4, or 6 with shear.
+        has_friction: whether any tendon has.
     """
 
     def __init__(
@@ -119,6 +104,9 @@ class Problem:
         self._current: FloatArray | None = None
         self._scaled: FloatArray | None = None
         self._last_acting: Acting | None = None
+        self.has_friction = bool(tables.friction.any())
+        self._sliding: Sliding | None = None
+        self._held: FloatArray | None = None
         unit = np.ones((elements.s.size, strains))
         unit[:, :3] = tables.body[:, LEVER, np.newaxis]
         # Squares of twists times this are those of strains, integrated over the arm.
@@ -150,6 +138,8 @@ class Problem:
         work = self.work
         if self._scaled is not acting.scale:
             work.scale[:] = self._scaled = acting.scale
+        if self._slides(acting):
+            acting = acting._replace(tensions=self._slide(acting.condition, z))
         if self.others.loads:
             acting = self._with_others(acting, z)
         left = self.form.residual(
@@ -158,6 +148,26 @@ class Problem:
         self._current = z
         return State(acting, z, work.residual.copy(), left)
 
+    def _slides(self, acting: Acting) -> bool:
+        return self.has_friction and acting.condition.tensions.ndim == 1
+
+    def _slide(self, condition: Condition, z: FloatArray) -> FloatArray:
+        last, near = self._sliding, None
+        if last is not None and ((last.tensions[0] > 0.0) == (condition.tensions > 0.0)).all():
+            near = last.tensions
+        self._sliding = slide_along(
+            self.tables, self.form, z, condition.tensions, condition.before, self.work, near
+        )
+        return self._sliding.tensions
+
+    def first_tensions(self, condition: Condition, z: FloatArray) -> FloatArray:
+        """Tensions (N, J) [N] that bend an arm less than ``z`` (N, m), which full ones bend."""
+        self.evaluate(self.acting(condition), z)
+        assert self._sliding is not None
+        # Exact for a curvature in proportion to the tension of a tendon that is drawn in.
+        mu = np.maximum(self.tables.friction, 1e-30)
+        angle = np.log1p(mu * self._sliding.angle) / mu
+        return slide(self.tables, condition.tensions, condition.before, angle).tensions
     def _with_others(self, acting: Acting, z: FloatArray) -> Acting:
         """What is ``acting`` on a rod of twists ``z`` (N, m), loads that follow its shape too."""
         self.form.orientations(self.tables, z, self.work)
@@ -187,7 +197,8 @@ class Problem:
 
     def variation(self) -> Variation:
         """The second variation of the energy, of the Jacobian that was filled in last."""
-        return Variation(self.work.jacobian, self.work.hessian, self.elements.weights)
+        held = self.work.jacobian if self._held is None else self._held
+        return Variation(held, self.work.hessian, self.elements.weights)
 
     def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
         """The Jacobian at ``state``, with sections stiffer by ``damping``, into `work`."""
@@ -200,14 +211,24 @@ class Problem:
             nodes, strains = state.z.shape
             blocks = self.work.jacobian.reshape(nodes, strains, nodes, strains)
             np.einsum('iaic->iac', blocks)[...] += damping * self.work.hessian
+        if self.has_friction:
+            self._held = self.work.jacobian.copy()
+            changes = self.tension_changes(state)
+            if changes is not None:
+                changes.add_to(self.work.jacobian)
+
+    def tension_changes(self, state: State) -> Changes | None:
+        """How tensions with friction change about ``state``; None without friction."""
+        if not self._slides(state.acting):
+            return None
+        self.load_work(state)
+        assert self._sliding is not None
+        return Changes(self.tables, state.z, self._sliding, self.work)
 
     def tension_rates(self, state: State) -> FloatArray:
         """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
-        return self.tables.reach
-
-    def tension_changes(self, state: State) -> TensionChanges | None:
-        """What else local tensions change by in ``state``; None without friction."""
-        return None
+        changes = self.tension_changes(state)
+        return self.tables.reach if changes is None else changes.by_base_tension()
 
     def has_energy(self, condition: Condition) -> bool:
         """Whether all loads derive from an energy: a moment fixed in base_frame does not."""

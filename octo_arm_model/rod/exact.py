@@ -39,9 +39,7 @@ class Exact(Statics):
         self.rod = Rod(setup.arm, setup.loads, setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
         self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
-        self._derivatives = functools.cache(
-            lambda level: Derivatives(self.rod, level, setup.s)
-        )
+        self._derivatives = functools.cache(lambda level: Derivatives(self.rod, level, setup.s))
 
     def problem(self, level: int) -> Problem:
         """See `Statics`."""
@@ -52,7 +50,7 @@ class Exact(Statics):
         before: FloatArray | None, spending: Spending,
     ) -> Shape:  # fmt: skip
         """See `Statics`."""
-        return self.shape(self.rod.solve(tensions, tip_wrench, start, spending, before))
+        return self.shape(self.rod.solve(tensions, tip_wrench, start, spending))
 
     def shape(self, found: Equilibrium) -> Shape:
         """An equilibrium at the stations."""
@@ -63,7 +61,7 @@ class Exact(Statics):
             reading.position + self._setup.base[0],
             np.roll(reading.quaternion, -1, axis=1),
             strains_of(z),
-            reading.tensions if self._setup.arm.friction else None,
+            readout.tensions(reading) if self._setup.arm.friction else None,
             found,
         )
 

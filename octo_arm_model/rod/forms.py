@@ -16,6 +16,9 @@ class Form(Protocol):
     def orientations(self, tables: Tables, z: FloatArray, work: Work) -> None:
         """Orientation and r' of every node."""
 
+    def angles(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+        """Angle by which every tendon has turned between the base and every node."""
+
     def sections(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
         """Gradient and Hessian of the energy of every cross section."""
 

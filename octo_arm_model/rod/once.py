@@ -7,11 +7,10 @@ import functools
 from numpy.typing import ArrayLike
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.models.catalogue import DEFAULT_MODEL
-from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.stations import DEFAULT_STATIONS
 from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.rod.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import DEFAULT_MODEL, Solver
+from octo_arm_model.rod.stations import DEFAULT_STATIONS
 
 
 @functools.lru_cache(maxsize=16)

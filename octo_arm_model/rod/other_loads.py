@@ -111,7 +111,9 @@ class OtherLoads:
             LoadError: if a load states none.
         """
         if self.without_tangent:
-            raise LoadError(f'{self.without_tangent} states no tangent stiffness, which {what} needs')
+            raise LoadError(
+                f'{self.without_tangent} states no tangent stiffness, which {what} needs'
+            )
 
     def _up_to(self, s: float) -> FloatArray:
         return np.asarray(self.elements.integration(np.array([s]))[0])

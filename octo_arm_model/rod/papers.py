@@ -87,9 +87,7 @@ class Papers(Statics):
         setup, problem = self._setup, self._rod.problem(level, ADDED_POINTS)
         own = problem.elements
         places = np.concatenate([own.s, setup.s]), np.concatenate([own.section, setup.section])
-        return _Level(
-            problem, self._equations(setup.arm, *places), own.integration(setup.s)
-        )
+        return _Level(problem, self._equations(setup.arm, *places), own.integration(setup.s))
 
     def problem(self, level: int) -> Problem:
         """See `Statics`."""

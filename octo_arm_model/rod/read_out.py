@@ -58,9 +58,9 @@ class Readout:
     def read(self, state: State) -> Reading:
         """Poses at the stations, by integrals from the base."""
         finer, condition = self._finer, state.acting.condition
-        if condition.tensions.ndim > 1:
-            # Given at the nodes, where friction has made them.
-            condition = condition._replace(tensions=self._to_finer @ condition.tensions)
+        if self._problem.has_friction or condition.tensions.ndim > 1:
+            local = np.ascontiguousarray(self._to_finer @ state.acting.tensions)
+            condition = condition._replace(tensions=local)
         work, z = finer.work, self._to_finer @ state.z
         acting = finer.evaluate(finer.acting(condition), z).acting
         wrench = work.gradient - work.residual
@@ -82,6 +82,10 @@ class Readout:
         # What acts beyond a station: the moment at the base less what is carried up to there.
         moment = finer.elements.weights @ carried - found[:, 7:]
         return Reading(found[:, :3], turn, moment, z, acting)
+
+    def tensions(self, reading: Reading) -> FloatArray:
+        """Tension of every tendon at the stations [N], (S, J)."""
+        return self._interpolation @ reading.acting.tensions
 
     def twists(self, reading: Reading) -> FloatArray:
         """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""

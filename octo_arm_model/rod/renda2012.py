@@ -33,10 +33,8 @@ from octo_arm_model.core.arm.profile import Profile
 from octo_arm_model.core.arm.tendon import Section
 from octo_arm_model.core.errors import ConfigError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.rod.picard import COLLOCATION_POINTS, Element, Sweeps
 from octo_arm_model.core.numerics.chebyshev import barycentric_matrix, chebyshev_integration
 from octo_arm_model.core.numerics.vectors import runs_of, times
-from octo_arm_model.rod.stations import panels_of
 from octo_arm_model.rod.paper_balance import (
     SectionStiffness,
     Strains,
@@ -45,6 +43,8 @@ from octo_arm_model.rod.paper_balance import (
     imbalance_of,
     twist_of,
 )
+from octo_arm_model.rod.picard import COLLOCATION_POINTS, Element, Sweeps
+from octo_arm_model.rod.stations import panels_of
 from octo_arm_model.rod.tendon_sums import TendonWeights, transmission
 
 _POINTS, _INTEGRALS = chebyshev_integration(COLLOCATION_POINTS)

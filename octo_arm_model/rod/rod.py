@@ -9,9 +9,9 @@ import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.errors import ContinuationError, ConvergenceError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.budget import Budget, Spending
+from octo_arm_model.core.errors import ConfigError, ContinuationError, ConvergenceError
+from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.checks import check_solution
 from octo_arm_model.rod.continuation import (
@@ -109,6 +109,7 @@ class Rod:
         self._per_square = (
             (own.tables.compliance / bending.min()) if any(own.tables.compliance) else None
         )
+        self.has_friction = own.has_friction
         with np.errstate(over='ignore', invalid='ignore'):
             straight = own.straight_resultants()
         places = np.concatenate([own.elements.edges, s])
@@ -133,21 +134,22 @@ class Rod:
 
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None = None,
-        spending: Spending | None = None,
+        spending: Spending | None = None, before: FloatArray | None = None,
     ) -> Equilibrium:  # fmt: skip
         """The equilibrium under ``tensions`` (J,) [N] and a ``tip_wrench`` (6,) [N, N m].
 
-        Followed from ``start``, or from the unloaded shape.
+        Followed from ``start``, or from the unloaded shape. Tendons with friction slide from
+        tensions ``before`` (N, J) [N] at the nodes of any level, or from slack.
 
         Raises:
             SolveError: if there is no trustworthy answer.
             ContinuationError: if it would take more than the budget.
         """
-        wanted = Condition(tensions, tip_wrench)
+        wanted = Condition(tensions, tip_wrench, before=before)
         spending = spending or self.spending()
         is_loaded = self.is_loaded or bool(tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            if is_loaded:
+            if is_loaded or self.has_friction:
                 found = self._loaded_equilibrium(wanted, start, spending)
             else:
                 found = self._unloaded_equilibrium(wanted)
@@ -158,6 +160,7 @@ class Rod:
         self, wanted: Condition, start: Equilibrium | None, spending: Spending
     ) -> Equilibrium:
         """A stable equilibrium under loads, on as many nodes as it takes."""
+        start = self._at_least(start, wanted.before)
         found = None if start is None else self._warm(wanted, start, spending)
         if found is None:
             found = self._followed(wanted, start, spending)
@@ -165,12 +168,41 @@ class Rod:
             return found  # resolved as well as that
         return self._resolved(found, wanted, spending)
 
+    def _level_of(self, before: FloatArray) -> int:
+        """The level at whose nodes ``before`` (N, J) is.
+
+        Raises:
+            ConfigError: if it is at those of no level of this arm.
+        """
+        for level in (*range(len(LEVELS)), COARSE):
+            if len(before) == self.problem(level).elements.s.size:
+                return level
+        raise ConfigError('the backbone was solved by another solver')
+
+    def _at_level(self, condition: Condition, level: int) -> Condition:
+        """The ``condition`` with tensions ``before`` at the nodes of a ``level``."""
+        before = condition.before
+        if before is None or (given := self._level_of(before)) == level:
+            return condition
+        own = moved(before, self.problem(given).elements, self.problem(level).elements)
+        return condition._replace(before=own)
+
+    def _at_least(self, start: Equilibrium | None, before: FloatArray | None) -> Equilibrium | None:
+        """The ``start`` on no fewer nodes than ``before`` is given at."""
+        if start is None or before is None or (level := self._level_of(before)) <= start.level:
+            return start
+        of, now = self.problem(start.level), self.problem(level)
+        z = moved(start.state.z, of.elements, now.elements)
+        condition = self._at_level(start.state.acting.condition, level)
+        state = now.evaluate(now.acting(condition), z)
+        return Equilibrium(state, level, None, None, start.iterations)
+
     def _unloaded_equilibrium(self, wanted: Condition) -> Equilibrium:
         """The balance of every cross section by itself, on as many nodes as it takes."""
         iterations = 0
         for level in range(len(LEVELS)):
             problem = self.problem(level)
-            z, left, steps = self.unloaded(problem, wanted.tensions)
+            z, left, steps = self.unloaded(problem, wanted)
             iterations += steps
             acting = problem.acting(wanted)
             problem.form.orientations(problem.tables, z, problem.work)
@@ -179,26 +211,31 @@ class Rod:
                 break
         return Equilibrium(state, level, None, None, iterations)
 
-    def unloaded(self, problem: Problem, tensions: FloatArray) -> tuple[FloatArray, float, int]:
-        """Twists at the nodes of ``problem`` under ``tensions`` alone, residual and steps.
+    def unloaded(self, problem: Problem, wanted: Condition) -> tuple[FloatArray, float, int]:
+        """Twists at the nodes of ``problem`` under tensions alone, residual and steps.
+
+        Nearly, where tendons have friction.
 
         Raises:
             ConvergenceError: if there is no balance.
         """
-        local = np.empty((problem.elements.s.size, tensions.size))
-        local[:] = tensions
+        local = np.empty((problem.elements.s.size, wanted.tensions.size))
+        local[:] = wanted.tensions
         problem.work.scale[:] = force_scale(problem.tables, local)
         z = initial_twists(problem.tables, local, problem.strains)
-        return balance_sections(
-            problem.form, problem.tables, problem.work, local, np.zeros_like(z), z
-        )
+        given = problem.form, problem.tables, problem.work
+        found = balance_sections(*given, local, np.zeros_like(z), z)
+        if problem.has_friction:
+            local = problem.first_tensions(wanted, found[0])
+            found = balance_sections(*given, local, np.zeros_like(z), found[0])
+        return found
 
     def _warm(
         self, wanted: Condition, start: Equilibrium, spending: Spending
     ) -> Equilibrium | None:
         """By Newton's method from ``start``; None where that leads to no stable equilibrium."""
         problem = self.problem(start.level)
-        acting = problem.acting(wanted)
+        acting = problem.acting(self._at_level(wanted, start.level))
         found = settle(problem, acting, start.state.z, spending.residual, start.factors)
         spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
         return self._accepted(problem, found, start, spending)
@@ -246,18 +283,20 @@ class Rod:
         if start is not None:
             problem, level = self.problem(start.level), start.level
             known, z = start.state.acting.condition, start.state.z
+            wanted = self._at_level(wanted, level)
             judged = follow(problem, known, z, wanted, spending)
         else:
-            level = 0
-            judged = self._cold(wanted, spending)
+            level = 0 if wanted.before is None else max(self._level_of(wanted.before), 0)
+            judged = self._cold(wanted, level, spending)
         found = self._equilibrium(judged, level, spending.iterations)
         assert found is not None
         return found
 
-    def _cold(self, wanted: Condition, spending: Spending) -> Judged:
+    def _cold(self, wanted: Condition, level: int, spending: Spending) -> Judged:
         """From the unloaded shape: by Newton's method, or followed on few nodes, or on all."""
-        fine, coarse = self.problem(0), self.problem(COARSE)
-        z = self.unloaded(fine, wanted.tensions)[0]
+        fine, coarse = self.problem(level), self.problem(COARSE)
+        given, wanted = wanted, self._at_level(wanted, level)
+        z = self.unloaded(fine, wanted)[0]
         found = settle(fine, fine.acting(wanted), z, TOLERANCE)
         spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
         if found.state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
@@ -267,8 +306,9 @@ class Rod:
         known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
         if coarse.elements.s.size < fine.elements.s.size:
             try:
-                rough = self.unloaded(coarse, wanted.tensions)[0]
-                near = follow(coarse, known, rough, wanted, spending, ON_THE_WAY, _FIRST_STEP)
+                roughly = self._at_level(given, COARSE)
+                rough = self.unloaded(coarse, roughly)[0]
+                near = follow(coarse, roughly._replace(tip_wrench=np.zeros(6), factor=0.0), rough, roughly, spending, ON_THE_WAY, _FIRST_STEP)
                 guess = moved(near.state.z, coarse.elements, fine.elements)
                 return follow(fine, wanted, guess, wanted, spending)
             except ContinuationError:
@@ -283,7 +323,8 @@ class Rod:
             level = found.level + 1
             problem = self.problem(level)
             z = moved(found.state.z, self.problem(found.level).elements, problem.elements)
-            judged = follow(problem, wanted, z, wanted, spending)
+            condition = self._at_level(wanted, level)
+            judged = follow(problem, condition, z, condition, spending)
             finer = self._equilibrium(judged, level, spending.iterations)
             assert finer is not None
             found = finer

@@ -16,6 +16,7 @@ from octo_arm_model.core.arm.laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.pose import Pose
 from octo_arm_model.core.budget import Allowance, Budget
+from octo_arm_model.core.compiled.numba_build import add_up_curvature
 from octo_arm_model.core.errors import (
     ConfigError,
     ContinuationError,
@@ -25,11 +26,10 @@ from octo_arm_model.core.errors import (
     TensionError,
 )
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.rod.load_limits import LoadLimits, tip_wrench_of
-from octo_arm_model.core.compiled.numba_build import add_up_curvature
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.closed_form import ClosedForm
 from octo_arm_model.rod.exact import Exact
+from octo_arm_model.rod.load_limits import LoadLimits, tip_wrench_of
 from octo_arm_model.rod.papers import Papers
 from octo_arm_model.rod.renda2012 import Renda2012
 from octo_arm_model.rod.rod import Equilibrium

@@ -13,11 +13,11 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Allowance, Spending
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Problem
 from octo_arm_model.rod.lengths import rest_stretches, rest_stretches_by_offset, tendon_lengths
 from octo_arm_model.rod.rod import Equilibrium
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 
 
 class Setup(NamedTuple):

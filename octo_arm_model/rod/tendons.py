@@ -156,7 +156,7 @@ class Tendons:
         return np.stack([t * c_b - b * c_t, n * c_t - t * c_n])
 
     def _across(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """w kappa x r, (3, N, J)."""
+        """W kappa x r, (3, N, J)."""
         t, n, b = self.scaled
         found = np.empty((3, *x.shape))
         found[0], found[1], found[2] = n * y - b * x, -t * y, t * x
@@ -187,7 +187,7 @@ class Tendons:
         return found
 
     def _by_strain(self, f: FloatArray) -> FloatArray:
-        """f . du/de of vectors ``f`` (3, N, J) by the scaled strain, (m, N, J)."""
+        """F . du/de of vectors ``f`` (3, N, J) by the scaled strain, (m, N, J)."""
         found = np.empty((self._strains, *f.shape[1:]))
         found[0] = self._x * f[2] - self._y * f[1]
         found[1] = self._y * f[0]

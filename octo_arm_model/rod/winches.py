@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Spending
+from octo_arm_model.core.budget import Spending
 from octo_arm_model.rod.complementarity import complementary_step
 from octo_arm_model.rod.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, judge
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
@@ -33,7 +33,7 @@ from octo_arm_model.rod.rod import Equilibrium, Rod, moved
 from octo_arm_model.rod.tendons import Tendons
 
 MET = 1e-9  # error of displacements over the length, and of tensions over the largest
-_ROUNDING = 1e-13  # of displacements, over the length
+ROUNDING = 1e-13  # of displacements, over the length
 # Of continuation: the first step, the smallest, and factors on one that did well or did not.
 _FIRST_STEP, _SMALLEST_STEP, _LONGER, _SHORTER = 0.3, 1e-3, 2.0, 0.3
 _BEYOND = 0.05  # the end of a branch
@@ -442,7 +442,7 @@ class Winches:
         rod, condition = self._rod, aim.condition
         problem = rod.problem(0)
         free = aim._replace(condition=condition._replace(tip_wrench=np.zeros(6), factor=0.0))
-        z, _, iterations = rod.unloaded(problem, condition.tensions)
+        z, _, iterations = rod.unloaded(problem, condition)
         spending.add(iterations, 0.0, 0.0, z)
         state = problem.evaluate(problem.acting(free.condition), z)
         wound = self._from(free, driven, Equilibrium(state, 0, None, None, 0), spending)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rods import CASES, EVERYTHING, TENSIONS, WRENCH, twists_at
 
-from octo_arm_model import Arm, ArmDefinitionError, Config, LoadError, Loads
+from octo_arm_model import Arm, ArmDefinitionError, Body, Config, LoadError, Loads
 from octo_arm_model.core.arm.loads import DeformedRod, Resultants, Tangent
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import rotation_matrices
@@ -86,7 +86,7 @@ def made(
 ) -> Rod:
     if compiled:
         pytest.importorskip('numba')
-    return Rod(arm, loads, base, Setting(compiled=compiled, **setting))  # type: ignore[arg-type]
+    return Rod(arm, loads, base, Setting(compiled=compiled, **setting))
 
 
 def arm_of(table4: Config) -> Arm:
@@ -129,12 +129,8 @@ def test_at_balance_it_is_the_dead_force_of_that_direction(
 
 @FORMS
 def test_a_dead_load_of_a_users_own_is_that_load(table4: Config, compiled: bool) -> None:
-    arm = table4.arm.with_density(1.0 / 9.81)
-    area = float(np.pi * arm.body.radius(np.zeros(1))[0] ** 2)
-    uniform = dataclasses.replace(
-        arm, body=dataclasses.replace(arm.body, radius_tip=arm.body.radius_base)
-    )
-    weight = Loads(gravity=(0.0, 0.0, -9.81 / area))
+    uniform = dataclasses.replace(arm_of(table4), body=Body(0.45, 0.01, 0.01))
+    weight = Loads(gravity=(0.0, 0.0, -1.0 / (1080.0 * np.pi * 0.01**2)))
     base = np.array([0.8, 0.0, 0.6, 0.0])
     tips = [
         tip_of(rod, rod.solve(PULL, WRENCH))

@@ -13,7 +13,7 @@ from rods import EVERYTHING, SHEATHED, TENSIONS, WRENCH
 from octo_arm_model import Arm, Body, Config, Loads, Material, Section
 from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.budget import Budget
 from octo_arm_model.rod.complementarity import complementary_step
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.winches import Held, Winches

@@ -17,7 +17,7 @@ import numpy as np
 
 from octo_arm_model.core.compiled.kernel_compiler import compiled
 from octo_arm_model.core.compiled.numerics import least_squares_kernels, posterior_kernels
-from octo_arm_model.core.sensitivity import tip_curvature
+from octo_arm_model.rod import tip_curvature
 
 _LOG = logging.getLogger(__name__)
 _R = TypeVar('_R')

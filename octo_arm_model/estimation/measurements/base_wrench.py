@@ -12,10 +12,10 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.rod.dead_loads import force_per_length
-from octo_arm_model.rod.stations import StationGrid
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
+from octo_arm_model.rod.dead_loads import force_per_length
+from octo_arm_model.rod.stations import StationGrid
 
 _GAUSS = 4  # points of the quadrature between two stations
 _AXES = np.eye(3)

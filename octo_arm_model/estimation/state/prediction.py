@@ -19,6 +19,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import ZERO, Loads, ScaledLoads
 from octo_arm_model.core.arm.validation import LARGEST
+from octo_arm_model.core.budget import Budget
 from octo_arm_model.core.errors import (
     ConfigError,
     ConvergenceError,
@@ -27,15 +28,14 @@ from octo_arm_model.core.errors import (
     TensionError,
 )
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.budget import Budget
-from octo_arm_model.rod.continuation import TOLERANCE
-from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.solver import Solver
 from octo_arm_model.estimation.state.curved_tip import CurvedTip
 from octo_arm_model.estimation.state.effort import Effort
 from octo_arm_model.estimation.state.state_change import Part, StateChange
 from octo_arm_model.estimation.state.unit_loads import unit_loads
 from octo_arm_model.estimation.state.unknowns import State, Unknowns
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.continuation import TOLERANCE
+from octo_arm_model.rod.solver import Solver
 
 # A step of the estimator that leads where the arm is followed for longer is too long. How little
 # shapes differ between steps tells of second derivatives.

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.quaternion import unit
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.core.numerics.quaternion import Quaternions, unit
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.sensitivity import Change
 
