@@ -300,14 +300,13 @@ class Winches:
         self._kept: dict[tuple[int, bytes], Reeling] = {}
 
     def solve(
-        self, displacements: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
-        tip_wrench: FloatArray, start: Equilibrium | None = None,
-        spending: Spending | None = None,
+        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
+        start: Equilibrium | None = None, spending: Spending | None = None,
     ) -> Held:  # fmt: skip
         """What holds ``displacements`` (J,) [m] of the ``driven`` tendons (J,).
 
-        And ``tensions`` (J,) [N] of the others under a ``tip_wrench`` (6,) [N, N m]; neither
-        counts for the rest. From ``start``, or from the unloaded arm.
+        And the tensions of the others, in ``condition``; neither counts for the rest. From
+        ``start``, or from the unloaded arm. Without friction.
 
         Raises:
             SolveError: if no tensions were found that hold these lengths.
@@ -316,7 +315,7 @@ class Winches:
         rod = self._rod
         spending = spending or rod.spending()
         aim = Aim(
-            Condition(np.where(driven, 0.0, tensions), tip_wrench),
+            condition._replace(tensions=np.where(driven, 0.0, condition.tensions)),
             np.where(driven, displacements, 0.0),
         )
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
