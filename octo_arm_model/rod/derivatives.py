@@ -22,10 +22,10 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
 from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
-from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.lengths import rest_stretches
 from octo_arm_model.rod.rod import Rod
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.tables import (
     AXIAL,
     SHEAR,

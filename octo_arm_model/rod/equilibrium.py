@@ -219,7 +219,7 @@ class Problem:
 
     def tension_changes(self, state: State) -> Changes | None:
         """How tensions with friction change about ``state``; None without friction."""
-        if not self._slides(state.acting):
+        if not (self._slides(state.acting) and state.acting.tensions.any()):
             return None
         self.load_work(state)
         assert self._sliding is not None

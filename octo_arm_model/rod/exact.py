@@ -53,7 +53,7 @@ class Exact(Statics):
         before: FloatArray | None, spending: Spending,
     ) -> Shape:  # fmt: skip
         """See `Statics`."""
-        return self.shape(self.rod.solve(tensions, tip_wrench, start, spending))
+        return self.shape(self.rod.solve(tensions, tip_wrench, start, spending, before))
 
     def wind(
         self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
@@ -64,6 +64,10 @@ class Exact(Statics):
             return None
         held = self._winches.solve(displacements, driven, condition, start, spending)
         return self.shape(held.equilibrium), held.reached.displacement
+
+    def reeled_by_tension(self, found: Equilibrium, over: FloatArray) -> FloatArray | None:
+        """See `Statics`."""
+        return self._winches.changes(found, over)
 
     def shape(self, found: Equilibrium) -> Shape:
         """An equilibrium at the stations."""

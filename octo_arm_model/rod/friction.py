@@ -290,9 +290,9 @@ class _Directions:
     def _displaced(self, force: FloatArray) -> FloatArray:
         """Change of u by a change ``force`` (2, ..., n, J) of the gradient by the offset."""
         tendons = self._tendons
-        nn, nb, bb = tendons.offset_stiffness(
-            *self._across, tendons.compliance * tendons.tension * tendons.over
-        )
+        p_n, p_b = self._across
+        stiff = tendons.compliance * tendons.tension * tendons.over
+        nn, nb, bb = tendons.offset_stiffness(p_n, p_b, stiff)
         over = -tendons.compliance / (nn * bb - nb * nb)
         x, y = force
         return self._moved(np.stack([over * (bb * x - nb * y), over * (nn * y - nb * x)]))

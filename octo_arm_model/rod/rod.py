@@ -308,7 +308,8 @@ class Rod:
             try:
                 roughly = self._at_level(given, COARSE)
                 rough = self.unloaded(coarse, roughly)[0]
-                near = follow(coarse, roughly._replace(tip_wrench=np.zeros(6), factor=0.0), rough, roughly, spending, ON_THE_WAY, _FIRST_STEP)
+                start = roughly._replace(tip_wrench=np.zeros(6), factor=0.0)
+                near = follow(coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP)
                 guess = moved(near.state.z, coarse.elements, fine.elements)
                 return follow(fine, wanted, guess, wanted, spending)
             except ContinuationError:

@@ -261,8 +261,8 @@ class Solver:
             if array is not None:
                 array.setflags(write=False)
         return Backbone(
-            self.model, self.grid.s, self.grid.section, position, quaternion, *strains,
-            tensions, wrench, residual, iterations, found, self._reach, along, history,
+            self.model, self.grid.s, self.grid.section, position, quaternion,
+            strains[0], strains[1], strains[2], strains[3], tensions, wrench, residual, iterations, found, self._reach, along, history,
         )  # fmt: skip
 
     def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:
@@ -462,6 +462,13 @@ class Solver:
         pulled = shape.equilibrium.state.acting.condition.tensions.reshape(self.arm.tension_shape)
         self._limits.check_tensions(pulled)
         return self._of_one(pulled, wrench, shape), displacement
+
+    def reeled_by_tension(self, backbone: Backbone, over: FloatArray) -> FloatArray | None:
+        """Changes of displacements over those of tensions by ``over`` (J,) [N], (J, J) [m/N].
+
+        Of a single solution; None for other models than exact.
+        """
+        return self._statics.reeled_by_tension(self._own(backbone), over)
 
     def _own(self, backbone: Backbone) -> Equilibrium:
         """The equilibrium of a single solution of this solver.

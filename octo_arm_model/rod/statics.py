@@ -109,6 +109,10 @@ class Statics(abc.ABC):
         """See `Winches.solve`: a shape and what is reeled in there; None where this cannot."""
         return None
 
+    def reeled_by_tension(self, found: Equilibrium, over: FloatArray) -> FloatArray | None:
+        """See `Solver.reeled_by_tension`; None where this cannot."""
+        return None
+
     @abc.abstractmethod
     def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
         """First derivatives of a solution, see `Solver.sensitivity`."""

@@ -25,10 +25,10 @@ from octo_arm_model import (
     Tendon,
 )
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.lengths import tendon_lengths
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 
 STATIONS = np.array([0.0, 0.07, 0.15, 0.19, 0.25, 0.33, 0.4])
 TENSIONS = 0.6 * np.array([0.3, 0.6, 0.1, 1.0, 0.4, 1.5])

@@ -234,13 +234,18 @@ class SlidingWinding:
         usual = self._length / self._yields.max()
         least = _DIFFERENCE * max(float(tensions.max()), _DIFFERENCE * usual)
         size = np.fmax(least, np.minimum(over, _FARTHEST * tensions))
-        for k in np.flatnonzero(self._free(tensions, displacement)):
+        free = self._free(tensions, displacement)
+        is_let_out = (displacement > self._wanted) & (tensions > size) & free
+        over = np.where(is_let_out, -size, size)
+        found = self._solver.reeled_by_tension(backbone, over)
+        if found is not None:
+            return found
+        for k in np.flatnonzero(free):
             self._solver.check_time()
             moved = tensions.copy()
-            is_let_out = displacement[k] > self._wanted[k] and tensions[k] > size[k]
-            moved[k] += -size[k] if is_let_out else size[k]
+            moved[k] += over[k]
             reached = self._solve(moved, backbone)[1]
-            changes[:, k] = (reached - displacement) / (moved[k] - tensions[k])
+            changes[:, k] = (reached - displacement) / over[k]
         return changes
 
     def _solve(self, tensions: FloatArray, start: Backbone | None) -> tuple[Backbone, FloatArray]:

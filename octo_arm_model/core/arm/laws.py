@@ -1,4 +1,4 @@
-"""Elastic laws of a cross section, by their names; `octo_arm_model.rod.loops` has their energies."""
+"""Elastic laws of a cross section by their names; `rod.loops` has their energies."""
 
 from __future__ import annotations
 
