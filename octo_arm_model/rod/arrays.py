@@ -374,7 +374,7 @@ class Bends:
         self.tendons = Tendons(tables, strain, width, tensions, work)
         unit, elements = self.tendons.unit, tables.lengths.size
         acts = tables.reach[:, self.tendons.pulled]
-        by_element = unit.reshape(3, elements, -1, unit.shape[2])
+        by_element = unit.reshape(3, elements, len(tables.to_end), unit.shape[2])
         slope = tables.differentiation @ by_element
         slope /= tables.lengths[:, np.newaxis, np.newaxis]
         self.bend = slope.reshape(unit.shape)

@@ -229,7 +229,8 @@ class Problem:
 
     def tension_changes(self, state: State) -> Changes | None:
         """How tensions with friction change about ``state``; None without friction."""
-        if self.friction is None or state.acting.condition.tensions.ndim > 1:
+        is_given = state.acting.condition.tensions.ndim > 1
+        if self.friction is None or is_given or not state.acting.tensions.any():
             return None
         return Changes(self.friction, self.tables, state.z, self.sliding(state), self.work)
 
