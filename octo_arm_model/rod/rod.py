@@ -260,9 +260,16 @@ class Rod:
         if coarse.elements.s.size < fine.elements.s.size:
             try:
                 rough = self.unloaded(coarse, wanted.tensions)[0]
-                near = follow(coarse, known, rough, wanted, spending, ON_THE_WAY, _FIRST_STEP)
-                guess = _moved(near.state.z, coarse.elements, fine.elements)
-                return follow(fine, wanted, guess, wanted, spending)
+                near = follow(
+                    coarse, known, rough, wanted, spending, ON_THE_WAY, _FIRST_STEP, False
+                ).state
+                guess, reached = (
+                    _moved(near.z, coarse.elements, fine.elements),
+                    near.acting.condition,
+                )
+                # A branch of few nodes may end where that of the arm does not.
+                step = 1.0 if reached is wanted else _FIRST_STEP
+                return follow(fine, reached, guess, wanted, spending, TOLERANCE, step)
             except ContinuationError:
                 raise  # Its budget is spent.
             except ConvergenceError:

@@ -5,7 +5,6 @@ A few of each for every change; all of them in the tests of endurance.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Iterator
