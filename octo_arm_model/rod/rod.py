@@ -314,9 +314,16 @@ class Rod:
                 roughly = self._at_level(given, COARSE)
                 rough = self.unloaded(coarse, roughly)[0]
                 start = roughly._replace(tip_wrench=np.zeros(6), factor=0.0)
-                near = follow(coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP)
-                guess = moved(near.state.z, coarse.elements, fine.elements)
-                return follow(fine, wanted, guess, wanted, spending)
+                near = follow(
+                    coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP, False
+                ).state
+                guess, reached = moved(near.z, coarse.elements, fine.elements), wanted
+                step = 1.0
+                if near.acting.condition is not roughly:
+                    # A branch of few nodes may end where that of the arm does not.
+                    reached = near.acting.condition._replace(before=wanted.before)
+                    step = _FIRST_STEP
+                return follow(fine, reached, guess, wanted, spending, TOLERANCE, step)
             except ContinuationError:
                 raise  # Its budget is spent.
             except ConvergenceError:
