@@ -79,15 +79,16 @@ def judge(problem: Problem, state: State) -> Judged:
 
 def follow(
     problem: Problem, known: Condition, z: FloatArray, wanted: Condition, spending: Spending,
-    tolerance: float = TOLERANCE, step: float = 1.0,
+    tolerance: float = TOLERANCE, step: float = 1.0, descends: bool = True,
 ) -> Judged:  # fmt: skip
     """Follow the equilibrium of twists ``z`` (N, m) under ``known`` to the condition ``wanted``.
 
     In one step where Newton's method then converges, else in several, of which the first is the
-    fraction ``step`` of the way.
+    fraction ``step`` of the way. Unless it ``descends`` it stops where the branch ends.
 
     Returns:
-        A stable equilibrium whose residual is at most ``tolerance``.
+        A stable equilibrium whose residual is at most ``tolerance``; where it stopped, the last
+        one on the branch.
 
     Raises:
         ConvergenceError: if none was found; it carries the last iterate.
@@ -95,6 +96,7 @@ def follow(
     """
     done, factors = 0.0, None
     last: tuple[FloatArray, float] | None = None
+    reached: Judged | None = None
     while True:
         target = min(1.0, done + step)
         acting = problem.acting(known.towards(wanted, target))
@@ -120,6 +122,8 @@ def follow(
             # No direction of descent follows without the tangent.
             raise _unbalanced(found.state, spending.iterations)
         if judged is None and step <= _SMALLEST_STEP:
+            if not descends and reached is not None:
+                return reached
             # The branch ends or is unstable. Just past its end the imbalance is small and descent
             # slow, so that it begins a little further on.
             target = min(1.0, done + _BEYOND)
@@ -132,7 +136,7 @@ def follow(
         if judged is not None:
             if target == 1.0:
                 return judged
-            done, z, factors = target, judged.state.z, judged.factors
+            done, z, factors, reached = target, judged.state.z, judged.factors, judged
         else:
             # A converged step is shortened by how large its correction was, another by a factor.
             shorter = min(_growth(found.corrected), 0.7) if is_found else 0.25

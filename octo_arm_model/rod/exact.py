@@ -6,15 +6,17 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Spending
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.derivatives import Derivatives
-from octo_arm_model.rod.equilibrium import Problem
+from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.statics import Setup, Shape, Statics
+from octo_arm_model.rod.winches import Winches
 
 
 class Exact(Statics):
@@ -38,6 +40,7 @@ class Exact(Statics):
         setting = Setting(setup.law == 'neo_hookean', setup.shear, compiled=setup.compiled)
         self.rod = Rod(setup.arm, setup.loads, setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
+        self._winches = Winches(self.rod)
         self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
         self._derivatives = functools.cache(lambda level: Derivatives(self.rod, level, setup.s))
 
@@ -52,6 +55,20 @@ class Exact(Statics):
         """See `Statics`."""
         return self.shape(self.rod.solve(tensions, tip_wrench, start, spending, before))
 
+    def wind(
+        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
+        start: Equilibrium | None, spending: Spending,
+    ) -> tuple[Shape, FloatArray] | None:  # fmt: skip
+        """See `Statics`."""
+        if self._setup.arm.friction:
+            return None
+        held = self._winches.solve(displacements, driven, condition, start, spending)
+        return self.shape(held.equilibrium), held.reached.displacement
+
+    def reeled_by_tension(self, found: Equilibrium, over: FloatArray) -> FloatArray | None:
+        """See `Statics`."""
+        return self._winches.changes(found, over)
+
     def shape(self, found: Equilibrium) -> Shape:
         """An equilibrium at the stations."""
         readout = self._readout(found.level)
@@ -61,7 +78,7 @@ class Exact(Statics):
             reading.position + self._setup.base[0],
             np.roll(reading.quaternion, -1, axis=1),
             strains_of(z),
-            readout.tensions(reading) if self._setup.arm.friction else None,
+            reading.tensions if self._setup.arm.friction else None,
             found,
         )
 

@@ -15,6 +15,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
+from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.tables import force_scale, tabulate, work_arrays
 
 ADDED_POINTS = 5  # in each element
@@ -30,6 +31,7 @@ class Reading(NamedTuple):
         moment: of all that acts beyond, in base_frame, without free moments, (S, 3) [N m].
         z: twists at the nodes of the finer problem, (n, m).
         acting: what acts at these.
+        tensions: of every tendon at the stations [N], (S, J).
     """
 
     position: FloatArray
@@ -37,6 +39,7 @@ class Reading(NamedTuple):
     moment: FloatArray
     z: FloatArray
     acting: Acting
+    tensions: FloatArray
 
 
 class Readout:
@@ -51,6 +54,7 @@ class Readout:
         self._to_finer = problem.elements.interpolation(finer.elements.s)
         self._integration = finer.elements.integration(s)
         self._interpolation = finer.elements.interpolation(s)
+        self._to_stations, self._s = problem.elements.interpolation(s), s
         own = problem.tables
         self._tables = tabulate(arm, finer.elements, own.base, widens=own.widens, s=s)
         self._work = work_arrays(self._tables, problem.strains, has_jacobian=False)
@@ -58,8 +62,12 @@ class Readout:
     def read(self, state: State) -> Reading:
         """Poses at the stations, by integrals from the base."""
         finer, condition = self._finer, state.acting.condition
-        if self._problem.has_friction or condition.tensions.ndim > 1:
-            local = np.ascontiguousarray(self._to_finer @ state.acting.tensions)
+        between = None
+        if condition.tensions.ndim > 1:
+            # Given at the nodes.
+            condition = condition._replace(tensions=self._to_finer @ condition.tensions)
+        elif self._problem.friction is not None:
+            local, between = self._slid(state)
             condition = condition._replace(tensions=local)
         work, z = finer.work, self._to_finer @ state.z
         acting = finer.evaluate(finer.acting(condition), z).acting
@@ -81,20 +89,33 @@ class Readout:
         turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
         # What acts beyond a station: the moment at the base less what is carried up to there.
         moment = finer.elements.weights @ carried - found[:, 7:]
-        return Reading(found[:, :3], turn, moment, z, acting)
+        if between is None:
+            between = self._interpolation @ acting.tensions
+        return Reading(found[:, :3], turn, moment, z, acting, between)
 
-    def tensions(self, reading: Reading) -> FloatArray:
-        """Tension of every tendon at the stations [N], (S, J)."""
-        return self._interpolation @ reading.acting.tensions
+    def _slid(self, state: State) -> tuple[FloatArray, FloatArray]:
+        """Tensions with friction at the finer nodes and at the stations, (n, J) and (S, J)."""
+        friction, before = self._problem.friction, state.acting.condition.before
+        assert friction is not None
+        sliding, mu = self._problem.sliding(state), self._problem.tables.friction
+        base = state.acting.condition.tensions
+        at_stations = mu * (self._to_stations @ sliding.angle)
+        if before is None:
+            finer = base * self._finer.tables.reach * np.exp(-mu * (self._to_finer @ sliding.angle))
+            return finer, base * self._tables.reach * np.exp(-at_stations)
+        assert sliding.along is not None
+        finer = friction.spread(friction.projection(self._finer.elements), sliding.along)
+        before = friction.fine.interpolation(self._s) @ before
+        return finer, clipped(base * self._tables.reach, before, at_stations)[0]
 
     def twists(self, reading: Reading) -> FloatArray:
         """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""
         acting, work, strains = reading.acting, self._work, reading.z.shape[1]
         between = self._interpolation @ np.concatenate(
-            [reading.z, acting.force, acting.couple, acting.tensions], axis=1
+            [reading.z, acting.force, acting.couple], axis=1
         )
         z = np.ascontiguousarray(between[:, :strains])
-        tensions = np.ascontiguousarray(between[:, strains + 6 :])
+        tensions = reading.tensions
         work.scale[:] = force_scale(self._tables, tensions)
         moment = reading.moment + between[:, strains + 3 : strains + 6]
         inverse = rotation_matrices(np.ascontiguousarray(reading.quaternion.T)).transpose(2, 1, 0)

@@ -109,7 +109,7 @@ class Rod:
         self._per_square = (
             (own.tables.compliance / bending.min()) if any(own.tables.compliance) else None
         )
-        self.has_friction = own.has_friction
+        self.has_friction = own.friction is not None
         with np.errstate(over='ignore', invalid='ignore'):
             straight = own.straight_resultants()
         places = np.concatenate([own.elements.edges, s])
@@ -139,7 +139,7 @@ class Rod:
         """The equilibrium under ``tensions`` (J,) [N] and a ``tip_wrench`` (6,) [N, N m].
 
         Followed from ``start``, or from the unloaded shape. Tendons with friction slide from
-        tensions ``before`` (N, J) [N] at the nodes of any level, or from slack.
+        tensions ``before`` (M, J) [N], see `Problem.history`, of any level, or from slack.
 
         Raises:
             SolveError: if there is no trustworthy answer.
@@ -168,23 +168,28 @@ class Rod:
             return found  # resolved as well as that
         return self._resolved(found, wanted, spending)
 
+    def _fine(self, level: int) -> Elements:
+        friction = self.problem(level).friction
+        assert friction is not None
+        return friction.fine
+
     def _level_of(self, before: FloatArray) -> int:
-        """The level at whose nodes ``before`` (N, J) is.
+        """The level at whose fine points ``before`` (M, J) is.
 
         Raises:
             ConfigError: if it is at those of no level of this arm.
         """
         for level in (*range(len(LEVELS)), COARSE):
-            if len(before) == self.problem(level).elements.s.size:
+            if len(before) == self._fine(level).s.size:
                 return level
         raise ConfigError('the backbone was solved by another solver')
 
     def _at_level(self, condition: Condition, level: int) -> Condition:
-        """The ``condition`` with tensions ``before`` at the nodes of a ``level``."""
+        """The ``condition`` with tensions ``before`` at the fine points of a ``level``."""
         before = condition.before
         if before is None or (given := self._level_of(before)) == level:
             return condition
-        own = moved(before, self.problem(given).elements, self.problem(level).elements)
+        own = moved(before, self._fine(given), self._fine(level))
         return condition._replace(before=own)
 
     def _at_least(self, start: Equilibrium | None, before: FloatArray | None) -> Equilibrium | None:
@@ -225,7 +230,7 @@ class Rod:
         z = initial_twists(problem.tables, local, problem.strains)
         given = problem.form, problem.tables, problem.work
         found = balance_sections(*given, local, np.zeros_like(z), z)
-        if problem.has_friction:
+        if problem.friction is not None:
             local = problem.first_tensions(wanted, found[0])
             found = balance_sections(*given, local, np.zeros_like(z), found[0])
         return found
@@ -309,9 +314,16 @@ class Rod:
                 roughly = self._at_level(given, COARSE)
                 rough = self.unloaded(coarse, roughly)[0]
                 start = roughly._replace(tip_wrench=np.zeros(6), factor=0.0)
-                near = follow(coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP)
-                guess = moved(near.state.z, coarse.elements, fine.elements)
-                return follow(fine, wanted, guess, wanted, spending)
+                near = follow(
+                    coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP, False
+                ).state
+                guess, reached = moved(near.z, coarse.elements, fine.elements), wanted
+                step = 1.0
+                if near.acting.condition is not roughly:
+                    # A branch of few nodes may end where that of the arm does not.
+                    reached = near.acting.condition._replace(before=wanted.before)
+                    step = _FIRST_STEP
+                return follow(fine, reached, guess, wanted, spending, TOLERANCE, step)
             except ContinuationError:
                 raise  # Its budget is spent.
             except ConvergenceError:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.laws import DEFAULT_LAW, LAWS
@@ -28,6 +28,7 @@ from octo_arm_model.core.errors import (
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.closed_form import ClosedForm
+from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.exact import Exact
 from octo_arm_model.rod.load_limits import LoadLimits, tip_wrench_of
 from octo_arm_model.rod.papers import Papers
@@ -437,6 +438,37 @@ class Solver:
         that do not wind about the midline.
         """
         return self._statics.rest_lengths_by_offset(self._own(backbone))
+
+    def wind(
+        self, displacements: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
+        tip_wrench: ArrayLike | None, start: Backbone | None,
+    ) -> tuple[Backbone, FloatArray] | None:  # fmt: skip
+        """Shape with ``displacements`` (J,) [m] of the ``driven`` tendons, and those of all.
+
+        With ``tensions`` (J,) [N] of the others. None for other models than exact, and for tendons
+        with friction. Other arguments and errors are those of `solve`.
+        """
+        checked = check_tensions(self.arm, tensions.reshape(self.arm.tension_shape))
+        self._limits.check_tensions(checked)
+        wrench = self._wrench
+        if tip_wrench is not None:
+            wrench = wrench + self.check_tip_wrench(tip_wrench)
+        near = None if start is None else self._own(start)
+        condition, spending = Condition(checked.ravel(), wrench), self._allowance.spending()
+        found = self._statics.wind(displacements, driven, condition, near, spending)
+        if found is None:
+            return None
+        shape, displacement = found
+        pulled = shape.equilibrium.state.acting.condition.tensions.reshape(self.arm.tension_shape)
+        self._limits.check_tensions(pulled)
+        return self._of_one(pulled, wrench, shape), displacement
+
+    def reeled_by_tension(self, backbone: Backbone, over: FloatArray) -> FloatArray | None:
+        """Changes of displacements over those of tensions by ``over`` (J,) [N], (J, J) [m/N].
+
+        Of a single solution; None for other models than exact.
+        """
+        return self._statics.reeled_by_tension(self._own(backbone), over)
 
     def _own(self, backbone: Backbone) -> Equilibrium:
         """The equilibrium of a single solution of this solver.

@@ -8,13 +8,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Allowance, Spending
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.rod.elements import LEVELS
-from octo_arm_model.rod.equilibrium import Problem
+from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.lengths import rest_stretches, rest_stretches_by_offset, tendon_lengths
 from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
@@ -100,6 +101,17 @@ class Statics(abc.ABC):
         Raises:
             SolveError: if there is no trustworthy answer.
         """
+
+    def wind(
+        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
+        start: Equilibrium | None, spending: Spending,
+    ) -> tuple[Shape, FloatArray] | None:  # fmt: skip
+        """See `Winches.solve`: a shape and what is reeled in there; None where this cannot."""
+        return None
+
+    def reeled_by_tension(self, found: Equilibrium, over: FloatArray) -> FloatArray | None:
+        """See `Solver.reeled_by_tension`; None where this cannot."""
+        return None
 
     @abc.abstractmethod
     def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:

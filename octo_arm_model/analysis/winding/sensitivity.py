@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.analysis.winding.newton import Wound
+from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.analysis.winding.tendon_displacement import (
     displacement_change,
     displacements_by_tension,
