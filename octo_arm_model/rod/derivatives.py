@@ -447,9 +447,7 @@ def _along(matrix: FloatArray, values: FloatArray) -> FloatArray:
     return product.reshape(-1, *values.shape[1:])
 
 
-def _moved(
-    rotation: FloatArray, slope: FloatArray, turn: FloatArray, z: FloatArray
-) -> FloatArray:
+def _moved(rotation: FloatArray, slope: FloatArray, turn: FloatArray, z: FloatArray) -> FloatArray:
     """Rates of displacement (n, 3, columns) by a ``turn`` (n, 3, columns) and by twists ``z``."""
     found = rotation[..., : z.shape[1] - 3] @ z[:, 3:]
     found -= _skew(slope) @ turn
@@ -468,4 +466,3 @@ def _turned(rotation: FloatArray, wrench: FloatArray, strains: int) -> FloatArra
 def _skew(vectors: FloatArray) -> FloatArray:
     """Matrices (n, 3, 3) of the cross product of ``vectors`` (n, 3) with another."""
     return (vectors @ _SKEW).reshape(-1, 3, 3)
-

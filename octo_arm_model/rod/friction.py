@@ -80,9 +80,7 @@ class Friction:
         rows = matrix @ values.reshape(self._elements.lengths.size, -1, values.shape[1])
         return rows.reshape(-1, values.shape[1])
 
-    def slide(
-        self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray
-    ) -> Sliding:
+    def slide(self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray) -> Sliding:
         """Tendons that turn by ``angle`` (N, J) [rad] under ``tensions`` (J,) [N] at the base.
 
         From tensions ``before`` (M, J) [N] at the fine points, or from slack.

@@ -13,11 +13,11 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Spending
 from octo_arm_model.core.errors import ConfigError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.rod.closed_form import ClosedForm
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.closed_form import ClosedForm
 from octo_arm_model.rod.exact import strains_of
-from octo_arm_model.rod.friction import slide_along
+from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.lengths import lengths_of, rest_stretches
 from octo_arm_model.rod.paper_balance import Strains
 from octo_arm_model.rod.read_out import ADDED_POINTS, integrate_poses
@@ -112,12 +112,12 @@ class Papers(Statics):
         for number in range(len(LEVELS)):
             level = self._at(number)
             problem, nodes = level.problem, level.problem.elements.s.size
-            history = None if before is None else self._at_nodes(before, problem)
+            history = None if before is None else self._at_fine(before, problem)
             acting = problem.acting(Condition(tensions, tip_wrench, before=history))
             along = None
             if self._setup.arm.friction:
-                found, local = self._slide(level, tensions, history)
-                acting, along = acting._replace(tensions=local), level.between @ local
+                found, local, along = self._slide(level, tensions, history)
+                acting = acting._replace(tensions=local)
             else:
                 found = level.equations.solve(tensions)
             self._check(problem, found.twist[3])
@@ -138,8 +138,8 @@ class Papers(Statics):
 
     def _slide(
         self, level: _Level, tensions: FloatArray, before: FloatArray | None
-    ) -> tuple[Strains, FloatArray]:
-        """Strains, and tensions along tendons with friction at the nodes, (N, J) [N].
+    ) -> tuple[Strains, FloatArray, FloatArray]:
+        """Strains, and tensions along tendons with friction at nodes and stations, (n, J) [N].
 
         What bends the arm at a node depends on how it is bent before it, so that iterating both
         converges.
@@ -147,32 +147,35 @@ class Papers(Statics):
         Raises:
             ConvergenceError: if it does not.
         """
-        problem, equations = level.problem, level.equations
-        assert isinstance(equations, ClosedForm)
-        local = tensions * problem.tables.reach
+        problem, equations, friction = level.problem, level.equations, level.problem.friction
+        assert isinstance(equations, ClosedForm) and friction is not None
+        setup, tables = self._setup, problem.tables
+        base = tensions * (setup.arm.tendon_section <= setup.section[:, np.newaxis])
+        held = None if before is None else friction.fine.interpolation(setup.s) @ before
+        local, at_stations = tensions * tables.reach, base
         for steps in range(1, _MOST_STEPS):
-            both = np.concatenate([local, level.between @ local])
+            both = np.concatenate([local, at_stations])
             twist = equations.local_twist(both.T[:, np.newaxis])[:, 0]
             z = np.ascontiguousarray(twist[:, : len(local)].T)
-            found = slide_along(
-                problem.tables, problem.form, z, tensions, before, problem.work
-            ).tensions
-            change = float(np.abs(found - local).max())
-            local = found
+            found = friction.slide_along(z, tensions, before, problem.work)
+            loss = tables.friction * (level.between @ found.angle)
+            at_stations = clipped(base, np.zeros_like(base) if held is None else held, loss)[0]
+            change = float(np.abs(found.tensions - local).max())
+            local = found.tensions
             if change <= _SETTLED * float(tensions.max()):
-                return Strains(twist, 0.0, steps), local
+                return Strains(twist, 0.0, steps), local, at_stations
         raise ConvergenceError('the tension of tendons with friction', change, _MOST_STEPS)
 
-    def _at_nodes(self, before: FloatArray, problem: Problem) -> FloatArray:
-        """Tensions ``before`` (n, J) at the nodes of any level, at those of ``problem``.
+    def _at_fine(self, before: FloatArray, problem: Problem) -> FloatArray:
+        """Tensions ``before`` (M, J) at the fine points of any level, at those of ``problem``.
 
         Raises:
             ConfigError: if they are at those of none.
         """
         for level in range(len(LEVELS)):
-            elements = self.problem(level).elements
-            if elements.s.size == len(before):
-                return moved(before, elements, problem.elements)
+            fine = self.problem(level).elements.fine
+            if fine.s.size == len(before):
+                return moved(before, fine, problem.elements.fine)
         raise ConfigError('the backbone was solved by another solver')
 
     def _check(self, problem: Problem, stretch: FloatArray) -> None:
@@ -215,8 +218,9 @@ def sensitivity(level: _Level, state: State) -> Sensitivity:
     tensions, nodes = state.acting.condition.tensions, problem.elements.s.size
     stiffness = float(problem.tables.body[:, AXIAL].min())
     step = 1e-6 * max(float(tensions.max()), 1e-3 * stiffness)
-    own, rest, counts, local = np.eye(tensions.size), rest_stretches(problem.tables), [], None
-    if problem.has_friction:
+    own, rest = np.eye(tensions.size), rest_stretches(problem.tables)
+    local: FloatArray | None = None
+    if problem.friction is not None:
         assert isinstance(equations, ClosedForm)
         both = np.concatenate([state.acting.tensions, level.between @ state.acting.tensions])
         stepped = both.T[:, np.newaxis] + 1j * step * own[..., np.newaxis]
@@ -241,7 +245,8 @@ def sensitivity(level: _Level, state: State) -> Sensitivity:
     for where in (slice(tendons), slice(tendons, tendons + 1), slice(tendons + 1, None)):
         some = None if mean is None else mean[:, where]
         parts.append(Change(pose[..., where], strains[..., where], length[..., where], some))
-    return Sensitivity(*parts[:2], by_friction=None if mean is None else parts[2])
+    by_friction = None if mean is None else parts[2]
+    return Sensitivity(parts[0], parts[1], by_friction=by_friction)
 
 
 def _with_friction(

@@ -101,7 +101,9 @@ class Readout:
         base = state.acting.condition.tensions
         at_stations = mu * (self._to_stations @ sliding.angle)
         if before is None:
-            finer = base * self._finer.tables.reach * np.exp(-mu * (self._to_finer @ sliding.angle))
+            finer = (
+                base * self._finer.tables.reach * np.exp(-mu * (self._to_finer @ sliding.angle))
+            )
             return finer, base * self._tables.reach * np.exp(-at_stations)
         assert sliding.along is not None
         finer = friction.spread(friction.projection(self._finer.elements), sliding.along)

@@ -192,7 +192,9 @@ class Rod:
         own = moved(before, self._fine(given), self._fine(level))
         return condition._replace(before=own)
 
-    def _at_least(self, start: Equilibrium | None, before: FloatArray | None) -> Equilibrium | None:
+    def _at_least(
+        self, start: Equilibrium | None, before: FloatArray | None
+    ) -> Equilibrium | None:
         """The ``start`` on no fewer nodes than ``before`` is given at."""
         if start is None or before is None or (level := self._level_of(before)) <= start.level:
             return start
