@@ -46,18 +46,20 @@ LAWS = {
 
 
 class Case(NamedTuple):
-    """A rod of a law, in sheaths or not, loaded or not, in one of the forms."""
+    """A rod of a law, in sheaths or not, loaded or not, in one of the forms, with friction."""
 
     law: str
     is_sheathed: bool
     is_loaded: bool
     compiled: bool
+    friction: tuple[float, ...] = ()
 
     def rod(
         self, young: float = 0.0, poisson: float = 0.0, farther: FloatArray = np.zeros(6),
         stiffer: FloatArray = np.zeros(6), units: FloatArray = np.zeros(2),
+        rougher: FloatArray = np.zeros(6),
     ) -> Rod:  # fmt: skip
-        """Of other E, nu, distances of tendons from the midline, sheaths and unit loads."""
+        """Of other E, nu, distances of tendons, sheaths, unit loads and friction."""
         material = Material(1.1e5 * (1.0 + young), 0.4 + poisson, 1080.0)
         moves, sections = iter(farther), []
         for section in HELICES:
@@ -70,6 +72,8 @@ class Case(NamedTuple):
             sections.append(RoutedSection(section.anchorage, tuple(tendons)))
         sheaths = tuple(np.where(np.array(SHEATHS) > 0.0, SHEATHS + stiffer, 0.0))
         own = {'sheath_stiffness': sheaths} if self.is_sheathed else {}
+        if self.friction:
+            own['friction'] = tuple(self.friction + rougher)
         loads = _with(units) if self.is_loaded else Loads()
         setting = LAWS[self.law]._replace(compiled=self.compiled)
         return Rod(Arm(material, CONE, tuple(sections), **own), loads, setting=setting)
@@ -94,6 +98,13 @@ CASES = [
     for law in LAWS for sheathed in (False, True) for loaded in (True, False)
     for compiled in (False, True)
 ]  # fmt: skip
+MU = (0.1, 0.3, 0.05, 0.2, 0.4, 0.15)
+CASES += [
+    Case('neo_hookean', sheathed, loaded, compiled, MU)
+    for sheathed, loaded in ((True, True), (False, True), (False, False))
+    for compiled in (False, True)
+]
+CASES.append(Case('shear', True, True, False, MU))
 
 
 class Solved(NamedTuple):
@@ -215,6 +226,19 @@ def test_by_the_stiffness_of_each_sheath(solved: Solved) -> None:
     )  # fmt: skip
 
 
+def test_by_the_friction_of_each_tendon(solved: Solved) -> None:
+    change = solved.sensitivity.by_friction
+    if not solved.case.friction:
+        assert change is None
+        return
+    assert change is not None
+    assert_derivative(
+        change,
+        lambda x: solved.outcome(solved.case.rod(rougher=x), TENSIONS, solved.wrench),
+        np.full(6, 0.01),
+    )  # fmt: skip
+
+
 def test_by_loads_of_any_magnitude(solved: Solved) -> None:
     if not solved.case.is_loaded:
         return
@@ -227,7 +251,8 @@ def test_by_loads_of_any_magnitude(solved: Solved) -> None:
 
 def test_without_offsets_all_else_is_the_same(solved: Solved) -> None:
     some = solved.derivatives.sensitivity(solved.found.state, by_offsets=False)
-    assert some.by_offset is some.by_sheath_stiffness is None
+    if not solved.case.friction:
+        assert some.by_offset is some.by_sheath_stiffness is None
     for name in ('by_tension', 'by_tip_wrench', 'by_youngs_modulus', 'by_poisson_ratio'):
         one, other = getattr(some, name), getattr(solved.sensitivity, name)
         for field in ('pose', 'strain', 'tendon_length'):
