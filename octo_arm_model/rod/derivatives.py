@@ -242,9 +242,11 @@ class Derivatives:
             ConvergenceError: if the Jacobian is singular.
         """
         problem = self._problem
-        wrenches = [problem.loads.tabulate(self._arm, problem.elements, one) for one in loads]
-        columns = _Columns.of(0, len(loads), 0, 0, 0, 0)
-        return self._change(state, columns, np.concatenate(np.stack(wrenches, axis=-1), axis=1))
+        wrenches = np.empty((problem.elements.s.size, 6, len(loads)))
+        for number, one in enumerate(loads):
+            dead = problem.loads.tabulate(self._arm, problem.elements, one)
+            wrenches[..., number] = np.concatenate(dead, axis=1) + one.tip_wrench
+        return self._change(state, _Columns.of(0, len(loads), 0, 0, 0, 0), wrenches)
 
     def tip_covariance(self, state: State, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip in the equilibrium ``state``, by the adjoint.
