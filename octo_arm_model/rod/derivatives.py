@@ -217,7 +217,7 @@ class Derivatives:
             LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
-        tendons, slides = self._rest_lengths.size, self._problem.tension_changes(state) is not None
+        tendons, slides = self._rest_lengths.size, self._problem.friction is not None
         moved = tendons * (by_offsets or slides)
         sheaths = moved * bool(self._problem.tables.compliance.any())
         columns = _Columns.of(tendons, 6, 2, moved, sheaths, tendons * slides)
@@ -288,7 +288,7 @@ class Derivatives:
         if kept is None or kept.state is not state:
             problem.others.require_tangents('sensitivity')
             factors, slides = problem.linearise(state), problem.tension_changes(state)
-            rates = problem.tables.reach if slides is None else slides.by_base_tension()
+            rates = problem.tension_rates(state)
             copies = [getattr(problem.work, name).copy() for name in _Linear._fields[4:]]
             kept = self._kept = _Linear(state, factors, slides, rates, *copies)
         return kept
@@ -303,7 +303,8 @@ class Derivatives:
         by_local = stretch.length_by_z.swapaxes(1, 2)
         push = sections.imbalance(columns)
         local = self._local_changes(linear, columns)
-        if slides is None:
+        has_friction = self._problem.friction is not None
+        if not has_friction:
             push[..., columns.tension] += by_local[..., : columns.tension.stop]
         else:
             push[:nodes] += by_local[:nodes] @ local
@@ -313,8 +314,9 @@ class Derivatives:
         push[:nodes, :, columns.loads] -= at_nodes
         z = linear.factors.solve(-push[:nodes].reshape(-1, columns.total))
         z = z.reshape(nodes, -1, columns.total)
-        if slides is not None:
-            local += slides.by_twists(z)
+        if has_friction:
+            if slides is not None:
+                local += slides.by_twists(z)
             push[nodes:] += by_local[nodes:] @ _along(self._between, local)
         pose, strain = self._read(linear, finer, columns, z, push[nodes:], wrenches)
         by_z = weights[:, np.newaxis, np.newaxis] * stretch.length_by_z[:nodes]
@@ -325,7 +327,7 @@ class Derivatives:
         for where, moved in sections.moved(columns):
             length[own, where.start + own] += weights @ moved.stretch[:nodes]
         mean = None
-        if slides is not None:
+        if has_friction:
             mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
             mean /= self._rest_lengths[:, np.newaxis]
         return Change(pose, strain, length, mean)

@@ -15,8 +15,6 @@ from octo_arm_model.rod.friction import Changes, Friction, Sliding
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
 from octo_arm_model.rod.tables import AXIAL, LEVER, Tables, force_scale, work_arrays
 
-_LITTLE = 1e-100  # tension [N]
-
 
 class Condition(NamedTuple):
     """What acts on the arm.
@@ -239,17 +237,13 @@ class Problem:
     def tension_rates(self, state: State) -> FloatArray:
         """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
         changes = self.tension_changes(state)
+        if changes is not None:
+            return changes.by_base_tension()
         if self.friction is None or state.acting.condition.tensions.ndim > 1:
             return self.tables.reach
-        rates = self.tables.reach.copy() if changes is None else changes.by_base_tension()
-        slack = state.acting.condition.tensions == 0.0
-        if slack.any():
-            # Those that nobody pulls are drawn in, along angles that are not made otherwise.
-            along = np.where(slack, _LITTLE * self.tables.reach, state.acting.tensions)
-            self.form.angles(self.tables, state.z, along, self.work)
-            kept = np.exp(-self.tables.friction * self.work.angle)
-            rates[:, slack] = (self.tables.reach * kept)[:, slack]
-        return rates
+        # Nobody pulls.
+        angle = self.friction.angles_of_all(state.z, self.sliding(state), self.work)
+        return np.asarray(self.tables.reach * np.exp(-self.tables.friction * angle))
 
     def has_energy(self, condition: Condition) -> bool:
         """Whether all loads derive from an energy: a moment fixed in base_frame does not."""
