@@ -121,7 +121,7 @@ class _Linear(NamedTuple):
     Attributes:
         state: the equilibrium.
         factors: of the Jacobian.
-        slides: how tensions with friction change; None without friction.
+        slides: how tensions with friction change; None where none do.
         rates: derivatives of local tensions by those at the base at fixed twists, (N, J).
         quaternion: with the following, as in `Work`.
     """
@@ -197,7 +197,7 @@ class Derivatives:
             LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
-        tendons, slides = self._rest_lengths.size, self._linearised(state).slides is not None
+        tendons, slides = self._rest_lengths.size, self._problem.friction is not None
         moved = tendons * (by_offsets or slides)
         columns = _columns(
             tension=tendons, youngs_modulus=1, tip_wrench=6, poisson_ratio=1, offset=moved,
@@ -263,7 +263,7 @@ class Derivatives:
         if kept is None or kept.state is not state:
             problem.others.require_tangents('sensitivity')
             factors, slides = problem.linearise(state), problem.tension_changes(state)
-            rates = problem.tables.reach if slides is None else slides.by_base_tension()
+            rates = problem.tension_rates(state)
             copies = [getattr(problem.work, name).copy() for name in _Linear._fields[4:]]
             kept = self._kept = _Linear(state, factors, slides, rates, *copies)
         return kept
@@ -278,7 +278,8 @@ class Derivatives:
         by_local = stretch.length_by_z.swapaxes(1, 2)
         push = sections.imbalance(columns, total)
         local = self._local_changes(linear, columns, total)
-        if slides is not None:
+        has_friction = self._problem.friction is not None
+        if has_friction:
             push[:nodes] += by_local[:nodes] @ local
         elif 'tension' in columns:
             push[..., columns['tension']] += by_local
@@ -288,6 +289,7 @@ class Derivatives:
         z = linear.factors.solve(-push[:nodes].reshape(-1, total)).reshape(nodes, -1, total)
         if slides is not None:
             local += slides.by_twists(z)
+        if has_friction:
             push[nodes:] += by_local[nodes:] @ _along(self._between, local)
         if self._problem.others.loads:
             # Those that follow the shape change in all columns.
@@ -306,7 +308,7 @@ class Derivatives:
             moved = getattr(sections, f'by_{name}').stretch[:nodes]
             length[own, columns[name].start + own] += weights @ moved
         mean = None
-        if slides is not None:
+        if has_friction:
             mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
             mean /= self._rest_lengths[:, np.newaxis]
         return Change(pose, strain, length, mean)
