@@ -162,13 +162,16 @@ def assert_derivative(
     pose, strain = change.pose, change.strain
     parts = pose[:, :3], pose[:, 3:], strain[:, :3], strain[:, 3], change.tendon_length
     first = 0
-    for part in parts:
+    for number, part in enumerate(parts):
         columns = part.reshape(-1, steps.size)
         own = expected[first : first + len(columns)]
         first += len(columns)
         # Not of what is left where columns cancel each other.
         scale = (np.abs(columns) @ np.abs(direction)).max()
-        np.testing.assert_allclose(columns @ direction, own, rtol=0.0, atol=1e-5 * scale)
+        # Between nodes changes of tensions with friction are interpolated, and strains with them.
+        is_rough = change.tendon_tension is not None and number in (2, 3)
+        atol = (2e-4 if is_rough else 1e-5) * scale
+        np.testing.assert_allclose(columns @ direction, own, rtol=0.0, atol=atol)
     assert first == expected.size
 
 
