@@ -79,7 +79,7 @@ class Finer:
         return np.asarray(base * np.exp(-loss))
 
     def loss(self, acting: Acting, z: FloatArray) -> FloatArray:
-        """mu theta of tendons with friction under what is ``acting`` at twists ``z``, (n, J)."""
+        """Mu theta of tendons with friction under what is ``acting`` at twists ``z``, (n, J)."""
         own = self.own
         own.form.angles(own.tables, z, acting.tensions, own.work)
         return own.work.angle * own.tables.friction

@@ -28,7 +28,7 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
-from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.rod.forms import is_available
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.budget import Budget
 from octo_arm_model.core.models import loaded_exact, sliding
