@@ -19,6 +19,7 @@ from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.tables import force_scale, tabulate, work_arrays
 
 ADDED_POINTS = 5  # in each element
+_READ = 0.1  # part of the error between nodes that is left where finer points are read
 _STEPS = 2  # of Newton's method, of every section at the stations
 
 
@@ -86,17 +87,15 @@ class Finer:
 
     def friction_error(self, state: State) -> float:
         """Estimated error of tensions with friction, in parts of them."""
-        means = [
-            (one.elements.weights[:, np.newaxis] * loss).reshape(
-                one.elements.lengths.size, one.elements.points, -1
-            ).sum(axis=1)
-            for one, loss in (
-                (self.problem, self.problem.sliding(state).angle * self.problem.tables.friction),
-                (self.own, self.loss(*self.balance(state))),
-            )
-        ]  # fmt: skip
-        change = (means[0] - means[1]) / self.own.elements.lengths[:, np.newaxis]
-        return float(np.abs(change).max())
+        at_nodes = self.problem.sliding(state).angle * self.problem.tables.friction
+        finer, elements = self.loss(*self.balance(state)), self.own.elements.lengths.size
+        change = []
+        for one, loss in ((self.problem, at_nodes), (self.own, finer)):
+            parts = one.elements.weights[:, np.newaxis] * loss
+            change.append(parts.reshape(elements, one.elements.points, -1).sum(axis=1))
+        mean = np.abs(change[0] - change[1]) / self.own.elements.lengths[:, np.newaxis]
+        between = np.abs(self._between @ at_nodes - finer)
+        return float(max(mean.max(), _READ * between.max()))
 
 
 class Readout:
@@ -137,6 +136,7 @@ class Readout:
         """Tensions with friction at the stations (S, J), where ``loss`` (S, J) is mu theta."""
         friction, condition = self._problem.friction, state.acting.condition
         base = condition.tensions * self._tables.reach
+        loss[self._s == 0.0] = 0.0
         if condition.before is None:
             return np.asarray(base * np.exp(-loss))
         assert friction is not None
