@@ -386,7 +386,7 @@ class Bends:
 def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Angle by which every tendon has turned between the base and every node, see `loops`."""
     bends, elements = Bends(tables, z, tensions, work), tables.lengths.size
-    rate = bends.rate.reshape(elements, -1, bends.rate.shape[1])
+    rate = bends.rate.reshape(elements, len(tables.to_end), bends.rate.shape[1])
     size = 0.5 * np.sqrt((bends.kink * bends.kink).sum(axis=0))
     kinks = 2.0 * np.arcsin(np.minimum(size, 1.0)).cumsum(axis=0)
     rate = rate * tables.lengths[:, np.newaxis, np.newaxis]
