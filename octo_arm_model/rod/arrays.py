@@ -399,7 +399,7 @@ class Bends:
 def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Angle by which every tendon has turned between the base and every node, see `loops`."""
     bends, elements = Bends(tables, z, tensions, work), tables.lengths.size
-    rate = bends.rate.reshape(elements, -1, bends.rate.shape[1])
+    rate = bends.rate.reshape(elements, len(tables.to_end), bends.rate.shape[1])
     kinks = bends.kink_angles.cumsum(axis=0)
     whole = tables.weights[: len(tables.to_end)] / tables.lengths[0] @ rate
     angle = tables.to_point @ rate
