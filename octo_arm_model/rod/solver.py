@@ -206,7 +206,8 @@ class Solver:
             return self._of_one(tensions, wrench, shape)
         count, stations = math.prod(lead), self.grid.s.size
         wrenches = np.broadcast_to(wrench, (*lead, 6))
-        rows, on_tips = tensions.reshape(count, -1), wrenches.reshape(count, 6)
+        rows = tensions.reshape(count, len(self.arm.tendons))
+        on_tips = wrenches.reshape(count, 6)
         position, quaternion = np.empty((count, stations, 3)), np.empty((count, stations, 4))
         strains, along = np.empty((4, count, stations)), None
         residual, iterations = np.empty(count), np.empty(count, np.int64)
@@ -228,7 +229,7 @@ class Solver:
             tensions, wrenches, position.reshape(*lead, stations, 3),
             quaternion.reshape(*lead, stations, 4), strains.reshape(4, *lead, stations),
             residual.reshape(lead), iterations.reshape(lead),
-            None if along is None else along.reshape(*lead, stations, -1),
+            None if along is None else along.reshape(*lead, *self._reach.shape),
         )  # fmt: skip
 
     def _of_one(self, tensions: FloatArray, wrench: FloatArray, shape: Shape) -> Backbone:
@@ -252,7 +253,7 @@ class Solver:
         if along is not None:
             along = along * self._reach
             # At the base they are given, not interpolated from points beyond.
-            along[..., 0, :] = tensions.reshape(*along.shape[:-2], -1) * self._reach[0]
+            along[..., 0, :] = tensions.reshape(along[..., 0, :].shape) * self._reach[0]
         for array in (
             tensions, wrench, position, quaternion, strains, residual, iterations, along, history
         ):  # fmt: skip
