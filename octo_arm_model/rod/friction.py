@@ -9,7 +9,8 @@ the tension is the nearest to ``before`` that friction holds,
 
 It is the play operator of hysteresis, and from slack, before = 0, the monotone pull. theta follows
 from the twists, see `loops.angles`, so that T is a function of them, and so are its derivatives:
-dT = slip mu T dtheta, slip -1 where a tendon is drawn in, 1 where it is let out, 0 where it sticks.
+dT = slip mu T dtheta, slip -1 where a tendon is drawn in, 1 where it is let out and 0 where it
+sticks.
 """
 
 from __future__ import annotations
@@ -180,8 +181,8 @@ class Changes:
         self._inverse: FloatArray | None = None
         if self._tendons.compliance.any():
             own = np.einsum('jikc,ckj->jik', self._by_u, self._directions.by_tension())
-            self._inverse = np.linalg.inv(np.eye(len(z)) - self._slid(own))
-            by_z = self._inverse @ by_z
+            inverse = np.linalg.inv(np.eye(len(z)) - self._slid(own))
+            self._inverse, by_z = np.asarray(inverse, dtype=np.float64), inverse @ by_z
         self.by_z = by_z.reshape(*self._by_u.shape[:3], -1)
 
     def _by_angle(self) -> FloatArray:
@@ -260,7 +261,7 @@ class Changes:
         friction, (tensions, angle, along, slip) = self._friction, self._sliding
         reach, mu = self._tables.reach, self._tables.friction
         if along is None or slip is None:
-            return reach * of(tensions, np.float64(-1.0), mu * angle)
+            return np.asarray(reach * of(tensions, -np.ones_like(angle), mu * angle))
         angle = friction.spread(friction.to_fine, angle)
         return reach * friction.spread(friction.to_nodes, of(along, slip, mu * angle))
 

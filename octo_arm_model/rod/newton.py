@@ -11,7 +11,7 @@ from typing import NamedTuple
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
-from octo_arm_model.rod.factors import Factors
+from octo_arm_model.rod.factors import Linear
 
 MOST = 15  # iterations of one search
 # Part of a residual that a step has to leave at most: the first by factors from elsewhere, the
@@ -34,7 +34,7 @@ class Found(NamedTuple):
     """
 
     state: State
-    factors: Factors | None
+    factors: Linear | None
     iterations: int
     corrected: float
 
@@ -67,7 +67,7 @@ class Chord:
 
 def settle(
     problem: Problem, acting: Acting, z: FloatArray, tolerance: float,
-    factors: Factors | None = None,
+    factors: Linear | None = None,
 ) -> Found:  # fmt: skip
     """Search for a balance from the twists ``z`` (N, m), with ``factors`` from nearby if any.
 

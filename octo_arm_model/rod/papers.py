@@ -16,7 +16,6 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.rod.closed_form import ClosedForm
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.exact import strains_of
 from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.lengths import lengths_of, rest_stretches
 from octo_arm_model.rod.paper_balance import Strains
@@ -24,11 +23,10 @@ from octo_arm_model.rod.read_out import ADDED_POINTS, integrate_poses
 from octo_arm_model.rod.resolution import position_error
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting, moved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.statics import Setup, Shape, Statics
+from octo_arm_model.rod.statics import Setup, Shape, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL
 from octo_arm_model.rod.tendons import tendon_stretch
 
-_ACCURACY = 1e-8  # of positions, over the length
 _MOST_STEPS = 100  # of tensions with friction
 _SETTLED = 1e-13  # change of these, over the largest tension
 
@@ -124,7 +122,7 @@ class Papers(Statics):
             z = np.ascontiguousarray(found.twist[:, :nodes].T)
             problem.form.orientations(problem.tables, z, problem.work)
             error = position_error(problem.elements, z, problem.work.slope)
-            if error <= _ACCURACY:
+            if error <= self._setup.accuracy:
                 break
         position, turn = integrate_poses(problem, z, level.integration)
         state = State(acting, z, np.zeros_like(z), float(found.residual))
