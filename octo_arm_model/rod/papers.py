@@ -268,11 +268,11 @@ def _with_friction(
     direct[..., tendons] = -tensions
     at_nodes = by_local[..., :nodes].transpose(2, 0, 1)
     rows = (at_nodes @ direct).reshape(4 * nodes, -1)
-    by_z = np.zeros((tendons, nodes, 4 * nodes))
-    by_z[slides.pulled] = slides.by_z.reshape(-1, nodes, 4 * nodes)
-    coupled = (at_nodes @ by_z.swapaxes(0, 1)).reshape(4 * nodes, -1)
+    # Derivatives of the tensions by z, (N, J, 4 N).
+    by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
+    coupled = (at_nodes @ by_z).reshape(4 * nodes, -1)
     z = np.linalg.solve(np.eye(4 * nodes) - coupled, rows)
-    effective = direct + (by_z @ z).swapaxes(0, 1)
+    effective = direct + by_z @ z
     stations = np.tensordot(level.between, effective, 1)
     change = np.einsum('ajn,njc->acn', by_local, np.concatenate([effective, stations]))
     # The tensions themselves do not change with E as their effect does.
