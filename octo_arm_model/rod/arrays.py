@@ -21,6 +21,7 @@ from octo_arm_model.rod.tables import (
 )
 
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
+ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, from which see `Bends`
 _SETTLED = 1e-14  # change of an offset, over the lever
 # Indices for a cross product by one multiplication of permuted components.
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
@@ -359,6 +360,8 @@ class Bends:
         width, widening: radius over reference radius and its slope by the stretch, (n, 1).
         bend: derivative by s of their unit tangents, in the axes of the section, (3, n, J) [1/m].
         rate: its length, (n, J) [1/m], zero beyond the anchorage.
+        is_rough: where a bend turns so far within an element that its length is taken at fine
+            points, (E, J).
         kink: jumps of the unit tangents at the starts of elements, (3, E, J), zero where there
             is none.
     """
@@ -377,6 +380,10 @@ class Bends:
         self.bend = slope.reshape(unit.shape)
         self.bend += _cross(z[:, np.newaxis, :3], unit.transpose(1, 2, 0)).transpose(2, 0, 1)
         self.rate = np.sqrt((self.bend * self.bend).sum(axis=0)) * acts
+        ends = self.bend.reshape(by_element.shape)[:, :, [0, -1]]
+        size = self.rate.reshape(elements, -1, unit.shape[2])[:, [0, -1]]
+        along = (ends[:, :, 0] * ends[:, :, 1]).sum(axis=0)
+        self.is_rough = along < ROUGH * size[:, 0] * size[:, 1]
         ends = tables.ends @ by_element
         self.kink = np.zeros((3, elements, unit.shape[2]))
         self.kink[:, 1:] = ends[:, 1:, 0] - ends[:, :-1, 1]
@@ -389,11 +396,18 @@ def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> N
     rate = bends.rate.reshape(elements, len(tables.to_end), bends.rate.shape[1])
     size = 0.5 * np.sqrt((bends.kink * bends.kink).sum(axis=0))
     kinks = 2.0 * np.arcsin(np.minimum(size, 1.0)).cumsum(axis=0)
-    rate = rate * tables.lengths[:, np.newaxis, np.newaxis]
     whole = tables.weights[: len(tables.to_end)] / tables.lengths[0] @ rate
+    angle = tables.to_point @ rate
+    by_element = bends.bend.reshape(3, *rate.shape)
+    for e, j in zip(*np.nonzero(bends.is_rough)):
+        fine = tables.to_fine @ by_element[:, e, :, j].T
+        fine = tables.fine_weights @ np.sqrt((fine * fine).sum(axis=1))
+        angle[e, :, j], whole[e, j] = fine[:-1], fine[-1]
+    angle *= tables.lengths[:, np.newaxis, np.newaxis]
+    whole *= tables.lengths[:, np.newaxis]
     kinks += whole.cumsum(axis=0) - whole
     work.angle[:] = 0.0
-    angle = tables.to_point @ rate + kinks[:, np.newaxis]
+    angle += kinks[:, np.newaxis]
     pulled = bends.tendons.pulled
     rubs = tables.reach[:, pulled] * (tables.friction[pulled] > 0.0)
     work.angle[:, pulled] = angle.reshape(bends.rate.shape) * rubs

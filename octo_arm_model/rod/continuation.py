@@ -79,15 +79,16 @@ def judge(problem: Problem, state: State) -> Judged:
 
 def follow(
     problem: Problem, known: Condition, z: FloatArray, wanted: Condition, spending: Spending,
-    tolerance: float = TOLERANCE, step: float = 1.0,
+    tolerance: float = TOLERANCE, step: float = 1.0, descends: bool = True,
 ) -> Judged:  # fmt: skip
     """Follow the equilibrium of twists ``z`` (N, m) under ``known`` to the condition ``wanted``.
 
     In one step where Newton's method then converges, else in several, of which the first is the
-    fraction ``step`` of the way.
+    fraction ``step`` of the way. Unless it ``descends`` it stops where the branch ends.
 
     Returns:
-        A stable equilibrium whose residual is at most ``tolerance``.
+        A stable equilibrium whose residual is at most ``tolerance``; where it stopped, the last
+        one on the branch.
 
     Raises:
         ConvergenceError: if none was found; it carries the last iterate.
@@ -95,10 +96,12 @@ def follow(
     """
     done, factors = 0.0, None
     last: tuple[FloatArray, float] | None = None
+    reached: Judged | None = None
+    rough = ON_THE_WAY
     while True:
         target = min(1.0, done + step)
         acting = problem.acting(known.towards(wanted, target))
-        limit = tolerance if target == 1.0 else ON_THE_WAY
+        limit = min(tolerance, rough) if target == 1.0 else rough
         guess = z
         if last is not None:
             guess = z + (target - done) / last[1] * (z - last[0])
@@ -111,6 +114,7 @@ def follow(
             judged = _judged_stable(problem, found.state)
             if limit > _CLOSER and not (judged is not None and judged.stability.is_firm):
                 # Near the end of a branch what a rough balance leaves decides where the arm goes.
+                rough = _CLOSER
                 found = _closer(problem, found, judged)
                 spending.add(found.iterations, done, found.state.residual, found.state.z)
                 is_near = found.corrected <= MOST_CORRECTED or is_last
@@ -120,6 +124,8 @@ def follow(
             # No direction of descent follows without the tangent.
             raise _unbalanced(found.state, spending.iterations)
         if judged is None and step <= _SMALLEST_STEP:
+            if not descends and reached is not None:
+                return reached
             # The branch ends or is unstable. Just past its end the imbalance is small and descent
             # slow, so that it begins a little further on.
             target = min(1.0, done + _BEYOND)
@@ -128,11 +134,13 @@ def follow(
             last, step = None, _BEYOND
         elif judged is not None:
             last = z, target - done
-            step = last[1] * (_growth(found.corrected) if found.iterations <= 5 else 1.0)
+            few = found.iterations <= (5 if rough == ON_THE_WAY else 8)
+            step = last[1] * (_growth(found.corrected) if few else 1.0)
         if judged is not None:
             if target == 1.0:
                 return judged
-            done, z, factors = target, judged.state.z, judged.factors
+            done, z, factors, reached = target, judged.state.z, judged.factors, judged
+            rough = ON_THE_WAY if judged.stability.is_firm else _CLOSER
         else:
             # A converged step is shortened by how large its correction was, another by a factor.
             shorter = min(_growth(found.corrected), 0.7) if is_found else 0.25

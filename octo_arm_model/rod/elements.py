@@ -27,6 +27,8 @@ _TAPER = 1.5
 LEVELS = ((1, 0), (1, 3), (2, 3), (4, 3), (8, 3))
 COARSE = -1  # level of few nodes, to follow arms on
 _COARSE_POINTS = 4
+# Parts of each element, and points of each part, where tendons slide: tensions have kinks.
+FINE = 12, 4
 MOST_KNOTS = 48  # of profiles, which cost convergence only where elements contain them
 
 
@@ -50,6 +52,22 @@ class Elements(NamedTuple):
     weights: FloatArray
     section: IntArray
     sharp: BoolArray
+
+    @property
+    def fine(self) -> Elements:
+        """Each cut into `FINE` equal parts, whose points resolve kinks."""
+        (parts, points), count = FINE, self.lengths.size
+        rule = gauss_rule(points)
+        lengths = np.repeat(self.lengths / parts, parts)
+        starts = self.edges[:-1, np.newaxis] + np.outer(self.lengths, np.arange(parts) / parts)
+        places = starts.reshape(-1, 1) + lengths[:, np.newaxis] * rule.points
+        sharp = np.zeros((count, parts), np.bool_)
+        sharp[:, 0] = self.sharp
+        return Elements(
+            np.append(starts, self.edges[-1]), rule, lengths, places.ravel(),
+            (lengths[:, np.newaxis] * rule.weights).ravel(),
+            np.repeat(self.section[:: self.points], parts * points), sharp.ravel(),
+        )  # fmt: skip
 
     def element_at(self, s: FloatArray) -> IntArray:
         """Element of each place ``s`` (n,) [m]; at an edge the one towards the base."""

@@ -78,7 +78,7 @@ class Exact(Statics):
             reading.position + self._setup.base[0],
             np.roll(reading.quaternion, -1, axis=1),
             strains_of(z),
-            readout.tensions(reading) if self._setup.arm.friction else None,
+            reading.tensions if self._setup.arm.friction else None,
             found,
         )
 

@@ -42,6 +42,7 @@ _F = TypeVar('_F', bound=Callable[..., object])
 _MOST_SWEEPS = 80  # of orientations
 _ROUNDING = 2e-13  # change by a sweep, which leaves a thirtieth of it
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
+_ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see `angles`
 _SETTLED = 1e-14  # change of an offset, over the lever
 
 
@@ -488,11 +489,13 @@ def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> N
     """Angle by which every tendon under tension has turned between the base and every node.
 
     The integral of the length of e' + kappa x e, e the unit tangent in the axes of the section,
-    and the angles between tangents where strains jump. ``tensions`` displace tendons in sheaths.
+    and the angles between tangents where strains jump; its length has a kink where it vanishes,
+    and is taken at fine points where it may. ``tensions`` displace tendons in sheaths.
     """
     elements, points, tendons = tables.lengths.size, tables.to_end.shape[0], tables.friction.size
     strain, unit = np.empty(6), np.empty((points, 3))
-    last, total, bend = np.zeros((tendons, 3)), np.zeros(tendons), np.empty(3)
+    last, total, bend = np.zeros((tendons, 3)), np.zeros(tendons), np.empty((points, 3))
+    rate = np.empty(points)
     work.angle[:] = 0.0
     for e in range(elements):
         start, h = e * points, tables.lengths[e]
@@ -516,17 +519,35 @@ def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> N
             for i in range(points):
                 work.angle[start + i, j] += total[j]
             for k in range(points):
-                _cross(z[start + k], unit[k], bend)
+                _cross(z[start + k], unit[k], bend[k])
                 square = 0.0
                 for c in range(3):
                     slope = 0.0
                     for n in range(points):
                         slope += tables.differentiation[k, n] * unit[n, c]
-                    square += (bend[c] + slope / h) ** 2
-                rate = np.sqrt(square)
-                total[j] += tables.weights[start + k] * rate
-                for i in range(points):
-                    work.angle[start + i, j] += h * tables.to_point[i, k] * rate
+                    bend[k, c] += slope / h
+                    square += bend[k, c] ** 2
+                rate[k] = np.sqrt(square)
+            along = 0.0
+            for c in range(3):
+                along += bend[0, c] * bend[points - 1, c]
+            if along < _ROUGH * rate[0] * rate[points - 1]:
+                for f in range(tables.to_fine.shape[0]):
+                    square = 0.0
+                    for c in range(3):
+                        value = 0.0
+                        for k in range(points):
+                            value += tables.to_fine[f, k] * bend[k, c]
+                        square += value * value
+                    size = h * np.sqrt(square)
+                    for i in range(points):
+                        work.angle[start + i, j] += tables.fine_weights[i, f] * size
+                    total[j] += tables.fine_weights[points, f] * size
+            else:
+                for k in range(points):
+                    total[j] += tables.weights[start + k] * rate[k]
+                    for i in range(points):
+                        work.angle[start + i, j] += h * tables.to_point[i, k] * rate[k]
 
 
 @_compiled

@@ -29,11 +29,12 @@ from octo_arm_model.rod.factors import Factors
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.load_limits import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
-from octo_arm_model.rod.read_out import ADDED_POINTS, Readout
+from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
 from octo_arm_model.rod.resolution import position_error
 from octo_arm_model.rod.tables import force_scale, tabulate
 from octo_arm_model.rod.unloaded import balance_sections, initial_twists
 
+_TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
 # An equilibrium that is stable by a margin is not judged again where since then the arm has turned
 # by less than this [rad] and the force on it times the square of its lever over E J has changed by
@@ -102,6 +103,9 @@ class Rod:
         self._strains = 6 if setting.shear else 4
         # Problems of each level, and one of few nodes to follow an arm from its unloaded shape.
         self.problem = functools.lru_cache(self._problem)
+        self.finer = functools.lru_cache(
+            lambda level: Finer(self.problem(level), self._problem(level, ADDED_POINTS))
+        )
         own = self.problem(0)
         body, s = own.tables.body, own.elements.s
         bending = 0.25 * body[:, 0] * body[:, 2]
@@ -109,7 +113,7 @@ class Rod:
         self._per_square = (
             (own.tables.compliance / bending.min()) if any(own.tables.compliance) else None
         )
-        self.has_friction = own.has_friction
+        self.has_friction = own.friction is not None
         with np.errstate(over='ignore', invalid='ignore'):
             straight = own.straight_resultants()
         places = np.concatenate([own.elements.edges, s])
@@ -126,7 +130,7 @@ class Rod:
 
     def readout(self, level: int, s: FloatArray) -> Readout:
         """Reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
-        return Readout(self.problem(level), self._problem(level, ADDED_POINTS), self.arm, s)
+        return Readout(self.finer(level), self.arm, s)
 
     def spending(self) -> Spending:
         """Of one solve that begins now."""
@@ -139,7 +143,7 @@ class Rod:
         """The equilibrium under ``tensions`` (J,) [N] and a ``tip_wrench`` (6,) [N, N m].
 
         Followed from ``start``, or from the unloaded shape. Tendons with friction slide from
-        tensions ``before`` (N, J) [N] at the nodes of any level, or from slack.
+        tensions ``before`` (M, J) [N], see `Problem.history`, of any level, or from slack.
 
         Raises:
             SolveError: if there is no trustworthy answer.
@@ -168,26 +172,33 @@ class Rod:
             return found  # resolved as well as that
         return self._resolved(found, wanted, spending)
 
+    def _fine(self, level: int) -> Elements:
+        friction = self.problem(level).friction
+        assert friction is not None
+        return friction.fine
+
     def _level_of(self, before: FloatArray) -> int:
-        """The level at whose nodes ``before`` (N, J) is.
+        """The level at whose fine points ``before`` (M, J) is.
 
         Raises:
             ConfigError: if it is at those of no level of this arm.
         """
         for level in (*range(len(LEVELS)), COARSE):
-            if len(before) == self.problem(level).elements.s.size:
+            if len(before) == self._fine(level).s.size:
                 return level
         raise ConfigError('the backbone was solved by another solver')
 
     def _at_level(self, condition: Condition, level: int) -> Condition:
-        """The ``condition`` with tensions ``before`` at the nodes of a ``level``."""
+        """The ``condition`` with tensions ``before`` at the fine points of a ``level``."""
         before = condition.before
         if before is None or (given := self._level_of(before)) == level:
             return condition
-        own = moved(before, self.problem(given).elements, self.problem(level).elements)
+        own = moved(before, self._fine(given), self._fine(level))
         return condition._replace(before=own)
 
-    def _at_least(self, start: Equilibrium | None, before: FloatArray | None) -> Equilibrium | None:
+    def _at_least(
+        self, start: Equilibrium | None, before: FloatArray | None
+    ) -> Equilibrium | None:
         """The ``start`` on no fewer nodes than ``before`` is given at."""
         if start is None or before is None or (level := self._level_of(before)) <= start.level:
             return start
@@ -225,7 +236,7 @@ class Rod:
         z = initial_twists(problem.tables, local, problem.strains)
         given = problem.form, problem.tables, problem.work
         found = balance_sections(*given, local, np.zeros_like(z), z)
-        if problem.has_friction:
+        if problem.friction is not None:
             local = problem.first_tensions(wanted, found[0])
             found = balance_sections(*given, local, np.zeros_like(z), found[0])
         return found
@@ -309,9 +320,16 @@ class Rod:
                 roughly = self._at_level(given, COARSE)
                 rough = self.unloaded(coarse, roughly)[0]
                 start = roughly._replace(tip_wrench=np.zeros(6), factor=0.0)
-                near = follow(coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP)
-                guess = moved(near.state.z, coarse.elements, fine.elements)
-                return follow(fine, wanted, guess, wanted, spending)
+                near = follow(
+                    coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP, False
+                ).state
+                guess, reached = moved(near.z, coarse.elements, fine.elements), wanted
+                step = 1.0
+                if near.acting.condition is not roughly:
+                    # A branch of few nodes may end where that of the arm does not.
+                    reached = near.acting.condition._replace(before=wanted.before)
+                    step = _FIRST_STEP
+                return follow(fine, reached, guess, wanted, spending, TOLERANCE, step)
             except ContinuationError:
                 raise  # Its budget is spent.
             except ConvergenceError:
@@ -337,7 +355,11 @@ class Rod:
             return True
         problem.load_work(state)
         error = position_error(problem.elements, state.z, problem.work.slope)
-        return error <= self.setting.accuracy
+        if not error <= self.setting.accuracy:
+            return False
+        if problem.friction is None:
+            return True
+        return self.finer(level).friction_error(state) <= _TENSION_ERROR * self.setting.accuracy
 
 
 def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:

@@ -237,7 +237,7 @@ class Solver:
         found = shape.equilibrium
         history = None
         if self.arm.friction:
-            history = self._statics.local_tensions(found).T
+            history = self._statics.history(found).T
         return self._made(
             tensions, wrench, shape.position, shape.quaternion, shape.strains,
             np.array(found.state.residual), np.array(found.iterations), shape.tensions,

@@ -135,6 +135,10 @@ class Statics(abc.ABC):
         """Tension of every tendon of a solution at every node [N], (N, J)."""
         return found.state.acting.tensions * self.problem(found.level).tables.reach
 
+    def history(self, found: Equilibrium) -> FloatArray:
+        """Tensions (M, J) [N] that tendons with friction slide on from after a solution."""
+        return self.problem(found.level).history(found.state)
+
     # Lengths of the tendons, from the base to their anchorages ---------------------------------
 
     @functools.cached_property

@@ -47,6 +47,9 @@ class Tables(NamedTuple):
         differentiation: derivative at the points of an element of length one, (p, p).
         ends: weights of the values at its start and end, (2, p).
         sharp: whether strains may jump at the start of each element, (E,).
+        to_fine: values at the M / E fine points of an element of length one, see
+            `elements.fine`, from those at its points, (M / E, p).
+        fine_weights: of the integrals from its start to each point and to its end, (p + 1, M / E).
     """
 
     widens: bool
@@ -66,6 +69,8 @@ class Tables(NamedTuple):
     differentiation: FloatArray
     ends: FloatArray
     sharp: BoolArray
+    to_fine: FloatArray
+    fine_weights: FloatArray
 
 
 class Work(NamedTuple):
@@ -155,6 +160,7 @@ def tabulate(
         rule.differentiation,
         rule.interpolate(np.array([0.0, 1.0])),
         elements.sharp,
+        *_fine(rule),
     )
 
 
@@ -180,6 +186,16 @@ def _section_at(arm: Arm, s: FloatArray) -> IntArray:
 
 def _twice(rule: GaussRule) -> FloatArray:
     return np.ascontiguousarray(np.einsum('im,mk->ikm', rule.to_end, rule.from_start))
+
+
+def _fine(rule: GaussRule) -> tuple[FloatArray, FloatArray]:
+    """`Tables.to_fine` and `Tables.fine_weights` of one element of length one."""
+    one = np.ones(1)
+    unit = Elements(
+        np.array([0.0, 1.0]), rule, one, rule.points, rule.weights, np.zeros(1, np.int64), one > 0
+    )
+    fine = unit.fine
+    return rule.interpolate(fine.s), fine.integration(np.append(rule.points, 1.0))
 
 
 def _body(arm: Arm, s: FloatArray, tendons: FloatArray) -> FloatArray:

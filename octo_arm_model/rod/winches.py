@@ -20,12 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from octo_arm_model.core.budget import Spending
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.budget import Spending
 from octo_arm_model.rod.complementarity import complementary_step
 from octo_arm_model.rod.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, judge
-from octo_arm_model.rod.equilibrium import Condition, Problem, State
+from octo_arm_model.rod.equilibrium import Condition, State
 from octo_arm_model.rod.factors import Blocks, Factors
 from octo_arm_model.rod.lengths import rest_stretches
 from octo_arm_model.rod.newton import CHORD, FIRST, MOST, PREDICTED, PROGRESS, Chord

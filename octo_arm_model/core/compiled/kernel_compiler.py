@@ -18,6 +18,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from octo_arm_model.core.compiled.kernel_cache import (
     forget,
     is_whole,
@@ -164,3 +166,13 @@ def _prove(machine: Any, arguments: tuple[Any, ...]) -> None:
         machine(*arguments)
         if sum(machine.stats.cache_misses.values()):
             write_checksums(machine)
+
+
+def own(value: Any) -> Any:
+    """Copy of an array, or of a tuple of arrays, that is writable and C-contiguous.
+
+    Read-only and other arrays have other types, for which numba would compile a kernel again.
+    """
+    if isinstance(value, np.ndarray):
+        return np.array(value, order='C')
+    return type(value)(*map(own, value)) if hasattr(value, '_fields') else value

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.compiled.kernel_compiler import entry_point
-from octo_arm_model.core.compiled.models.arm_tables import own
+from octo_arm_model.core.compiled.kernel_compiler import own
 from octo_arm_model.core.compiled.numba_build import (
     conclude,
     find_posterior,
