@@ -185,7 +185,7 @@ class Papers(Statics):
             SolveError: if one is.
         """
         if not stretch.min() > 0.0:  # nor NaN
-            worst = int(np.argmin(stretch > 0.0))
+            worst = int(np.argmin(stretch))
             s = np.concatenate([problem.elements.s, self._setup.s])[worst]
             raise SolveError(
                 f'tensions compress the arm to nothing at s = {s:.4g} m '
