@@ -138,6 +138,8 @@ class Tendons:
         self.tension = tensions * acts
         # Those that nobody pulls are left out.
         self.pulled = np.flatnonzero(self.tension.any(axis=0))
+        if not self.pulled.size:
+            self.pulled = np.array([0])  # Arrays without tendons have no shape to go by.
         self.tension = self.tension[:, self.pulled]
         x, y, self.dx, self.dy = tables.tendons[:, self.pulled].transpose(2, 0, 1)
         self.compliance = tables.compliance[self.pulled]
