@@ -11,8 +11,8 @@ import numpy as np
 from scipy.integrate import solve_bvp
 
 from octo_arm_model import Arm, Body, Loads, Pose, Solver
-from octo_arm_model.core.rod.grid import panels_of
-from octo_arm_model.core.section.elastic_laws import LAWS
+from octo_arm_model.rod.stations import panels_of
+from octo_arm_model.core.arm.laws import LAWS
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.strain_measures import derivatives_by_twist
 

@@ -9,15 +9,17 @@ from __future__ import annotations
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import BackboneShape, Bending, Stiffness, TipPose, TipPosition
 from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.newton import Wound
 from octo_arm_model.analysis.winding.sensitivity import WoundSensitivity, wound_sensitivity
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
+from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.body import Body, ProfiledBody
 from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad
 from octo_arm_model.core.arm.material import Material
+from octo_arm_model.core.arm.pose import Pose
 from octo_arm_model.core.arm.profile import Constant, Function, Linear, Profile, Table
+from octo_arm_model.core.arm.sheath_stiffness import estimate_sheath_stiffness
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.core.errors import (
     ArmDefinitionError,
@@ -29,12 +31,10 @@ from octo_arm_model.core.errors import (
     TargetError,
     TensionError,
 )
-from octo_arm_model.core.once import solve
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.rod.pose import Pose
-from octo_arm_model.core.section.sheaths.sheath_stiffness import estimate_sheath_stiffness
-from octo_arm_model.core.sensitivity.results import Sensitivity, Uncertainty
-from octo_arm_model.core.solver import MODELS, Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.once import solve
+from octo_arm_model.rod.sensitivity import Sensitivity, Uncertainty
+from octo_arm_model.rod.solver import MODELS, Solver
 
 __version__ = '0.1.0'
 

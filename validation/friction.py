@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model import Solver
 from octo_arm_model.config.config import load_config
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.rod.backbone import Backbone
 
 HERE = Path(__file__).parent
 COEFFICIENTS = (0.0, 0.05, 0.1, 0.2)

@@ -18,10 +18,10 @@ from octo_arm_model.analysis.targets import Stiffness, Target
 from octo_arm_model.core.arm.validation import real_numbers
 from octo_arm_model.core.errors import SolveError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.section.tendons.tendon_sums import check_highest
-from octo_arm_model.core.sensitivity.results import Sensitivity
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.sensitivity import Sensitivity
+from octo_arm_model.rod.solver import Solver
+from octo_arm_model.rod.tendon_sums import check_highest
 
 # A target is reached where the error is below this part of the length of the arm.
 REACHED = 1e-6

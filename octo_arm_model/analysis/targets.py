@@ -17,8 +17,8 @@ from octo_arm_model.core.errors import TargetError, shown
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.interpolation import nearest
 from octo_arm_model.core.numerics.vectors import left_jacobian
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.sensitivity import Change, Sensitivity
 
 _LARGEST = 1e9  # number of a target; squares of larger ones may overflow
 # Cosine of the angle between tangents that are opposite: a rotation from one to the other has any

@@ -23,7 +23,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.solver import Solver
 
 _POOL_START = 1.5  # typical time in which a pool starts [s]
 _CONNECT = 5.0  # timeout of the connection to a scheduler [s]

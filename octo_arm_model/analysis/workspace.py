@@ -20,7 +20,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConfigError, TensionError, shown
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_SAMPLES
-from octo_arm_model.core.section.tendons.tendon_sums import check_tensions
+from octo_arm_model.rod.tendon_sums import check_tensions
 
 # Sets in a chunk: enough that calls take little of the time, and few, since a chunk with a refused
 # set is solved in parts. Results depend on it by rounding.

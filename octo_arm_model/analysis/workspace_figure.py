@@ -10,7 +10,7 @@ import numpy as np
 from octo_arm_model.analysis.geometry.arm_mesh import Drawing
 from octo_arm_model.analysis.workspace import Workspace
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.solver import Solver
 
 # Orthographic views: neighbours share an axis.
 _VIEWS = ((1, 0, 2), (2, 1, 2), (3, 0, 1))  # place, axis across, axis up

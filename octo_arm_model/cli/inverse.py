@@ -20,10 +20,10 @@ from octo_arm_model.cli.options.shared import (
 )
 from octo_arm_model.cli.output.solution import as_dict, millimetres
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.highest_tensions import default_highest
 from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.section.highest_tensions import default_highest
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
 
 SUMMARY = 'find tensions for a wanted shape'
 DESCRIPTION = """\

@@ -19,8 +19,8 @@ from octo_arm_model.cli.options.shared import (
 )
 from octo_arm_model.cli.output.files import check_out, writing
 from octo_arm_model.cli.output.progress import Bar
+from octo_arm_model.core.arm.highest_tensions import default_highest
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.section.highest_tensions import default_highest
 
 SUMMARY = 'draw where the tip can go'
 DESCRIPTION = """\

@@ -14,7 +14,7 @@ from octo_arm_model.core.arm.profile import Constant, Linear, Profile, Table
 from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.core.arm.validation import finite, not_negative, positive
 from octo_arm_model.core.errors import ConfigError, shown
-from octo_arm_model.core.sensitivity.results import Uncertainty
+from octo_arm_model.rod.sensitivity import Uncertainty
 
 
 def build_arm(given: Values) -> Arm:

@@ -22,8 +22,11 @@ from octo_arm_model.config.parameter_files import load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import find_path
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.laws import DEFAULT_LAW
 from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.arm.pose import Pose
 from octo_arm_model.core.arm.validation import not_negative
+from octo_arm_model.core.budget import Budget
 from octo_arm_model.core.errors import (
     ArmDefinitionError,
     ConfigError,
@@ -31,11 +34,8 @@ from octo_arm_model.core.errors import (
     shown,
 )
 from octo_arm_model.core.limits import MIN_RATE
-from octo_arm_model.core.loaded.budget import Budget
-from octo_arm_model.core.rod.pose import Pose
-from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW
-from octo_arm_model.core.sensitivity.results import Uncertainty
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.sensitivity import Uncertainty
+from octo_arm_model.rod.solver import Solver
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.floating_point import silenced
-from octo_arm_model.core.section.tendons.tendon_sums import check_tensions
+from octo_arm_model.rod.tendon_sums import check_tensions
 
 _ROUNDING = 1e-15  # over an offset: rounding of the sum of reading and offset
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
 from octo_arm_model.config.loads import LOAD_PARAMETERS
 from octo_arm_model.config.parameter import TABLE_BOUND, Parameter
+from octo_arm_model.core.arm.laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.limits import (
     MAX_FRICTION,
     MAX_INTERVALS,
@@ -17,9 +18,8 @@ from octo_arm_model.core.limits import (
     MAX_TENDONS,
     MIN_RATE,
 )
-from octo_arm_model.core.models.catalogue import DEFAULT_MODEL, MODELS
-from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
-from octo_arm_model.core.section.elastic_laws import DEFAULT_LAW, LAWS
+from octo_arm_model.rod.solver import DEFAULT_MODEL, MODELS
+from octo_arm_model.rod.stations import DEFAULT_STATIONS
 
 _LAWS = ', '.join(f'{name} ({law.meant_for})' for name, law in LAWS.items())
 _MODELS = f'{", ".join(MODELS[:-1])} or {MODELS[-1]}'

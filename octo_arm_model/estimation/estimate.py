@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.estimation.gating.updated import Innovation, Updated
 from octo_arm_model.estimation.observability import Unlearnt, unlearnt
 from octo_arm_model.estimation.state.prediction import Prediction
 from octo_arm_model.estimation.state.unknowns import State
+from octo_arm_model.rod.backbone import Backbone
 
 
 @dataclass(frozen=True)

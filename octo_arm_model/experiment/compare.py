@@ -12,8 +12,6 @@ import numpy as np
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
 from octo_arm_model.experiment.fitting.held_back import misfit_of
 from octo_arm_model.experiment.fitting.least_squares.fit import fit_alignment
 from octo_arm_model.experiment.fitting.least_squares.pairing import shape_residuals
@@ -30,6 +28,8 @@ from octo_arm_model.experiment.shapes.midlines import (
     marker_errors,
     midline_errors,
 )
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.rod.pose import Pose
+from octo_arm_model.core.arm.pose import Pose
 from octo_arm_model.experiment.compare import StepComparison, compare
 from octo_arm_model.experiment.figure_files import TensionColours, new_figure
 from octo_arm_model.experiment.fitting.identification import Identification

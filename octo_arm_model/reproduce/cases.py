@@ -11,8 +11,8 @@ from octo_arm_model.config.paper_data import Tensions
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
 
 # Enough for a smooth drawing of the coiled tip.
 STATIONS = 401

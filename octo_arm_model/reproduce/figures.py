@@ -17,7 +17,6 @@ from octo_arm_model.config.paper_data import (
     PROTOTYPE_ERRORS,
     PROTOTYPE_IN_FIGURE_9,
 )
-from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
 from octo_arm_model.reproduce.claims.results_claims import PLANES
 from octo_arm_model.reproduce.plotting import (
@@ -30,6 +29,7 @@ from octo_arm_model.reproduce.plotting import (
     mark,
 )
 from octo_arm_model.reproduce.tables import UNKNOWN_TENSIONS
+from octo_arm_model.rod.solver import MODELS
 
 
 def figure_8(figure: FigureBase) -> None:

@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 
 from octo_arm_model.config.paper_data import Tensions
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import MODELS
 
 # Of decreasing width, so that the lower lines stay visible where models agree.
 LINES: dict[str, dict[str, Any]] = {

@@ -17,9 +17,9 @@ from octo_arm_model.config.paper_data import (
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.body import Body
 from octo_arm_model.core.arm.tendon import Section
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import MODELS
 
 UNKNOWN_TENSIONS = (0.02, 0.05, 0.1, 0.2)  # [N], for Figure 8, of which the paper prints none
 _ARMS = {

@@ -21,6 +21,7 @@ from octo_arm_model.rod.tables import (
 )
 
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
+ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, from which see `Bends`
 _SETTLED = 1e-14  # change of an offset, over the lever
 # Indices for a cross product by one multiplication of permuted components.
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
@@ -112,11 +113,13 @@ def _widening(widens: bool, stretch: FloatArray) -> tuple[FloatArray, FloatArray
     return width, slope, -1.5 * slope * over
 
 
-class _Tendons:
+class Tendons:
     """The tendons under tension at all nodes, and their u.
 
     Attributes:
         tension: (n, J) [N], zero beyond the anchorage.
+        pulled: which of all tendons these are, (J,).
+        strain: the six scaled strains, (6, n, 1).
         by: du/de by the six scaled strains, without what the widening adds, (3, 6, n, J).
         unit: c = u / |u|, (3, n, J).
         over: 1 / |u|, (n, J).
@@ -138,7 +141,7 @@ class _Tendons:
         self.tension = self.tension[:, self.pulled]
         x, y, self.dx, self.dy = tables.tendons[:, self.pulled].transpose(2, 0, 1)
         self.compliance = tables.compliance[self.pulled]
-        self._strain, self._width = strain, width[:, np.newaxis]
+        self.strain, self._width = strain, width[:, np.newaxis]
         if self.compliance.any():
             offsets = self._offsets(x, y, tables.body[:, LEVER, np.newaxis])
             work.offsets[:, self.pulled, 0], work.offsets[:, self.pulled, 1] = offsets
@@ -149,7 +152,7 @@ class _Tendons:
         self.unit = u * self.over
 
     def _along(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        t, n, b, stretch, v_n, v_b = self._strain
+        t, n, b, stretch, v_n, v_b = self.strain
         u = np.empty((3, *x.shape))
         u[0] = stretch + n * y - b * x
         u[1] = self._width * self.dx - t * y + v_n
@@ -157,7 +160,7 @@ class _Tendons:
         return u
 
     def _offsets(self, x: FloatArray, y: FloatArray, lever: FloatArray) -> FloatArray:
-        t, n, b, stretch = self._strain[:4]
+        t, n, b, stretch = self.strain[:4]
         yielding = self.compliance * self.tension
         near = np.where(yielding * (n * n + b * b) < 0.25 * stretch, yielding, 0.0)
         d, left = np.stack([near * b, -near * n]), np.full(x.shape, np.inf)
@@ -166,7 +169,7 @@ class _Tendons:
             over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
             p_n, p_b = (t * u_b - b * u_t) * over, (n * u_t - t * u_n) * over
             r_n, r_b = d[0] + yielding * p_n, d[1] + yielding * p_b
-            nn, nb, bb = self._offset_stiffness(p_n, p_b, yielding * over)
+            nn, nb, bb = self.offset_stiffness(p_n, p_b, yielding * over)
             over = 1.0 / (nn * bb - nb * nb)
             step = np.stack([(bb * r_n - nb * r_b) * over, (nn * r_b - nb * r_n) * over])
             # A tendon stays where its own iteration has ended.
@@ -177,11 +180,11 @@ class _Tendons:
                 break
         return np.where(left * left <= _SETTLED, d, np.nan)
 
-    def _offset_stiffness(
+    def offset_stiffness(
         self, p_n: FloatArray, p_b: FloatArray, stiff: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Second derivatives of the energy by d over k, nn, nb and bb."""
-        t, n, b = self._strain[:3]
+        t, n, b = self.strain[:3]
         return (
             1.0 + stiff * (b * b + t * t - p_n * p_n),
             -stiff * (b * n + p_n * p_b),
@@ -227,7 +230,7 @@ class _Tendons:
 
     def _condensed(self, by: FloatArray, g: FloatArray) -> FloatArray:
         """C D^-1 C^T of the offsets in sheaths, (n, 6, 6)."""
-        t, n, b = self._strain[:3]
+        t, n, b = self.strain[:3]
         u_t, u_n, u_b = self.unit
         p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
         weight = self.tension * self.over
@@ -241,7 +244,7 @@ class _Tendons:
         mixed[0, 2] -= self.tension * u_t
         mixed[1, 0] -= self.tension * u_n
         mixed[1, 1] += self.tension * u_t
-        nn, nb, bb = self._offset_stiffness(p_n, p_b, self.compliance * weight)
+        nn, nb, bb = self.offset_stiffness(p_n, p_b, self.compliance * weight)
         factor = self.compliance / (nn * bb - nb * nb)
         moved = factor * np.stack([bb * mixed[0] - nb * mixed[1], nn * mixed[1] - nb * mixed[0]])
         return np.asarray(np.einsum('danj,dcnj->nac', mixed, moved))
@@ -303,7 +306,7 @@ def _gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) 
     width, slope, _ = _widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
     g = _stress(tables, strain[..., 0])
-    g += _Tendons(tables, strain, width, tensions, work).gradient(slope)
+    g += Tendons(tables, strain, width, tensions, work).gradient(slope)
     work.gradient[:] = _unscale_gradient(z, width, slope, g)
 
 
@@ -311,7 +314,7 @@ def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) ->
     """Gradient and Hessian of the energy of every cross section by the twist."""
     width, slope, bend = _widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
-    tendons = _Tendons(tables, strain, width, tensions, work)
+    tendons = Tendons(tables, strain, width, tensions, work)
     g = _stress(tables, strain[..., 0]) + tendons.gradient(slope)
     h = _stiffness(tables, strain[..., 0]) + tendons.hessian(slope, bend)
     if tables.widens:
@@ -344,6 +347,70 @@ def _relative(wrench: FloatArray, work: Work) -> float:
     """Largest residual over its scale and the largest ``wrench`` (N, m) along the arm."""
     scale = work.scale[:, np.arange(wrench.shape[1]) // 3] + np.abs(wrench).max(axis=0)
     return float((np.abs(work.residual) / scale).max(initial=0.0))
+
+
+# Tendons with friction -------------------------------------------------------------------------
+
+
+class Bends:
+    """How tendons turn in space; J are those under tension.
+
+    Attributes:
+        tendons: where they are.
+        width, widening: radius over reference radius and its slope by the stretch, (n, 1).
+        bend: derivative by s of their unit tangents, in the axes of the section, (3, n, J) [1/m].
+        rate: its length, (n, J) [1/m], zero beyond the anchorage.
+        is_rough: where a bend turns so far within an element that its length is taken at fine
+            points, (E, J).
+        kink: jumps of the unit tangents at the starts of elements, (3, E, J), zero where there
+            is none.
+    """
+
+    def __init__(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+        """Of tendons under ``tensions`` (n, J) [N], which displace them in sheaths."""
+        width, slope, _ = _widening(tables.widens, z[:, 3])
+        strain = _scaled(z, width)
+        self.width, self.widening = width[:, np.newaxis], slope[:, np.newaxis]
+        self.tendons = Tendons(tables, strain, width, tensions, work)
+        unit, elements = self.tendons.unit, tables.lengths.size
+        acts = tables.reach[:, self.tendons.pulled]
+        by_element = unit.reshape(3, elements, len(tables.to_end), unit.shape[2])
+        slope = tables.differentiation @ by_element
+        slope /= tables.lengths[:, np.newaxis, np.newaxis]
+        self.bend = slope.reshape(unit.shape)
+        self.bend += _cross(z[:, np.newaxis, :3], unit.transpose(1, 2, 0)).transpose(2, 0, 1)
+        self.rate = np.sqrt((self.bend * self.bend).sum(axis=0)) * acts
+        ends = self.bend.reshape(by_element.shape)[:, :, [0, -1]]
+        size = self.rate.reshape(elements, -1, unit.shape[2])[:, [0, -1]]
+        along = (ends[:, :, 0] * ends[:, :, 1]).sum(axis=0)
+        self.is_rough = along < ROUGH * size[:, 0] * size[:, 1]
+        ends = tables.ends @ by_element
+        self.kink = np.zeros((3, elements, unit.shape[2]))
+        self.kink[:, 1:] = ends[:, 1:, 0] - ends[:, :-1, 1]
+        self.kink *= tables.sharp[:, np.newaxis] * acts[:: len(tables.to_end)]
+
+
+def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+    """Angle by which every tendon has turned between the base and every node, see `loops`."""
+    bends, elements = Bends(tables, z, tensions, work), tables.lengths.size
+    rate = bends.rate.reshape(elements, -1, bends.rate.shape[1])
+    size = 0.5 * np.sqrt((bends.kink * bends.kink).sum(axis=0))
+    kinks = 2.0 * np.arcsin(np.minimum(size, 1.0)).cumsum(axis=0)
+    whole = tables.weights[: len(tables.to_end)] / tables.lengths[0] @ rate
+    angle = tables.to_point @ rate
+    by_element = bends.bend.reshape(3, *rate.shape)
+    for e, j in zip(*np.nonzero(bends.is_rough)):
+        fine = tables.to_fine @ by_element[:, e, :, j].T
+        fine = tables.fine_weights @ np.sqrt((fine * fine).sum(axis=1))
+        angle[e, :, j], whole[e, j] = fine[:-1], fine[-1]
+    angle *= tables.lengths[:, np.newaxis, np.newaxis]
+    whole *= tables.lengths[:, np.newaxis]
+    kinks += whole.cumsum(axis=0) - whole
+    work.angle[:] = 0.0
+    angle += kinks[:, np.newaxis]
+    pulled = bends.tendons.pulled
+    rubs = tables.reach[:, pulled] * (tables.friction[pulled] > 0.0)
+    work.angle[:, pulled] = angle.reshape(bends.rate.shape) * rubs
 
 
 # The whole arm ---------------------------------------------------------------------------------

@@ -27,10 +27,10 @@ class DeadLoads:
         """
         self.others = loads.others
         self._to_tip = elements.weights - elements.integration(elements.s)
-        self._fixed = self._tabulate(arm, elements, loads)
+        self._fixed = self.tabulate(arm, elements, loads)
         self._scaled: ScaledLoads | None = loads.scaled
         parts = loads.scaled.loads if loads.scaled is not None else ()
-        self._parts = [self._tabulate(arm, elements, part) for part in parts]
+        self._parts = [self.tabulate(arm, elements, part) for part in parts]
         points = [point for one in (loads, *parts) for point in one.points]
         self.has_moments = any(any(point.moment) for point in points)
 
@@ -45,7 +45,12 @@ class DeadLoads:
                 total = total + magnitude * part
         return np.asarray(factor * total + tip_wrench.reshape(2, 1, 3))
 
-    def _tabulate(self, arm: Arm, elements: Elements, loads: Loads) -> FloatArray:
+    def tabulate(self, arm: Arm, elements: Elements, loads: Loads) -> FloatArray:
+        """Force and free moment of other dead ``loads`` at the same nodes, as `at`, (2, N, 3).
+
+        Raises:
+            ArmDefinitionError: if gravity acts on an arm of no density.
+        """
         found = np.zeros((2, elements.s.size, 3))
         found[0] = self._to_tip @ force_per_length(arm, elements.s, loads)
         for point in loads.points:

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.hints import BoolArray, FloatArray, IntArray
 from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
-from octo_arm_model.core.rod.grid import apart
+from octo_arm_model.rod.stations import apart
 
 # Least number of elements, and the part of the ratio of radii that each takes: an arm that tapers
 # to an eighth has one for each factor of `_TAPER`.
@@ -27,6 +27,8 @@ _TAPER = 1.5
 LEVELS = ((1, 0), (1, 3), (2, 3), (4, 3), (8, 3))
 COARSE = -1  # level of few nodes, to follow arms on
 _COARSE_POINTS = 4
+# Parts of each element, and points of each part, where tendons slide: tensions have kinks.
+FINE = 12, 4
 MOST_KNOTS = 48  # of profiles, which cost convergence only where elements contain them
 
 
@@ -40,6 +42,7 @@ class Elements(NamedTuple):
         s: arc coordinates of the nodes [m], (N,).
         weights: of the integral along the arm [m], (N,).
         section: section of each node, from the tip; 0 beyond the last anchorage, (N,).
+        sharp: whether strains may jump at the start of each element, (E,).
     """
 
     edges: FloatArray
@@ -48,6 +51,23 @@ class Elements(NamedTuple):
     s: FloatArray
     weights: FloatArray
     section: IntArray
+    sharp: BoolArray
+
+    @property
+    def fine(self) -> Elements:
+        """Each cut into `FINE` equal parts, whose points resolve kinks."""
+        (parts, points), count = FINE, self.lengths.size
+        rule = gauss_rule(points)
+        lengths = np.repeat(self.lengths / parts, parts)
+        starts = self.edges[:-1, np.newaxis] + np.outer(self.lengths, np.arange(parts) / parts)
+        places = starts.reshape(-1, 1) + lengths[:, np.newaxis] * rule.points
+        sharp = np.zeros((count, parts), np.bool_)
+        sharp[:, 0] = self.sharp
+        return Elements(
+            np.append(starts, self.edges[-1]), rule, lengths, places.ravel(),
+            (lengths[:, np.newaxis] * rule.weights).ravel(),
+            np.repeat(self.section[:: self.points], parts * points), sharp.ravel(),
+        )  # fmt: skip
 
     def element_at(self, s: FloatArray) -> IntArray:
         """Element of each place ``s`` (n,) [m]; at an edge the one towards the base."""
@@ -66,6 +86,16 @@ class Elements(NamedTuple):
         matrix = self._spread(s, self.rule.integrate) * np.repeat(self.lengths, self.points)
         before = np.arange(self.lengths.size) < element[:, np.newaxis]
         return matrix + np.repeat(before, self.points, axis=1) * self.weights
+
+    def with_more_points(self, added: int) -> Elements:
+        """The same elements, each with so many points ``added``."""
+        rule, section = gauss_rule(self.points + added), self.section[:: self.points]
+        places = self.edges[:-1, np.newaxis] + self.lengths[:, np.newaxis] * rule.points
+        weights = self.lengths[:, np.newaxis] * rule.weights
+        return self._replace(
+            rule=rule, s=places.ravel(), weights=weights.ravel(),
+            section=np.repeat(section, rule.points.size),
+        )  # fmt: skip
 
     @property
     def points(self) -> int:
@@ -114,9 +144,12 @@ def build_elements(
     anchorages = np.array([section.anchorage for section in arm.sections])
     section = (anchorages > middles[:, np.newaxis]).sum(axis=1)
     weights = lengths[:, np.newaxis] * rule.weights
+    sharp = np.zeros(lengths.size, np.bool_)
+    sharp[np.cumsum(each * cuts)[:-1]] = True
     return Elements(
-        stops, rule, lengths, places.ravel(), weights.ravel(), np.repeat(section, rule.points.size)
-    )
+        stops, rule, lengths, places.ravel(), weights.ravel(),
+        np.repeat(section, rule.points.size), sharp,
+    )  # fmt: skip
 
 
 def _edges(arm: Arm, breaks: tuple[float, ...], knots: tuple[float, ...]) -> FloatArray:

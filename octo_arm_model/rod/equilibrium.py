@@ -11,6 +11,7 @@ from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Variation, factorise
 from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.friction import Changes, Friction, Sliding
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
 from octo_arm_model.rod.tables import AXIAL, LEVER, Tables, force_scale, work_arrays
 
@@ -22,11 +23,14 @@ class Condition(NamedTuple):
         tensions: of the tendons at the base, (J,), or at every node, (N, J) [N].
         tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
         factor: on all other loads [-], from 0 to 1.
+        before: tensions (M, J) [N] at the points of `Friction.fine` from which tendons slide;
+            None for slack ones.
     """
 
     tensions: FloatArray
     tip_wrench: FloatArray
     factor: float = 1.0
+    before: FloatArray | None = None
 
     def towards(self, other: Condition, part: float) -> Condition:
         """This one, moved by ``part`` of the way to ``other``."""
@@ -36,6 +40,7 @@ class Condition(NamedTuple):
             self.tensions + part * (other.tensions - self.tensions),
             self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
             self.factor + part * (other.factor - self.factor),
+            other.before,
         )
 
 
@@ -84,6 +89,7 @@ class Problem:
         loads: dead ones, all but the wrench on the tip.
         others: loads of other kinds.
         strains: 4, or 6 with shear.
+        friction: of the tendons; None where they have none.
     """
 
     def __init__(
@@ -98,6 +104,9 @@ class Problem:
         self._current: FloatArray | None = None
         self._scaled: FloatArray | None = None
         self._last_acting: Acting | None = None
+        self.friction = Friction(tables, form, elements) if tables.friction.any() else None
+        self._sliding: Sliding | None = None
+        self._held: FloatArray | None = None
         unit = np.ones((elements.s.size, strains))
         unit[:, :3] = tables.body[:, LEVER, np.newaxis]
         # Squares of twists times this are those of strains, integrated over the arm.
@@ -129,6 +138,8 @@ class Problem:
         work = self.work
         if self._scaled is not acting.scale:
             work.scale[:] = self._scaled = acting.scale
+        if self._slides(acting):
+            acting = acting._replace(tensions=self._slide(acting.condition, z))
         if self.others.loads:
             acting = self._with_others(acting, z)
         left = self.form.residual(
@@ -136,6 +147,36 @@ class Problem:
         )
         self._current = z
         return State(acting, z, work.residual.copy(), left)
+
+    def _slides(self, acting: Acting) -> bool:
+        return self.friction is not None and acting.condition.tensions.ndim == 1
+
+    def _slide(self, condition: Condition, z: FloatArray) -> FloatArray:
+        assert self.friction is not None
+        self._sliding = self.friction.slide_along(
+            z, condition.tensions, condition.before, self.work
+        )
+        return self._sliding.tensions
+
+    def sliding(self, state: State) -> Sliding:
+        """The tendons with friction in ``state``."""
+        self.load_work(state)
+        assert self._sliding is not None
+        return self._sliding
+
+    def history(self, state: State) -> FloatArray:
+        """Tensions (M, J) [N] at the points of `Friction.fine`, from which tendons slide on."""
+        assert self.friction is not None
+        return self.friction.history(self.sliding(state), state.acting.condition.tensions)
+
+    def first_tensions(self, condition: Condition, z: FloatArray) -> FloatArray:
+        """Tensions (N, J) [N] that bend an arm less than ``z`` (N, m), which full ones bend."""
+        sliding = self.sliding(self.evaluate(self.acting(condition), z))
+        assert self.friction is not None
+        # Exact for a curvature in proportion to the tension of a tendon that is drawn in.
+        mu = np.maximum(self.tables.friction, 1e-30)
+        angle = np.log1p(mu * sliding.angle) / mu
+        return self.friction.slide(condition.tensions, condition.before, angle).tensions
 
     def _with_others(self, acting: Acting, z: FloatArray) -> Acting:
         """What is ``acting`` on a rod of twists ``z`` (N, m), loads that follow its shape too."""
@@ -166,7 +207,8 @@ class Problem:
 
     def variation(self) -> Variation:
         """The second variation of the energy, of the Jacobian that was filled in last."""
-        return Variation(self.work.jacobian, self.work.hessian, self.elements.weights)
+        held = self.work.jacobian if self._held is None else self._held
+        return Variation(held, self.work.hessian, self.elements.weights)
 
     def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
         """The Jacobian at ``state``, with sections stiffer by ``damping``, into `work`."""
@@ -179,6 +221,29 @@ class Problem:
             nodes, strains = state.z.shape
             blocks = self.work.jacobian.reshape(nodes, strains, nodes, strains)
             np.einsum('iaic->iac', blocks)[...] += damping * self.work.hessian
+        if self.friction is not None:
+            self._held = self.work.jacobian.copy()
+            changes = self.tension_changes(state)
+            if changes is not None:
+                changes.add_to(self.work.jacobian)
+
+    def tension_changes(self, state: State) -> Changes | None:
+        """How tensions with friction change about ``state``; None without friction."""
+        is_given = state.acting.condition.tensions.ndim > 1
+        if self.friction is None or is_given or not state.acting.tensions.any():
+            return None
+        return Changes(self.friction, self.tables, state.z, self.sliding(state), self.work)
+
+    def tension_rates(self, state: State) -> FloatArray:
+        """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
+        changes = self.tension_changes(state)
+        if changes is not None:
+            return changes.by_base_tension()
+        if self.friction is None or state.acting.condition.tensions.ndim > 1:
+            return self.tables.reach
+        # Nobody pulls.
+        angle = self.friction.angles_of_all(state.z, self.sliding(state), self.work)
+        return np.asarray(self.tables.reach * np.exp(-self.tables.friction * angle))
 
     def has_energy(self, condition: Condition) -> bool:
         """Whether all loads derive from an energy: a moment fixed in base_frame does not."""

@@ -43,6 +43,41 @@ class Factors(NamedTuple):
         found, _ = dgetrs(self.factors, self.pivots, right, trans=1)
         return np.asarray(found)
 
+    def solve_transposed(self, right: FloatArray) -> FloatArray:
+        """The same of the transposed system."""
+        found, _ = dgetrs(self.factors, self.pivots, right, trans=0)
+        return np.asarray(found)
+
+
+class Blocks(NamedTuple):
+    """As `Factors`, of a Jacobian that is one block for each node: of an arm without loads.
+
+    Attributes:
+        inverse: of the blocks, (N, m, m).
+    """
+
+    inverse: FloatArray
+
+    @classmethod
+    def of(cls, hessian: FloatArray) -> Blocks:
+        """Of the sections' ``hessian`` (N, m, m).
+
+        Raises:
+            ConvergenceError: if one is singular or not finite.
+        """
+        try:
+            inverse = np.linalg.inv(hessian)
+        except np.linalg.LinAlgError:
+            inverse = np.array(np.nan)
+        if not np.isfinite(inverse).all():
+            raise ConvergenceError('the balance of the cross sections', np.inf, 0)
+        return cls(inverse)
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """See `Factors.solve`."""
+        nodes, strains = self.inverse.shape[:2]
+        return np.asarray(self.inverse @ right.reshape(nodes, strains, -1)).reshape(right.shape)
+
 
 def factorise(jacobian: FloatArray) -> Factors:
     """Factors of a ``jacobian`` (n, n) in rows, which is overwritten.
@@ -95,6 +130,11 @@ class Variation:
             hessian * weights[:, np.newaxis, np.newaxis] * scale[:, np.newaxis]
             * scale[..., np.newaxis]
         )  # fmt: skip
+
+    def add(self, rows: FloatArray) -> None:
+        """Add the squares of ``rows`` (k, N m) of the twists: of springs of stiffness one."""
+        rows = rows * self._scale
+        self.form += rows.T @ rows
 
     def stability(self) -> Stability:
         """Whether it is positive, and by what margin."""

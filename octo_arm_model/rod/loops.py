@@ -42,6 +42,7 @@ _F = TypeVar('_F', bound=Callable[..., object])
 _MOST_SWEEPS = 80  # of orientations
 _ROUNDING = 2e-13  # change by a sweep, which leaves a thirtieth of it
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
+_ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see `angles`
 _SETTLED = 1e-14  # change of an offset, over the lever
 
 
@@ -478,6 +479,93 @@ def _relative(wrench: FloatArray, work: Work) -> float:
             if not value <= worst:  # also NaN, which stays
                 worst = value
     return worst
+
+
+# Tendons with friction -------------------------------------------------------------------------
+
+
+@_compiled
+def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+    """Angle by which every tendon under tension has turned between the base and every node.
+
+    The integral of the length of e' + kappa x e, e the unit tangent in the axes of the section,
+    and the angles between tangents where strains jump; its length has a kink where it vanishes,
+    and is taken at fine points where it may. ``tensions`` displace tendons in sheaths.
+    """
+    elements, points, tendons = tables.lengths.size, tables.to_end.shape[0], tables.friction.size
+    strain, unit = np.empty(6), np.empty((points, 3))
+    last, total, bend = np.zeros((tendons, 3)), np.zeros(tendons), np.empty((points, 3))
+    rate = np.empty(points)
+    work.angle[:] = 0.0
+    for e in range(elements):
+        start, h = e * points, tables.lengths[e]
+        for j in range(tables.active[start]):
+            if tensions[start, j] == 0.0 or tables.friction[j] == 0.0:
+                continue
+            for k in range(points):
+                _tangent(tables, z, tensions, start + k, j, strain, unit[k], work)
+            if tables.sharp[e]:
+                square = 0.0
+                for c in range(3):
+                    first = 0.0
+                    for k in range(points):
+                        first += tables.ends[0, k] * unit[k, c]
+                    square += (first - last[j, c]) ** 2
+                total[j] += 2.0 * np.arcsin(min(0.5 * np.sqrt(square), 1.0))
+            for c in range(3):
+                last[j, c] = 0.0
+                for k in range(points):
+                    last[j, c] += tables.ends[1, k] * unit[k, c]
+            for i in range(points):
+                work.angle[start + i, j] += total[j]
+            for k in range(points):
+                _cross(z[start + k], unit[k], bend[k])
+                square = 0.0
+                for c in range(3):
+                    slope = 0.0
+                    for n in range(points):
+                        slope += tables.differentiation[k, n] * unit[n, c]
+                    bend[k, c] += slope / h
+                    square += bend[k, c] ** 2
+                rate[k] = np.sqrt(square)
+            along = 0.0
+            for c in range(3):
+                along += bend[0, c] * bend[points - 1, c]
+            if along < _ROUGH * rate[0] * rate[points - 1]:
+                for f in range(tables.to_fine.shape[0]):
+                    square = 0.0
+                    for c in range(3):
+                        value = 0.0
+                        for k in range(points):
+                            value += tables.to_fine[f, k] * bend[k, c]
+                        square += value * value
+                    size = h * np.sqrt(square)
+                    for i in range(points):
+                        work.angle[start + i, j] += tables.fine_weights[i, f] * size
+                    total[j] += tables.fine_weights[points, f] * size
+            else:
+                for k in range(points):
+                    total[j] += tables.weights[start + k] * rate[k]
+                    for i in range(points):
+                        work.angle[start + i, j] += h * tables.to_point[i, k] * rate[k]
+
+
+@_compiled
+def _tangent(
+    tables: Tables, z: FloatArray, tensions: FloatArray, i: int, j: int, strain: FloatArray,
+    unit: FloatArray, work: Work,
+) -> None:  # fmt: skip
+    """Unit tangent of tendon ``j`` at node ``i``."""
+    width, _, _ = _widening(tables.widens, z[i, 3])
+    _scaled(z[i], width, strain)
+    d_n = d_b = 0.0
+    if tables.compliance[j] > 0.0:
+        yielding, lever = tables.compliance[j] * tensions[i, j], tables.body[i, LEVER]
+        d_n, d_b = _offset(tables.tendons[i, j], strain, width, yielding, lever)
+        work.offsets[i, j, 0], work.offsets[i, j, 1] = d_n, d_b
+    u_t, u_n, u_b = _along(tables.tendons[i, j], strain, width, d_n, d_b)
+    over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+    unit[0], unit[1], unit[2] = over * u_t, over * u_n, over * u_b
 
 
 # The whole arm ---------------------------------------------------------------------------------

@@ -16,13 +16,13 @@ from octo_arm_model.rod.factors import Factors
 MOST = 15  # iterations of one search
 # Part of a residual that a step has to leave at most: the first by factors from elsewhere, the
 # first by those of the state, which may raise it, and every other.
-_PREDICTED, _FIRST, _PROGRESS = 0.3, 3.0, 0.7
+PREDICTED, FIRST, PROGRESS = 0.3, 3.0, 0.7
 # Where a load states no tangent stiffness convergence is linear: iterations and what each leaves.
-_MOST_LINEAR, _LINEAR_PROGRESS = 200, 0.99
+MOST_LINEAR, LINEAR_PROGRESS = 200, 0.99
 # Below this residual a step by factors of the state may raise it again: where the arm is soft it
 # turns far, and what is left is of second order.
 _SOFT = 1e-4
-_CHORD = 0.2  # and up to which the same factors are used again
+CHORD = 0.2  # and up to which the same factors are used again
 _LEAST_DENOMINATOR = 0.2  # of Broyden's update
 
 
@@ -42,18 +42,17 @@ class Found(NamedTuple):
     corrected: float
 
 
-class _Chord:
+class Chord:
     """Steps with the same factors."""
 
-    def __init__(self, problem: Problem, factors: Factors) -> None:
-        self.factors = factors
-        self._measure = problem.measure
+    def __init__(self, measure: FloatArray) -> None:
+        """Of steps (n,) whose squares are summed by ``measure`` (n,)."""
+        self._measure = measure
         self._steps: list[FloatArray] = []
         self._duals: list[FloatArray] = []  # whose product with a step is 1
 
-    def step(self, imbalance: FloatArray) -> FloatArray:
-        """Step to the next state, from one of this ``imbalance``; both (N, m)."""
-        step = self.factors.solve(-imbalance.ravel())
+    def corrected(self, step: FloatArray) -> FloatArray:
+        """The next ``step`` (n,) by these factors, corrected by what those before it left."""
         for dual, after in zip(self._duals, self._steps[1:]):
             step += float(dual @ step) * after
         if self._duals:
@@ -66,7 +65,7 @@ class _Chord:
             dual /= size
             self._steps.append(step)
             self._duals.append(dual)
-        return step.reshape(imbalance.shape)
+        return step
 
 
 def settle(
@@ -79,26 +78,27 @@ def settle(
     """
     state, iterations = problem.evaluate(acting, z), 0
     predicted: State | None = None
-    chord = None if factors is None else _Chord(problem, factors)
+    chord = None if factors is None else Chord(problem.measure)
     is_near, is_first = False, True
-    limit, progress, again = MOST, _PROGRESS, _CHORD
+    limit, progress, again = MOST, PROGRESS, CHORD
     if problem.others.without_tangent:
-        limit, progress, again = _MOST_LINEAR, _LINEAR_PROGRESS, _LINEAR_PROGRESS
+        limit, progress, again = MOST_LINEAR, LINEAR_PROGRESS, LINEAR_PROGRESS
     while state.residual > tolerance and iterations < limit:
         if chord is None:
             try:
-                chord, is_near = _Chord(problem, problem.linearise(state)), True
+                factors, is_near = problem.linearise(state), True
             except ConvergenceError:
                 break
-        step = chord.step(state.imbalance)
-        new = problem.evaluate(acting, state.z + step)
+            chord = Chord(problem.measure)
+        assert factors is not None
+        step = chord.corrected(factors.solve(-state.imbalance.ravel()))
+        new = problem.evaluate(acting, state.z + step.reshape(state.z.shape))
         iterations += 1
         most = progress
         if is_first:
-            most = _FIRST if is_near else _PREDICTED
+            most = FIRST if is_near else PREDICTED
         elif is_near and state.residual <= _SOFT:
-            most = _FIRST
-        factors = chord.factors
+            most = FIRST
         if not new.residual <= most * state.residual:  # nor where it is NaN
             if is_near:
                 break

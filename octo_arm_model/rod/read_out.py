@@ -15,6 +15,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
+from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.tables import force_scale, tabulate, work_arrays
 
 ADDED_POINTS = 5  # in each element
@@ -30,6 +31,7 @@ class Reading(NamedTuple):
         moment: of all that acts beyond, in base_frame, without free moments, (S, 3) [N m].
         z: twists at the nodes of the finer problem, (n, m).
         acting: what acts at these.
+        tensions: of every tendon at the stations [N], (S, J).
     """
 
     position: FloatArray
@@ -37,35 +39,83 @@ class Reading(NamedTuple):
     moment: FloatArray
     z: FloatArray
     acting: Acting
+    tensions: FloatArray
+
+
+class Finer:
+    """More points of each element, where sections balance what acts at the nodes.
+
+    Attributes:
+        problem: the nodes.
+        own: the equations at the points.
+    """
+
+    def __init__(self, problem: Problem, own: Problem) -> None:
+        """``own`` has the elements of ``problem`` with `ADDED_POINTS` in each."""
+        self.problem, self.own = problem, own
+        self._between = problem.elements.interpolation(own.elements.s)
+
+    def balance(self, state: State) -> tuple[Acting, FloatArray]:
+        """What acts there in ``state``, and the twists (n, m) that balance it."""
+        own, condition = self.own, state.acting.condition
+        if condition.tensions.ndim > 1:
+            # Given at the nodes.
+            condition = condition._replace(tensions=self._between @ condition.tensions)
+        elif self.problem.friction is not None:
+            condition = condition._replace(tensions=self._slid(state))
+        work, z = own.work, self._between @ state.z
+        acting = own.evaluate(own.acting(condition), z).acting
+        wrench = work.gradient - work.residual
+        own.form.section_steps(own.tables, z, acting.tensions, wrench, work)
+        return acting, z + work.step
+
+    def _slid(self, state: State) -> FloatArray:
+        friction, sliding = self.problem.friction, self.problem.sliding(state)
+        assert friction is not None
+        if sliding.along is not None:
+            return friction.spread(friction.projection(self.own.elements), sliding.along)
+        loss = self.problem.tables.friction * (self._between @ sliding.angle)
+        base = state.acting.condition.tensions * self.own.tables.reach
+        return np.asarray(base * np.exp(-loss))
+
+    def loss(self, acting: Acting, z: FloatArray) -> FloatArray:
+        """Mu theta of tendons with friction under what is ``acting`` at twists ``z``, (n, J)."""
+        own = self.own
+        own.form.angles(own.tables, z, acting.tensions, own.work)
+        return own.work.angle * own.tables.friction
+
+    def friction_error(self, state: State) -> float:
+        """Estimated error of tensions with friction, in parts of them."""
+        means = [
+            (one.elements.weights[:, np.newaxis] * loss).reshape(
+                one.elements.lengths.size, one.elements.points, -1
+            ).sum(axis=1)
+            for one, loss in (
+                (self.problem, self.problem.sliding(state).angle * self.problem.tables.friction),
+                (self.own, self.loss(*self.balance(state))),
+            )
+        ]  # fmt: skip
+        change = (means[0] - means[1]) / self.own.elements.lengths[:, np.newaxis]
+        return float(np.abs(change).max())
 
 
 class Readout:
     """Reads equilibria of a `Problem` at stations."""
 
-    def __init__(self, problem: Problem, finer: Problem, arm: Arm, s: FloatArray) -> None:
-        """At arc coordinates ``s`` (S,) [m] of ``arm``.
-
-        ``finer`` has the elements of ``problem`` with `ADDED_POINTS` in each.
-        """
-        self._problem, self._finer = problem, finer
-        self._to_finer = problem.elements.interpolation(finer.elements.s)
-        self._integration = finer.elements.integration(s)
-        self._interpolation = finer.elements.interpolation(s)
-        own = problem.tables
-        self._tables = tabulate(arm, finer.elements, own.base, widens=own.widens, s=s)
-        self._work = work_arrays(self._tables, problem.strains, has_jacobian=False)
+    def __init__(self, finer: Finer, arm: Arm, s: FloatArray) -> None:
+        """At arc coordinates ``s`` (S,) [m] of ``arm``."""
+        self._problem, self._finer, self._s = finer.problem, finer, s
+        elements, own = finer.own.elements, finer.own.tables
+        self._integration, self._interpolation = elements.integration(s), elements.interpolation(s)
+        self._tables = tabulate(arm, elements, own.base, widens=own.widens, s=s)
+        self._work = work_arrays(self._tables, finer.problem.strains, has_jacobian=False)
 
     def read(self, state: State) -> Reading:
         """Poses at the stations, by integrals from the base."""
-        finer, condition = self._finer, state.acting.condition
-        if condition.tensions.ndim > 1:
-            # Given at the nodes, where friction has made them.
-            condition = condition._replace(tensions=self._to_finer @ condition.tensions)
-        work, z = finer.work, self._to_finer @ state.z
-        acting = finer.evaluate(finer.acting(condition), z).acting
-        wrench = work.gradient - work.residual
-        finer.form.section_steps(finer.tables, z, acting.tensions, wrench, work)
-        z = z + work.step
+        (acting, z), finer = self._finer.balance(state), self._finer.own
+        work, between = finer.work, self._interpolation @ acting.tensions
+        if self._problem.friction is not None and state.acting.condition.tensions.ndim == 1:
+            between = self._slid(state, self._interpolation @ self._finer.loss(acting, z))
         finer.form.orientations(finer.tables, z, work)
         rates = np.empty((len(z), 10))
         rates[:, :3] = work.slope
@@ -81,16 +131,25 @@ class Readout:
         turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
         # What acts beyond a station: the moment at the base less what is carried up to there.
         moment = finer.elements.weights @ carried - found[:, 7:]
-        return Reading(found[:, :3], turn, moment, z, acting)
+        return Reading(found[:, :3], turn, moment, z, acting, between)
+
+    def _slid(self, state: State, loss: FloatArray) -> FloatArray:
+        """Tensions with friction at the stations (S, J), where ``loss`` (S, J) is mu theta."""
+        friction, condition = self._problem.friction, state.acting.condition
+        base = condition.tensions * self._tables.reach
+        if condition.before is None:
+            return np.asarray(base * np.exp(-loss))
+        assert friction is not None
+        return clipped(base, friction.fine.interpolation(self._s) @ condition.before, loss)[0]
 
     def twists(self, reading: Reading) -> FloatArray:
         """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""
         acting, work, strains = reading.acting, self._work, reading.z.shape[1]
         between = self._interpolation @ np.concatenate(
-            [reading.z, acting.force, acting.couple, acting.tensions], axis=1
+            [reading.z, acting.force, acting.couple], axis=1
         )
         z = np.ascontiguousarray(between[:, :strains])
-        tensions = np.ascontiguousarray(between[:, strains + 6 :])
+        tensions = reading.tensions
         work.scale[:] = force_scale(self._tables, tensions)
         moment = reading.moment + between[:, strains + 3 : strains + 6]
         inverse = rotation_matrices(np.ascontiguousarray(reading.quaternion.T)).transpose(2, 1, 0)
@@ -102,3 +161,20 @@ class Readout:
             self._problem.form.section_steps(self._tables, z, tensions, wrench, work)
             z = z + work.step
         return z
+
+
+def integrate_poses(
+    problem: Problem, z: FloatArray, integration: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (S, 3) [m] from the base and quaternions w, x, y, z (S, 4) at stations.
+
+    From twists ``z`` (N, m) whose orientations are in ``problem.work``, by the matrix
+    ``integration`` (S, N) from values at the nodes to integrals up to the stations.
+    """
+    rates = np.empty((len(z), 7))
+    rates[:, :3] = problem.work.slope
+    quaternion_rates(problem.work.quaternion, z[:, :3], rates[:, 3:])
+    found = integration @ rates
+    turn = found[:, 3:] + problem.tables.base
+    turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
+    return found[:, :3], turn

@@ -9,9 +9,10 @@ import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.errors import ContinuationError, ConvergenceError
+from octo_arm_model.core.budget import Budget, Spending
+from octo_arm_model.core.errors import ConfigError, ContinuationError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget, Spending
+from octo_arm_model.rod import arrays
 from octo_arm_model.rod.checks import check_solution
 from octo_arm_model.rod.continuation import (
     MOST_CORRECTED,
@@ -28,11 +29,12 @@ from octo_arm_model.rod.factors import Factors
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.load_limits import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
-from octo_arm_model.rod.read_out import ADDED_POINTS, Readout
+from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
 from octo_arm_model.rod.resolution import position_error
 from octo_arm_model.rod.tables import force_scale, tabulate
 from octo_arm_model.rod.unloaded import balance_sections, initial_twists
 
+_TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
 # An equilibrium that is stable by a margin is not judged again where since then the arm has turned
 # by less than this [rad] and the force on it times the square of its lever over E J has changed by
@@ -80,6 +82,8 @@ class Rod:
     Attributes:
         arm: the arm.
         setting: how it is modelled.
+        is_compiled: whether numba compiles the node functions.
+        is_loaded: whether anything but tendons and the wrench on the tip loads it.
     """
 
     def __init__(
@@ -95,9 +99,13 @@ class Rod:
         self.arm, self.setting, self._loads, self._budget = arm, setting, loads, budget
         self._base = np.array([1.0, 0.0, 0.0, 0.0]) if base is None else base
         self._form = choose_form(setting.compiled)
+        self.is_compiled = self._form is not arrays
         self._strains = 6 if setting.shear else 4
         # Problems of each level, and one of few nodes to follow an arm from its unloaded shape.
         self.problem = functools.lru_cache(self._problem)
+        self.finer = functools.lru_cache(
+            lambda level: Finer(self.problem(level), self._problem(level, ADDED_POINTS))
+        )
         own = self.problem(0)
         body, s = own.tables.body, own.elements.s
         bending = 0.25 * body[:, 0] * body[:, 2]
@@ -105,6 +113,7 @@ class Rod:
         self._per_square = (
             (own.tables.compliance / bending.min()) if any(own.tables.compliance) else None
         )
+        self.has_friction = own.friction is not None
         with np.errstate(over='ignore', invalid='ignore'):
             straight = own.straight_resultants()
         places = np.concatenate([own.elements.edges, s])
@@ -121,25 +130,30 @@ class Rod:
 
     def readout(self, level: int, s: FloatArray) -> Readout:
         """Reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
-        return Readout(self.problem(level), self._problem(level, ADDED_POINTS), self.arm, s)
+        return Readout(self.finer(level), self.arm, s)
+
+    def spending(self) -> Spending:
+        """Of one solve that begins now."""
+        return Spending(self._budget)
 
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None = None,
-        spending: Spending | None = None,
+        spending: Spending | None = None, before: FloatArray | None = None,
     ) -> Equilibrium:  # fmt: skip
         """The equilibrium under ``tensions`` (J,) [N] and a ``tip_wrench`` (6,) [N, N m].
 
-        Followed from ``start``, or from the unloaded shape.
+        Followed from ``start``, or from the unloaded shape. Tendons with friction slide from
+        tensions ``before`` (M, J) [N], see `Problem.history`, of any level, or from slack.
 
         Raises:
             SolveError: if there is no trustworthy answer.
             ContinuationError: if it would take more than the budget.
         """
-        wanted = Condition(tensions, tip_wrench)
-        spending = spending or Spending(self._budget)
+        wanted = Condition(tensions, tip_wrench, before=before)
+        spending = spending or self.spending()
         is_loaded = self.is_loaded or bool(tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            if is_loaded:
+            if is_loaded or self.has_friction:
                 found = self._loaded_equilibrium(wanted, start, spending)
             else:
                 found = self._unloaded_equilibrium(wanted)
@@ -150,6 +164,7 @@ class Rod:
         self, wanted: Condition, start: Equilibrium | None, spending: Spending
     ) -> Equilibrium:
         """A stable equilibrium under loads, on as many nodes as it takes."""
+        start = self._at_least(start, wanted.before)
         found = None if start is None else self._warm(wanted, start, spending)
         if found is None:
             found = self._followed(wanted, start, spending)
@@ -157,40 +172,81 @@ class Rod:
             return found  # resolved as well as that
         return self._resolved(found, wanted, spending)
 
+    def _fine(self, level: int) -> Elements:
+        friction = self.problem(level).friction
+        assert friction is not None
+        return friction.fine
+
+    def _level_of(self, before: FloatArray) -> int:
+        """The level at whose fine points ``before`` (M, J) is.
+
+        Raises:
+            ConfigError: if it is at those of no level of this arm.
+        """
+        for level in (*range(len(LEVELS)), COARSE):
+            if len(before) == self._fine(level).s.size:
+                return level
+        raise ConfigError('the backbone was solved by another solver')
+
+    def _at_level(self, condition: Condition, level: int) -> Condition:
+        """The ``condition`` with tensions ``before`` at the fine points of a ``level``."""
+        before = condition.before
+        if before is None or (given := self._level_of(before)) == level:
+            return condition
+        own = moved(before, self._fine(given), self._fine(level))
+        return condition._replace(before=own)
+
+    def _at_least(
+        self, start: Equilibrium | None, before: FloatArray | None
+    ) -> Equilibrium | None:
+        """The ``start`` on no fewer nodes than ``before`` is given at."""
+        if start is None or before is None or (level := self._level_of(before)) <= start.level:
+            return start
+        of, now = self.problem(start.level), self.problem(level)
+        z = moved(start.state.z, of.elements, now.elements)
+        condition = self._at_level(start.state.acting.condition, level)
+        state = now.evaluate(now.acting(condition), z)
+        return Equilibrium(state, level, None, None, start.iterations)
+
     def _unloaded_equilibrium(self, wanted: Condition) -> Equilibrium:
         """The balance of every cross section by itself, on as many nodes as it takes."""
         iterations = 0
         for level in range(len(LEVELS)):
             problem = self.problem(level)
-            z, left, steps = self.unloaded(problem, wanted.tensions)
+            z, left, steps = self.unloaded(problem, wanted)
             iterations += steps
             acting = problem.acting(wanted)
             problem.form.orientations(problem.tables, z, problem.work)
             state = problem.known(State(acting, z, np.zeros_like(z), left))
-            if self._is_resolved(problem, state, level):
+            if self.is_resolved(problem, state, level):
                 break
         return Equilibrium(state, level, None, None, iterations)
 
-    def unloaded(self, problem: Problem, tensions: FloatArray) -> tuple[FloatArray, float, int]:
-        """Twists at the nodes of ``problem`` under ``tensions`` alone, residual and steps.
+    def unloaded(self, problem: Problem, wanted: Condition) -> tuple[FloatArray, float, int]:
+        """Twists at the nodes of ``problem`` under tensions alone, residual and steps.
+
+        Nearly, where tendons have friction.
 
         Raises:
             ConvergenceError: if there is no balance.
         """
-        local = np.empty((problem.elements.s.size, tensions.size))
-        local[:] = tensions
+        local = np.empty((problem.elements.s.size, wanted.tensions.size))
+        local[:] = wanted.tensions
         problem.work.scale[:] = force_scale(problem.tables, local)
         z = initial_twists(problem.tables, local, problem.strains)
-        return balance_sections(
-            problem.form, problem.tables, problem.work, local, np.zeros_like(z), z
-        )
+        given = problem.form, problem.tables, problem.work
+        found = balance_sections(*given, local, np.zeros_like(z), z)
+        if problem.friction is not None:
+            local = problem.first_tensions(wanted, found[0])
+            found = balance_sections(*given, local, np.zeros_like(z), found[0])
+        return found
 
     def _warm(
         self, wanted: Condition, start: Equilibrium, spending: Spending
     ) -> Equilibrium | None:
         """By Newton's method from ``start``; None where that leads to no stable equilibrium."""
         problem = self.problem(start.level)
-        acting = problem.acting(wanted)
+        acting = problem.acting(self._at_level(wanted, start.level))
         found = settle(problem, acting, start.state.z, spending.residual, start.factors)
         spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
         return self._accepted(problem, found, start, spending)
@@ -203,7 +259,7 @@ class Rod:
         if not (state.residual <= spending.residual and found.corrected <= MOST_CORRECTED):
             return None
         firm = start.judged
-        if firm is not None and self._is_near(problem, firm, state):
+        if firm is not None and self.is_near(problem, firm, state):
             return Equilibrium(state, start.level, found.factors or start.factors, firm, total)
         return self._equilibrium(self._judged(problem, state), start.level, total)
 
@@ -219,7 +275,7 @@ class Rod:
         firm = judged.state if judged.stability.is_firm else None
         return Equilibrium(judged.state, level, judged.factors, firm, total)
 
-    def _is_near(self, problem: Problem, judged: State, state: State) -> bool:
+    def is_near(self, problem: Problem, judged: State, state: State) -> bool:
         """Whether ``state`` is stable as surely as what was ``judged`` stable by a margin."""
         if not problem.has_energy(state.acting.condition):
             return False
@@ -238,18 +294,20 @@ class Rod:
         if start is not None:
             problem, level = self.problem(start.level), start.level
             known, z = start.state.acting.condition, start.state.z
+            wanted = self._at_level(wanted, level)
             judged = follow(problem, known, z, wanted, spending)
         else:
-            level = 0
-            judged = self._cold(wanted, spending)
+            level = 0 if wanted.before is None else max(self._level_of(wanted.before), 0)
+            judged = self._cold(wanted, level, spending)
         found = self._equilibrium(judged, level, spending.iterations)
         assert found is not None
         return found
 
-    def _cold(self, wanted: Condition, spending: Spending) -> Judged:
+    def _cold(self, wanted: Condition, level: int, spending: Spending) -> Judged:
         """From the unloaded shape: by Newton's method, or followed on few nodes, or on all."""
-        fine, coarse = self.problem(0), self.problem(COARSE)
-        z = self.unloaded(fine, wanted.tensions)[0]
+        fine, coarse = self.problem(level), self.problem(COARSE)
+        given, wanted = wanted, self._at_level(wanted, level)
+        z = self.unloaded(fine, wanted)[0]
         found = settle(fine, fine.acting(wanted), z, TOLERANCE)
         spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
         if found.state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
@@ -259,16 +317,18 @@ class Rod:
         known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
         if coarse.elements.s.size < fine.elements.s.size:
             try:
-                rough = self.unloaded(coarse, wanted.tensions)[0]
+                roughly = self._at_level(given, COARSE)
+                rough = self.unloaded(coarse, roughly)[0]
+                start = roughly._replace(tip_wrench=np.zeros(6), factor=0.0)
                 near = follow(
-                    coarse, known, rough, wanted, spending, ON_THE_WAY, _FIRST_STEP, False
+                    coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP, False
                 ).state
-                guess, reached = (
-                    _moved(near.z, coarse.elements, fine.elements),
-                    near.acting.condition,
-                )
-                # A branch of few nodes may end where that of the arm does not.
-                step = 1.0 if reached is wanted else _FIRST_STEP
+                guess, reached = moved(near.z, coarse.elements, fine.elements), wanted
+                step = 1.0
+                if near.acting.condition is not roughly:
+                    # A branch of few nodes may end where that of the arm does not.
+                    reached = near.acting.condition._replace(before=wanted.before)
+                    step = _FIRST_STEP
                 return follow(fine, reached, guess, wanted, spending, TOLERANCE, step)
             except ContinuationError:
                 raise  # Its budget is spent.
@@ -278,24 +338,30 @@ class Rod:
 
     def _resolved(self, found: Equilibrium, wanted: Condition, spending: Spending) -> Equilibrium:
         """What was ``found``, on as many nodes as it takes."""
-        while not self._is_resolved(self.problem(found.level), found.state, found.level):
+        while not self.is_resolved(self.problem(found.level), found.state, found.level):
             level = found.level + 1
             problem = self.problem(level)
-            z = _moved(found.state.z, self.problem(found.level).elements, problem.elements)
-            judged = follow(problem, wanted, z, wanted, spending)
+            z = moved(found.state.z, self.problem(found.level).elements, problem.elements)
+            condition = self._at_level(wanted, level)
+            judged = follow(problem, condition, z, condition, spending)
             finer = self._equilibrium(judged, level, spending.iterations)
             assert finer is not None
             found = finer
         return found
 
-    def _is_resolved(self, problem: Problem, state: State, level: int) -> bool:
+    def is_resolved(self, problem: Problem, state: State, level: int) -> bool:
+        """Whether ``state`` on a ``level`` is as accurate as it should be."""
         if level == len(LEVELS) - 1:
             return True
         problem.load_work(state)
         error = position_error(problem.elements, state.z, problem.work.slope)
-        return error <= self.setting.accuracy
+        if not error <= self.setting.accuracy:
+            return False
+        if problem.friction is None:
+            return True
+        return self.finer(level).friction_error(state) <= _TENSION_ERROR * self.setting.accuracy
 
 
-def _moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
+def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
     """Twists ``z`` (N, m) at the nodes of other elements."""
     return np.ascontiguousarray(before.interpolation(now.s) @ z)

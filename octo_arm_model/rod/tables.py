@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.core.hints import BoolArray, FloatArray, IntArray
 from octo_arm_model.core.numerics.gauss import GaussRule
 from octo_arm_model.rod.elements import Elements
 
@@ -43,6 +43,13 @@ class Tables(NamedTuple):
         reach: 1 where a tendon acts and 0 beyond its anchorage, (N, J).
         least_scale: see `force_scale`, (N,) [N].
         compliance: 1 / k of the sheath of each tendon [1/Pa], 0 for a rigid one, (J,).
+        friction: coefficient mu of each tendon [-], (J,).
+        differentiation: derivative at the points of an element of length one, (p, p).
+        ends: weights of the values at its start and end, (2, p).
+        sharp: whether strains may jump at the start of each element, (E,).
+        to_fine: values at the M / E fine points of an element of length one, see
+            `elements.fine`, from those at its points, (M / E, p).
+        fine_weights: of the integrals from its start to each point and to its end, (p + 1, M / E).
     """
 
     widens: bool
@@ -58,6 +65,12 @@ class Tables(NamedTuple):
     reach: FloatArray
     least_scale: FloatArray
     compliance: FloatArray
+    friction: FloatArray
+    differentiation: FloatArray
+    ends: FloatArray
+    sharp: BoolArray
+    to_fine: FloatArray
+    fine_weights: FloatArray
 
 
 class Work(NamedTuple):
@@ -74,6 +87,7 @@ class Work(NamedTuple):
         scale: size of forces and moments by which a residual is measured, (N, 2) [N m, N].
         step: of the cross sections alone, see `section_steps`, (N, m).
         offsets: of tendons in sheaths, (N, J, 2) [m].
+        angle: by which tendons with friction have turned since the base [rad], (N, J).
         jacobian: d residual / d z, (N m, N m), rows and columns node by node.
     """
 
@@ -87,6 +101,7 @@ class Work(NamedTuple):
     scale: FloatArray
     step: FloatArray
     offsets: FloatArray
+    angle: FloatArray
     jacobian: FloatArray
 
 
@@ -105,6 +120,7 @@ def work_arrays(tables: Tables, strains: int, *, has_jacobian: bool = True) -> W
         np.zeros((nodes, 2)),
         np.zeros((nodes, strains)),
         np.zeros((nodes, tendons, 2)),
+        np.zeros((nodes, tendons)),
         np.zeros((size, size)),
     )
 
@@ -140,6 +156,11 @@ def tabulate(
         acts.astype(np.float64),
         _LEAST_SCALE * body[:, AXIAL],
         compliance,
+        np.array(arm.friction or np.zeros(len(arm.tendons))),
+        rule.differentiation,
+        rule.interpolate(np.array([0.0, 1.0])),
+        elements.sharp,
+        *_fine(rule),
     )
 
 
@@ -165,6 +186,16 @@ def _section_at(arm: Arm, s: FloatArray) -> IntArray:
 
 def _twice(rule: GaussRule) -> FloatArray:
     return np.ascontiguousarray(np.einsum('im,mk->ikm', rule.to_end, rule.from_start))
+
+
+def _fine(rule: GaussRule) -> tuple[FloatArray, FloatArray]:
+    """`Tables.to_fine` and `Tables.fine_weights` of one element of length one."""
+    one = np.ones(1)
+    unit = Elements(
+        np.array([0.0, 1.0]), rule, one, rule.points, rule.weights, np.zeros(1, np.int64), one > 0
+    )
+    fine = unit.fine
+    return rule.interpolate(fine.s), fine.integration(np.append(rule.points, 1.0))
 
 
 def _body(arm: Arm, s: FloatArray, tendons: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ from std_msgs.msg import Header
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.errors import ConfigError, LoadError, MessageError, shown
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.rod.backbone import Backbone
 
 _TYPE = re.compile(r'([a-z]\w*)/msg/([A-Z]\w*)')
 

@@ -14,7 +14,7 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import positive, within
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MIN_RATE
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.load_cells import LoadCells
 from octo_arm_model.simulation.profiles.commands import find_profile

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.config.config import Config
+from octo_arm_model.core.arm.pose import Pose
+from octo_arm_model.core.budget import Budget
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget
-from octo_arm_model.core.rod.pose import Pose
 from octo_arm_model.estimation.measurements import Markers, Measurement
 from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
@@ -48,7 +48,7 @@ class PushedArm:
         whether tendons with friction are therefore pulled anew.
         """
         # A push at the tip, or none, leaves the points of the arm as they are.
-        mine, theirs = (one._model.solver.grid.nodes for one in (self, before))
+        mine, theirs = (one._model.solver.grid.s for one in (self, before))
         if np.array_equal(mine, theirs) and self._config.has_balance_of(before._config):
             self._at = before._at
             return False

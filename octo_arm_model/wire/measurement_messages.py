@@ -14,12 +14,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.config.config import Config
+from octo_arm_model.core.arm.pose import Pose
 from octo_arm_model.core.arm.validation import LARGEST
 from octo_arm_model.core.errors import MeasurementError, TensionError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NAME
 from octo_arm_model.core.numerics.vectors import skew
-from octo_arm_model.core.rod.pose import Pose
 from octo_arm_model.estimation.measurements import (
     Markers,
     Measurement,

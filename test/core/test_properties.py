@@ -11,7 +11,7 @@ from strategies import MODEL_NAMES, arms, loaded_arms
 
 from octo_arm_model import Arm, Backbone, SolveError, Solver
 from octo_arm_model.core.models import picard, renda2012
-from octo_arm_model.core.rod.grid import DEFAULT_STATIONS
+from octo_arm_model.rod.stations import DEFAULT_STATIONS
 
 MODEL = st.sampled_from(MODEL_NAMES)
 LOADED = loaded_arms()

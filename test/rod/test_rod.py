@@ -18,9 +18,9 @@ from octo_arm_model import (
     Section,
     Solver,
 )
+from octo_arm_model.core.budget import Budget
 from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget
 from octo_arm_model.rod.continuation import judge
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 

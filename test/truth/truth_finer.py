@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from octo_arm_model import Config, Profile, Solver
-from octo_arm_model.core.rod.grid import StationGrid
+from octo_arm_model.rod.stations import StationGrid
 
 DIGITS = 10  # significant ones of the largest value of a quantity that are kept
 

@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.analysis.winding.newton import Wound
 from octo_arm_model.analysis.winding.tendon_displacement import (
     displacement_change,
     displacements_by_tension,
 )
+from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
+from octo_arm_model.rod.solver import Solver
 
 # Of the largest singular value of D_T: of an arm that tapers the smallest is 1e-2 to 1e-4, and
 # what is zero comes out as 1e-10 or less.
@@ -116,7 +116,6 @@ def unloaded_by_offset(solver: Solver, backbone: Backbone) -> FloatArray:
     By their unloaded lengths alone, and what these stretch by; only of tendons that wind about
     the midline.
     """
-    weights = solver.offset_weights
-    integrals = np.einsum('jn,jn->j', solver.local_tensions(backbone), weights)
-    by_offset: FloatArray = weights.sum(axis=1) + solver.arm.stretched(integrals)
-    return by_offset
+    by_offset, integrals = solver.rest_lengths_by_offset(backbone)
+    total: FloatArray = by_offset + solver.arm.stretched(integrals)
+    return total

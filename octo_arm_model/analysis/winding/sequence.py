@@ -8,15 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.newton import Wound
 from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
+from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.results import Uncertainty
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.friction_memory import FrictionMemory
+from octo_arm_model.rod.sensitivity import Uncertainty
+from octo_arm_model.rod.solver import Solver
 
 
 class Answer(NamedTuple):

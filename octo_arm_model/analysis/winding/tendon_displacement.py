@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.sensitivity import Change, Sensitivity
+from octo_arm_model.rod.solver import Solver
 
 
 def tendon_compliance(solver: Solver) -> FloatArray:

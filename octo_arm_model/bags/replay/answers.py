@@ -12,10 +12,10 @@ from octo_arm_model.analysis.winding.sequence import WoundSequence
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config
+from octo_arm_model.core.arm.highest_tensions import default_highest
 from octo_arm_model.core.errors import OctoArmError, SolveError
-from octo_arm_model.core.friction_memory import FrictionMemory
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.section.highest_tensions import default_highest
+from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.wire.cdr.backbone import (
     TENDON_LENGTHS,
     TENSION_ESTIMATES,

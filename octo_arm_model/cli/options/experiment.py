@@ -14,9 +14,9 @@ from octo_arm_model.cli.options.shared import (
     add_values,
     path_of,
 )
-from octo_arm_model.core.solver import MODELS
 from octo_arm_model.experiment.recording.csv_recording import DISPLACEMENT
 from octo_arm_model.experiment.recording.measured_points import LENGTH_UNITS
+from octo_arm_model.rod.solver import MODELS
 
 ALL = 'all'
 # How recordings are read, behind the examples of each of the commands.

@@ -6,8 +6,8 @@ import numpy as np
 
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
 
 
 def as_dict(backbone: Backbone, solver: Solver) -> dict[str, object]:

@@ -114,3 +114,10 @@ def cumulative_product(factors: Quaternions) -> Quaternions:
     products = ztbsv(3, band.reshape(-1, 4).T, first.ravel(), lower=1, diag=1, overwrite_x=1)
     a, b = products.reshape(-1, 2).T
     return Quaternions(a.reshape(factors.a.shape), b.reshape(factors.b.shape))
+
+
+def unit(orientation: Quaternions) -> Quaternions:
+    """Quaternions divided by their length."""
+    a, b = orientation
+    length = np.sqrt(a.real**2 + a.imag**2 + b.real**2 + b.imag**2)
+    return Quaternions(a / length, b / length)

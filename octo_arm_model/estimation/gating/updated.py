@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.estimation.beliefs.belief import Belief
 from octo_arm_model.estimation.beliefs.curvature import Curvature
 from octo_arm_model.estimation.gating.taken import Kinds
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.state.prediction import Prediction
+from octo_arm_model.rod.backbone import Backbone
 
 
 class Innovation(NamedTuple):

@@ -12,10 +12,10 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.loading.load_resultants import force_per_length
-from octo_arm_model.core.rod.grid import StationGrid
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
+from octo_arm_model.rod.dead_loads import force_per_length
+from octo_arm_model.rod.stations import StationGrid
 
 _GAUSS = 4  # points of the quadrature between two stations
 _AXES = np.eye(3)
@@ -96,9 +96,9 @@ def _at_stations(arm: Arm, grid: StationGrid, loads: Loads) -> FloatArray:
     ends = np.union1d(grid.s, [s for s in loads.knots if 0.0 < s < arm.length])
     half = 0.5 * np.diff(ends)[:, np.newaxis]
     s = (ends[:-1, np.newaxis] + half * (1.0 + points)).ravel()
-    density = force_per_length(arm, s, loads) * (half * weights).ravel()
+    density = force_per_length(arm, s, loads) * (half * weights).reshape(-1, 1)
     cardinal = CubicSpline(grid.s, np.eye(grid.s.size))
-    force = np.asarray(cardinal(s)).T @ density.T
+    force = np.asarray(cardinal(s)).T @ density
     for point in loads.points:
         force += np.outer(cardinal(point.s), point.force)
     force[-1] += loads.tip_force

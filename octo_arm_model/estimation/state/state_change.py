@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.kinematics import unit
-from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.results import Change
+from octo_arm_model.core.numerics.quaternion import Quaternions, unit
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.sensitivity import Change
 
 
 class Part(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from octo_arm_model.core.solver import DEFAULT_MODEL, MODELS
+from octo_arm_model.rod.solver import DEFAULT_MODEL, MODELS
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from octo_arm_model.config.paper_data import (
 )
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.numerics.interpolation import nearest
-from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases
 from octo_arm_model.reproduce.claims.claim import Claim, Finding, below, claim, of_models
+from octo_arm_model.rod.solver import MODELS
 
 _SOFTER = 0.05  # of E
 _LOOP = 0.01  # [s]

@@ -13,9 +13,9 @@ from octo_arm_model.config.paper_data import (
     PROTOTYPE_ERRORS,
     Tensions,
 )
-from octo_arm_model.core.rod.backbone import Backbone
 from octo_arm_model.reproduce import cases
 from octo_arm_model.reproduce.claims.claim import Finding, below, claim
+from octo_arm_model.rod.backbone import Backbone
 
 PLANES = tuple(sorted({*range(-150, 181, 30), *range(-135, 136, 90)}))  # [deg], of Figure 10
 _PULL = 2.0  # [N], the largest amplitude of Table 3

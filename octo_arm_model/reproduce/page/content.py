@@ -11,10 +11,10 @@ from octo_arm_model.config.paper_data import (
     PROTOTYPE_AVERAGE_ERROR,
     PROTOTYPE_ERRORS,
 )
-from octo_arm_model.core.solver import MODELS
 from octo_arm_model.reproduce import cases, figures, tables
 from octo_arm_model.reproduce.claims.claim import Claim, count
 from octo_arm_model.reproduce.page.html_page import TITLE, Block, Picture, heading, paragraph
+from octo_arm_model.rod.solver import MODELS
 
 _MADE = f"""\
 Every number and curve here was computed when the page was made, by octo-arm reproduce of \

@@ -5,9 +5,9 @@ from __future__ import annotations
 from rclpy.node import Node
 
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.solver import Solver
 from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
 from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.outputs.backbone_publishers import BackbonePublishers
 from octo_arm_model.wire.cdr.estimate import BESIDES, EstimateWriter

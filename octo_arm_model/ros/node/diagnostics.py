@@ -12,9 +12,9 @@ from rclpy.qos import QoSProfile
 
 from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
 from octo_arm_model.core.errors import ContinuationError, OctoArmError, SolveError, in_short
-from octo_arm_model.core.friction_memory import FrictionMemory
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.friction_memory import FrictionMemory
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.node.heard_inputs import HeardInputs
 from octo_arm_model.ros.node.stepped_clock import SteppedClock
 from octo_arm_model.ros.qos import create_publisher

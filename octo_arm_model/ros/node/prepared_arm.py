@@ -10,7 +10,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.limits import MAX_YAML_BYTES
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.messages import message_class
 
 

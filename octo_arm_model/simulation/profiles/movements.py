@@ -16,11 +16,11 @@ from octo_arm_model.config.paper_data import (
     Tensions,
 )
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.highest_tensions import default_highest
 from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.section.highest_tensions import default_highest
-from octo_arm_model.core.section.paper_balance import SectionStiffness
-from octo_arm_model.core.section.tendons.tendon_sums import check_highest
+from octo_arm_model.rod.paper_balance import SectionStiffness
+from octo_arm_model.rod.tendon_sums import check_highest
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 
 MOVE_TIME = 3.0  # [s] from one posture to the next

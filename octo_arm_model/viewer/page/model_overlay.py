@@ -8,8 +8,8 @@ import viser
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import MODELS, Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import MODELS, Solver
 from octo_arm_model.viewer.page import numbers
 from octo_arm_model.viewer.page.controls import Later
 from octo_arm_model.viewer.page.scene import OTHER_COLOUR, ArmScene, beside

@@ -6,7 +6,7 @@ import viser
 from viser import uplot
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.ros.client.published import PublishedStrains
 
 _LABELS = (

@@ -12,7 +12,7 @@ from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import TipPosition
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.solver import Solver
 
 Answer = Inverse | OctoArmError
 Request = tuple[FloatArray, FloatArray]  # tip [m] and tensions to begin from [N]

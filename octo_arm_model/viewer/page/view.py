@@ -10,7 +10,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import Quaternions
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.simulation.profiles.limits import figures
 
 FIELD = 0.7  # vertical field of view [rad]

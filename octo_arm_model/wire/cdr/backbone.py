@@ -9,7 +9,7 @@ import numpy as np
 
 from octo_arm_model.core.errors import ConfigError, MessageError
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire.cdr.layout import ENCAPSULATION, POSE, Layout, aligned, text_field
 from octo_arm_model.wire.cdr.templates import BatchTemplate, Template
 

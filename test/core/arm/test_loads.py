@@ -10,7 +10,7 @@ import pytest
 from octo_arm_model import Loads, PointLoad
 from octo_arm_model.core.arm.loads import DistributedLoad, ScaledLoads
 from octo_arm_model.core.errors import ArmDefinitionError
-from octo_arm_model.core.sensitivity.results import Uncertainty
+from octo_arm_model.rod.sensitivity import Uncertainty
 
 POINT = PointLoad(0.1, (0.0, 0.0, 1.0))
 

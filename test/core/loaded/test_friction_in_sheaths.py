@@ -28,9 +28,9 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
-from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.rod.forms import is_available
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.budget import Budget
 from octo_arm_model.core.models import loaded_exact, sliding
 
 YOUNG, RADIUS, LENGTH, OFFSET, MU, SHEATH = 1e5, 0.01, 0.4, 0.006, 0.3, 1.5e5

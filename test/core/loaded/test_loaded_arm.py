@@ -41,7 +41,7 @@ from octo_arm_model.core.arm.loads import ScaledLoads
 from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.loaded import continuation
-from octo_arm_model.core.loaded.budget import Budget
+from octo_arm_model.core.budget import Budget
 
 LAWS = ('linear', 'neo_hookean')
 THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)

@@ -12,7 +12,7 @@ from strategies import arms, fractions, loaded_arms, tensions_for
 from octo_arm_model import Arm, Config, ConvergenceError, SolveError, Solver
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.core.models import picard, renda2012
-from octo_arm_model.core.models.renda2012 import Renda2012
+from octo_arm_model.rod.renda2012 import Renda2012
 
 # Largest tensions of the paper on each arm [N], by section: Tables 1, 3 and 5; what the paper
 # pulled in Figure 8 is not printed, so the tip of that arm is compressed like that of Figure 15.

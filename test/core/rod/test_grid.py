@@ -26,7 +26,7 @@ from octo_arm_model import (
     Tendon,
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.core.rod.grid import (
+from octo_arm_model.rod.stations import (
     MIN_INTERVALS,
     STEP_PER_RADIUS,
     StationGrid,

@@ -31,7 +31,7 @@ from octo_arm_model import (
     Tendon,
 )
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity, Uncertainty
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 
 THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 # Away from nu = 0.5, beyond which there is no material.

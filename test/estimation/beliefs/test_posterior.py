@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from estimation_arms import RUBBER
 
-from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.rod.forms import is_available
 from octo_arm_model.estimation.beliefs.belief import Belief, gain
 from octo_arm_model.estimation.beliefs.compiled_posterior import posterior_of
 from octo_arm_model.estimation.beliefs.local import Step

@@ -6,7 +6,7 @@ import numpy as np
 from estimation_arms import LIKELY, TENSIONS, WEIGHT, rubber
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.core.sensitivity.results import Change
+from octo_arm_model.rod.sensitivity import Change
 from octo_arm_model.estimation.state.prediction import Prediction
 from octo_arm_model.estimation.state.state_change import Part, StateChange
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk

@@ -16,7 +16,7 @@ from octo_arm_model.ros.work.interruption import until_shutdown
 # The solver sends the signal itself and then never returns.
 PROGRAM = """
 import os, signal, sys, time
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.node import main as node, services
 def endless(*given, **named):
     os.kill(os.getpid(), signal.{signal})
@@ -35,7 +35,7 @@ COMPILING = """
 import ctypes, os, signal, sys, time
 from types import SimpleNamespace
 from llvmlite.binding.executionengine import ExecutionEngine
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.node import main as node
 seen = []
 def keep(module, code):

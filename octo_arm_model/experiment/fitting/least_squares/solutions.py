@@ -8,13 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.newton import Wound
 from octo_arm_model.analysis.winding.sensitivity import unloaded_by_offset, wound_sensitivity
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of, tendon_compliance
+from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.sensitivity.results import Change, Sensitivity
-from octo_arm_model.core.solver import Solver
 from octo_arm_model.experiment.fitting.unknowns.unknown import (
     ALIGNMENT,
     AXIAL,
@@ -24,6 +21,9 @@ from octo_arm_model.experiment.fitting.unknowns.unknown import (
 )
 from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 from octo_arm_model.experiment.shapes.encoder_windows import lengths_of
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.sensitivity import Change, Sensitivity
+from octo_arm_model.rod.solver import Solver
 
 
 class Solutions:

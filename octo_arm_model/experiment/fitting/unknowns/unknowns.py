@@ -11,7 +11,6 @@ import numpy as np
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.solver import Solver
 from octo_arm_model.experiment.fitting.unknowns.readings import Readings
 from octo_arm_model.experiment.fitting.unknowns.tendon_offsets import move_tendons
 from octo_arm_model.experiment.fitting.unknowns.unknown import (
@@ -25,6 +24,7 @@ from octo_arm_model.experiment.fitting.unknowns.unknown import (
     unknowns_of,
 )
 from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.rod.solver import Solver
 
 _STIFF_SHEATH = 10.0  # over the shear modulus: that a fit begins with where tendons kept places
 _EXACT_PARAMETERS = (

@@ -15,8 +15,8 @@ from visualization_msgs.msg import MarkerArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod.backbone import Backbone
-from octo_arm_model.core.solver import Solver
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.outputs.markers import MARKERS_TOPIC, MarkerPublisher
 from octo_arm_model.ros.node.outputs.output import Output

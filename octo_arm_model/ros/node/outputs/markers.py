@@ -11,7 +11,7 @@ from rclpy.timer import Timer
 from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.rod.backbone import Backbone
+from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.ros.node.outputs.output import Output
 from octo_arm_model.ros.work.interruption import until_shutdown
 from octo_arm_model.wire.cdr.drawing import MarkersWriter

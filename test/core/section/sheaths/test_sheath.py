@@ -26,10 +26,10 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
-from octo_arm_model.core.section.elastic_laws import LAWS
+from octo_arm_model.core.arm.laws import LAWS
 from octo_arm_model.core.section.energy import SectionEnergy
 from octo_arm_model.core.section.sheaths.sheath import SheathedSections, sections_of
-from octo_arm_model.core.section.sheaths.sheath_stiffness import estimate_sheath_stiffness
+from octo_arm_model.core.arm.sheath_stiffness import estimate_sheath_stiffness
 
 RUBBER = Material(1.1e5, 0.5, 1080.0)
 SHEAR_MODULUS = 1.1e5 / 3.0

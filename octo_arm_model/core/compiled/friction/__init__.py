@@ -1,1 +1,0 @@
-"""Kernels for tendons with friction, with and without loads. Imports the other kernels."""

@@ -1,1 +1,0 @@
-"""Rods under loads in machine code. Imports section and numerics."""

@@ -1,1 +1,0 @@
-"""Kernels of all models for unloaded arms. Imports section and numerics."""

@@ -1,1 +1,0 @@
-"""Kernels of cross sections: equilibrium, minimum of energy, sheaths. Imports numerics."""

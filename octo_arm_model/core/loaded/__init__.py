@@ -1,1 +1,0 @@
-"""A rod under loads: resultants, equilibrium, continuation. Imports section and what is below."""

@@ -1,1 +1,0 @@
-"""What loads put on a rod: limits, resultants, tangents. Imports section and what is below."""

@@ -1,1 +1,0 @@
-"""Tendons that slide with friction. Imports section and what is below."""

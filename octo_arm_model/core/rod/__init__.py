@@ -1,1 +1,0 @@
-"""The curve and its discretisation: grid, quadrature, kinematics, backbone. Imports arm."""

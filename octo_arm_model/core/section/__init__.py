@@ -1,1 +1,0 @@
-"""One cross section: sums over its tendons, elastic energy and equilibrium. Imports rod."""

@@ -1,1 +1,0 @@
-"""Tendons in compliant sheaths, displaced within the cross section. Imports section."""

@@ -1,1 +1,0 @@
-"""First derivatives of a solution. Imports loaded and what is below it."""

@@ -1,0 +1,470 @@
+"""First derivatives of an equilibrium, and the covariance of the tip.
+
+At fixed twists a quantity p changes the residual by d res/dp, which a change of the twists
+balances, J dz = - d res/dp. With it, at nodes and stations, in base_frame,
+
+    rotation phi = int R d kappa,    displacement d r = int phi x r' + R d v
+
+and the change of what acts beyond a cross section, int (d r' x F + r' x dF) to the tip. Strains at
+the stations are those that balance it there, and so as exact as these integrals.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
+from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
+from octo_arm_model.rod.equilibrium import State
+from octo_arm_model.rod.factors import Factors
+from octo_arm_model.rod.friction import Changes
+from octo_arm_model.rod.lengths import rest_stretches
+from octo_arm_model.rod.rod import Rod
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
+from octo_arm_model.rod.tables import (
+    AXIAL,
+    SHEAR,
+    TORSION,
+    Tables,
+    force_scale,
+    tabulate,
+    work_arrays,
+)
+from octo_arm_model.rod.tendons import Moved, Tendons
+
+_ADDED_POINTS = 4  # in each element, for what stations read
+_SKEW = np.zeros((3, 9))  # v @ this is the matrix of v x, row by row
+_SKEW[[2, 1, 0, 2, 1, 0], [3, 6, 7, 1, 2, 5]] = 1.0, -1.0, 1.0, -1.0, 1.0, -1.0
+
+
+class _Columns(NamedTuple):
+    """Which columns belong to which quantities; none where a slice is empty."""
+
+    tension: slice
+    loads: slice
+    material: slice
+    offset: slice
+    sheath_stiffness: slice
+    friction: slice
+
+    @classmethod
+    def of(cls, *counts: int) -> _Columns:
+        """So many of each."""
+        ends = np.cumsum((0, *counts)).tolist()
+        return cls(*(slice(first, last) for first, last in itertools.pairwise(ends)))
+
+    @property
+    def total(self) -> int:
+        """Number of columns."""
+        return int(self.friction.stop)
+
+
+class _Sections:
+    """Cross sections at several places, and what their residual changes by at fixed twists.
+
+    Attributes:
+        tendons: there.
+        stretch: of these.
+    """
+
+    def __init__(
+        self, tables: Tables, outwards: FloatArray, z: FloatArray, tensions: FloatArray,
+        gradient: FloatArray, offsets: FloatArray,
+    ) -> None:  # fmt: skip
+        """Of twists ``z`` (n, m) with a ``gradient`` (n, m) of the energy and `Work.offsets`.
+
+        ``outwards`` (4, n, J) are the directions of tendons away from the midline along n and b
+        [-] and their slopes [1/m].
+        """
+        self._tables, self._outwards, self._z, self._gradient = tables, outwards, z, gradient
+        self.tendons = Tendons(tables, z, tensions, offsets)
+        self.stretch = self.tendons.stretch()
+
+    def imbalance(self, columns: _Columns) -> FloatArray:
+        """Change of the residual at fixed local tensions, and by loads none, (n, m, columns)."""
+        found = np.zeros((*self._z.shape, columns.total))
+        if columns.material.stop > columns.material.start:
+            found[..., columns.material.start] = self.by_youngs_modulus()
+            found[..., columns.material.start + 1] = self.by_poisson_ratio()
+        for where, moved in self.moved(columns):
+            found[..., where] = moved.gradient.swapaxes(1, 2)
+        return found
+
+    def moved(self, columns: _Columns) -> list[tuple[slice, Moved]]:
+        """What changes with the paths of tendons, and its columns."""
+        found = []
+        for where, name in (
+            (columns.offset, 'by_offset'), (columns.sheath_stiffness, 'by_sheath_stiffness'),
+        ):  # fmt: skip
+            if where.stop > where.start:
+                found.append((where, getattr(self, name)))
+        return found
+
+    @functools.cached_property
+    def by_offset(self) -> Moved:
+        """Per metre of each tendon's distance from the midline."""
+        return self.tendons.by_offset(self._outwards)
+
+    @functools.cached_property
+    def by_sheath_stiffness(self) -> Moved:
+        """Per pascal of each sheath."""
+        return self.tendons.by_sheath_stiffness()
+
+    def by_youngs_modulus(self) -> FloatArray:
+        """Per relative change of E, (n, m): the material's part of the gradient."""
+        pull = self.tendons.tension[..., np.newaxis] * self.stretch.gradient
+        return np.asarray(self._gradient - pull.sum(axis=1))
+
+    def by_poisson_ratio(self) -> FloatArray:
+        """Per unit of nu, (n, m), by G alone."""
+        body, tendons = self._tables.body, self.tendons
+        over = -2.0 * body[:, SHEAR] / body[:, AXIAL]  # -1 / (1 + nu)
+        torsion = over * body[:, TORSION] * tendons.scaled[0, :, 0]
+        found = np.zeros_like(self._z)
+        found[:, 0] = torsion * tendons.width[:, 0]
+        found[:, 3] = torsion * tendons.slope[:, 0] * self._z[:, 0]
+        found[:, 4:] = (over * body[:, SHEAR])[:, np.newaxis] * self._z[:, 4:]
+        return found
+
+
+class _Linear(NamedTuple):
+    """An equilibrium and the system about it.
+
+    Attributes:
+        state: the equilibrium.
+        factors: of the Jacobian.
+        slides: how tensions with friction change; None without friction.
+        rates: derivatives of local tensions by those at the base at fixed twists, (N, J).
+        quaternion: with the following, as in `Work`.
+    """
+
+    state: State
+    factors: Factors
+    slides: Changes | None
+    rates: FloatArray
+    quaternion: FloatArray
+    rotation: FloatArray
+    slope: FloatArray
+    gradient: FloatArray
+    offsets: FloatArray
+
+
+class _Finer(NamedTuple):
+    """An equilibrium at more points: twists, local tensions, and in base_frame the rest.
+
+    Attributes:
+        z: (n, m).
+        tensions: (n, J) [N].
+        rotation: (n, 3, 3).
+        slope: r', (n, 3).
+        wrench: force and moment of all that acts beyond, (n, 6) [N, N m].
+        compliance: of the sections, inverse of their Hessian, (n, m, m).
+        gradient: of the energy by the twist, (n, m).
+    """
+
+    z: FloatArray
+    tensions: FloatArray
+    rotation: FloatArray
+    slope: FloatArray
+    wrench: FloatArray
+    compliance: FloatArray
+    gradient: FloatArray
+
+
+class Derivatives:
+    """First derivatives of equilibria of a rod on one level of nodes, at given stations."""
+
+    def __init__(self, rod: Rod, level: int, s: FloatArray) -> None:
+        """At arc coordinates ``s`` (S,) [m] of ``rod``."""
+        self._arm, self._problem = rod.arm, rod.problem(level)
+        elements, own = self._problem.elements, self._problem.tables
+        self._to_nodes = elements.integration(elements.s)
+        self._rest = rest_stretches(own)
+        self._rest_lengths = elements.weights @ self._rest
+        self._outwards = _outwards(rod.arm, elements.s, own)
+        finer = elements.with_more_points(_ADDED_POINTS)
+        self._to_finer = elements.integration(finer.s)
+        self._between = elements.interpolation(finer.s)
+        self._tables = tabulate(rod.arm, finer, own.base, widens=own.widens)
+        self._work = work_arrays(self._tables, self._problem.strains, has_jacobian=False)
+        self._along_finer = finer.integration(finer.s)
+        self._to_stations, self._at_stations = finer.integration(s), finer.interpolation(s)
+        self._to_stations[s == 0.0] = 0.0  # not by rounding only
+        # Of the nodes and, behind these, the finer points.
+        self._all_tables = own._replace(
+            body=np.concatenate([own.body, self._tables.body]),
+            tendons=np.concatenate([own.tendons, self._tables.tendons]),
+            reach=np.concatenate([own.reach, self._tables.reach]),
+        )
+        others = _outwards(rod.arm, finer.s, self._tables)
+        self._all_outwards = np.concatenate([self._outwards, others], axis=1)
+        self._kept: _Linear | None = None
+
+    def sensitivity(self, state: State, by_offsets: bool = True) -> Sensitivity:
+        """Of the equilibrium ``state`` by all quantities of `Sensitivity`.
+
+        Unless ``by_offsets`` none by the offsets and sheaths of tendons without friction.
+
+        Raises:
+            LoadError: if a load states no tangent stiffness.
+            ConvergenceError: if the Jacobian is singular.
+        """
+        tendons, slides = self._rest_lengths.size, self._problem.friction is not None
+        moved = tendons * (by_offsets or slides)
+        sheaths = moved * bool(self._problem.tables.compliance.any())
+        columns = _Columns.of(tendons, 6, 2, moved, sheaths, tendons * slides)
+        wrenches = np.empty((self._problem.elements.s.size, 6, 6))
+        wrenches[:] = np.eye(6)
+        change = self._change(state, columns, wrenches)
+        first = columns.material.start
+        young, poisson = (_part(change, slice(at, at + 1)) for at in (first, first + 1))
+        rest = (
+            _part(change, where) if where.stop > where.start else None
+            for where in (columns.offset, columns.sheath_stiffness, columns.friction)
+        )
+        by_tension, by_wrench = _part(change, columns.tension), _part(change, columns.loads)
+        return Sensitivity(by_tension, young, by_wrench, poisson, *rest)
+
+    def by_loads(self, state: State, loads: Sequence[Loads]) -> Change:
+        """Change of the equilibrium ``state`` per unit of each of dead ``loads``.
+
+        Raises:
+            ArmDefinitionError: if gravity acts on an arm of no density.
+            LoadError: if a load states no tangent stiffness.
+            ConvergenceError: if the Jacobian is singular.
+        """
+        problem = self._problem
+        wrenches = np.empty((problem.elements.s.size, 6, len(loads)))
+        for number, one in enumerate(loads):
+            dead = problem.loads.tabulate(self._arm, problem.elements, one)
+            wrenches[..., number] = np.concatenate(dead, axis=1) + one.tip_wrench
+        return self._change(state, _Columns.of(0, len(loads), 0, 0, 0, 0), wrenches)
+
+    def tip_covariance(self, state: State, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance (6, 6) of the tip in the equilibrium ``state``, by the adjoint.
+
+        Raises:
+            LoadError: if a load states no tangent stiffness.
+            ConvergenceError: if the Jacobian is singular.
+        """
+        problem, linear = self._problem, self._linearised(state)
+        weights, inverse = problem.elements.weights, linear.rotation.swapaxes(1, 2)
+        # What the twist of each node moves the tip by: rotations by their levers.
+        lever = (weights[:, np.newaxis] * self._to_nodes).T @ linear.slope
+        tip = np.zeros((len(lever), state.z.shape[1], 6))
+        tip[:, :3, :3] = inverse @ _skew(lever)
+        turn = weights[:, np.newaxis, np.newaxis] * inverse
+        tip[:, 3:, :3], tip[:, :3, 3:] = turn[:, : tip.shape[1] - 3], turn
+        by_residual = linear.factors.solve_transposed(-tip.reshape(-1, 6)).reshape(tip.shape)
+        sections = _Sections(
+            problem.tables, self._outwards, state.z, state.acting.tensions, linear.gradient,
+            linear.offsets,
+        )  # fmt: skip
+        found = []
+        for name in uncertainty.quantities:
+            if name == 'tension':
+                change = sections.stretch.length_by_z * linear.rates[..., np.newaxis]
+            elif name == 'offset':
+                change = sections.by_offset.gradient
+                if linear.slides is not None:
+                    local = linear.slides.by_offset(self._outwards)[..., np.newaxis]
+                    change = change + sections.stretch.length_by_z * local
+            else:
+                change = getattr(sections, f'by_{name}')()[:, np.newaxis]
+            found.append(np.tensordot(by_residual, change, axes=([0, 1], [0, 2])))
+        return uncertainty.tip_covariance(found)
+
+    def _linearised(self, state: State) -> _Linear:
+        """The system about ``state``; that of the last one is kept."""
+        kept, problem = self._kept, self._problem
+        if kept is None or kept.state is not state:
+            problem.others.require_tangents('sensitivity')
+            factors, slides = problem.linearise(state), problem.tension_changes(state)
+            rates = problem.tension_rates(state)
+            copies = [getattr(problem.work, name).copy() for name in _Linear._fields[4:]]
+            kept = self._kept = _Linear(state, factors, slides, rates, *copies)
+        return kept
+
+    def _change(self, state: State, columns: _Columns, wrenches: FloatArray) -> Change:
+        """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
+        weights = self._problem.elements.weights
+        linear, nodes = self._linearised(state), len(state.z)
+        slides, finer = linear.slides, self._finer(linear)
+        sections = self._sections(linear, finer)
+        stretch = sections.stretch
+        by_local = stretch.length_by_z.swapaxes(1, 2)
+        push = sections.imbalance(columns)
+        local = self._local_changes(linear, columns)
+        has_friction = self._problem.friction is not None
+        if not has_friction:
+            push[..., columns.tension] += by_local[..., : columns.tension.stop]
+        else:
+            push[:nodes] += by_local[:nodes] @ local
+        beyond = wrenches.copy()
+        beyond[:, 3:] += _along(weights - self._to_nodes, _skew(linear.slope) @ wrenches[:, :3])
+        at_nodes = _turned(linear.rotation, beyond, state.z.shape[1])
+        push[:nodes, :, columns.loads] -= at_nodes
+        z = linear.factors.solve(-push[:nodes].reshape(-1, columns.total))
+        z = z.reshape(nodes, -1, columns.total)
+        if has_friction:
+            if slides is not None:
+                local += slides.by_twists(z)
+            push[nodes:] += by_local[nodes:] @ _along(self._between, local)
+        pose, strain = self._read(linear, finer, columns, z, push[nodes:], wrenches)
+        by_z = weights[:, np.newaxis, np.newaxis] * stretch.length_by_z[:nodes]
+        length = np.tensordot(by_z, z, axes=([0, 2], [0, 1]))
+        if sections.tendons.has_sheaths:
+            length += np.einsum('i,ij,ijc->jc', weights, stretch.by_tension[:nodes], local)
+        own = np.arange(len(length))
+        for where, moved in sections.moved(columns):
+            length[own, where.start + own] += weights @ moved.stretch[:nodes]
+        mean = None
+        if has_friction:
+            mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
+            mean /= self._rest_lengths[:, np.newaxis]
+        return Change(pose, strain, length, mean)
+
+    def _sections(self, linear: _Linear, finer: _Finer) -> _Sections:
+        """At the nodes and, behind these, the finer points."""
+        state, work = linear.state, self._work
+        return _Sections(
+            self._all_tables, self._all_outwards, np.concatenate([state.z, finer.z]),
+            np.concatenate([state.acting.tensions, finer.tensions]),
+            np.concatenate([linear.gradient, finer.gradient]),
+            np.concatenate([linear.offsets, work.offsets]),
+        )  # fmt: skip
+
+    def _local_changes(self, linear: _Linear, columns: _Columns) -> FloatArray:
+        """Changes of the local tensions at fixed twists, (N, J, columns)."""
+        slides = linear.slides
+        found = np.zeros((*linear.rates.shape, columns.total))
+        own = np.arange(found.shape[1])
+        parts = [(columns.tension, linear.rates)]
+        if slides is not None and columns.friction.stop > columns.friction.start:
+            parts.append((columns.offset, slides.by_offset(self._outwards)))
+            parts.append((columns.friction, slides.by_friction))
+            parts.append((columns.sheath_stiffness, slides.by_sheath_stiffness))
+        for where, change in parts:
+            if where.stop > where.start:
+                found[:, own, where.start + own] = change
+        return found
+
+    def _read(
+        self, linear: _Linear, finer: _Finer, columns: _Columns, z: FloatArray, push: FloatArray,
+        wrenches: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        """Changes of poses (S, 6, columns) and strains (S, 4, columns) at the stations.
+
+        Of the twists ``z`` (N, m, columns) and the ``wrenches`` (N, 6, loads) beyond, at the
+        nodes; ``push`` (n, m, columns) is the imbalance at the finer points, without loads. As in
+        `read_out`, what integrals say is balanced at these, from which stations are reached.
+        """
+        strains, force = z.shape[1], linear.state.acting.force
+        rates = np.empty((len(z), 6, z.shape[2]))  # of rotation and carried moment
+        spin, carried = rates[:, :3], rates[:, 3:]
+        np.matmul(linear.rotation, z[:, :3], out=spin)
+        turn = _along(self._to_nodes, spin)
+        np.matmul(-_skew(force), _moved(linear.rotation, linear.slope, turn, z), out=carried)
+        others = self._problem.others
+        if others.loads:
+            # Those that follow the shape.
+            more, where = others.changes(1.0, linear.quaternion, linear.state.z, spin), slice(None)
+            more[..., columns.loads] += wrenches
+            wrenches = more
+        else:
+            where = columns.loads
+        carried[..., where] += _skew(linear.slope) @ wrenches[:, :3]
+        found = _along(self._to_finer, rates)
+        turn = found[:, :3]
+        # Force and moment beyond the finer points.
+        beyond = _skew(finer.wrench.reshape(-1, 3)).reshape(-1, 6, 3) @ turn
+        beyond[:, 3:] += self._problem.elements.weights @ carried.swapaxes(0, 1) - found[:, 3:]
+        beyond[..., where] += _along(self._between, wrenches)
+        push = _turned(finer.rotation, beyond, strains) - push
+        z = finer.compliance @ push
+        rates = np.empty((len(z), 6, z.shape[2]))  # of displacement and rotation
+        np.matmul(finer.rotation, z[:, :3], out=rates[:, 3:])
+        turn = _along(self._along_finer, rates[:, 3:])
+        rates[:, :3] = _moved(finer.rotation, finer.slope, turn, z)
+        # tau, xi, k are curvatures over the stretch.
+        over = 1.0 / finer.z[:, 3:4, np.newaxis]
+        strain = z[:, :4] * over
+        strain[:, :3] -= (finer.z[:, :3, np.newaxis] * over) * strain[:, 3:]
+        strain[:, 3] = z[:, 3]
+        return _along(self._to_stations, rates), _along(self._at_stations, strain)
+
+    def _finer(self, linear: _Linear) -> _Finer:
+        """The equilibrium at more points; offsets of tendons there are then in `_work`."""
+        problem, (acting, nodes, *_) = self._problem, linear.state
+        work, strains = self._work, nodes.shape[1]
+        rates = np.empty((len(nodes), 7))
+        quaternion_rates(linear.quaternion, nodes[:, :3], rates[:, :4])
+        rates[:, 4:] = (_skew(linear.slope) @ acting.force[..., np.newaxis])[..., 0]
+        found = self._to_finer @ rates
+        turn = found[:, :4] + problem.tables.base
+        turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
+        rotation = rotation_matrices(np.ascontiguousarray(turn.T)).transpose(2, 0, 1)
+        given = [nodes, acting.force, acting.couple, acting.tensions]
+        between = self._between @ np.concatenate(given, axis=1)
+        z = np.ascontiguousarray(between[:, :strains])
+        tensions = np.ascontiguousarray(between[:, strains + 6 :])
+        beyond = between[:, strains : strains + 6]
+        beyond[:, 3:] += problem.elements.weights @ rates[:, 4:] - found[:, 4:]
+        wrench = _turned(rotation, beyond[..., np.newaxis], strains)[..., 0]
+        work.scale[:] = force_scale(self._tables, tensions)
+        # The Hessian of twists so near is exact enough, and the gradient is the wrench.
+        problem.form.section_steps(self._tables, z, tensions, wrench, work)
+        z = z + work.step
+        compliance = invert(factorise(work.hessian.transpose(1, 2, 0))).transpose(2, 0, 1)
+        slope = rotation[:, :, 0] * z[:, 3:4]
+        slope += (rotation[..., 1 : strains - 3] @ z[:, 4:, np.newaxis])[..., 0]
+        return _Finer(z, tensions, rotation, slope, beyond, compliance, wrench)
+
+
+def _part(change: Change, where: slice) -> Change:
+    mean = change.tendon_tension
+    return Change(
+        change.pose[..., where], change.strain[..., where], change.tendon_length[..., where],
+        None if mean is None else mean[..., where],
+    )  # fmt: skip
+
+
+def _outwards(arm: Arm, s: FloatArray, tables: Tables) -> FloatArray:
+    """Directions of tendons away from the midline at ``s``, and their slopes, (4, n, J)."""
+    found = np.stack([*arm.tendon_outwards(s), *arm.tendon_outward_slopes(s)])
+    return np.ascontiguousarray(found.swapaxes(1, 2) * tables.reach)
+
+
+def _along(matrix: FloatArray, values: FloatArray) -> FloatArray:
+    """``matrix`` (n, N) times ``values`` (N, k, columns)."""
+    product = matrix @ values.reshape(len(values), -1)
+    return product.reshape(-1, *values.shape[1:])
+
+
+def _moved(rotation: FloatArray, slope: FloatArray, turn: FloatArray, z: FloatArray) -> FloatArray:
+    """Rates of displacement (n, 3, columns) by a ``turn`` (n, 3, columns) and by twists ``z``."""
+    found = rotation[..., : z.shape[1] - 3] @ z[:, 3:]
+    found -= _skew(slope) @ turn
+    return np.asarray(found)
+
+
+def _turned(rotation: FloatArray, wrench: FloatArray, strains: int) -> FloatArray:
+    """Wrenches (n, 6, k) of force and moment in the axes of the sections, (n, strains, k)."""
+    inverse = rotation.swapaxes(1, 2)
+    found = np.empty((len(wrench), strains, wrench.shape[2]))
+    np.matmul(inverse, wrench[:, 3:], out=found[:, :3])
+    np.matmul(inverse[:, : strains - 3], wrench[:, :3], out=found[:, 3:])
+    return found
+
+
+def _skew(vectors: FloatArray) -> FloatArray:
+    """Matrices (n, 3, 3) of the cross product of ``vectors`` (n, 3) with another."""
+    return (vectors @ _SKEW).reshape(-1, 3, 3)

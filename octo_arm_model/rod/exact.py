@@ -1,0 +1,103 @@
+"""The model exact: no small-stretch approximation, loads, friction, and a choice of laws."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.budget import Spending
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.derivatives import Derivatives
+from octo_arm_model.rod.equilibrium import Condition, Problem
+from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
+from octo_arm_model.rod.statics import Setup, Shape, Statics
+from octo_arm_model.rod.winches import Winches
+
+
+class Exact(Statics):
+    """Equilibria of the rod, see `octo_arm_model.rod`.
+
+    Attributes:
+        rod: the rod.
+    """
+
+    takes_loads = True
+
+    def __init__(self, setup: Setup) -> None:
+        """Tabulate the arm and its loads.
+
+        Raises:
+            ArmDefinitionError: if gravity acts on an arm of no density.
+            ModuleNotFoundError: if it is to be compiled but numba is not installed.
+        """
+        super().__init__(setup)
+        self.law, self.strains = setup.law, 6 if setup.shear else 4
+        setting = Setting(setup.law == 'neo_hookean', setup.shear, compiled=setup.compiled)
+        self.rod = Rod(setup.arm, setup.loads, setup.base[1], setting)
+        self.is_compiled = self.rod.is_compiled
+        self._winches = Winches(self.rod)
+        self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
+        self._derivatives = functools.cache(lambda level: Derivatives(self.rod, level, setup.s))
+
+    def problem(self, level: int) -> Problem:
+        """See `Statics`."""
+        return self.rod.problem(level)
+
+    def solve(
+        self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None,
+        before: FloatArray | None, spending: Spending,
+    ) -> Shape:  # fmt: skip
+        """See `Statics`."""
+        return self.shape(self.rod.solve(tensions, tip_wrench, start, spending, before))
+
+    def wind(
+        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
+        start: Equilibrium | None, spending: Spending,
+    ) -> tuple[Shape, FloatArray] | None:  # fmt: skip
+        """See `Statics`."""
+        if self._setup.arm.friction:
+            return None
+        held = self._winches.solve(displacements, driven, condition, start, spending)
+        return self.shape(held.equilibrium), held.reached.displacement
+
+    def reeled_by_tension(self, found: Equilibrium, over: FloatArray) -> FloatArray | None:
+        """See `Statics`."""
+        return self._winches.changes(found, over)
+
+    def shape(self, found: Equilibrium) -> Shape:
+        """An equilibrium at the stations."""
+        readout = self._readout(found.level)
+        reading = readout.read(found.state)
+        z = readout.twists(reading)
+        return Shape(
+            reading.position + self._setup.base[0],
+            np.roll(reading.quaternion, -1, axis=1),
+            strains_of(z),
+            reading.tensions if self._setup.arm.friction else None,
+            found,
+        )
+
+    def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
+        """See `Statics`."""
+        return self._derivatives(found.level).sensitivity(found.state, by_offsets)
+
+    def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
+        """See `Statics`."""
+        return self._derivatives(found.level).tip_covariance(found.state, uncertainty)
+
+    def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
+        """See `Statics`."""
+        return self._derivatives(found.level).by_loads(found.state, loads)
+
+
+def strains_of(z: FloatArray) -> FloatArray:
+    """Strains tau, xi, k and q, (4, n), of twists ``z`` (n, m)."""
+    strains = np.empty((4, len(z)))
+    np.divide(z[:, :3].T, z[:, 3], out=strains[:3])
+    strains[3] = z[:, 3] - 1.0
+    return strains

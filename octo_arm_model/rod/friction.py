@@ -1,0 +1,383 @@
+"""Capstan friction: the tension of every tendon at every node.
+
+A tendon that slides loses tension with the angle theta by which it has turned since the base,
+dT = -mu T dtheta, where it is drawn in, and gains it where it is let out; in between it sticks
+(Euler and Eytelwein). With the tension T_0 at the base and the tension ``before`` at each node,
+the tension is the nearest to ``before`` that friction holds,
+
+    T = clip(before, T_0 exp(-mu theta), T_0 exp(mu theta)).
+
+It is the play operator of hysteresis, and from slack, before = 0, the monotone pull. theta follows
+from the twists, see `loops.angles`, so that T is a function of them, and so are its derivatives:
+dT = slip mu T dtheta, slip -1 where a tendon is drawn in, 1 where it is let out, 0 where it sticks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.arrays import Bends
+from octo_arm_model.rod.elements import Elements
+from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.tables import Tables, Work
+
+SAME = 1e-8  # relative difference up to which two tensions of a tendon count as equal
+# Tolerance of the angles by which tendons in sheaths turn [rad], and most iterations for them.
+_PLACED, _MOST_PLACED = 1e-13, 50
+_NOTHING = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
+
+
+class Sliding(NamedTuple):
+    """Tendons under friction.
+
+    Attributes:
+        tensions: at the nodes [N], zero beyond anchorages, (N, J).
+        angle: by which each has turned since the base [rad], (N, J).
+        along: tensions at the points of `Friction.fine` [N], (M, J); None of tendons that are
+            drawn in all along, from slack.
+        slip: there, -1 where a tendon is drawn in, 1 where it is let out and 0 where it sticks.
+    """
+
+    tensions: FloatArray
+    angle: FloatArray
+    along: FloatArray | None = None
+    slip: FloatArray | None = None
+
+
+class Friction:
+    """Friction of the tendons of one arm.
+
+    The tension at the nodes has the same moments within each element as that at many more points,
+    so that integrals of what it bends are those of a tension with kinks.
+
+    Attributes:
+        fine: the points that a history is at.
+        to_fine: from values at the nodes of an element to those at its fine points, (M / E, p).
+        to_nodes: the other way round, (p, M / E).
+    """
+
+    def __init__(self, tables: Tables, form: Form, elements: Elements) -> None:
+        """Of the arm of ``tables`` at the nodes of ``elements``."""
+        self._tables, self._form, self._elements = tables, form, elements
+        self.fine, self.to_fine = elements.fine, tables.to_fine
+        self._reach = np.repeat(tables.reach[:: elements.points], len(self.to_fine), axis=0)
+        self.to_nodes = self.projection(elements)
+        self._last: FloatArray | None = None  # tensions that are begun with in sheaths
+
+    def projection(self, elements: Elements) -> FloatArray:
+        """As `to_nodes`, to those of others of the same ``elements``, (p, M / E)."""
+        rule, count = elements.rule, len(self.to_fine)
+        places, weights = (own[:count] / elements.edges[1] for own in self.fine[3:5])
+        return (rule.interpolate(places) * weights[:, np.newaxis]).T / rule.weights[:, np.newaxis]
+
+    def spread(self, matrix: FloatArray, values: FloatArray) -> FloatArray:
+        """``values`` (E k, J) by the ``matrix`` (n, k) of one element, (E n, J)."""
+        rows = matrix @ values.reshape(self._elements.lengths.size, -1, values.shape[1])
+        return rows.reshape(-1, values.shape[1])
+
+    def slide(self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray) -> Sliding:
+        """Tendons that turn by ``angle`` (N, J) [rad] under ``tensions`` (J,) [N] at the base.
+
+        From tensions ``before`` (M, J) [N] at the fine points, or from slack.
+        """
+        mu = self._tables.friction
+        if before is None:
+            return Sliding(tensions * self._tables.reach * np.exp(-mu * angle), angle)
+        along, slip = clipped(
+            tensions * self._reach, before, mu * self.spread(self.to_fine, angle)
+        )
+        return Sliding(self.spread(self.to_nodes, along), angle, along, slip)
+
+    def slide_along(
+        self, z: FloatArray, tensions: FloatArray, before: FloatArray | None, work: Work
+    ) -> Sliding:
+        """Tendons along an arm of twists ``z`` (N, m), with arguments of `slide`.
+
+        In sheaths the angles depend on the tensions, so that both are iterated.
+
+        Raises:
+            ConvergenceError: if the iteration does not converge.
+        """
+        tables, local, last, left = self._tables, tensions * self._tables.reach, None, np.inf
+        gives_way = bool(tables.compliance.any())
+        if gives_way and self._last is not None:
+            local = np.where(local > 0.0, np.maximum(self._last, 1e-300), 0.0)
+        for _ in range(_MOST_PLACED):
+            self._form.angles(tables, z, local, work)
+            found = self.slide(tensions, before, work.angle.copy())
+            if not gives_way:
+                return found
+            self._last = local = found.tensions
+            if last is not None:
+                left = float(np.abs(found.angle - last).max(initial=0.0))
+                if not left > _PLACED:  # nor NaN, where a section cannot be
+                    return found
+            last = found.angle
+        raise ConvergenceError('the tension of tendons in their sheaths', left, _MOST_PLACED)
+
+    def angles_of_all(self, z: FloatArray, sliding: Sliding, work: Work) -> FloatArray:
+        """Angles (N, J) [rad] of tendons that nobody pulls as well, at twists ``z`` (N, m)."""
+        self._form.angles(self._tables, z, np.maximum(sliding.tensions, _NOTHING), work)
+        return work.angle.copy()
+
+    def history(self, sliding: Sliding, tensions: FloatArray) -> FloatArray:
+        """Tensions (M, J) at the fine points of tendons under ``tensions`` (J,) at the base."""
+        if sliding.along is not None:
+            return sliding.along
+        angle = self.spread(self.to_fine, sliding.angle)
+        return np.asarray(tensions * self._reach * np.exp(-self._tables.friction * angle))
+
+
+def clipped(
+    base: FloatArray, before: FloatArray, loss: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Tensions after ``before`` that friction holds, and slip, see `Sliding`, all (n, J).
+
+    ``loss`` is mu theta, and ``base`` the tension at the base [N].
+    """
+    kept = np.exp(-loss)
+    low, high = base * kept, base / kept
+    slip = (before >= high * (1.0 - SAME)).astype(np.float64)
+    np.copyto(slip, -1.0, where=before <= low * (1.0 + SAME))
+    return np.minimum(np.maximum(before, low), high), slip
+
+
+class Changes:
+    """Small changes of tensions with friction, while tendons slip and stick where they do.
+
+    Attributes:
+        by_z: derivative of the tension by the twists at all nodes, base tensions held,
+            (J, N, N, m) [N] over the unit of a twist.
+        pull: derivative of the gradient of the energy by the local tension, (J, N, m).
+    """
+
+    def __init__(
+        self, friction: Friction, tables: Tables, z: FloatArray, sliding: Sliding,
+        work: Work,
+    ) -> None:  # fmt: skip
+        """Linearise about tendons that are ``sliding`` along an arm of twists ``z`` (N, m)."""
+        if not sliding.tensions.all():
+            # One that nobody pulls turns as well, which matters as soon as somebody does.
+            sliding = sliding._replace(angle=friction.angles_of_all(z, sliding, work))
+        self._friction, self._tables, self._sliding = friction, tables, sliding
+        bends = Bends(tables, z, sliding.tensions, work)
+        self._tendons, self.pulled = bends.tendons, bends.tendons.pulled
+        self._offsets = work.offsets[:, self.pulled]
+        self._slips = self._by_angle()
+        self._directions = _Directions(bends, z)
+        u, direct = self._directions.by_twist(), self._turn(bends, z)
+        self.pull = np.einsum('cnj,canj->jna', self._tendons.unit, u)
+        by_z = np.zeros((*self._by_u.shape[:3], z.shape[1]))
+        by_z[..., :3] = direct
+        for c in range(3):
+            by_z += self._by_u[..., c, np.newaxis] * u[c].transpose(2, 1, 0)[:, np.newaxis]
+        by_z = self._slid(by_z.reshape(*by_z.shape[:2], -1))
+        self._inverse: FloatArray | None = None
+        if self._tendons.compliance.any():
+            own = np.einsum('jikc,ckj->jik', self._by_u, self._directions.by_tension())
+            self._inverse = np.linalg.inv(np.eye(len(z)) - self._slid(own))
+            by_z = self._inverse @ by_z
+        self.by_z = by_z.reshape(*self._by_u.shape[:3], -1)
+
+    def _by_angle(self) -> FloatArray:
+        """Derivative of tensions by angles: (J, N, 1), or within elements (J, E, p, p)."""
+        friction, (tensions, _, along, slip) = self._friction, self._sliding
+        mu, pulled = self._tables.friction[self.pulled], self.pulled
+        if along is None or slip is None:
+            return -(tensions[:, pulled] * mu).T[..., np.newaxis]
+        rates = (slip[:, pulled] * along[:, pulled] * mu).T
+        each = len(friction.to_fine)
+        by_element = rates.reshape(len(rates), -1, 1, each) * friction.to_nodes
+        return np.asarray(by_element @ friction.to_fine)
+
+    def _slid(self, angles: FloatArray) -> FloatArray:
+        """Change of tensions (J, N, k) by one of ``angles`` (J, N, k) for held ones."""
+        if self._slips.ndim == 3:
+            return self._slips * angles
+        tendons, _, count = angles.shape
+        rows = angles.reshape(tendons, *self._slips.shape[1:3], count)
+        return np.asarray((self._slips @ rows).reshape(angles.shape))
+
+    def _turn(self, bends: Bends, z: FloatArray) -> FloatArray:
+        """Set `_by_u`; derivative of the angles by the curvatures for held u, (J, N, N, 3)."""
+        tables, unit = self._tables, bends.tendons.unit
+        elements, points, tendons = tables.lengths.size, len(tables.to_end), unit.shape[2]
+        h = tables.lengths[:, np.newaxis, np.newaxis, np.newaxis]
+        # By bends of nodes k: of integrals to nodes i and the end of elements, (3, E, i, k, J).
+        across = np.divide(
+            bends.bend, bends.rate, out=np.zeros_like(bends.bend), where=bends.rate > 0.0
+        )
+        to_end = np.append(tables.to_point, [tables.weights[:points] / tables.lengths[0]], axis=0)
+        across = across.reshape(3, elements, 1, points, tendons)
+        by_bend = (to_end[..., np.newaxis] * h) * across
+        for e, j in zip(*np.nonzero(bends.is_rough)):
+            bend = tables.to_fine @ bends.bend.reshape(3, elements, points, -1)[:, e, :, j].T
+            size = np.sqrt((bend * bend).sum(axis=1, keepdims=True))
+            bend /= np.where(size > 0.0, size, 1.0)
+            rows = tables.fine_weights[:, np.newaxis] * bend.T
+            by_bend[:, e, :, :, j] = tables.lengths[e] * (rows @ tables.to_fine).swapaxes(0, 1)
+        inside = np.einsum('ceikj,kl->ceilj', by_bend, tables.differentiation) / h
+        kappa = z[:, :3].T.reshape(3, elements, 1, points, 1)
+        inside += np.cross(by_bend, kappa, axis=0)
+        turned = np.cross(unit.reshape(3, elements, 1, points, tendons), by_bend, axis=0)
+        size = np.sqrt((bends.kink * bends.kink).sum(axis=0))
+        scale = size * np.sqrt(np.maximum(1.0 - 0.25 * size * size, 1e-12))
+        kink = np.divide(bends.kink, scale, out=np.zeros_like(bends.kink), where=scale > 0.0)
+        inside += np.einsum('l,cej->celj', tables.ends[0], kink)[:, :, np.newaxis]
+        inside[:, :-1, -1] -= np.einsum('l,cej->celj', tables.ends[1], kink[:, 1:])
+        self._by_u = np.zeros((tendons, elements, points, elements, points, 3))
+        direct = np.zeros_like(self._by_u)
+        own = np.arange(elements)
+        for found, part in ((self._by_u, inside), (direct, turned)):
+            for e in range(elements):
+                found[:, e + 1 :, :, e] = part[:, e, -1].T[:, np.newaxis, np.newaxis]
+            found[:, own, :, own] = part[:, :, :-1].transpose(1, 4, 2, 3, 0)
+        nodes = elements * points
+        by_unit = self._by_u.reshape(tendons, nodes, nodes, 3)
+        over, c = bends.tendons.over.T[:, np.newaxis], unit.transpose(2, 1, 0)[:, np.newaxis]
+        along = (by_unit * c).sum(axis=-1, keepdims=True)
+        self._by_u = (by_unit - along * c) * over[..., np.newaxis]
+        return direct.reshape(tendons, nodes, nodes, 3)
+
+    def add_to(self, jacobian: FloatArray) -> None:
+        """Add what the change of tensions adds to a ``jacobian`` (N m, N m) with them held."""
+        nodes, strains = self.pull.shape[1:]
+        rows = self.pull.transpose(1, 2, 0)
+        changes = self.by_z.reshape(len(self.by_z), nodes, -1).swapaxes(0, 1)
+        jacobian += (rows @ changes).reshape(nodes * strains, -1)
+
+    def by_base_tension(self) -> FloatArray:
+        """Derivative by each tendon's own tension at the base [-], (N, J)."""
+        return self._settled(self._own(lambda _, slip, loss: (slip != 0.0) * np.exp(slip * loss)))
+
+    def _own(self, of: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]) -> FloatArray:
+        """What is a function ``of`` tension, slip and mu theta, at the nodes, (N, J)."""
+        friction, (tensions, angle, along, slip) = self._friction, self._sliding
+        reach, mu = self._tables.reach, self._tables.friction
+        if along is None or slip is None:
+            return reach * of(tensions, np.float64(-1.0), mu * angle)
+        angle = friction.spread(friction.to_fine, angle)
+        return reach * friction.spread(friction.to_nodes, of(along, slip, mu * angle))
+
+    def by_twists(self, change: FloatArray) -> FloatArray:
+        """Changes (N, J, k) by those of the twists (N, m, k), base tensions held."""
+        found = np.zeros((*self._sliding.tensions.shape, change.shape[2]))
+        rows = self.by_z.reshape(*self.by_z.shape[:2], -1)
+        found[:, self.pulled] = (rows @ change.reshape(-1, change.shape[2])).swapaxes(0, 1)
+        return found
+
+    @property
+    def by_friction(self) -> FloatArray:
+        """Derivative by each tendon's own mu at fixed twists [N], (N, J)."""
+        mu = np.maximum(self._tables.friction, 1e-300)
+        return self._settled(self._own(lambda along, slip, loss: slip * along * loss / mu))
+
+    def by_offset(self, outwards: FloatArray) -> FloatArray:
+        """Derivative by each tendon's own distance from the midline [N/m], (N, J).
+
+        ``outwards`` (4, N, J) are the directions away from it along n and b [-] and their slopes.
+        """
+        own = outwards[..., self.pulled]
+        return self._by_direction(self._directions.by_path(own[:2], own[2:]))
+
+    @property
+    def by_sheath_stiffness(self) -> FloatArray:
+        """Derivative by the stiffness of each tendon's own sheath [N/Pa], (N, J)."""
+        return self._by_direction(self._directions.by_sheath_stiffness(self._offsets))
+
+    def _by_direction(self, change: FloatArray) -> FloatArray:
+        """Change of the tensions (N, J) by a ``change`` (3, N, J') of u of the pulled tendons."""
+        angle = np.einsum('jikc,ckj->ji', self._by_u, change)
+        found = np.zeros(self._sliding.tensions.shape)
+        found[:, self.pulled] = self._slid(angle[..., np.newaxis])[..., 0].T
+        return self._settled(found)
+
+    def _settled(self, direct: FloatArray) -> FloatArray:
+        """Change of tensions (N, J) that in sheaths changes angles, from that without."""
+        if self._inverse is not None:
+            own = direct[:, self.pulled].T[..., np.newaxis]
+            direct[:, self.pulled] = (self._inverse @ own)[..., 0].T
+        return direct
+
+
+class _Directions:
+    """How u of tendons changes, which runs along them, see `loops`; (3, n, J)."""
+
+    def __init__(self, bends: Bends, z: FloatArray) -> None:
+        """About the twists ``z`` (n, m)."""
+        self._bends, self._tendons, self._z = bends, bends.tendons, z
+        self._gives_way = bool(self._tendons.compliance.any())
+        t, n, b = self._tendons.strain[:3]
+        u_t, u_n, u_b = self._tendons.unit
+        self._across = np.stack([t * u_b - b * u_t, n * u_t - t * u_n])
+
+    def by_twist(self) -> FloatArray:
+        """Derivative by the twists of the same node, (3, m, n, J)."""
+        tendons, width, wider = self._tendons, self._bends.width, self._bends.widening
+        x, y, strains = tendons.x, tendons.y, self._z.shape[1]
+        t, n, b = self._z[:, :3].T[..., np.newaxis]
+        u = np.zeros((3, strains, *x.shape))
+        u[0, 1], u[0, 2] = width * y, -width * x
+        u[1, 0], u[2, 0] = -width * y, width * x
+        u[0, 3] = 1.0 + wider * (n * y - b * x)
+        u[1, 3], u[2, 3] = wider * (tendons.dx - t * y), wider * (tendons.dy + t * x)
+        for c in range(strains - 3 - 1):
+            u[1 + c, 4 + c] = 1.0
+        if self._gives_way:
+            scaled = np.zeros((3, strains, len(x), 1))
+            for c in range(3):
+                scaled[c, c] = width
+            scaled[0, 3], scaled[1, 3], scaled[2, 3] = wider * t, wider * n, wider * b
+            u_t, u_n, u_b = tendons.unit
+            u += self._displaced(
+                tendons.tension * np.stack(
+                    [scaled[0] * u_b - scaled[2] * u_t, scaled[1] * u_t - scaled[0] * u_n]
+                ) + self._by_u(u)
+            )  # fmt: skip
+        return u
+
+    def by_tension(self) -> FloatArray:
+        """Derivative by the local tension."""
+        return self._displaced(self._across)
+
+    def by_sheath_stiffness(self, offsets: FloatArray) -> FloatArray:
+        """Derivative by the stiffness of the sheath, for ``offsets`` (n, J, 2) [m] in it."""
+        return self._displaced(offsets.transpose(2, 0, 1))
+
+    def by_path(self, place: FloatArray, slope: FloatArray) -> FloatArray:
+        """Change by changes of the ``place`` in the section and its ``slope``, (2, n, J)."""
+        u = self._moved(place)
+        u[1:] += self._bends.width * slope
+        return u + self._displaced(self._by_u(u)) if self._gives_way else u
+
+    def _by_u(self, u: FloatArray) -> FloatArray:
+        """Change of the gradient by the offset, (2, ..., n, J), by a change ``u`` (3, ...)."""
+        tendons = self._tendons
+        t, n, b = tendons.strain[:3]
+        along = (u * tendons.unit.reshape(3, *(1,) * (u.ndim - 3), *tendons.x.shape)).sum(axis=0)
+        p_n, p_b = self._across
+        over = tendons.tension * tendons.over
+        return over * np.stack(
+            [t * u[2] - b * u[0] - p_n * along, n * u[0] - t * u[1] - p_b * along]
+        )
+
+    def _moved(self, offset: FloatArray) -> FloatArray:
+        """Change of u by a change of the ``offset`` (2, ..., n, J) of tendons."""
+        t, n, b = self._tendons.strain[:3]
+        x, y = offset
+        return np.stack([n * y - b * x, -t * y, t * x])
+
+    def _displaced(self, force: FloatArray) -> FloatArray:
+        """Change of u by a change ``force`` (2, ..., n, J) of the gradient by the offset."""
+        tendons = self._tendons
+        p_n, p_b = self._across
+        stiff = tendons.compliance * tendons.tension * tendons.over
+        nn, nb, bb = tendons.offset_stiffness(p_n, p_b, stiff)
+        over = -tendons.compliance / (nn * bb - nb * nb)
+        x, y = force
+        return self._moved(np.stack([over * (bb * x - nb * y), over * (nn * y - nb * x)]))

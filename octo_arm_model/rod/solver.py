@@ -1,0 +1,478 @@
+"""Tensions in, backbone out: the one way to solve an arm."""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.laws import DEFAULT_LAW, LAWS
+from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.arm.pose import Pose
+from octo_arm_model.core.budget import Allowance, Budget
+from octo_arm_model.core.errors import (
+    ConfigError,
+    ContinuationError,
+    ConvergenceError,
+    LoadError,
+    SolveError,
+    TensionError,
+)
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.closed_form import ClosedForm
+from octo_arm_model.rod.equilibrium import Condition
+from octo_arm_model.rod.exact import Exact
+from octo_arm_model.rod.load_limits import LoadLimits, tip_wrench_of
+from octo_arm_model.rod.papers import Papers
+from octo_arm_model.rod.renda2012 import Renda2012
+from octo_arm_model.rod.rod import Equilibrium
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
+from octo_arm_model.rod.statics import Setup, Shape, Statics
+from octo_arm_model.rod.stations import DEFAULT_STATIONS, StationGrid
+from octo_arm_model.rod.tendon_sums import check_tensions, transmission
+
+STATICS: dict[str, Callable[[Setup], Statics]] = {
+    'renda2012': functools.partial(Papers, Renda2012),
+    'closed_form': functools.partial(Papers, ClosedForm),
+    'exact': Exact,
+}
+MODELS = tuple(STATICS)
+DEFAULT_MODEL = 'renda2012'
+_PLACES = 513  # at which the least stiffness of an arm is looked for
+
+
+class Solver:
+    """Solves one arm with one model, many times; `Config.solver` makes that of a file.
+
+    Everything that does not depend on the tensions is tabulated once. Results are kept for the
+    next solve: not for two threads at once, but each may take a copy. Solutions passed to it must
+    be its own, or a copy's: those of another model, grid or number of points are refused, those of
+    an arm that differs in parameters only are not detected.
+
+    Attributes:
+        arm: the arm.
+        model: name of the model.
+        law: elastic law of the cross sections; always linear but for the model exact.
+        loads: loads besides the tendons.
+        base: pose of the base.
+        grid: the stations.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        model: str = DEFAULT_MODEL,
+        stations: int = DEFAULT_STATIONS,
+        base: Pose = Pose(),
+        *,
+        material: str = DEFAULT_LAW,
+        shear: bool = False,
+        loads: Loads = Loads(),
+        compiled: bool | None = None,
+        budget: Budget = Budget(),
+    ) -> None:
+        """Prepare ``arm`` for ``stations`` stations, starting from the pose ``base``.
+
+        ``material`` is the name of an elastic law, ``shear`` lets cross sections shear (linear law
+        only) and ``loads`` act in every solve; these three are for the model exact, and the law
+        is ignored by the others, which are linear. Compiled kernels solve where they cover the
+        model and the arm (`Compiled.covers`), if ``compiled`` or, by default, if numba is
+        installed and works. ``budget`` limits the continuation of one loaded arm; see `together`.
+
+        Raises:
+            ConfigError: if there is no such model or material, they do not go together, the model
+                does not cover the arm or the loads, or the stations are too few.
+            ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
+                allow.
+            ModuleNotFoundError: if ``compiled`` but numba is not installed; if it does not work,
+                any error of numba.
+        """
+        if model not in STATICS:
+            raise ConfigError(f'model is {model!r}, expected one of {", ".join(STATICS)}')
+        if material not in LAWS:
+            raise ConfigError(f'material.law is {material!r}, expected one of {", ".join(LAWS)}')
+        self.arm, self.model, self.base, self.loads = arm, model, base, loads
+        self._anew = functools.partial(
+            Solver, arm, model, stations, base, material=material, shear=shear, loads=loads,
+            compiled=compiled, budget=budget,
+        )  # fmt: skip
+        loads.check_inside(arm.length)
+        self.grid = StationGrid.build(arm, stations, loads.breaks)
+        self._allowance = Allowance(budget)
+        x, y, z, w = base.quaternion
+        frame = np.array(base.position), np.array([w, x, y, z])
+        own = self.grid.s, self.grid.section
+        self._statics = STATICS[model](
+            Setup(arm, *own, frame, material, shear, loads, self._allowance, compiled)
+        )
+        self.law = LAWS[self._statics.law]
+        if shear and not (self._statics.strains == 6 and material == 'linear'):
+            raise ConfigError(
+                f'material.shear goes with model exact and material.law linear, not with {model} '
+                f'and {material}'
+            )
+        if loads.any:
+            self._require_loads()
+        self._wrench = loads.tip_wrench
+        places = np.linspace(0.0, arm.length, _PLACES)
+        self._limits = LoadLimits(arm, places)
+        self._reach = transmission(arm, *own).T.copy()
+        self._reach.setflags(write=False)
+
+    def __reduce__(self) -> tuple[functools.partial[Solver], tuple[()]]:
+        """A copy, one in another process as well, is prepared from the same arguments."""
+        return self._anew, ()
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether compiled kernels solve."""
+        return self._statics.is_compiled
+
+    def _require_loads(self) -> None:
+        if not self._statics.takes_loads:
+            raise ConfigError(
+                f'model is {self.model!r}, which has no loads but the tendons: choose exact'
+            )
+
+    def solve(
+        self,
+        tensions: ArrayLike,
+        tip_wrench: ArrayLike | None = None,
+        start: Backbone | None = None,
+    ) -> Backbone:
+        """Shape under ``tensions`` ``(..., *Arm.tension_shape)`` [N].
+
+        ``tip_wrench`` (..., 6) is a force and a moment on the tip in base_frame [N, N m], besides
+        those of ``loads``; its leading axes are broadcast with those of the tensions. A loaded arm
+        is followed from ``start``, a single solution of this solver, or from the unloaded shape.
+        Tendons with friction are pulled from slack, see `follow` for others.
+
+        Raises:
+            TensionError: if the tensions do not fit the arm, or are negative or not finite.
+            LoadError: if the tip's wrench is not six finite numbers, larger than `LoadLimits`
+                allow, or of another number of sets than the tensions.
+            ConfigError: if the model has no loads and there are some.
+            SolveError: if the model has no trustworthy answer.
+            ContinuationError: if a loaded arm would take more than the budget.
+        """
+        return self._solve(tensions, tip_wrench, start, None)
+
+    def _solve(
+        self,
+        tensions: ArrayLike,
+        tip_wrench: ArrayLike | None,
+        start: Backbone | None,
+        before: FloatArray | None,
+    ) -> Backbone:
+        """As `solve`; tendons with friction slide from tensions ``before`` (tendons, points)."""
+        checked = check_tensions(self.arm, tensions)
+        self._limits.check_tensions(checked)
+        wrench = self._wrench
+        if tip_wrench is not None:
+            wrench = wrench + self.check_tip_wrench(tip_wrench)
+            own, lead = checked.shape[: -len(self.arm.tension_shape)], wrench.shape[:-1]
+            if lead != own:
+                try:
+                    lead = np.broadcast_shapes(own, lead)
+                except ValueError:
+                    expected = f'those of the tensions, {own}, or none'
+                    raise LoadError(
+                        f'tip_wrench has leading axes {lead}, expected {expected}'
+                    ) from None
+                checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
+        if start is not None:
+            self._own(start)
+        return self._backbone(checked.copy(), wrench, start, before)
+
+    def _backbone(
+        self, tensions: FloatArray, wrench: FloatArray, start: Backbone | None,
+        before: FloatArray | None,
+    ) -> Backbone:  # fmt: skip
+        """As `_solve`, of checked ``tensions`` and the whole ``wrench`` (..., 6) on the tip."""
+        lead = tensions.shape[: -len(self.arm.tension_shape)]
+        near = None if start is None else start.equilibrium
+        history = None if before is None else before.T
+        if not lead:
+            shape = self._statics.solve(
+                tensions.ravel(), wrench, near, history, self._allowance.spending()
+            )
+            return self._of_one(tensions, wrench, shape)
+        count, stations = math.prod(lead), self.grid.s.size
+        wrenches = np.broadcast_to(wrench, (*lead, 6))
+        rows, on_tips = tensions.reshape(count, -1), wrenches.reshape(count, 6)
+        position, quaternion = np.empty((count, stations, 3)), np.empty((count, stations, 4))
+        strains, along = np.empty((4, count, stations)), None
+        residual, iterations = np.empty(count), np.empty(count, np.int64)
+        if self.arm.friction:
+            along = np.empty((count, stations, rows.shape[1]))
+        for number in range(count):
+            spending = self._allowance.spending()
+            try:
+                one = self._statics.solve(rows[number], on_tips[number], near, history, spending)
+            except SolveError as error:
+                error.in_batch([number])
+                raise
+            position[number], quaternion[number], strains[:, number] = one[:3]
+            if along is not None:
+                along[number] = one.tensions
+            residual[number] = one.equilibrium.state.residual
+            iterations[number] = one.equilibrium.iterations
+        return self._made(
+            tensions, wrenches, position.reshape(*lead, stations, 3),
+            quaternion.reshape(*lead, stations, 4), strains.reshape(4, *lead, stations),
+            residual.reshape(lead), iterations.reshape(lead),
+            None if along is None else along.reshape(*lead, stations, -1),
+        )  # fmt: skip
+
+    def _of_one(self, tensions: FloatArray, wrench: FloatArray, shape: Shape) -> Backbone:
+        found = shape.equilibrium
+        history = None
+        if self.arm.friction:
+            history = self._statics.history(found).T
+        return self._made(
+            tensions, wrench, shape.position, shape.quaternion, shape.strains,
+            np.array(found.state.residual), np.array(found.iterations), shape.tensions,
+            found, history,
+        )  # fmt: skip
+
+    def _made(
+        self, tensions: FloatArray, wrench: FloatArray, position: FloatArray,
+        quaternion: FloatArray, strains: FloatArray, residual: FloatArray, iterations: IntArray,
+        along: FloatArray | None, found: Equilibrium | None = None,
+        history: FloatArray | None = None,
+    ) -> Backbone:  # fmt: skip
+        """A `Backbone` of these arrays, which are read-only from now on."""
+        if along is not None:
+            along = along * self._reach
+            # At the base they are given, not interpolated from points beyond.
+            along[..., 0, :] = tensions.reshape(*along.shape[:-2], -1) * self._reach[0]
+        for array in (
+            tensions, wrench, position, quaternion, strains, residual, iterations, along, history
+        ):  # fmt: skip
+            if array is not None:
+                array.setflags(write=False)
+        return Backbone(
+            self.model, self.grid.s, self.grid.section, position, quaternion,
+            strains[0], strains[1], strains[2], strains[3],
+            tensions, wrench, residual, iterations, found, self._reach, along, history,
+        )  # fmt: skip
+
+    def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:
+        """Return ``tip_wrench`` (..., 6) as a float array.
+
+        Raises:
+            LoadError: if it is not six finite numbers, or larger than `LoadLimits` allow.
+            ConfigError: if it is not zero and the model has no loads.
+        """
+        wrench = tip_wrench_of(tip_wrench)
+        if np.count_nonzero(wrench):
+            self._require_loads()
+        self._limits.check_tip_wrench(wrench)
+        return wrench
+
+    def follow(
+        self, tensions: ArrayLike, last: Backbone | None, tip_wrench: ArrayLike | None = None
+    ) -> Backbone:
+        """As `solve` from the ``last`` solution, if any; without a start where that fails.
+
+        Tendons with friction slide from their tensions in the ``last`` one, so that a sequence of
+        tensions shows the hysteresis of the arm.
+
+        Raises:
+            OctoArmError: as `solve`.
+        """
+        before = None if last is None else last.point_tensions
+        began = time.monotonic()
+        try:
+            return self._solve(tensions, tip_wrench, last, before)
+        except ContinuationError:
+            raise  # The budget does not allow a second attempt.
+        except ConvergenceError:
+            if last is None:
+                raise
+            with self._allowance.together(began):
+                return self._solve(tensions, tip_wrench, None, before)
+
+    def together(self) -> AbstractContextManager[None]:
+        """Within it all solves have the time of one budget together, its iterations each."""
+        return self._allowance.together()
+
+    def check_time(self) -> None:
+        """Check that time is left of what is solved `together`.
+
+        Raises:
+            ContinuationError: if none is.
+        """
+        self._allowance.check()
+
+    def sensitivity(self, backbone: Backbone, *, by_offsets: bool = True) -> Sensitivity:
+        """First derivatives of a single solution of this solver.
+
+        Without ``by_offsets``, which takes less time, those by offsets and sheaths of tendons may
+        be None where there are some.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch or of another solver.
+        """
+        return self._statics.sensitivity(self._own(backbone), by_offsets)
+
+    def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
+        """Change of a single solution of this solver per unit of each of ``loads``.
+
+        The derivative is by a factor on each of ``loads``, which need not act on the arm: `Loads`
+        of a force of 1 N give the change per newton, `Loads` of gravity and a fluid that per part
+        of the weight. At the s of a point load the solver must have one too, of any magnitude, or
+        an anchorage.
+
+        Raises:
+            ConfigError: as `sensitivity`; if the model has no loads, one of ``loads`` is of
+                another kind than the dead ones, or tendons have friction.
+            ArmDefinitionError: if a load does not fit the arm.
+        """
+        found = self._own(backbone)
+        self._require_loads()
+        for one in loads:
+            one.check_inside(self.arm.length)
+            if one.others or one.scaled:
+                what = 'others' if one.others else 'scaled'
+                raise ConfigError(f'loads.{what} have no derivatives by their magnitude')
+        return self._statics.by_loads(found, loads)
+
+    def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance (6, 6) of the tip's position [m] and rotation vector [rad] in base_frame.
+
+        To first order; zero where nothing is uncertain.
+
+        Raises:
+            ConfigError: if the model has no derivative by something that is uncertain.
+        """
+        if not uncertainty.is_any:
+            return np.zeros((6, 6))
+        return self._statics.tip_covariance(self._own(backbone), uncertainty)
+
+    def tendon_lengths(self, backbone: Backbone) -> FloatArray:
+        """Length of every tendon from the base to its anchorage [m], of `Arm.tension_shape`.
+
+        For a single solution of this solver.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch.
+        """
+        found = self._own(backbone)
+        return self._statics.tendon_lengths(found).reshape(self.arm.tension_shape)
+
+    def local_tensions(self, backbone: Backbone) -> FloatArray:
+        """Tension of every tendon at every node of the model [N], (tendons, nodes).
+
+        For a single solution of this solver.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch.
+        """
+        return self._statics.local_tensions(self._own(backbone)).T
+
+    def tension_integrals(self, backbone: Backbone) -> FloatArray:
+        """Integral of every tendon's tension over its unloaded length up to its winch [N m].
+
+        Of `Arm.tension_shape`, for a single solution of this solver. Over E A it is
+        the elongation of the tendon, under the tension that friction leaves along it.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch.
+        """
+        inside = self._statics.tension_integrals(self._own(backbone))
+        free = np.array(self.arm.free_length or 0.0) * backbone.tensions.ravel()
+        return (inside + free).reshape(self.arm.tension_shape)
+
+    @property
+    def rest_lengths(self) -> FloatArray:
+        """Length of every tendon of the unloaded arm [m], of `Arm.tension_shape`."""
+        return self._statics.rest_lengths.reshape(self.arm.tension_shape)
+
+    @functools.cached_property
+    def largest_displacements(self) -> FloatArray:
+        """Lengths that no winch can have reeled in [m], (tendons,).
+
+        That of the tendon in the unloaded arm, and what it stretches under `LoadLimits.force`.
+        """
+        rest = self.rest_lengths.ravel()
+        return rest + self._limits.force * self.arm.tendon_compliance(rest)
+
+    def check_displacements(self, displacements: FloatArray, tendons: Sequence[int]) -> None:
+        """Check ``displacements`` [m], one for each of the ``tendons`` by their numbers.
+
+        Raises:
+            TensionError: if one is longer than what there is to reel in.
+        """
+        most = self.largest_displacements[list(tendons)]
+        beyond = np.flatnonzero(displacements >= most)
+        if beyond.size:
+            first = beyond[0]
+            number = tendons[first]
+            length = self.rest_lengths.ravel()[number]
+            stretch = most[first] - length
+            more = f' and {stretch:.4g} m that it stretches at most' if stretch else ''
+            raise TensionError(
+                f'displacement of {self.arm.tendon_names[number]} is {displacements[first]:.6g} '
+                f'm, expected less than there is to reel in: {length:.4g} m in the unloaded '
+                f'arm{more}'
+            )
+
+    def rest_lengths_by_offset(self, backbone: Backbone) -> tuple[FloatArray, FloatArray]:
+        """Derivatives by the tendons' distances from the midline at given tensions, (tendons,).
+
+        Of `rest_lengths` [-] and, by these alone, of `tension_integrals` [N]. Zero for tendons
+        that do not wind about the midline.
+        """
+        return self._statics.rest_lengths_by_offset(self._own(backbone))
+
+    def wind(
+        self, displacements: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
+        tip_wrench: ArrayLike | None, start: Backbone | None,
+    ) -> tuple[Backbone, FloatArray] | None:  # fmt: skip
+        """Shape with ``displacements`` (J,) [m] of the ``driven`` tendons, and those of all.
+
+        With ``tensions`` (J,) [N] of the others. None for other models than exact, and for tendons
+        with friction. Other arguments and errors are those of `solve`.
+        """
+        checked = check_tensions(self.arm, tensions.reshape(self.arm.tension_shape))
+        self._limits.check_tensions(checked)
+        wrench = self._wrench
+        if tip_wrench is not None:
+            wrench = wrench + self.check_tip_wrench(tip_wrench)
+        near = None if start is None else self._own(start)
+        condition, spending = Condition(checked.ravel(), wrench), self._allowance.spending()
+        found = self._statics.wind(displacements, driven, condition, near, spending)
+        if found is None:
+            return None
+        shape, displacement = found
+        pulled = shape.equilibrium.state.acting.condition.tensions.reshape(self.arm.tension_shape)
+        self._limits.check_tensions(pulled)
+        return self._of_one(pulled, wrench, shape), displacement
+
+    def reeled_by_tension(self, backbone: Backbone, over: FloatArray) -> FloatArray | None:
+        """Changes of displacements over those of tensions by ``over`` (J,) [N], (J, J) [m/N].
+
+        Of a single solution; None for other models than exact.
+        """
+        return self._statics.reeled_by_tension(self._own(backbone), over)
+
+    def _own(self, backbone: Backbone) -> Equilibrium:
+        """The equilibrium of a single solution of this solver.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch or of another solver.
+        """
+        found = backbone.equilibrium
+        if found is None:
+            raise ConfigError('the backbone is that of a batch, expected a single solution')
+        if backbone.model != self.model or not self._statics.has_solved(found):
+            raise ConfigError('the backbone was solved by another solver')
+        return found

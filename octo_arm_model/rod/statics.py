@@ -1,0 +1,165 @@
+"""What every model of the statics gives: shapes at stations, lengths of tendons, derivatives."""
+
+from __future__ import annotations
+
+import abc
+import functools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.loads import Loads
+from octo_arm_model.core.budget import Allowance, Spending
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.rod.elements import LEVELS
+from octo_arm_model.rod.equilibrium import Condition, Problem
+from octo_arm_model.rod.lengths import rest_stretches, rest_stretches_by_offset, tendon_lengths
+from octo_arm_model.rod.rod import Equilibrium
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
+
+
+class Setup(NamedTuple):
+    """What a model is prepared for.
+
+    Attributes:
+        arm: the arm.
+        s: arc coordinates of the stations [m], (S,).
+        section: section of each station, numbered from the tip, 0 beyond the last, (S,).
+        base: position [m], (3,), and orientation, a quaternion w, x, y, z, (4,), of the base.
+        law: name of the elastic law; the paper's models are linear whatever it is.
+        shear: whether cross sections shear.
+        loads: what loads the arm but its tendons and the wrench on its tip.
+        allowance: what solves may take, where equilibria are followed.
+        compiled: whether numba compiles the node functions; None where it is installed.
+    """
+
+    arm: Arm
+    s: FloatArray
+    section: IntArray
+    base: tuple[FloatArray, FloatArray]
+    law: str
+    shear: bool
+    loads: Loads
+    allowance: Allowance
+    compiled: bool | None
+
+
+class Shape(NamedTuple):
+    """One arm at S stations.
+
+    Attributes:
+        position: (S, 3) [m].
+        quaternion: orientation x, y, z, w, (S, 4).
+        strains: tau, xi, k [1/m] and q [-], (4, S).
+        tensions: of J tendons with friction, (S, J) [N]; None without.
+        equilibrium: at the nodes.
+    """
+
+    position: FloatArray
+    quaternion: FloatArray
+    strains: FloatArray
+    tensions: FloatArray | None
+    equilibrium: Equilibrium
+
+
+class Statics(abc.ABC):
+    """A model of the arm's statics, prepared for a `Setup`.
+
+    Attributes:
+        takes_loads: whether there may be loads besides the tendons.
+        law: name of the elastic law of the cross sections.
+        strains: how many strains a cross section has: 4, or 6 with shear.
+        is_compiled: whether numba has compiled the node functions.
+    """
+
+    takes_loads = False
+    law = 'linear'
+    strains = 4
+    is_compiled = False
+
+    def __init__(self, setup: Setup) -> None:
+        """Keep the ``setup``."""
+        self._setup = setup
+
+    @abc.abstractmethod
+    def problem(self, level: int) -> Problem:
+        """The nodes of a ``level``, always the same."""
+
+    @abc.abstractmethod
+    def solve(
+        self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None,
+        before: FloatArray | None, spending: Spending,
+    ) -> Shape:  # fmt: skip
+        """Under ``tensions`` (J,) [N] and a ``tip_wrench`` (6,) [N, N m].
+
+        ``start`` is an equilibrium to follow the arm from, if the model does, and ``before`` the
+        tensions (N, J) [N] that tendons with friction slide from; None for slack ones.
+
+        Raises:
+            SolveError: if there is no trustworthy answer.
+        """
+
+    def wind(
+        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
+        start: Equilibrium | None, spending: Spending,
+    ) -> tuple[Shape, FloatArray] | None:  # fmt: skip
+        """See `Winches.solve`: a shape and what is reeled in there; None where this cannot."""
+        return None
+
+    def reeled_by_tension(self, found: Equilibrium, over: FloatArray) -> FloatArray | None:
+        """See `Solver.reeled_by_tension`; None where this cannot."""
+        return None
+
+    @abc.abstractmethod
+    def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
+        """First derivatives of a solution, see `Solver.sensitivity`."""
+
+    @abc.abstractmethod
+    def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance (6, 6) of the tip of a solution, see `Solver.tip_covariance`."""
+
+    @abc.abstractmethod
+    def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
+        """Change of a solution per unit of each of ``loads``, if the model takes loads."""
+
+    def has_solved(self, found: Equilibrium) -> bool:
+        """Whether ``found`` may be a solution of this model, by its numbers."""
+        if not 0 <= found.level < len(LEVELS):
+            return False
+        return found.state.z.shape == (self.problem(found.level).elements.s.size, self.strains)
+
+    def local_tensions(self, found: Equilibrium) -> FloatArray:
+        """Tension of every tendon of a solution at every node [N], (N, J)."""
+        return found.state.acting.tensions * self.problem(found.level).tables.reach
+
+    def history(self, found: Equilibrium) -> FloatArray:
+        """Tensions (M, J) [N] that tendons with friction slide on from after a solution."""
+        return self.problem(found.level).history(found.state)
+
+    # Lengths of the tendons, from the base to their anchorages ---------------------------------
+
+    @functools.cached_property
+    def rest_lengths(self) -> FloatArray:
+        """In the unloaded arm [m], (J,)."""
+        problem = self.problem(0)
+        return np.asarray(problem.elements.weights @ rest_stretches(problem.tables))
+
+    def tendon_lengths(self, found: Equilibrium) -> FloatArray:
+        """In a solution [m], (J,)."""
+        return tendon_lengths(self.problem(found.level), found.state).length
+
+    def tension_integrals(self, found: Equilibrium) -> FloatArray:
+        """Integrals of the tensions over the unloaded lengths up to the base [N m], (J,)."""
+        problem = self.problem(found.level)
+        along = found.state.acting.tensions * rest_stretches(problem.tables)
+        return np.asarray(problem.elements.weights @ along)
+
+    def rest_lengths_by_offset(self, found: Equilibrium) -> tuple[FloatArray, FloatArray]:
+        """See `Solver.rest_lengths_by_offset`."""
+        problem = self.problem(found.level)
+        rates = rest_stretches_by_offset(problem.tables, self._setup.arm, problem.elements.s)
+        weights = problem.elements.weights
+        return weights @ rates, weights @ (rates * found.state.acting.tensions)
