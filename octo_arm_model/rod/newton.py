@@ -19,6 +19,9 @@ MOST = 15  # iterations of one search
 PREDICTED, FIRST, PROGRESS = 0.3, 3.0, 0.7
 # Where a load states no tangent stiffness convergence is linear: iterations and what each leaves.
 MOST_LINEAR, LINEAR_PROGRESS = 200, 0.99
+# Below this residual a step by factors of the state may raise it again: where the arm is soft it
+# turns far, and what is left is of second order.
+_SOFT = 1e-4
 CHORD = 0.2  # and up to which the same factors are used again
 _LEAST_DENOMINATOR = 0.2  # of Broyden's update
 
@@ -94,6 +97,8 @@ def settle(
         most = progress
         if is_first:
             most = FIRST if is_near else PREDICTED
+        elif is_near and state.residual <= _SOFT:
+            most = FIRST
         if not new.residual <= most * state.residual:  # nor where it is NaN
             if is_near:
                 break
