@@ -242,7 +242,11 @@ class Derivatives:
             ConvergenceError: if the Jacobian is singular.
         """
         problem = self._problem
-        wrenches = [problem.loads.tabulate(self._arm, problem.elements, one) for one in loads]
+        wrenches = [
+            problem.loads.tabulate(self._arm, problem.elements, one)
+            + one.tip_wrench.reshape(2, 1, 3)
+            for one in loads
+        ]
         columns = _Columns.of(0, len(loads), 0, 0, 0, 0)
         return self._change(state, columns, np.concatenate(np.stack(wrenches, axis=-1), axis=1))
 
