@@ -36,7 +36,7 @@ from octo_arm_model import (
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.rod.forms import is_available
 from octo_arm_model.core.models import exact
 
 STATIONS = 101

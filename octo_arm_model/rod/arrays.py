@@ -389,13 +389,18 @@ class Bends:
         self.kink[:, 1:] = ends[:, 1:, 0] - ends[:, :-1, 1]
         self.kink *= tables.sharp[:, np.newaxis] * acts[:: len(tables.to_end)]
 
+    @property
+    def kink_angles(self) -> FloatArray:
+        """Angles of the `kink`, (E, J) [rad]."""
+        size = 0.5 * np.sqrt((self.kink * self.kink).sum(axis=0))
+        return np.asarray(2.0 * np.arcsin(np.minimum(size, 1.0)))
+
 
 def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Angle by which every tendon has turned between the base and every node, see `loops`."""
     bends, elements = Bends(tables, z, tensions, work), tables.lengths.size
-    rate = bends.rate.reshape(elements, -1, bends.rate.shape[1])
-    size = 0.5 * np.sqrt((bends.kink * bends.kink).sum(axis=0))
-    kinks = 2.0 * np.arcsin(np.minimum(size, 1.0)).cumsum(axis=0)
+    rate = bends.rate.reshape(elements, len(tables.to_end), bends.rate.shape[1])
+    kinks = bends.kink_angles.cumsum(axis=0)
     whole = tables.weights[: len(tables.to_end)] / tables.lengths[0] @ rate
     angle = tables.to_point @ rate
     by_element = bends.bend.reshape(3, *rate.shape)

@@ -97,10 +97,11 @@ def follow(
     done, factors = 0.0, None
     last: tuple[FloatArray, float] | None = None
     reached: Judged | None = None
+    rough = ON_THE_WAY
     while True:
         target = min(1.0, done + step)
         acting = problem.acting(known.towards(wanted, target))
-        limit = tolerance if target == 1.0 else ON_THE_WAY
+        limit = min(tolerance, rough) if target == 1.0 else rough
         guess = z
         if last is not None:
             guess = z + (target - done) / last[1] * (z - last[0])
@@ -113,6 +114,7 @@ def follow(
             judged = _judged_stable(problem, found.state)
             if limit > _CLOSER and not (judged is not None and judged.stability.is_firm):
                 # Near the end of a branch what a rough balance leaves decides where the arm goes.
+                rough = _CLOSER
                 found = _closer(problem, found, judged)
                 spending.add(found.iterations, done, found.state.residual, found.state.z)
                 is_near = found.corrected <= MOST_CORRECTED or is_last
@@ -132,11 +134,13 @@ def follow(
             last, step = None, _BEYOND
         elif judged is not None:
             last = z, target - done
-            step = last[1] * (_growth(found.corrected) if found.iterations <= 5 else 1.0)
+            few = found.iterations <= (5 if rough == ON_THE_WAY else 8)
+            step = last[1] * (_growth(found.corrected) if few else 1.0)
         if judged is not None:
             if target == 1.0:
                 return judged
             done, z, factors, reached = target, judged.state.z, judged.factors, judged
+            rough = ON_THE_WAY if judged.stability.is_firm else _CLOSER
         else:
             # A converged step is shortened by how large its correction was, another by a factor.
             shorter = min(_growth(found.corrected), 0.7) if is_found else 0.25

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -40,31 +40,19 @@ from octo_arm_model.rod.tables import (
 )
 from octo_arm_model.rod.tendons import Moved, Tendons
 
+_MATERIAL, _PATHS = ('youngs_modulus', 'poisson_ratio'), ('offset', 'sheath_stiffness')
 _ADDED_POINTS = 4  # in each element, for what stations read
 _SKEW = np.zeros((3, 9))  # v @ this is the matrix of v x, row by row
 _SKEW[[2, 1, 0, 2, 1, 0], [3, 6, 7, 1, 2, 5]] = 1.0, -1.0, 1.0, -1.0, 1.0, -1.0
 
 
-class _Columns(NamedTuple):
-    """Which columns belong to which quantities; none where a slice is empty."""
+_Columns: TypeAlias = Mapping[str, slice]  # of quantities, by their names in `Sensitivity`
 
-    tension: slice
-    loads: slice
-    material: slice
-    offset: slice
-    sheath_stiffness: slice
-    friction: slice
 
-    @classmethod
-    def of(cls, *counts: int) -> _Columns:
-        """So many of each."""
-        ends = np.cumsum((0, *counts)).tolist()
-        return cls(*(slice(first, last) for first, last in itertools.pairwise(ends)))
-
-    @property
-    def total(self) -> int:
-        """Number of columns."""
-        return int(self.friction.stop)
+def _columns(**counts: int) -> _Columns:
+    """So many columns of each quantity, one after the other; those of none are left out."""
+    ends = itertools.pairwise(np.cumsum((0, *counts.values())).tolist())
+    return {name: slice(*at) for (name, count), at in zip(counts.items(), ends) if count}
 
 
 class _Sections:
@@ -88,24 +76,14 @@ class _Sections:
         self.tendons = Tendons(tables, z, tensions, offsets)
         self.stretch = self.tendons.stretch()
 
-    def imbalance(self, columns: _Columns) -> FloatArray:
-        """Change of the residual at fixed local tensions, and by loads none, (n, m, columns)."""
-        found = np.zeros((*self._z.shape, columns.total))
-        if columns.material.stop > columns.material.start:
-            found[..., columns.material.start] = self.by_youngs_modulus()
-            found[..., columns.material.start + 1] = self.by_poisson_ratio()
-        for where, moved in self.moved(columns):
-            found[..., where] = moved.gradient.swapaxes(1, 2)
-        return found
-
-    def moved(self, columns: _Columns) -> list[tuple[slice, Moved]]:
-        """What changes with the paths of tendons, and its columns."""
-        found = []
-        for where, name in (
-            (columns.offset, 'by_offset'), (columns.sheath_stiffness, 'by_sheath_stiffness'),
-        ):  # fmt: skip
-            if where.stop > where.start:
-                found.append((where, getattr(self, name)))
+    def imbalance(self, columns: _Columns, total: int) -> FloatArray:
+        """Change of the residual at fixed local tensions and loads, (n, m, total)."""
+        found = np.zeros((*self._z.shape, total))
+        for name, where in columns.items():
+            if name in _MATERIAL:
+                found[..., where] = getattr(self, f'by_{name}')[..., np.newaxis]
+            elif name in _PATHS:
+                found[..., where] = getattr(self, f'by_{name}').gradient.swapaxes(1, 2)
         return found
 
     @functools.cached_property
@@ -118,11 +96,13 @@ class _Sections:
         """Per pascal of each sheath."""
         return self.tendons.by_sheath_stiffness()
 
+    @property
     def by_youngs_modulus(self) -> FloatArray:
         """Per relative change of E, (n, m): the material's part of the gradient."""
         pull = self.tendons.tension[..., np.newaxis] * self.stretch.gradient
         return np.asarray(self._gradient - pull.sum(axis=1))
 
+    @property
     def by_poisson_ratio(self) -> FloatArray:
         """Per unit of nu, (n, m), by G alone."""
         body, tendons = self._tables.body, self.tendons
@@ -141,7 +121,7 @@ class _Linear(NamedTuple):
     Attributes:
         state: the equilibrium.
         factors: of the Jacobian.
-        slides: how tensions with friction change; None without friction.
+        slides: how tensions with friction change; None where none do.
         rates: derivatives of local tensions by those at the base at fixed twists, (N, J).
         quaternion: with the following, as in `Work`.
     """
@@ -217,21 +197,16 @@ class Derivatives:
             LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
-        tendons, slides = self._rest_lengths.size, self._problem.tension_changes(state) is not None
+        tendons, slides = self._rest_lengths.size, self._problem.friction is not None
         moved = tendons * (by_offsets or slides)
-        sheaths = moved * bool(self._problem.tables.compliance.any())
-        columns = _Columns.of(tendons, 6, 2, moved, sheaths, tendons * slides)
-        wrenches = np.empty((self._problem.elements.s.size, 6, 6))
-        wrenches[:] = np.eye(6)
+        columns = _columns(
+            tension=tendons, youngs_modulus=1, tip_wrench=6, poisson_ratio=1, offset=moved,
+            sheath_stiffness=moved * bool(self._problem.tables.compliance.any()),
+            friction=tendons * slides,
+        )  # fmt: skip
+        wrenches = np.tile(np.eye(6), (self._problem.elements.s.size, 1, 1))
         change = self._change(state, columns, wrenches)
-        first = columns.material.start
-        young, poisson = (_part(change, slice(at, at + 1)) for at in (first, first + 1))
-        rest = (
-            _part(change, where) if where.stop > where.start else None
-            for where in (columns.offset, columns.sheath_stiffness, columns.friction)
-        )
-        by_tension, by_wrench = _part(change, columns.tension), _part(change, columns.loads)
-        return Sensitivity(by_tension, young, by_wrench, poisson, *rest)
+        return Sensitivity(**{f'by_{name}': _part(change, own) for name, own in columns.items()})
 
     def by_loads(self, state: State, loads: Sequence[Loads]) -> Change:
         """Change of the equilibrium ``state`` per unit of each of dead ``loads``.
@@ -242,13 +217,11 @@ class Derivatives:
             ConvergenceError: if the Jacobian is singular.
         """
         problem = self._problem
-        wrenches = [
-            problem.loads.tabulate(self._arm, problem.elements, one)
-            + one.tip_wrench.reshape(2, 1, 3)
-            for one in loads
-        ]
-        columns = _Columns.of(0, len(loads), 0, 0, 0, 0)
-        return self._change(state, columns, np.concatenate(np.stack(wrenches, axis=-1), axis=1))
+        wrenches = np.empty((problem.elements.s.size, 6, len(loads)))
+        for number, one in enumerate(loads):
+            dead = problem.loads.tabulate(self._arm, problem.elements, one)
+            wrenches[..., number] = np.concatenate(dead, axis=1) + one.tip_wrench
+        return self._change(state, _columns(tip_wrench=len(loads)), wrenches)
 
     def tip_covariance(self, state: State, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip in the equilibrium ``state``, by the adjoint.
@@ -280,7 +253,7 @@ class Derivatives:
                     local = linear.slides.by_offset(self._outwards)[..., np.newaxis]
                     change = change + sections.stretch.length_by_z * local
             else:
-                change = getattr(sections, f'by_{name}')()[:, np.newaxis]
+                change = getattr(sections, f'by_{name}')[:, np.newaxis]
             found.append(np.tensordot(by_residual, change, axes=([0, 1], [0, 2])))
         return uncertainty.tip_covariance(found)
 
@@ -290,44 +263,52 @@ class Derivatives:
         if kept is None or kept.state is not state:
             problem.others.require_tangents('sensitivity')
             factors, slides = problem.linearise(state), problem.tension_changes(state)
-            rates = problem.tables.reach if slides is None else slides.by_base_tension()
+            rates = problem.tension_rates(state)
             copies = [getattr(problem.work, name).copy() for name in _Linear._fields[4:]]
             kept = self._kept = _Linear(state, factors, slides, rates, *copies)
         return kept
 
     def _change(self, state: State, columns: _Columns, wrenches: FloatArray) -> Change:
         """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
-        weights = self._problem.elements.weights
-        linear, nodes = self._linearised(state), len(state.z)
+        weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
+        linear, nodes, loads = self._linearised(state), len(state.z), columns['tip_wrench']
         slides, finer = linear.slides, self._finer(linear)
         sections = self._sections(linear, finer)
         stretch = sections.stretch
         by_local = stretch.length_by_z.swapaxes(1, 2)
-        push = sections.imbalance(columns)
-        local = self._local_changes(linear, columns)
-        if slides is None:
-            push[..., columns.tension] += by_local[..., : columns.tension.stop]
-        else:
+        push = sections.imbalance(columns, total)
+        local = self._local_changes(linear, columns, total)
+        has_friction = self._problem.friction is not None
+        if has_friction:
             push[:nodes] += by_local[:nodes] @ local
+        elif 'tension' in columns:
+            push[..., columns['tension']] += by_local
         beyond = wrenches.copy()
         beyond[:, 3:] += _along(weights - self._to_nodes, _skew(linear.slope) @ wrenches[:, :3])
-        at_nodes = _turned(linear.rotation, beyond, state.z.shape[1])
-        push[:nodes, :, columns.loads] -= at_nodes
-        z = linear.factors.solve(-push[:nodes].reshape(-1, columns.total))
-        z = z.reshape(nodes, -1, columns.total)
+        push[:nodes, :, loads] -= _turned(linear.rotation, beyond, state.z.shape[1])
+        z = linear.factors.solve(-push[:nodes].reshape(-1, total)).reshape(nodes, -1, total)
         if slides is not None:
             local += slides.by_twists(z)
+        if has_friction:
             push[nodes:] += by_local[nodes:] @ _along(self._between, local)
-        pose, strain = self._read(linear, finer, columns, z, push[nodes:], wrenches)
+        if self._problem.others.loads:
+            # Those that follow the shape change in all columns.
+            given, loads = wrenches, slice(None)
+            wrenches = self._problem.others.changes(
+                1.0, linear.quaternion, state.z, linear.rotation @ z[:, :3]
+            )
+            wrenches[..., columns['tip_wrench']] += given
+        pose, strain = self._read(linear, finer, z, push[nodes:], (loads, wrenches))
         by_z = weights[:, np.newaxis, np.newaxis] * stretch.length_by_z[:nodes]
         length = np.tensordot(by_z, z, axes=([0, 2], [0, 1]))
         if sections.tendons.has_sheaths:
             length += np.einsum('i,ij,ijc->jc', weights, stretch.by_tension[:nodes], local)
         own = np.arange(len(length))
-        for where, moved in sections.moved(columns):
-            length[own, where.start + own] += weights @ moved.stretch[:nodes]
+        for name in set(_PATHS).intersection(columns):
+            moved = getattr(sections, f'by_{name}').stretch[:nodes]
+            length[own, columns[name].start + own] += weights @ moved
         mean = None
-        if slides is not None:
+        if has_friction:
             mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
             mean /= self._rest_lengths[:, np.newaxis]
         return Change(pose, strain, length, mean)
@@ -342,54 +323,43 @@ class Derivatives:
             np.concatenate([linear.offsets, work.offsets]),
         )  # fmt: skip
 
-    def _local_changes(self, linear: _Linear, columns: _Columns) -> FloatArray:
-        """Changes of the local tensions at fixed twists, (N, J, columns)."""
-        slides = linear.slides
-        found = np.zeros((*linear.rates.shape, columns.total))
+    def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
+        """Changes of the local tensions at fixed twists, (N, J, total)."""
+        found, slides = np.zeros((*linear.rates.shape, total)), linear.slides
+        parts = {'tension': linear.rates}
+        if slides is not None and 'friction' in columns:
+            parts['friction'] = slides.by_friction
+            parts['offset'] = slides.by_offset(self._outwards)
+            parts['sheath_stiffness'] = slides.by_sheath_stiffness
         own = np.arange(found.shape[1])
-        parts = [(columns.tension, linear.rates)]
-        if slides is not None and columns.friction.stop > columns.friction.start:
-            parts.append((columns.offset, slides.by_offset(self._outwards)))
-            parts.append((columns.friction, slides.by_friction))
-            parts.append((columns.sheath_stiffness, slides.by_sheath_stiffness))
-        for where, change in parts:
-            if where.stop > where.start:
-                found[:, own, where.start + own] = change
+        for name in set(parts).intersection(columns):
+            found[:, own, columns[name].start + own] = parts[name]
         return found
 
     def _read(
-        self, linear: _Linear, finer: _Finer, columns: _Columns, z: FloatArray, push: FloatArray,
-        wrenches: FloatArray,
+        self, linear: _Linear, finer: _Finer, z: FloatArray, push: FloatArray,
+        wrenches: tuple[slice, FloatArray],
     ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
         """Changes of poses (S, 6, columns) and strains (S, 4, columns) at the stations.
 
-        Of the twists ``z`` (N, m, columns) and the ``wrenches`` (N, 6, loads) beyond, at the
-        nodes; ``push`` (n, m, columns) is the imbalance at the finer points, without loads. As in
-        `read_out`, what integrals say is balanced at these, from which stations are reached.
+        Of the twists ``z`` (N, m, columns) and, in some columns, the ``wrenches`` (N, 6, loads)
+        beyond, at the nodes; ``push`` (n, m, columns) is the imbalance at the finer points at
+        fixed loads. As in `read_out`, what integrals say is balanced at these, from which stations
+        are reached.
         """
-        strains, force = z.shape[1], linear.state.acting.force
+        force, (loads, given) = linear.state.acting.force, wrenches
         rates = np.empty((len(z), 6, z.shape[2]))  # of rotation and carried moment
         spin, carried = rates[:, :3], rates[:, 3:]
         np.matmul(linear.rotation, z[:, :3], out=spin)
         turn = _along(self._to_nodes, spin)
         np.matmul(-_skew(force), _moved(linear.rotation, linear.slope, turn, z), out=carried)
-        others = self._problem.others
-        if others.loads:
-            # Those that follow the shape.
-            more, where = others.changes(1.0, linear.quaternion, linear.state.z, spin), slice(None)
-            more[..., columns.loads] += wrenches
-            wrenches = more
-        else:
-            where = columns.loads
-        carried[..., where] += _skew(linear.slope) @ wrenches[:, :3]
+        carried[..., loads] += _skew(linear.slope) @ given[:, :3]
         found = _along(self._to_finer, rates)
-        turn = found[:, :3]
         # Force and moment beyond the finer points.
-        beyond = _skew(finer.wrench.reshape(-1, 3)).reshape(-1, 6, 3) @ turn
+        beyond = _skew(finer.wrench.reshape(-1, 3)).reshape(-1, 6, 3) @ found[:, :3]
         beyond[:, 3:] += self._problem.elements.weights @ carried.swapaxes(0, 1) - found[:, 3:]
-        beyond[..., where] += _along(self._between, wrenches)
-        push = _turned(finer.rotation, beyond, strains) - push
-        z = finer.compliance @ push
+        beyond[..., loads] += _along(self._between, given)
+        z = finer.compliance @ (_turned(finer.rotation, beyond, z.shape[1]) - push)
         rates = np.empty((len(z), 6, z.shape[2]))  # of displacement and rotation
         np.matmul(finer.rotation, z[:, :3], out=rates[:, 3:])
         turn = _along(self._along_finer, rates[:, 3:])

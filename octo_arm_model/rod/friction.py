@@ -29,6 +29,7 @@ from octo_arm_model.rod.tables import Tables, Work
 SAME = 1e-8  # relative difference up to which two tensions of a tendon count as equal
 # Tolerance of the angles by which tendons in sheaths turn [rad], and most iterations for them.
 _PLACED, _MOST_PLACED = 1e-13, 50
+_NOTHING = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
 
 
 class Sliding(NamedTuple):
@@ -119,6 +120,11 @@ class Friction:
             last = found.angle
         raise ConvergenceError('the tension of tendons in their sheaths', left, _MOST_PLACED)
 
+    def angles_of_all(self, z: FloatArray, sliding: Sliding, work: Work) -> FloatArray:
+        """Angles (N, J) [rad] of tendons that nobody pulls as well, at twists ``z`` (N, m)."""
+        self._form.angles(self._tables, z, np.maximum(sliding.tensions, _NOTHING), work)
+        return work.angle.copy()
+
     def history(self, sliding: Sliding, tensions: FloatArray) -> FloatArray:
         """Tensions (M, J) at the fine points of tendons under ``tensions`` (J,) at the base."""
         if sliding.along is not None:
@@ -155,6 +161,9 @@ class Changes:
         work: Work,
     ) -> None:  # fmt: skip
         """Linearise about tendons that are ``sliding`` along an arm of twists ``z`` (N, m)."""
+        if not sliding.tensions.all():
+            # One that nobody pulls turns as well, which matters as soon as somebody does.
+            sliding = sliding._replace(angle=friction.angles_of_all(z, sliding, work))
         self._friction, self._tables, self._sliding = friction, tables, sliding
         bends = Bends(tables, z, sliding.tensions, work)
         self._tendons, self.pulled = bends.tendons, bends.tendons.pulled

@@ -14,6 +14,7 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
+from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.tables import force_scale, tabulate, work_arrays
@@ -42,38 +43,74 @@ class Reading(NamedTuple):
     tensions: FloatArray
 
 
+class Finer:
+    """More points of each element, where sections balance what acts at the nodes.
+
+    Attributes:
+        problem: the nodes.
+        own: the equations at the points.
+    """
+
+    def __init__(self, problem: Problem, own: Problem) -> None:
+        """``own`` has the elements of ``problem`` with `ADDED_POINTS` in each."""
+        self.problem, self.own = problem, own
+        self._between = problem.elements.interpolation(own.elements.s)
+
+    def balance(self, state: State) -> tuple[Acting, FloatArray]:
+        """What acts there in ``state``, and the twists (n, m) that balance it."""
+        own, condition = self.own, state.acting.condition
+        if condition.tensions.ndim > 1:
+            # Given at the nodes.
+            condition = condition._replace(tensions=self._between @ condition.tensions)
+        elif self.problem.friction is not None:
+            condition = condition._replace(tensions=self._slid(state))
+        work, z = own.work, self._between @ state.z
+        acting = own.evaluate(own.acting(condition), z).acting
+        wrench = work.gradient - work.residual
+        own.form.section_steps(own.tables, z, acting.tensions, wrench, work)
+        return acting, z + work.step
+
+    def _slid(self, state: State) -> FloatArray:
+        friction, sliding = self.problem.friction, self.problem.sliding(state)
+        assert friction is not None
+        if sliding.along is not None:
+            return friction.spread(friction.projection(self.own.elements), sliding.along)
+        loss = self.problem.tables.friction * (self._between @ sliding.angle)
+        base = state.acting.condition.tensions * self.own.tables.reach
+        return np.asarray(base * np.exp(-loss))
+
+    def friction_error(self, state: State) -> float:
+        """Estimated error of tensions with friction, in parts of them."""
+        (acting, z), own = self.balance(state), self.own
+        own.form.angles(own.tables, z, acting.tensions, own.work)
+        means = []
+        for one, angle in (
+            (self.problem, self.problem.sliding(state).angle), (own, own.work.angle),
+        ):  # fmt: skip
+            parts = one.elements.weights[:, np.newaxis] * angle
+            means.append(parts.reshape(own.elements.lengths.size, one.elements.points, -1).sum(1))
+        change = (means[0] - means[1]) / own.elements.lengths[:, np.newaxis]
+        return float(np.abs(change * own.tables.friction).max())
+
+
 class Readout:
     """Reads equilibria of a `Problem` at stations."""
 
-    def __init__(self, problem: Problem, finer: Problem, arm: Arm, s: FloatArray) -> None:
-        """At arc coordinates ``s`` (S,) [m] of ``arm``.
-
-        ``finer`` has the elements of ``problem`` with `ADDED_POINTS` in each.
-        """
-        self._problem, self._finer = problem, finer
-        self._to_finer = problem.elements.interpolation(finer.elements.s)
-        self._integration = finer.elements.integration(s)
-        self._interpolation = finer.elements.interpolation(s)
-        self._to_stations, self._s = problem.elements.interpolation(s), s
-        own = problem.tables
-        self._tables = tabulate(arm, finer.elements, own.base, widens=own.widens, s=s)
-        self._work = work_arrays(self._tables, problem.strains, has_jacobian=False)
+    def __init__(self, finer: Finer, arm: Arm, s: FloatArray) -> None:
+        """At arc coordinates ``s`` (S,) [m] of ``arm``."""
+        self._problem, self._finer, self._s = finer.problem, finer, s
+        elements, own = finer.own.elements, finer.own.tables
+        self._integration, self._interpolation = elements.integration(s), elements.interpolation(s)
+        self._fine = elements.fine.integration(s)
+        self._tables = tabulate(arm, elements, own.base, widens=own.widens, s=s)
+        self._work = work_arrays(self._tables, finer.problem.strains, has_jacobian=False)
 
     def read(self, state: State) -> Reading:
         """Poses at the stations, by integrals from the base."""
-        finer, condition = self._finer, state.acting.condition
-        between = None
-        if condition.tensions.ndim > 1:
-            # Given at the nodes.
-            condition = condition._replace(tensions=self._to_finer @ condition.tensions)
-        elif self._problem.friction is not None:
-            local, between = self._slid(state)
-            condition = condition._replace(tensions=local)
-        work, z = finer.work, self._to_finer @ state.z
-        acting = finer.evaluate(finer.acting(condition), z).acting
-        wrench = work.gradient - work.residual
-        finer.form.section_steps(finer.tables, z, acting.tensions, wrench, work)
-        z = z + work.step
+        (acting, z), finer = self._finer.balance(state), self._finer.own
+        work, between = finer.work, self._interpolation @ acting.tensions
+        if self._problem.friction is not None and state.acting.condition.tensions.ndim == 1:
+            between = self._slid(state, self._angle(acting, z))
         finer.form.orientations(finer.tables, z, work)
         rates = np.empty((len(z), 10))
         rates[:, :3] = work.slope
@@ -89,26 +126,27 @@ class Readout:
         turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
         # What acts beyond a station: the moment at the base less what is carried up to there.
         moment = finer.elements.weights @ carried - found[:, 7:]
-        if between is None:
-            between = self._interpolation @ acting.tensions
         return Reading(found[:, :3], turn, moment, z, acting, between)
 
-    def _slid(self, state: State) -> tuple[FloatArray, FloatArray]:
-        """Tensions with friction at the finer nodes and at the stations, (n, J) and (S, J)."""
-        friction, before = self._problem.friction, state.acting.condition.before
+    def _angle(self, acting: Acting, z: FloatArray) -> FloatArray:
+        """Angle by which tendons have turned up to the stations [rad], (S, J)."""
+        tables, elements = self._finer.own.tables, self._finer.own.elements
+        bends = Bends(tables, z, acting.tensions, self._finer.own.work)
+        fine = tables.to_fine @ bends.bend.reshape(3, elements.lengths.size, elements.points, -1)
+        rate = np.sqrt((fine * fine).sum(axis=0)).reshape(-1, fine.shape[3])
+        found = np.zeros(self._tables.reach.shape)
+        kinks = bends.kink_angles.cumsum(axis=0)[elements.element_at(self._s)]
+        found[:, bends.tendons.pulled] = self._fine @ rate + kinks
+        return found
+
+    def _slid(self, state: State, angle: FloatArray) -> FloatArray:
+        """Tensions with friction at the stations (S, J), for an ``angle`` (S, J) [rad]."""
+        friction, condition = self._problem.friction, state.acting.condition
+        base, loss = condition.tensions * self._tables.reach, self._tables.friction * angle
+        if condition.before is None:
+            return np.asarray(base * np.exp(-loss))
         assert friction is not None
-        sliding, mu = self._problem.sliding(state), self._problem.tables.friction
-        base = state.acting.condition.tensions
-        at_stations = mu * (self._to_stations @ sliding.angle)
-        if before is None:
-            finer = (
-                base * self._finer.tables.reach * np.exp(-mu * (self._to_finer @ sliding.angle))
-            )
-            return finer, base * self._tables.reach * np.exp(-at_stations)
-        assert sliding.along is not None
-        finer = friction.spread(friction.projection(self._finer.elements), sliding.along)
-        before = friction.fine.interpolation(self._s) @ before
-        return finer, clipped(base * self._tables.reach, before, at_stations)[0]
+        return clipped(base, friction.fine.interpolation(self._s) @ condition.before, loss)[0]
 
     def twists(self, reading: Reading) -> FloatArray:
         """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""

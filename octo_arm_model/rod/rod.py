@@ -29,11 +29,12 @@ from octo_arm_model.rod.factors import Factors
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.load_limits import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
-from octo_arm_model.rod.read_out import ADDED_POINTS, Readout
+from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
 from octo_arm_model.rod.resolution import position_error
 from octo_arm_model.rod.tables import force_scale, tabulate
 from octo_arm_model.rod.unloaded import balance_sections, initial_twists
 
+_TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
 # An equilibrium that is stable by a margin is not judged again where since then the arm has turned
 # by less than this [rad] and the force on it times the square of its lever over E J has changed by
@@ -102,6 +103,9 @@ class Rod:
         self._strains = 6 if setting.shear else 4
         # Problems of each level, and one of few nodes to follow an arm from its unloaded shape.
         self.problem = functools.lru_cache(self._problem)
+        self.finer = functools.lru_cache(
+            lambda level: Finer(self.problem(level), self._problem(level, ADDED_POINTS))
+        )
         own = self.problem(0)
         body, s = own.tables.body, own.elements.s
         bending = 0.25 * body[:, 0] * body[:, 2]
@@ -126,7 +130,7 @@ class Rod:
 
     def readout(self, level: int, s: FloatArray) -> Readout:
         """Reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
-        return Readout(self.problem(level), self._problem(level, ADDED_POINTS), self.arm, s)
+        return Readout(self.finer(level), self.arm, s)
 
     def spending(self) -> Spending:
         """Of one solve that begins now."""
@@ -351,7 +355,11 @@ class Rod:
             return True
         problem.load_work(state)
         error = position_error(problem.elements, state.z, problem.work.slope)
-        return error <= self.setting.accuracy
+        if not error <= self.setting.accuracy:
+            return False
+        if problem.friction is None:
+            return True
+        return self.finer(level).friction_error(state) <= _TENSION_ERROR * self.setting.accuracy
 
 
 def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:

@@ -16,7 +16,6 @@ from octo_arm_model.core.arm.laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.pose import Pose
 from octo_arm_model.core.budget import Allowance, Budget
-from octo_arm_model.core.compiled.numba_build import add_up_curvature
 from octo_arm_model.core.errors import (
     ConfigError,
     ContinuationError,
@@ -38,7 +37,6 @@ from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.statics import Setup, Shape, Statics
 from octo_arm_model.rod.stations import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.rod.tendon_sums import check_tensions, transmission
-from octo_arm_model.rod.tip_curvature import tip_curvature
 
 STATICS: dict[str, Callable[[Setup], Statics]] = {
     'renda2012': functools.partial(Papers, Renda2012),
@@ -263,7 +261,8 @@ class Solver:
                 array.setflags(write=False)
         return Backbone(
             self.model, self.grid.s, self.grid.section, position, quaternion,
-            strains[0], strains[1], strains[2], strains[3], tensions, wrench, residual, iterations, found, self._reach, along, history,
+            strains[0], strains[1], strains[2], strains[3],
+            tensions, wrench, residual, iterations, found, self._reach, along, history,
         )  # fmt: skip
 
     def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:
@@ -346,11 +345,6 @@ class Solver:
                 what = 'others' if one.others else 'scaled'
                 raise ConfigError(f'loads.{what} have no derivatives by their magnitude')
         return self._statics.by_loads(found, loads)
-
-    def tip_curvature(self, backbone: Backbone, change: FloatArray) -> FloatArray:
-        """See `tip_curvature`, of a single solution of this solver and a ``change`` of it."""
-        integrate = add_up_curvature() if self.is_compiled else None
-        return tip_curvature(backbone.position, change, backbone.tip_wrench[:3], integrate)
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip's position [m] and rotation vector [rad] in base_frame.

@@ -7,10 +7,10 @@ from unittest.mock import patch
 import numpy as np
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
+from octo_arm_model.core.models import picard, renda2012
 from strategies import MODEL_NAMES, arms, loaded_arms
 
 from octo_arm_model import Arm, Backbone, SolveError, Solver
-from octo_arm_model.core.models import picard, renda2012
 from octo_arm_model.rod.stations import DEFAULT_STATIONS
 
 MODEL = st.sampled_from(MODEL_NAMES)

@@ -57,6 +57,11 @@ _LONGEST = 30  # steps for what is left of less than that to be halved, else it 
 _TURNED = 1e-3  # part of its yielding that a tendon shows which slips from more than its base
 
 
+def _level(backbone: Backbone) -> int:
+    assert backbone.equilibrium is not None
+    return backbone.equilibrium.level
+
+
 class SlidingWinding:
     """The method of Levenberg and Marquardt on the tensions of the driven tendons."""
 
@@ -92,12 +97,22 @@ class SlidingWinding:
 
     def solve(self, tensions: FloatArray, start: Backbone | None) -> Wound:
         """What holds the wanted displacements, from ``tensions`` (tendons,) [N]."""
+        wound = self._search(tensions, start)
+        if self._history is None and _level(wound.backbone):
+            # The way there may have taken more nodes than these tensions alone.
+            found = wound.backbone.tensions.ravel()
+            alone = self._solve(found, None)[0]
+            if _level(alone) < _level(wound.backbone):
+                return self._search(found, alone)
+        return wound
+
+    def _search(self, tensions: FloatArray, start: Backbone | None) -> Wound:
         backbone, displacement = self._solve(tensions, start)
         expected = np.abs(displacement - self._wanted) / self._yields
         damping, before, is_fresh = _DAMPING, np.inf, False
         slopes: FloatArray | None = None
         merits = [self._merit(tensions, displacement)]
-        least, waited, best = np.inf, 0, backbone
+        least, waited, best, near = np.inf, 0, backbone, backbone
         for _ in range(_MOST):
             self._solver.check_time()
             left, waited = self._left(tensions, displacement), waited + 1
@@ -119,7 +134,7 @@ class SlidingWinding:
                 return self._wound(backbone, displacement)
             new = np.maximum(0.0, tensions + step)
             try:
-                found, reached = self._solve(new, backbone)
+                found, reached = self._solve(new, near)
                 # Where the arm sticks nothing changes, up to where it slips.
                 merit = self._merit(new, reached)
             except SolveError:
@@ -136,6 +151,8 @@ class SlidingWinding:
                     slopes = None
                 merits.append(merit)
                 backbone, displacement, tensions = found, reached, new
+                if _level(found) <= _level(near):
+                    near = found  # A step on the way that takes more nodes says nothing of others.
                 continue
             if left <= self._met:
                 return self._wound(backbone, displacement)

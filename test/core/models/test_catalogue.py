@@ -6,13 +6,13 @@ import functools
 
 import numpy as np
 import pytest
+from octo_arm_model.core.models import catalogue
+from octo_arm_model.core.models.papers_model import PapersModel
+from octo_arm_model.core.rod.solution import Solution
 
 from octo_arm_model import Config, ConfigError, Loads, Solver
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.models import catalogue
-from octo_arm_model.core.models.papers_model import PapersModel
-from octo_arm_model.core.rod.solution import Solution
 
 
 class AllOfThem:

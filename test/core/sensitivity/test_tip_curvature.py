@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Arm, Body, Material, Section, Solver
-from octo_arm_model.rod.tip_curvature import tip_curvature
+from octo_arm_model.estimation.state.tip_curvature import tip_curvature
 
 ROD = Arm(
     Material.from_moduli(40e9, 15e9),

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import reference
 from hypothesis import given
-from strategies import loaded_arms
-
-from octo_arm_model import Arm, Config, Loads, Solver, TensionError
 from octo_arm_model.core.models import renda2012
 from octo_arm_model.core.section import energy
 from octo_arm_model.core.section.tendons import tendon_sums
+from strategies import loaded_arms
+
+from octo_arm_model import Arm, Config, Loads, Solver, TensionError
 from octo_arm_model.rod.tendon_sums import TendonWeights, check_tensions
 
 GOOD = [[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 0, 13, 0]]
