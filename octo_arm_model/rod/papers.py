@@ -98,6 +98,7 @@ class Papers(Statics):
         """See `Statics`."""
         return self._at(level).problem
 
+    @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None,
         before: FloatArray | None, spending: Spending,

@@ -483,6 +483,7 @@ class Solver:
         found = backbone.equilibrium
         if found is None:
             raise ConfigError('the backbone is that of a batch, expected a single solution')
-        if backbone.model != self.model or not self._statics.has_solved(found):
+        is_alike = backbone.model == self.model and backbone.s.size == self.grid.s.size
+        if not (is_alike and self._statics.has_solved(found)):
             raise ConfigError('the backbone was solved by another solver')
         return found
