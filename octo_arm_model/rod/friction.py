@@ -264,7 +264,9 @@ class Changes:
         elements, _, points = self._shape
         if self._inverse is not None:
             own = self._by_tendon(self._slid(self._dense(self._by_z)))
-            jacobian += (self._pull @ (self._inverse @ own).swapaxes(0, 1)).reshape(len(jacobian), -1)
+            jacobian += (self._pull @ (self._inverse @ own).swapaxes(0, 1)).reshape(
+                len(jacobian), -1
+            )
             return
         size = points * strains
         parts = self._by_z.reshape(elements, tendons, points + 1, size)
