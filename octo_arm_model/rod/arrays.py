@@ -138,6 +138,8 @@ class Tendons:
         self.tension = tensions * acts
         # Those that nobody pulls are left out.
         self.pulled = np.flatnonzero(self.tension.any(axis=0))
+        if not self.pulled.size:
+            self.pulled = np.array([0])  # Arrays without tendons have no shape to go by.
         self.tension = self.tension[:, self.pulled]
         x, y, self.dx, self.dy = tables.tendons[:, self.pulled].transpose(2, 0, 1)
         self.compliance = tables.compliance[self.pulled]
@@ -381,7 +383,7 @@ class Bends:
         self.bend += _cross(z[:, np.newaxis, :3], unit.transpose(1, 2, 0)).transpose(2, 0, 1)
         self.rate = np.sqrt((self.bend * self.bend).sum(axis=0)) * acts
         ends = self.bend.reshape(by_element.shape)[:, :, [0, -1]]
-        size = self.rate.reshape(elements, -1, unit.shape[2])[:, [0, -1]]
+        size = self.rate.reshape(elements, len(tables.to_end), unit.shape[2])[:, [0, -1]]
         along = (ends[:, :, 0] * ends[:, :, 1]).sum(axis=0)
         self.is_rough = along < ROUGH * size[:, 0] * size[:, 1]
         ends = tables.ends @ by_element
@@ -389,13 +391,18 @@ class Bends:
         self.kink[:, 1:] = ends[:, 1:, 0] - ends[:, :-1, 1]
         self.kink *= tables.sharp[:, np.newaxis] * acts[:: len(tables.to_end)]
 
+    @property
+    def kink_angles(self) -> FloatArray:
+        """Angles of the `kink`, (E, J) [rad]."""
+        size = 0.5 * np.sqrt((self.kink * self.kink).sum(axis=0))
+        return np.asarray(2.0 * np.arcsin(np.minimum(size, 1.0)))
+
 
 def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Angle by which every tendon has turned between the base and every node, see `loops`."""
     bends, elements = Bends(tables, z, tensions, work), tables.lengths.size
-    rate = bends.rate.reshape(elements, -1, bends.rate.shape[1])
-    size = 0.5 * np.sqrt((bends.kink * bends.kink).sum(axis=0))
-    kinks = 2.0 * np.arcsin(np.minimum(size, 1.0)).cumsum(axis=0)
+    rate = bends.rate.reshape(elements, len(tables.to_end), bends.rate.shape[1])
+    kinks = bends.kink_angles.cumsum(axis=0)
     whole = tables.weights[: len(tables.to_end)] / tables.lengths[0] @ rate
     angle = tables.to_point @ rate
     by_element = bends.bend.reshape(3, *rate.shape)

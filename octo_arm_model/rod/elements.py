@@ -85,7 +85,9 @@ class Elements(NamedTuple):
         element = self.element_at(s)
         matrix = self._spread(s, self.rule.integrate) * np.repeat(self.lengths, self.points)
         before = np.arange(self.lengths.size) < element[:, np.newaxis]
-        return matrix + np.repeat(before, self.points, axis=1) * self.weights
+        matrix += np.repeat(before, self.points, axis=1) * self.weights
+        # Exactly nothing up to the base.
+        return matrix * (s > 0.0)[:, np.newaxis]
 
     @property
     def points(self) -> int:

@@ -14,6 +14,7 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
+from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.tables import force_scale, tabulate, work_arrays
@@ -78,25 +79,18 @@ class Finer:
         base = state.acting.condition.tensions * self.own.tables.reach
         return np.asarray(base * np.exp(-loss))
 
-    def loss(self, acting: Acting, z: FloatArray) -> FloatArray:
-        """mu theta of tendons with friction under what is ``acting`` at twists ``z``, (n, J)."""
-        own = self.own
-        own.form.angles(own.tables, z, acting.tensions, own.work)
-        return own.work.angle * own.tables.friction
-
     def friction_error(self, state: State) -> float:
         """Estimated error of tensions with friction, in parts of them."""
-        means = [
-            (one.elements.weights[:, np.newaxis] * loss).reshape(
-                one.elements.lengths.size, one.elements.points, -1
-            ).sum(axis=1)
-            for one, loss in (
-                (self.problem, self.problem.sliding(state).angle * self.problem.tables.friction),
-                (self.own, self.loss(*self.balance(state))),
-            )
-        ]  # fmt: skip
-        change = (means[0] - means[1]) / self.own.elements.lengths[:, np.newaxis]
-        return float(np.abs(change).max())
+        (acting, z), own = self.balance(state), self.own
+        own.form.angles(own.tables, z, acting.tensions, own.work)
+        means = []
+        for one, angle in (
+            (self.problem, self.problem.sliding(state).angle), (own, own.work.angle),
+        ):  # fmt: skip
+            parts = one.elements.weights[:, np.newaxis] * angle
+            means.append(parts.reshape(own.elements.lengths.size, one.elements.points, -1).sum(1))
+        change = (means[0] - means[1]) / own.elements.lengths[:, np.newaxis]
+        return float(np.abs(change * own.tables.friction).max())
 
 
 class Readout:
@@ -107,6 +101,7 @@ class Readout:
         self._problem, self._finer, self._s = finer.problem, finer, s
         elements, own = finer.own.elements, finer.own.tables
         self._integration, self._interpolation = elements.integration(s), elements.interpolation(s)
+        self._fine = elements.fine.integration(s)
         self._tables = tabulate(arm, elements, own.base, widens=own.widens, s=s)
         self._work = work_arrays(self._tables, finer.problem.strains, has_jacobian=False)
 
@@ -115,7 +110,7 @@ class Readout:
         (acting, z), finer = self._finer.balance(state), self._finer.own
         work, between = finer.work, self._interpolation @ acting.tensions
         if self._problem.friction is not None and state.acting.condition.tensions.ndim == 1:
-            between = self._slid(state, self._interpolation @ self._finer.loss(acting, z))
+            between = self._slid(state, self._angle(acting, z))
         finer.form.orientations(finer.tables, z, work)
         rates = np.empty((len(z), 10))
         rates[:, :3] = work.slope
@@ -133,10 +128,21 @@ class Readout:
         moment = finer.elements.weights @ carried - found[:, 7:]
         return Reading(found[:, :3], turn, moment, z, acting, between)
 
-    def _slid(self, state: State, loss: FloatArray) -> FloatArray:
-        """Tensions with friction at the stations (S, J), where ``loss`` (S, J) is mu theta."""
+    def _angle(self, acting: Acting, z: FloatArray) -> FloatArray:
+        """Angle by which tendons have turned up to the stations [rad], (S, J)."""
+        tables, elements = self._finer.own.tables, self._finer.own.elements
+        bends = Bends(tables, z, acting.tensions, self._finer.own.work)
+        fine = tables.to_fine @ bends.bend.reshape(3, elements.lengths.size, elements.points, -1)
+        rate = np.sqrt((fine * fine).sum(axis=0)).reshape(-1, fine.shape[3])
+        found = np.zeros(self._tables.reach.shape)
+        kinks = bends.kink_angles.cumsum(axis=0)[elements.element_at(self._s)]
+        found[:, bends.tendons.pulled] = self._fine @ rate + kinks
+        return found
+
+    def _slid(self, state: State, angle: FloatArray) -> FloatArray:
+        """Tensions with friction at the stations (S, J), for an ``angle`` (S, J) [rad]."""
         friction, condition = self._problem.friction, state.acting.condition
-        base = condition.tensions * self._tables.reach
+        base, loss = condition.tensions * self._tables.reach, self._tables.friction * angle
         if condition.before is None:
             return np.asarray(base * np.exp(-loss))
         assert friction is not None

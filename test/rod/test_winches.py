@@ -11,9 +11,9 @@ from differences import jacobian
 from rods import EVERYTHING, SHEATHED, TENSIONS, WRENCH
 
 from octo_arm_model import Arm, Body, Config, Loads, Material, Section
+from octo_arm_model.core.budget import Budget
 from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.budget import Budget
 from octo_arm_model.rod.complementarity import complementary_step
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
@@ -47,7 +47,9 @@ def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
 
 @FORMS
 @pytest.mark.parametrize('loads', [Loads(), EVERYTHING], ids=['free', 'loaded'])
-@pytest.mark.parametrize('setting', [{}, {'widens': False, 'shear': True}], ids=['rubber', 'shear'])
+@pytest.mark.parametrize(
+    'setting', [{}, {'widens': False, 'shear': True}], ids=['rubber', 'shear']
+)
 def test_tensions_come_back_from_what_they_reel_in(
     compiled: bool, loads: Loads, setting: dict[str, bool]
 ) -> None:
@@ -189,7 +191,9 @@ def test_a_budget_that_is_spent_is_told(table4: Config) -> None:
         wound(rod, np.full(12, 0.05))
 
 
-@pytest.mark.parametrize('setting', [{}, {'widens': False, 'shear': True}], ids=['rubber', 'shear'])
+@pytest.mark.parametrize(
+    'setting', [{}, {'widens': False, 'shear': True}], ids=['rubber', 'shear']
+)
 def test_the_border_is_the_derivative_of_what_is_reeled_in(setting: dict[str, bool]) -> None:
     rod = made(False, STRETCHING, EVERYTHING, **setting)
     reeling = Winches(rod)

@@ -1,9 +1,9 @@
 """The tensions that hold tendons at prescribed displacements, one shape after the other.
 
 Of the paper's models, and of tendons with friction; `rod.winches` finds others together with the
-shape. Friction leaves no energy, and a tendon that is let out a little after it was drawn in, or the
-other way round, slips next to its base alone: its displacement changes by the square of what its
-tension does, and its derivative at the turn is zero. Newton's steps are therefore damped as those
+shape. Friction leaves no energy, and a tendon that is let out a little after it was drawn in, or
+the other way round, slips next to its base alone: its displacement changes by the square of what
+its tension does, and its derivative at the turn is zero. Newton's steps are therefore damped as those
 of Levenberg and Marquardt, by a part of what the tendons would yield on the slack arm, and take
 differences over about as much as tensions will change. Where the slipping part of a tendon grows
 past a point of the arm derivatives jump, so that a step may end farther from the goal than it
@@ -57,6 +57,11 @@ _LONGEST = 30  # steps for what is left of less than that to be halved, else it 
 _TURNED = 1e-3  # part of its yielding that a tendon shows which slips from more than its base
 
 
+def _level(backbone: Backbone) -> int:
+    assert backbone.equilibrium is not None
+    return backbone.equilibrium.level
+
+
 class SlidingWinding:
     """The method of Levenberg and Marquardt on the tensions of the driven tendons."""
 
@@ -92,6 +97,16 @@ class SlidingWinding:
 
     def solve(self, tensions: FloatArray, start: Backbone | None) -> Wound:
         """What holds the wanted displacements, from ``tensions`` (tendons,) [N]."""
+        wound = self._search(tensions, start)
+        if _level(wound.backbone):
+            # The way there may have taken more nodes than these tensions do.
+            found = wound.backbone.tensions.ravel()
+            alone = self._solve(found, None if self._history is None else start)[0]
+            if _level(alone) < _level(wound.backbone):
+                return self._search(found, alone)
+        return wound
+
+    def _search(self, tensions: FloatArray, start: Backbone | None) -> Wound:
         backbone, displacement = self._solve(tensions, start)
         expected = np.abs(displacement - self._wanted) / self._yields
         damping, before, is_fresh = _DAMPING, np.inf, False
