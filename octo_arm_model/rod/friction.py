@@ -291,6 +291,8 @@ class Changes:
         if along is None or slip is None:
             return np.asarray(reach * of(tensions, -np.ones_like(angle), mu * angle))
         angle = friction.spread(friction.to_fine, angle)
+        # One without tension has lost its history, and is drawn in next.
+        slip = np.where(along > 0.0, slip, -1.0)
         return reach * friction.spread(friction.to_nodes, of(along, slip, mu * angle))
 
     def by_twists(self, change: FloatArray) -> FloatArray:
