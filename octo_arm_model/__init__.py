@@ -9,9 +9,9 @@ from __future__ import annotations
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import BackboneShape, Bending, Stiffness, TipPose, TipPosition
 from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.newton import Wound
 from octo_arm_model.analysis.winding.sensitivity import WoundSensitivity, wound_sensitivity
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
+from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.body import Body, ProfiledBody

@@ -20,7 +20,7 @@ from workspaces import HIGHEST
 from octo_arm_model import MODELS, Config, load_config
 from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.rod.forms import is_available
 
 settings.register_profile(
     'octo_arm_model',
@@ -168,4 +168,4 @@ def to_the_last_bit(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPa
         pytest.importorskip('numba')
     else:
         request.getfixturevalue('numpy_to_the_last_bit')
-        monkeypatch.setattr('octo_arm_model.rod.solver.is_available', lambda: False)
+        monkeypatch.setattr('octo_arm_model.rod.forms.is_available', lambda: False)

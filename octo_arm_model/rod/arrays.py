@@ -138,6 +138,8 @@ class Tendons:
         self.tension = tensions * acts
         # Those that nobody pulls are left out.
         self.pulled = np.flatnonzero(self.tension.any(axis=0))
+        if not self.pulled.size:
+            self.pulled = np.array([0])  # Arrays without tendons have no shape to go by.
         self.tension = self.tension[:, self.pulled]
         x, y, self.dx, self.dy = tables.tendons[:, self.pulled].transpose(2, 0, 1)
         self.compliance = tables.compliance[self.pulled]
@@ -374,14 +376,14 @@ class Bends:
         self.tendons = Tendons(tables, strain, width, tensions, work)
         unit, elements = self.tendons.unit, tables.lengths.size
         acts = tables.reach[:, self.tendons.pulled]
-        by_element = unit.reshape(3, elements, -1, unit.shape[2])
+        by_element = unit.reshape(3, elements, len(tables.to_end), unit.shape[2])
         slope = tables.differentiation @ by_element
         slope /= tables.lengths[:, np.newaxis, np.newaxis]
         self.bend = slope.reshape(unit.shape)
         self.bend += _cross(z[:, np.newaxis, :3], unit.transpose(1, 2, 0)).transpose(2, 0, 1)
         self.rate = np.sqrt((self.bend * self.bend).sum(axis=0)) * acts
         ends = self.bend.reshape(by_element.shape)[:, :, [0, -1]]
-        size = self.rate.reshape(elements, -1, unit.shape[2])[:, [0, -1]]
+        size = self.rate.reshape(elements, len(tables.to_end), unit.shape[2])[:, [0, -1]]
         along = (ends[:, :, 0] * ends[:, :, 1]).sum(axis=0)
         self.is_rough = along < ROUGH * size[:, 0] * size[:, 1]
         ends = tables.ends @ by_element
@@ -399,7 +401,7 @@ class Bends:
 def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Angle by which every tendon has turned between the base and every node, see `loops`."""
     bends, elements = Bends(tables, z, tensions, work), tables.lengths.size
-    rate = bends.rate.reshape(elements, -1, bends.rate.shape[1])
+    rate = bends.rate.reshape(elements, len(tables.to_end), bends.rate.shape[1])
     kinks = bends.kink_angles.cumsum(axis=0)
     whole = tables.weights[: len(tables.to_end)] / tables.lengths[0] @ rate
     angle = tables.to_point @ rate

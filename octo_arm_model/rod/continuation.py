@@ -79,15 +79,16 @@ def judge(problem: Problem, state: State) -> Judged:
 
 def follow(
     problem: Problem, known: Condition, z: FloatArray, wanted: Condition, spending: Spending,
-    tolerance: float = TOLERANCE, step: float = 1.0,
+    tolerance: float = TOLERANCE, step: float = 1.0, descends: bool = True,
 ) -> Judged:  # fmt: skip
     """Follow the equilibrium of twists ``z`` (N, m) under ``known`` to the condition ``wanted``.
 
     In one step where Newton's method then converges, else in several, of which the first is the
-    fraction ``step`` of the way.
+    fraction ``step`` of the way. Unless it ``descends`` it stops where the branch ends.
 
     Returns:
-        A stable equilibrium whose residual is at most ``tolerance``.
+        A stable equilibrium whose residual is at most ``tolerance``; where it stopped, the last
+        one on the branch.
 
     Raises:
         ConvergenceError: if none was found; it carries the last iterate.
@@ -95,6 +96,7 @@ def follow(
     """
     done, factors = 0.0, None
     last: tuple[FloatArray, float] | None = None
+    reached: Judged | None = None
     while True:
         target = min(1.0, done + step)
         acting = problem.acting(known.towards(wanted, target))
@@ -109,17 +111,16 @@ def follow(
         is_last = step <= _SMALLEST_STEP and not problem.others.without_tangent
         if is_found and (found.corrected <= MOST_CORRECTED or is_last):
             judged = _judged_stable(problem, found.state)
-            if limit > _CLOSER and not (judged is not None and judged.stability.is_firm):
+            if limit > _CLOSER and (is_last if judged is None else not judged.stability.is_firm):
                 # Near the end of a branch what a rough balance leaves decides where the arm goes.
-                found = _closer(problem, found, judged)
+                found, judged = _closer(problem, found, judged)
                 spending.add(found.iterations, done, found.state.residual, found.state.z)
-                is_near = found.corrected <= MOST_CORRECTED or is_last
-                is_found = found.state.residual <= _CLOSER
-                judged = _judged_stable(problem, found.state) if is_found and is_near else None
         if judged is None and step <= _SMALLEST_STEP and not is_last:
             # No direction of descent follows without the tangent.
             raise _unbalanced(found.state, spending.iterations)
         if judged is None and step <= _SMALLEST_STEP:
+            if not descends and reached is not None:
+                return reached
             # The branch ends or is unstable. Just past its end the imbalance is small and descent
             # slow, so that it begins a little further on.
             target = min(1.0, done + _BEYOND)
@@ -132,20 +133,27 @@ def follow(
         if judged is not None:
             if target == 1.0:
                 return judged
-            done, z, factors = target, judged.state.z, judged.factors
+            done, z, factors, reached = target, judged.state.z, judged.factors, judged
         else:
             # A converged step is shortened by how large its correction was, another by a factor.
             shorter = min(_growth(found.corrected), 0.7) if is_found else 0.25
             step = max(shorter * (target - done), _SMALLEST_STEP)
 
 
-def _closer(problem: Problem, found: Found, judged: Judged | None) -> Found:
-    """What is ``found`` and ``judged``, settled to `_CLOSER`."""
+def _closer(problem: Problem, found: Found, judged: Judged | None) -> tuple[Found, Judged | None]:
+    """What is ``found`` settled to `_CLOSER`, or nearly, and ``judged`` if it was not seen to be stable.
+
+    None in place of the latter where it is not, or not near what was found.
+    """
     rough = found.state
     factors = None if judged is None else judged.factors
     closer = settle(problem, rough.acting, rough.z, _CLOSER, factors)
-    corrected = found.corrected + problem.turn(closer.state.z - rough.z)
-    return closer._replace(corrected=corrected)
+    closer = closer._replace(corrected=found.corrected + problem.turn(closer.state.z - rough.z))
+    if closer.corrected > MOST_CORRECTED:
+        return closer, None
+    if judged is None:
+        return closer, _judged_stable(problem, closer.state)
+    return closer, judged._replace(state=closer.state)
 
 
 def _judged_stable(problem: Problem, state: State) -> Judged | None:

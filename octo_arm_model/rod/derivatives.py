@@ -12,8 +12,9 @@ the stations are those that balance it there, and so as exact as these integrals
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from typing import NamedTuple
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -21,52 +22,31 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
-from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.equilibrium import State
+from octo_arm_model.rod.factors import Factors
+from octo_arm_model.rod.friction import Changes
 from octo_arm_model.rod.lengths import rest_stretches
 from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.tables import (
-    AXIAL,
-    SHEAR,
-    TORSION,
-    Tables,
-    Work,
-    force_scale,
-    tabulate,
-    work_arrays,
-)
+from octo_arm_model.rod.tables import AXIAL, SHEAR, TORSION, Tables
 from octo_arm_model.rod.tendons import Moved, Tendons
 
-_ADDED_POINTS = 4  # in each element, for what stations read
+_MATERIAL, _PATHS = ('youngs_modulus', 'poisson_ratio'), ('offset', 'sheath_stiffness')
 _SKEW = np.zeros((3, 9))  # v @ this is the matrix of v x, row by row
 _SKEW[[2, 1, 0, 2, 1, 0], [3, 6, 7, 1, 2, 5]] = 1.0, -1.0, 1.0, -1.0, 1.0, -1.0
 
 
-class _Columns(NamedTuple):
-    """Which columns belong to which quantities; none where a slice is empty."""
+_Columns: TypeAlias = Mapping[str, slice]  # of quantities, by their names in `Sensitivity`
 
-    tension: slice
-    loads: slice
-    material: slice
-    offset: slice
-    sheath_stiffness: slice
-    friction: slice
 
-    @classmethod
-    def of(cls, *counts: int) -> _Columns:
-        """So many of each."""
-        ends = np.cumsum((0, *counts)).tolist()
-        return cls(*(slice(first, last) for first, last in zip(ends[:-1], ends[1:])))
-
-    @property
-    def total(self) -> int:
-        """Number of columns."""
-        return int(self.friction.stop)
+def _columns(**counts: int) -> _Columns:
+    """So many columns of each quantity, one after the other; those of none are left out."""
+    ends = itertools.pairwise(np.cumsum((0, *counts.values())).tolist())
+    return {name: slice(*at) for (name, count), at in zip(counts.items(), ends) if count}
 
 
 class _Sections:
-    """Cross sections at nodes or stations, and what their residual changes by at fixed twists.
+    """Cross sections at several places, and what their residual changes by at fixed twists.
 
     Attributes:
         tendons: there.
@@ -74,39 +54,26 @@ class _Sections:
     """
 
     def __init__(
-        self, tables: Tables, outwards: FloatArray, z: FloatArray, tensions: FloatArray, work: Work
-    ) -> None:
-        """Of twists ``z`` (n, m), with gradient and offsets in ``work``.
+        self, tables: Tables, outwards: FloatArray, z: FloatArray, tensions: FloatArray,
+        gradient: FloatArray, offsets: FloatArray,
+    ) -> None:  # fmt: skip
+        """Of twists ``z`` (n, m) with a ``gradient`` (n, m) of the energy and `Work.offsets`.
 
         ``outwards`` (4, n, J) are the directions of tendons away from the midline along n and b
         [-] and their slopes [1/m].
         """
-        self._tables, self._outwards, self._z = tables, outwards, z
-        self._gradient = work.gradient.copy()
-        self.tendons = Tendons(tables, z, tensions, work.offsets)
+        self._tables, self._outwards, self._z, self._gradient = tables, outwards, z, gradient
+        self.tendons = Tendons(tables, z, tensions, offsets)
         self.stretch = self.tendons.stretch()
 
-    def imbalance(self, columns: _Columns, local: FloatArray) -> FloatArray:
-        """Change of the residual but by loads, (n, m, columns).
-
-        ``local`` (n, J, columns) is that of the local tensions.
-        """
-        found = self.stretch.length_by_z.swapaxes(1, 2) @ local
-        if columns.material.stop > columns.material.start:
-            found[..., columns.material.start] += self.by_youngs_modulus()
-            found[..., columns.material.start + 1] += self.by_poisson_ratio()
-        for where, moved in self.moved(columns):
-            found[..., where] += moved.gradient.swapaxes(1, 2)
-        return found
-
-    def moved(self, columns: _Columns) -> list[tuple[slice, Moved]]:
-        """What changes with the paths of tendons, and its columns."""
-        found = []
-        for where, name in (
-            (columns.offset, 'by_offset'), (columns.sheath_stiffness, 'by_sheath_stiffness'),
-        ):  # fmt: skip
-            if where.stop > where.start:
-                found.append((where, getattr(self, name)))
+    def imbalance(self, columns: _Columns, total: int) -> FloatArray:
+        """Change of the residual at fixed local tensions and loads, (n, m, total)."""
+        found = np.zeros((*self._z.shape, total))
+        for name, where in columns.items():
+            if name in _MATERIAL:
+                found[..., where] = getattr(self, f'by_{name}')[..., np.newaxis]
+            elif name in _PATHS:
+                found[..., where] = getattr(self, f'by_{name}').gradient.swapaxes(1, 2)
         return found
 
     @functools.cached_property
@@ -119,11 +86,13 @@ class _Sections:
         """Per pascal of each sheath."""
         return self.tendons.by_sheath_stiffness()
 
+    @property
     def by_youngs_modulus(self) -> FloatArray:
         """Per relative change of E, (n, m): the material's part of the gradient."""
         pull = self.tendons.tension[..., np.newaxis] * self.stretch.gradient
         return np.asarray(self._gradient - pull.sum(axis=1))
 
+    @property
     def by_poisson_ratio(self) -> FloatArray:
         """Per unit of nu, (n, m), by G alone."""
         body, tendons = self._tables.body, self.tendons
@@ -136,24 +105,50 @@ class _Sections:
         return found
 
 
-class _Finer(NamedTuple):
-    """An equilibrium at more points: twists, local tensions, and in base_frame the rest.
+class _Linear(NamedTuple):
+    """An equilibrium and the system about it.
 
     Attributes:
-        z: (n, m).
-        tensions: (n, J) [N].
+        state: the equilibrium.
+        factors: of the Jacobian.
+        slides: how tensions with friction change; None where none do.
+        rates: derivatives of local tensions by those at the base at fixed twists, (N, J).
+        quaternion: with the following, as in `Work`.
+    """
+
+    state: State
+    factors: Factors
+    slides: Changes | None
+    rates: FloatArray
+    quaternion: FloatArray
+    rotation: FloatArray
+    slope: FloatArray
+    gradient: FloatArray
+    offsets: FloatArray
+
+
+class _Places(NamedTuple):
+    """An equilibrium at more points than the nodes.
+
+    Attributes:
+        z: twists, (n, m).
+        tensions: local, (n, J) [N].
         rotation: (n, 3, 3).
         slope: r', (n, 3).
-        force: of all that acts beyond, (n, 3) [N].
-        moment: likewise, (n, 3) [N m].
+        wrench: force and moment of all that acts beyond, (n, 6) [N, N m].
+        compliance: of the sections, inverse of their Hessian, (n, m, m).
+        gradient: of the energy by the twist, (n, m).
+        offsets: as in `Work`.
     """
 
     z: FloatArray
     tensions: FloatArray
     rotation: FloatArray
     slope: FloatArray
-    force: FloatArray
-    moment: FloatArray
+    wrench: FloatArray
+    compliance: FloatArray
+    gradient: FloatArray
+    offsets: FloatArray
 
 
 class Derivatives:
@@ -167,15 +162,22 @@ class Derivatives:
         self._rest = rest_stretches(own)
         self._rest_lengths = elements.weights @ self._rest
         self._outwards = _outwards(rod.arm, elements.s, own)
-        finer = elements.with_more_points(_ADDED_POINTS)
+        self._more = rod.finer(level)
+        finer, others = self._more.own.elements, self._more.own.tables
         self._to_finer = elements.integration(finer.s)
         self._between = elements.interpolation(finer.s)
-        self._tables = tabulate(rod.arm, finer, own.base, widens=own.widens)
-        self._finer_outwards = _outwards(rod.arm, finer.s, self._tables)
-        self._work = work_arrays(self._tables, self._problem.strains, has_jacobian=False)
         self._along_finer = finer.integration(finer.s)
         self._to_stations, self._at_stations = finer.integration(s), finer.interpolation(s)
         self._to_stations[s == 0.0] = 0.0  # not by rounding only
+        # Of the nodes and, behind these, the finer points.
+        self._all_tables = own._replace(
+            body=np.concatenate([own.body, others.body]),
+            tendons=np.concatenate([own.tendons, others.tendons]),
+            reach=np.concatenate([own.reach, others.reach]),
+        )
+        outwards = _outwards(rod.arm, finer.s, others)
+        self._all_outwards = np.concatenate([self._outwards, outwards], axis=1)
+        self._kept: _Linear | None = None
 
     def sensitivity(self, state: State, by_offsets: bool = True) -> Sensitivity:
         """Of the equilibrium ``state`` by all quantities of `Sensitivity`.
@@ -183,181 +185,195 @@ class Derivatives:
         Unless ``by_offsets`` none by the offsets and sheaths of tendons without friction.
 
         Raises:
+            LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
-        tendons, slides = self._rest_lengths.size, self._problem.tension_changes(state) is not None
+        tendons, slides = self._rest_lengths.size, self._problem.friction is not None
         moved = tendons * (by_offsets or slides)
-        sheaths = moved * bool(self._problem.tables.compliance.any())
-        counts = tendons, 6, 2, moved, sheaths, tendons * slides
-        columns = _Columns.of(*counts)
-        wrenches = np.zeros((2, self._problem.elements.s.size, 3, 6))
-        wrenches[0, ..., :3] = wrenches[1, ..., 3:] = np.eye(3)
-        change = self._change(state, columns, wrenches)
-
-        def part(where: slice) -> Change | None:
-            return _part(change, where) if where.stop > where.start else None
-
-        young, poisson = (_part(change, slice(at, at + 1)) for at in range(tendons + 6, tendons + 8))
-        return Sensitivity(
-            _part(change, columns.tension), young, _part(change, columns.loads), poisson,
-            part(columns.offset), part(columns.sheath_stiffness), part(columns.friction),
+        columns = _columns(
+            tension=tendons, youngs_modulus=1, tip_wrench=6, poisson_ratio=1, offset=moved,
+            sheath_stiffness=moved * bool(self._problem.tables.compliance.any()),
+            friction=tendons * slides,
         )  # fmt: skip
+        wrenches = np.tile(np.eye(6), (self._problem.elements.s.size, 1, 1))
+        change = self._change(state, columns, wrenches)
+        return Sensitivity(**{f'by_{name}': _part(change, own) for name, own in columns.items()})
 
     def by_loads(self, state: State, loads: Sequence[Loads]) -> Change:
         """Change of the equilibrium ``state`` per unit of each of dead ``loads``.
 
         Raises:
             ArmDefinitionError: if gravity acts on an arm of no density.
+            LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
         problem = self._problem
-        wrenches = [problem.loads.tabulate(self._arm, problem.elements, one) for one in loads]
-        columns = _Columns.of(0, len(loads), 0, 0, 0, 0)
-        return self._change(state, columns, np.stack(wrenches, axis=-1))
+        wrenches = np.empty((problem.elements.s.size, 6, len(loads)))
+        for number, one in enumerate(loads):
+            dead = problem.loads.tabulate(self._arm, problem.elements, one)
+            wrenches[..., number] = np.concatenate(dead, axis=1) + one.tip_wrench
+        return self._change(state, _columns(tip_wrench=len(loads)), wrenches)
 
     def tip_covariance(self, state: State, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip in the equilibrium ``state``, by the adjoint.
 
         Raises:
+            LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
-        problem, names = self._problem, uncertainty.quantities
-        factors, work = problem.linearise(state), problem.work
-        weights, rotation = problem.elements.weights, work.rotation
+        problem, linear = self._problem, self._linearised(state)
+        weights, inverse = problem.elements.weights, linear.rotation.swapaxes(1, 2)
         # What the twist of each node moves the tip by: rotations by their levers.
-        lever = (weights[:, np.newaxis] * self._to_nodes).T @ work.slope
+        lever = (weights[:, np.newaxis] * self._to_nodes).T @ linear.slope
         tip = np.zeros((len(lever), state.z.shape[1], 6))
-        tip[:, :3, :3] = rotation.swapaxes(1, 2) @ _skew(lever)
-        turn = weights[:, np.newaxis, np.newaxis] * rotation.swapaxes(1, 2)
+        tip[:, :3, :3] = inverse @ _skew(lever)
+        turn = weights[:, np.newaxis, np.newaxis] * inverse
         tip[:, 3:, :3], tip[:, :3, 3:] = turn[:, : tip.shape[1] - 3], turn
-        by_residual = factors.solve_transposed(-tip.reshape(-1, 6)).reshape(tip.shape)
-        sections = _Sections(problem.tables, self._outwards, state.z, state.acting.tensions, work)
+        by_residual = linear.factors.solve_transposed(-tip.reshape(-1, 6)).reshape(tip.shape)
+        sections = _Sections(
+            problem.tables, self._outwards, state.z, state.acting.tensions, linear.gradient,
+            linear.offsets,
+        )  # fmt: skip
         found = []
-        for name in names:
+        for name in uncertainty.quantities:
             if name == 'tension':
-                rates = problem.tension_rates(state)
-                change = sections.stretch.length_by_z * rates[..., np.newaxis]
+                change = sections.stretch.length_by_z * linear.rates[..., np.newaxis]
             elif name == 'offset':
                 change = sections.by_offset.gradient
-                slides = problem.tension_changes(state)
-                if slides is not None:
-                    local = slides.by_offset(self._outwards)[..., np.newaxis]
+                if linear.slides is not None:
+                    local = linear.slides.by_offset(self._outwards)[..., np.newaxis]
                     change = change + sections.stretch.length_by_z * local
             else:
-                change = getattr(sections, f'by_{name}')()[:, np.newaxis]
+                change = getattr(sections, f'by_{name}')[:, np.newaxis]
             found.append(np.tensordot(by_residual, change, axes=([0, 1], [0, 2])))
         return uncertainty.tip_covariance(found)
 
+    def _linearised(self, state: State) -> _Linear:
+        """The system about ``state``; that of the last one is kept."""
+        kept, problem = self._kept, self._problem
+        if kept is None or kept.state is not state:
+            problem.others.require_tangents('sensitivity')
+            factors, slides = problem.linearise(state), problem.tension_changes(state)
+            rates = problem.tension_rates(state)
+            copies = [getattr(problem.work, name).copy() for name in _Linear._fields[4:]]
+            kept = self._kept = _Linear(state, factors, slides, rates, *copies)
+        return kept
+
     def _change(self, state: State, columns: _Columns, wrenches: FloatArray) -> Change:
-        """Of all ``columns``; loads change force and moment (2, N, 3, loads) beyond the nodes."""
-        problem, elements = self._problem, self._problem.elements
-        factors, work = problem.linearise(state), problem.work
-        nodes = _Sections(problem.tables, self._outwards, state.z, state.acting.tensions, work)
-        local = self._local_changes(state, columns)
-        force, moment = wrenches
-        to_tip = elements.weights - self._to_nodes
-        moment = moment + _along(to_tip, _skew(work.slope) @ force)
-        push = nodes.imbalance(columns, local)
-        push[..., columns.loads] -= _turned(work.rotation, moment, force, push.shape[1])
-        z = factors.solve(-push.reshape(-1, columns.total)).reshape(push.shape)
-        slides = problem.tension_changes(state)
+        """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
+        weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
+        linear, nodes, loads = self._linearised(state), len(state.z), columns['tip_wrench']
+        slides, finer = linear.slides, self._finer(linear)
+        sections = self._sections(linear, finer)
+        stretch = sections.stretch
+        by_local = stretch.length_by_z.swapaxes(1, 2)
+        push = sections.imbalance(columns, total)
+        local = self._local_changes(linear, columns, total)
+        has_friction = self._problem.friction is not None
+        if has_friction:
+            push[:nodes] += by_local[:nodes] @ local
+        elif 'tension' in columns:
+            push[..., columns['tension']] += by_local
+        beyond = wrenches.copy()
+        beyond[:, 3:] += _along(weights - self._to_nodes, _skew(linear.slope) @ wrenches[:, :3])
+        push[:nodes, :, loads] -= _turned(linear.rotation, beyond, state.z.shape[1])
+        z = linear.factors.solve(-push[:nodes].reshape(-1, total)).reshape(nodes, -1, total)
         if slides is not None:
-            local = local + slides.by_twists(z)
-        pose, strain = self._read(state, columns, z, local, wrenches)
-        stretch, own = nodes.stretch, np.arange(self._rest_lengths.size)
-        by_z = elements.weights[:, np.newaxis, np.newaxis] * stretch.length_by_z
+            local += slides.by_twists(z)
+        if has_friction:
+            push[nodes:] += by_local[nodes:] @ _along(self._between, local)
+        if self._problem.others.loads:
+            # Those that follow the shape change in all columns.
+            given, loads = wrenches, slice(None)
+            wrenches = self._problem.others.changes(
+                1.0, linear.quaternion, state.z, linear.rotation @ z[:, :3]
+            )
+            wrenches[..., columns['tip_wrench']] += given
+        pose, strain = self._read(linear, finer, z, push[nodes:], (loads, wrenches))
+        by_z = weights[:, np.newaxis, np.newaxis] * stretch.length_by_z[:nodes]
         length = np.tensordot(by_z, z, axes=([0, 2], [0, 1]))
-        if nodes.tendons.has_sheaths:
-            length += np.einsum('i,ij,ijc->jc', elements.weights, stretch.by_tension, local)
-        for where, moved in nodes.moved(columns):
-            length[own, where.start + own] += elements.weights @ moved.stretch
+        if sections.tendons.has_sheaths:
+            length += np.einsum('i,ij,ijc->jc', weights, stretch.by_tension[:nodes], local)
+        own = np.arange(len(length))
+        for name in set(_PATHS).intersection(columns):
+            moved = getattr(sections, f'by_{name}').stretch[:nodes]
+            length[own, columns[name].start + own] += weights @ moved
         mean = None
-        if slides is not None:
-            mean = np.einsum('i,ij,ijc->jc', elements.weights, self._rest, local)
+        if has_friction:
+            mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
             mean /= self._rest_lengths[:, np.newaxis]
         return Change(pose, strain, length, mean)
 
-    def _local_changes(self, state: State, columns: _Columns) -> FloatArray:
-        """Changes of the local tensions at fixed twists, (N, J, columns)."""
-        problem = self._problem
-        slides = problem.tension_changes(state)
-        found = np.zeros((*problem.tables.reach.shape, columns.total))
+    def _sections(self, linear: _Linear, finer: _Places) -> _Sections:
+        """At the nodes and, behind these, the finer points."""
+        state = linear.state
+        return _Sections(
+            self._all_tables, self._all_outwards, np.concatenate([state.z, finer.z]),
+            np.concatenate([state.acting.tensions, finer.tensions]),
+            np.concatenate([linear.gradient, finer.gradient]),
+            np.concatenate([linear.offsets, finer.offsets]),
+        )  # fmt: skip
+
+    def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
+        """Changes of the local tensions at fixed twists, (N, J, total)."""
+        found, slides = np.zeros((*linear.rates.shape, total)), linear.slides
+        parts = {'tension': linear.rates}
+        if slides is not None and 'friction' in columns:
+            parts['friction'] = slides.by_friction
+            parts['offset'] = slides.by_offset(self._outwards)
+            parts['sheath_stiffness'] = slides.by_sheath_stiffness
         own = np.arange(found.shape[1])
-        if columns.tension.stop > columns.tension.start:
-            found[:, own, columns.tension.start + own] = problem.tension_rates(state)
-        if slides is not None and columns.friction.stop > columns.friction.start:
-            found[:, own, columns.offset.start + own] = slides.by_offset(self._outwards)
-            found[:, own, columns.friction.start + own] = slides.by_friction
-            if columns.sheath_stiffness.stop > columns.sheath_stiffness.start:
-                found[:, own, columns.sheath_stiffness.start + own] = slides.by_sheath_stiffness
+        for name in set(parts).intersection(columns):
+            found[:, own, columns[name].start + own] = parts[name]
         return found
 
     def _read(
-        self, state: State, columns: _Columns, z: FloatArray, local: FloatArray,
-        wrenches: FloatArray,
+        self, linear: _Linear, finer: _Places, z: FloatArray, push: FloatArray,
+        wrenches: tuple[slice, FloatArray],
     ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
         """Changes of poses (S, 6, columns) and strains (S, 4, columns) at the stations.
 
-        Of the twists ``z`` (N, m, columns), the local tensions (N, J, columns) and the
-        ``wrenches`` (2, N, 3, loads) beyond, at the nodes. As in `read_out`, what integrals of
-        these say is balanced at more points of each element, from which stations are reached.
+        Of the twists ``z`` (N, m, columns) and, in some columns, the ``wrenches`` (N, 6, loads)
+        beyond, at the nodes; ``push`` (n, m, columns) is the imbalance at the finer points at
+        fixed loads. As in `read_out`, what integrals say is balanced at these, from which stations
+        are reached.
         """
-        problem, work, acting = self._problem, self._problem.work, state.acting
-        finer = self._finer_state(state)
-        # Wrenches at the finer points.
-        spin = work.rotation @ z[:, :3]
-        moved = _moved(work.rotation, work.slope, _along(self._to_nodes, spin), z)
-        carried = -_skew(acting.force) @ moved
-        carried[..., columns.loads] += _skew(work.slope) @ wrenches[0]
-        turn = _along(self._to_finer, spin)
-        moment = _along(problem.elements.weights - self._to_finer, carried)
-        moment += _skew(finer.moment) @ turn
-        force = _skew(finer.force) @ turn
-        force[..., columns.loads] += _along(self._between, wrenches[0])
-        moment[..., columns.loads] += _along(self._between, wrenches[1])
-        # And the twists that balance them.
-        sections = _Sections(
-            self._tables, self._finer_outwards, finer.z, finer.tensions, self._work
-        )
-        push = _turned(finer.rotation, moment, force, z.shape[1])
-        push -= sections.imbalance(columns, _along(self._between, local))
-        z = _inverses(self._work.hessian) @ push
-        rates = np.empty((len(z), 6, columns.total))
-        rates[:, 3:] = finer.rotation @ z[:, :3]
+        force, (loads, given) = linear.state.acting.force, wrenches
+        rates = np.empty((len(z), 6, z.shape[2]))  # of rotation and carried moment
+        spin, carried = rates[:, :3], rates[:, 3:]
+        np.matmul(linear.rotation, z[:, :3], out=spin)
+        turn = _along(self._to_nodes, spin)
+        np.matmul(-_skew(force), _moved(linear.rotation, linear.slope, turn, z), out=carried)
+        carried[..., loads] += _skew(linear.slope) @ given[:, :3]
+        found = _along(self._to_finer, rates)
+        # Force and moment beyond the finer points.
+        beyond = _skew(finer.wrench.reshape(-1, 3)).reshape(-1, 6, 3) @ found[:, :3]
+        beyond[:, 3:] += self._problem.elements.weights @ carried.swapaxes(0, 1) - found[:, 3:]
+        beyond[..., loads] += _along(self._between, given)
+        z = finer.compliance @ (_turned(finer.rotation, beyond, z.shape[1]) - push)
+        rates = np.empty((len(z), 6, z.shape[2]))  # of displacement and rotation
+        np.matmul(finer.rotation, z[:, :3], out=rates[:, 3:])
         turn = _along(self._along_finer, rates[:, 3:])
         rates[:, :3] = _moved(finer.rotation, finer.slope, turn, z)
         # tau, xi, k are curvatures over the stretch.
-        strain = z[:, :4].copy()
-        strain[:, :3] -= (finer.z[:, :3] / finer.z[:, 3:4])[..., np.newaxis] * z[:, 3:4]
-        strain[:, :3] /= finer.z[:, 3, np.newaxis, np.newaxis]
+        over = 1.0 / finer.z[:, 3:4, np.newaxis]
+        strain = z[:, :4] * over
+        strain[:, :3] -= (finer.z[:, :3, np.newaxis] * over) * strain[:, 3:]
+        strain[:, 3] = z[:, 3]
         return _along(self._to_stations, rates), _along(self._at_stations, strain)
 
-    def _finer_state(self, state: State) -> _Finer:
-        """The equilibrium ``state`` at more points, with their sections in `_work`."""
-        problem, acting = self._problem, state.acting
-        work, own, strains = self._work, problem.work, state.z.shape[1]
-        rates = np.empty((len(state.z), 7))
-        quaternion_rates(own.quaternion, state.z[:, :3], rates[:, :4])
-        rates[:, 4:] = (_skew(own.slope) @ acting.force[..., np.newaxis])[..., 0]
-        found = self._to_finer @ rates
-        turn = found[:, :4] + problem.tables.base
-        turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
-        rotation = rotation_matrices(np.ascontiguousarray(turn.T)).transpose(2, 0, 1)
-        given = [state.z, acting.force, acting.couple, acting.tensions]
-        between = self._between @ np.concatenate(given, axis=1)
-        z = np.ascontiguousarray(between[:, :strains])
-        tensions = np.ascontiguousarray(between[:, strains + 6 :])
-        force, moment = between[:, strains : strains + 3], between[:, strains + 3 : strains + 6]
-        moment = moment + (problem.elements.weights @ rates[:, 4:] - found[:, 4:])
-        work.scale[:] = force_scale(self._tables, tensions)
-        columns = moment[..., np.newaxis], force[..., np.newaxis]
-        wrench = _turned(rotation, *columns, strains)[..., 0]
-        problem.form.section_steps(self._tables, z, tensions, wrench, work)
-        # The Hessian of twists so near is exact enough.
-        z, work.gradient[:] = z + work.step, wrench
-        slope = rotation[:, :, 0] * z[:, 3:4]
-        slope += (rotation[..., 1 : strains - 3] @ z[:, 4:, np.newaxis])[..., 0]
-        return _Finer(z, tensions, rotation, slope, force, moment)
+    def _finer(self, linear: _Linear) -> _Places:
+        """The equilibrium at more points."""
+        own, (acting, z) = self._more.own, self._more.balance(linear.state)
+        work = own.work
+        wrench = work.gradient - work.residual
+        own.form.orientations(own.tables, z, work)
+        # The Hessian and the offsets of twists so near are exact enough.
+        compliance = invert(factorise(work.hessian.transpose(1, 2, 0))).transpose(2, 0, 1)
+        beyond = np.concatenate([acting.force, work.moment], axis=1)
+        return _Places(
+            z, acting.tensions, work.rotation, work.slope, beyond, compliance, wrench, work.offsets
+        )
 
 
 def _part(change: Change, where: slice) -> Change:
@@ -380,29 +396,22 @@ def _along(matrix: FloatArray, values: FloatArray) -> FloatArray:
     return product.reshape(-1, *values.shape[1:])
 
 
-def _moved(
-    rotation: FloatArray, slope: FloatArray, turn: FloatArray, z: FloatArray
-) -> FloatArray:
+def _moved(rotation: FloatArray, slope: FloatArray, turn: FloatArray, z: FloatArray) -> FloatArray:
     """Rates of displacement (n, 3, columns) by a ``turn`` (n, 3, columns) and by twists ``z``."""
     found = rotation[..., : z.shape[1] - 3] @ z[:, 3:]
     found -= _skew(slope) @ turn
     return np.asarray(found)
 
 
-def _turned(
-    rotation: FloatArray, moment: FloatArray, force: FloatArray, strains: int
-) -> FloatArray:
-    """Wrenches in the axes of the sections, (n, strains, columns)."""
+def _turned(rotation: FloatArray, wrench: FloatArray, strains: int) -> FloatArray:
+    """Wrenches (n, 6, k) of force and moment in the axes of the sections, (n, strains, k)."""
     inverse = rotation.swapaxes(1, 2)
-    return np.concatenate([inverse @ moment, inverse[:, : strains - 3] @ force], axis=1)
-
-
-def _inverses(matrices: FloatArray) -> FloatArray:
-    """Of symmetric ``matrices`` (n, m, m), that of stable cross sections."""
-    return invert(factorise(matrices.transpose(1, 2, 0))).transpose(2, 0, 1)
+    found = np.empty((len(wrench), strains, wrench.shape[2]))
+    np.matmul(inverse, wrench[:, 3:], out=found[:, :3])
+    np.matmul(inverse[:, : strains - 3], wrench[:, :3], out=found[:, 3:])
+    return found
 
 
 def _skew(vectors: FloatArray) -> FloatArray:
     """Matrices (n, 3, 3) of the cross product of ``vectors`` (n, 3) with another."""
     return (vectors @ _SKEW).reshape(-1, 3, 3)
-

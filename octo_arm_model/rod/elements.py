@@ -85,17 +85,9 @@ class Elements(NamedTuple):
         element = self.element_at(s)
         matrix = self._spread(s, self.rule.integrate) * np.repeat(self.lengths, self.points)
         before = np.arange(self.lengths.size) < element[:, np.newaxis]
-        return matrix + np.repeat(before, self.points, axis=1) * self.weights
-
-    def with_more_points(self, added: int) -> Elements:
-        """The same elements, each with so many points ``added``."""
-        rule, section = gauss_rule(self.points + added), self.section[:: self.points]
-        places = self.edges[:-1, np.newaxis] + self.lengths[:, np.newaxis] * rule.points
-        weights = self.lengths[:, np.newaxis] * rule.weights
-        return self._replace(
-            rule=rule, s=places.ravel(), weights=weights.ravel(),
-            section=np.repeat(section, rule.points.size),
-        )  # fmt: skip
+        matrix += np.repeat(before, self.points, axis=1) * self.weights
+        # Exactly nothing up to the base.
+        return matrix * (s > 0.0)[:, np.newaxis]
 
     @property
     def points(self) -> int:

@@ -229,14 +229,21 @@ class Problem:
 
     def tension_changes(self, state: State) -> Changes | None:
         """How tensions with friction change about ``state``; None without friction."""
-        if self.friction is None or state.acting.condition.tensions.ndim > 1:
+        is_given = state.acting.condition.tensions.ndim > 1
+        if self.friction is None or is_given or not state.acting.tensions.any():
             return None
         return Changes(self.friction, self.tables, state.z, self.sliding(state), self.work)
 
     def tension_rates(self, state: State) -> FloatArray:
         """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
         changes = self.tension_changes(state)
-        return self.tables.reach if changes is None else changes.by_base_tension()
+        if changes is not None:
+            return changes.by_base_tension()
+        if self.friction is None or state.acting.condition.tensions.ndim > 1:
+            return self.tables.reach
+        # Nobody pulls.
+        angle = self.friction.angles_of_all(state.z, self.sliding(state), self.work)
+        return np.asarray(self.tables.reach * np.exp(-self.tables.friction * angle))
 
     def has_energy(self, condition: Condition) -> bool:
         """Whether all loads derive from an energy: a moment fixed in base_frame does not."""

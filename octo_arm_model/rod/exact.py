@@ -6,15 +6,17 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Spending
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.derivatives import Derivatives
-from octo_arm_model.rod.equilibrium import Problem
+from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.statics import Setup, Shape, Statics
+from octo_arm_model.rod.statics import Setup, Shape, Statics, strains_of
+from octo_arm_model.rod.winches import Winches
 
 
 class Exact(Statics):
@@ -35,9 +37,10 @@ class Exact(Statics):
         """
         super().__init__(setup)
         self.law, self.strains = setup.law, 6 if setup.shear else 4
-        setting = Setting(setup.law == 'neo_hookean', setup.shear, compiled=setup.compiled)
+        setting = Setting(setup.law == 'neo_hookean', setup.shear, setup.accuracy, setup.compiled)
         self.rod = Rod(setup.arm, setup.loads, setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
+        self._winches = Winches(self.rod)
         self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
         self._derivatives = functools.cache(lambda level: Derivatives(self.rod, level, setup.s))
 
@@ -51,6 +54,20 @@ class Exact(Statics):
     ) -> Shape:  # fmt: skip
         """See `Statics`."""
         return self.shape(self.rod.solve(tensions, tip_wrench, start, spending, before))
+
+    def wind(
+        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
+        start: Equilibrium | None, spending: Spending,
+    ) -> tuple[Shape, FloatArray] | None:  # fmt: skip
+        """See `Statics`."""
+        if self._setup.arm.friction:
+            return None
+        held = self._winches.solve(displacements, driven, condition, start, spending)
+        return self.shape(held.equilibrium), held.reached.displacement
+
+    def reeled_by_tension(self, found: Equilibrium, over: FloatArray) -> FloatArray | None:
+        """See `Statics`."""
+        return self._winches.changes(found, over)
 
     def shape(self, found: Equilibrium) -> Shape:
         """An equilibrium at the stations."""
@@ -76,11 +93,3 @@ class Exact(Statics):
     def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
         """See `Statics`."""
         return self._derivatives(found.level).by_loads(found.state, loads)
-
-
-def strains_of(z: FloatArray) -> FloatArray:
-    """Strains tau, xi, k and q, (4, n), of twists ``z`` (n, m)."""
-    strains = np.empty((4, len(z)))
-    np.divide(z[:, :3].T, z[:, 3], out=strains[:3])
-    strains[3] = z[:, 3] - 1.0
-    return strains

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
+import functools
+import importlib
+import logging
 from typing import Protocol
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.tables import Tables, Work
+
+_LOG = logging.getLogger(__name__)
 
 
 class Form(Protocol):
@@ -39,6 +43,23 @@ class Form(Protocol):
         """Derivative of the residual by the twist of all nodes."""
 
 
+@functools.cache
+def is_available() -> bool:
+    """Whether numba is installed and works; an error of one that does not is logged."""
+    try:
+        importlib.import_module('octo_arm_model.rod.loops')
+    except ModuleNotFoundError as error:
+        if error.name == 'numba':
+            return False
+        reason = str(error)
+    except Exception as error:  # such as a NumPy newer than numba supports
+        reason = f'{type(error).__name__}: {error}'
+    else:
+        return True
+    _LOG.warning('solving without numba, which does not work: %s', reason)
+    return False
+
+
 def choose_form(compiled: bool | None) -> Form:
     """The loops if ``compiled``, or if that is None and numba is installed; else the arrays.
 
@@ -46,9 +67,28 @@ def choose_form(compiled: bool | None) -> Form:
         ModuleNotFoundError: if ``compiled`` but numba is not installed.
     """
     if compiled is None:
-        compiled = importlib.util.find_spec('numba') is not None
+        compiled = is_available()
     if not compiled:
         return arrays
     from octo_arm_model.rod import loops
 
+    announce_compiling()
     return loops
+
+
+@functools.cache
+def announce_compiling() -> None:
+    """Log once when numba begins to compile, which it does once on a machine."""
+    from numba.core import event
+
+    class Announcement(event.Listener):
+        def on_start(self, event: object) -> None:
+            if not said:
+                said.append(True)
+                _LOG.warning('compiling the solver: up to a minute, once on this machine')
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    said = list[bool]()
+    event.register('numba:compile', Announcement())

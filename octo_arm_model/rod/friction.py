@@ -9,7 +9,8 @@ the tension is the nearest to ``before`` that friction holds,
 
 It is the play operator of hysteresis, and from slack, before = 0, the monotone pull. theta follows
 from the twists, see `loops.angles`, so that T is a function of them, and so are its derivatives:
-dT = slip mu T dtheta, slip -1 where a tendon is drawn in, 1 where it is let out, 0 where it sticks.
+dT = slip mu T dtheta, slip -1 where a tendon is drawn in, 1 where it is let out and 0 where it
+sticks.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from octo_arm_model.rod.tables import Tables, Work
 SAME = 1e-8  # relative difference up to which two tensions of a tendon count as equal
 # Tolerance of the angles by which tendons in sheaths turn [rad], and most iterations for them.
 _PLACED, _MOST_PLACED = 1e-13, 50
+_NOTHING = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
 
 
 class Sliding(NamedTuple):
@@ -79,9 +81,7 @@ class Friction:
         rows = matrix @ values.reshape(self._elements.lengths.size, -1, values.shape[1])
         return rows.reshape(-1, values.shape[1])
 
-    def slide(
-        self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray
-    ) -> Sliding:
+    def slide(self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray) -> Sliding:
         """Tendons that turn by ``angle`` (N, J) [rad] under ``tensions`` (J,) [N] at the base.
 
         From tensions ``before`` (M, J) [N] at the fine points, or from slack.
@@ -121,6 +121,11 @@ class Friction:
             last = found.angle
         raise ConvergenceError('the tension of tendons in their sheaths', left, _MOST_PLACED)
 
+    def angles_of_all(self, z: FloatArray, sliding: Sliding, work: Work) -> FloatArray:
+        """Angles (N, J) [rad] of tendons that nobody pulls as well, at twists ``z`` (N, m)."""
+        self._form.angles(self._tables, z, np.maximum(sliding.tensions, _NOTHING), work)
+        return work.angle.copy()
+
     def history(self, sliding: Sliding, tensions: FloatArray) -> FloatArray:
         """Tensions (M, J) at the fine points of tendons under ``tensions`` (J,) at the base."""
         if sliding.along is not None:
@@ -155,6 +160,9 @@ class Changes:
         self, friction: Friction, tables: Tables, z: FloatArray, sliding: Sliding, work: Work
     ) -> None:
         """Linearise about tendons that are ``sliding`` along an arm of twists ``z`` (N, m)."""
+        if not sliding.tensions.all():
+            # One that nobody pulls turns as well, which matters as soon as somebody does.
+            sliding = sliding._replace(angle=friction.angles_of_all(z, sliding, work))
         self._friction, self._tables, self._sliding = friction, tables, sliding
         bends = Bends(tables, z, sliding.tensions, work)
         self._tendons, self._pulled = bends.tendons, bends.tendons.pulled
@@ -173,7 +181,8 @@ class Changes:
         if self._tendons.compliance.any():
             own = (self._by_u * self._by_element(self._directions.by_tension())).sum(axis=0)
             own = self._slid(self._dense(own))
-            self._inverse = np.linalg.inv(np.eye(len(z)) - self._by_tendon(own))
+            inverse = np.linalg.inv(np.eye(len(z)) - self._by_tendon(own))
+            self._inverse = np.asarray(inverse, dtype=np.float64)
 
     def _by_element(self, values: FloatArray) -> FloatArray:
         """``values`` (..., N, J) as (..., E, J, 1, p)."""
@@ -255,7 +264,9 @@ class Changes:
         elements, _, points = self._shape
         if self._inverse is not None:
             own = self._by_tendon(self._slid(self._dense(self._by_z)))
-            jacobian += (self._pull @ (self._inverse @ own).swapaxes(0, 1)).reshape(len(jacobian), -1)
+            jacobian += (self._pull @ (self._inverse @ own).swapaxes(0, 1)).reshape(
+                len(jacobian), -1
+            )
             return
         size = points * strains
         parts = self._by_z.reshape(elements, tendons, points + 1, size)
@@ -278,7 +289,7 @@ class Changes:
         friction, (tensions, angle, along, slip) = self._friction, self._sliding
         reach, mu = self._tables.reach, self._tables.friction
         if along is None or slip is None:
-            return reach * of(tensions, np.float64(-1.0), mu * angle)
+            return np.asarray(reach * of(tensions, -np.ones_like(angle), mu * angle))
         angle = friction.spread(friction.to_fine, angle)
         return reach * friction.spread(friction.to_nodes, of(along, slip, mu * angle))
 

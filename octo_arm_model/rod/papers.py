@@ -11,22 +11,24 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Spending
-from octo_arm_model.core.errors import ConfigError, SolveError
+from octo_arm_model.core.errors import ConfigError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.rod.closed_form import ClosedForm
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.exact import strains_of
-from octo_arm_model.rod.lengths import lengths_of
+from octo_arm_model.rod.friction import clipped
+from octo_arm_model.rod.lengths import lengths_of, rest_stretches
 from octo_arm_model.rod.paper_balance import Strains
 from octo_arm_model.rod.read_out import ADDED_POINTS, integrate_poses
 from octo_arm_model.rod.resolution import position_error
-from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
+from octo_arm_model.rod.rod import Equilibrium, Rod, Setting, moved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.statics import Setup, Shape, Statics
+from octo_arm_model.rod.statics import Setup, Shape, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL
 from octo_arm_model.rod.tendons import tendon_stretch
 
-_ACCURACY = 1e-8  # of positions, over the length
+_MOST_STEPS = 100  # of tensions with friction
+_SETTLED = 1e-13  # change of these, over the largest tension
 
 
 class Equations(Protocol):
@@ -52,11 +54,13 @@ class _Level(NamedTuple):
         problem: the nodes.
         equations: at both.
         integration: from values at the nodes to integrals up to the stations, (S, N).
+        between: from values at the nodes to those at the stations, (S, N).
     """
 
     problem: Problem
     equations: Equations
     integration: FloatArray
+    between: FloatArray
 
 
 class Papers(Statics):
@@ -87,12 +91,14 @@ class Papers(Statics):
         setup, problem = self._setup, self._rod.problem(level, ADDED_POINTS)
         own = problem.elements
         places = np.concatenate([own.s, setup.s]), np.concatenate([own.section, setup.section])
-        return _Level(problem, self._equations(setup.arm, *places), own.integration(setup.s))
+        equations = self._equations(setup.arm, *places)
+        return _Level(problem, equations, own.integration(setup.s), own.interpolation(setup.s))
 
     def problem(self, level: int) -> Problem:
         """See `Statics`."""
         return self._at(level).problem
 
+    @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None,
         before: FloatArray | None, spending: Spending,
@@ -102,27 +108,74 @@ class Papers(Statics):
         Raises:
             SolveError: if a cross section is compressed to nothing (1 + q <= 0).
         """
-        for level in range(len(LEVELS)):
-            problem, equations, integration = self._at(level)
-            found = equations.solve(tensions)
+        for number in range(len(LEVELS)):
+            level = self._at(number)
+            problem, nodes = level.problem, level.problem.elements.s.size
+            history = None if before is None else self._at_fine(before, problem)
+            acting = problem.acting(Condition(tensions, tip_wrench, before=history))
+            along = None
+            if self._setup.arm.friction:
+                found, local, along = self._slide(level, tensions, history)
+                acting = acting._replace(tensions=local)
+            else:
+                found = level.equations.solve(tensions)
             self._check(problem, found.twist[3])
-            nodes = problem.elements.s.size
             z = np.ascontiguousarray(found.twist[:, :nodes].T)
             problem.form.orientations(problem.tables, z, problem.work)
             error = position_error(problem.elements, z, problem.work.slope)
-            if error <= _ACCURACY:
+            if error <= self._setup.accuracy:
                 break
-        position, turn = integrate_poses(problem, z, integration)
-        acting = problem.acting(Condition(tensions, tip_wrench))
-        residual = float(found.residual)
-        state = State(acting, z, np.zeros_like(z), residual)
+        position, turn = integrate_poses(problem, z, level.integration)
+        state = State(acting, z, np.zeros_like(z), float(found.residual))
         return Shape(
             position + self._setup.base[0],
             np.roll(turn, -1, axis=1),
             strains_of(found.twist[:, nodes:].T),
-            None,
-            Equilibrium(problem.known(state), level, None, None, int(found.iterations)),
+            along,
+            Equilibrium(state, number, None, None, int(found.iterations)),
         )
+
+    def _slide(
+        self, level: _Level, tensions: FloatArray, before: FloatArray | None
+    ) -> tuple[Strains, FloatArray, FloatArray]:
+        """Strains, and tensions along tendons with friction at nodes and stations, (n, J) [N].
+
+        What bends the arm at a node depends on how it is bent before it, so that iterating both
+        converges.
+
+        Raises:
+            ConvergenceError: if it does not.
+        """
+        problem, equations, friction = level.problem, level.equations, level.problem.friction
+        assert isinstance(equations, ClosedForm) and friction is not None
+        setup, tables = self._setup, problem.tables
+        base = tensions * (setup.arm.tendon_section <= setup.section[:, np.newaxis])
+        held = None if before is None else friction.fine.interpolation(setup.s) @ before
+        local, at_stations = tensions * tables.reach, base
+        for steps in range(1, _MOST_STEPS):
+            both = np.concatenate([local, at_stations])
+            twist = equations.local_twist(both.T[:, np.newaxis])[:, 0]
+            z = np.ascontiguousarray(twist[:, : len(local)].T)
+            found = friction.slide_along(z, tensions, before, problem.work)
+            loss = tables.friction * (level.between @ found.angle)
+            at_stations = clipped(base, np.zeros_like(base) if held is None else held, loss)[0]
+            change = float(np.abs(found.tensions - local).max())
+            local = found.tensions
+            if change <= _SETTLED * float(tensions.max()):
+                return Strains(twist, 0.0, steps), local, at_stations
+        raise ConvergenceError('the tension of tendons with friction', change, _MOST_STEPS)
+
+    def _at_fine(self, before: FloatArray, problem: Problem) -> FloatArray:
+        """Tensions ``before`` (M, J) at the fine points of any level, at those of ``problem``.
+
+        Raises:
+            ConfigError: if they are at those of none.
+        """
+        for level in range(len(LEVELS)):
+            fine = self.problem(level).elements.fine
+            if fine.s.size == len(before):
+                return moved(before, fine, problem.elements.fine)
+        raise ConfigError('the backbone was solved by another solver')
 
     def _check(self, problem: Problem, stretch: FloatArray) -> None:
         """Check that no cross section is compressed to nothing.
@@ -131,7 +184,7 @@ class Papers(Statics):
             SolveError: if one is.
         """
         if not stretch.min() > 0.0:  # nor NaN
-            worst = int(np.argmin(stretch > 0.0))
+            worst = int(np.argmin(stretch))
             s = np.concatenate([problem.elements.s, self._setup.s])[worst]
             raise SolveError(
                 f'tensions compress the arm to nothing at s = {s:.4g} m '
@@ -159,28 +212,73 @@ def sensitivity(level: _Level, state: State) -> Sensitivity:
     exceed the tolerance of the sweeps of renda2012. Scaling E is equivalent to dividing all
     tensions by the same factor.
     """
-    problem, equations, _ = level
+    problem, equations = level.problem, level.equations
     problem.load_work(state)
-    tensions = state.acting.condition.tensions
+    tensions, nodes = state.acting.condition.tensions, problem.elements.s.size
     stiffness = float(problem.tables.body[:, AXIAL].min())
     step = 1e-6 * max(float(tensions.max()), 1e-3 * stiffness)
-    moved = tensions + 1j * step * np.eye(tensions.size)
-    by_tension = equations.solve(moved).twist.imag / step  # (4, J, N + S)
-    by_young = np.einsum('ijn,j->in', by_tension, -tensions)
-    change = np.concatenate([by_tension, by_young[:, np.newaxis]], axis=1)
-    nodes = problem.elements.s.size
+    own, rest = np.eye(tensions.size), rest_stretches(problem.tables)
+    local: FloatArray | None = None
+    if problem.friction is not None:
+        assert isinstance(equations, ClosedForm)
+        both = np.concatenate([state.acting.tensions, level.between @ state.acting.tensions])
+        stepped = both.T[:, np.newaxis] + 1j * step * own[..., np.newaxis]
+        by_local = equations.local_twist(stepped).imag / step  # (4, J, N + S)
+        change, local = _with_friction(level, state, by_local)
+        z = equations.local_twist(both.T[:, np.newaxis])[:, :, nodes:]
+    else:
+        by_tension = equations.solve(tensions + 1j * step * own).twist.imag / step
+        by_young = np.einsum('ijn,j->in', by_tension, -tensions)
+        change = np.concatenate([by_tension, by_young[:, np.newaxis]], axis=1)
+        z = equations.solve(tensions).twist[:, np.newaxis, nodes:]
     pose, strains = _poses(level, change[..., :nodes]), change[..., nodes:].copy()
-    z = equations.solve(tensions).twist[:, np.newaxis, nodes:]
     strains[:3] = (strains[:3] - z[:3] / z[3] * strains[3]) / z[3]
     along = state.acting.tensions
     stretch = tendon_stretch(problem.tables, state.z, along, problem.work.offsets)
     length = np.einsum('jnm,mcn->jc', lengths_of(problem, stretch).by_z, change[..., :nodes])
-    strains = strains.transpose(2, 0, 1)
-    parts = [
-        Change(pose[..., own], strains[..., own], length[..., own])
-        for own in (slice(0, -1), slice(-1, None))
-    ]
-    return Sensitivity(*parts)
+    strains, mean = strains.transpose(2, 0, 1), None
+    if local is not None:
+        weights = problem.elements.weights
+        mean = np.einsum('n,nj,njc->jc', weights, rest, local) / (weights @ rest)[:, np.newaxis]
+    tendons, parts = tensions.size, list[Change]()
+    for where in (slice(tendons), slice(tendons, tendons + 1), slice(tendons + 1, None)):
+        some = None if mean is None else mean[:, where]
+        parts.append(Change(pose[..., where], strains[..., where], length[..., where], some))
+    by_friction = None if mean is None else parts[2]
+    return Sensitivity(parts[0], parts[1], by_friction=by_friction)
+
+
+def _with_friction(
+    level: _Level, state: State, by_local: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Changes of z (4, columns, N + S) and of the local tensions (N, J, columns).
+
+    By base tensions, E and mu, from those ``by_local`` (4, J, N + S) tensions at the same place.
+
+    Raises:
+        SolveError: if there are none, see `Problem.tension_changes`.
+    """
+    problem, tensions = level.problem, state.acting.tensions
+    nodes, tendons = tensions.shape
+    slides = problem.tension_changes(state)
+    assert slides is not None
+    direct, own = np.zeros((nodes, tendons, 2 * tendons + 1)), np.arange(tendons)
+    direct[:, own, own] = slides.by_base_tension()
+    direct[:, own, tendons + 1 + own] = slides.by_friction
+    # Scaling E is scaling all tensions the other way.
+    direct[..., tendons] = -tensions
+    at_nodes = by_local[..., :nodes].transpose(2, 0, 1)
+    rows = (at_nodes @ direct).reshape(4 * nodes, -1)
+    # Derivatives of the tensions by z, (N, J, 4 N).
+    by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
+    coupled = (at_nodes @ by_z).reshape(4 * nodes, -1)
+    z = np.linalg.solve(np.eye(4 * nodes) - coupled, rows)
+    effective = direct + by_z @ z
+    stations = np.tensordot(level.between, effective, 1)
+    change = np.einsum('ajn,njc->acn', by_local, np.concatenate([effective, stations]))
+    # The tensions themselves do not change with E as their effect does.
+    effective[..., tendons] += tensions
+    return change, effective
 
 
 def _poses(level: _Level, change: FloatArray) -> FloatArray:

@@ -25,7 +25,7 @@ from octo_arm_model.rod.continuation import (
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.factors import Factors
+from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.load_limits import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
@@ -71,7 +71,7 @@ class Equilibrium(NamedTuple):
 
     state: State
     level: int
-    factors: Factors | None
+    factors: Linear | None
     judged: State | None
     iterations: int
 
@@ -196,7 +196,9 @@ class Rod:
         own = moved(before, self._fine(given), self._fine(level))
         return condition._replace(before=own)
 
-    def _at_least(self, start: Equilibrium | None, before: FloatArray | None) -> Equilibrium | None:
+    def _at_least(
+        self, start: Equilibrium | None, before: FloatArray | None
+    ) -> Equilibrium | None:
         """The ``start`` on no fewer nodes than ``before`` is given at."""
         if start is None or before is None or (level := self._level_of(before)) <= start.level:
             return start
@@ -318,9 +320,16 @@ class Rod:
                 roughly = self._at_level(given, COARSE)
                 rough = self.unloaded(coarse, roughly)[0]
                 start = roughly._replace(tip_wrench=np.zeros(6), factor=0.0)
-                near = follow(coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP)
-                guess = moved(near.state.z, coarse.elements, fine.elements)
-                return follow(fine, wanted, guess, wanted, spending)
+                near = follow(
+                    coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP, False
+                ).state
+                guess, reached = moved(near.z, coarse.elements, fine.elements), wanted
+                step = 1.0
+                if near.acting.condition is not roughly:
+                    # A branch of few nodes may end where that of the arm does not.
+                    reached = near.acting.condition._replace(before=wanted.before)
+                    step = _FIRST_STEP
+                return follow(fine, reached, guess, wanted, spending, TOLERANCE, step)
             except ContinuationError:
                 raise  # Its budget is spent.
             except ConvergenceError:

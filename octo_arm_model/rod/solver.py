@@ -9,14 +9,13 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.laws import DEFAULT_LAW, LAWS
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.arm.pose import Pose
 from octo_arm_model.core.budget import Allowance, Budget
-from octo_arm_model.core.compiled.numba_build import add_up_curvature
 from octo_arm_model.core.errors import (
     ConfigError,
     ContinuationError,
@@ -24,10 +23,12 @@ from octo_arm_model.core.errors import (
     LoadError,
     SolveError,
     TensionError,
+    shown,
 )
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.closed_form import ClosedForm
+from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.exact import Exact
 from octo_arm_model.rod.load_limits import LoadLimits, tip_wrench_of
 from octo_arm_model.rod.papers import Papers
@@ -37,7 +38,6 @@ from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.statics import Setup, Shape, Statics
 from octo_arm_model.rod.stations import DEFAULT_STATIONS, StationGrid
 from octo_arm_model.rod.tendon_sums import check_tensions, transmission
-from octo_arm_model.rod.tip_curvature import tip_curvature
 
 STATICS: dict[str, Callable[[Setup], Statics]] = {
     'renda2012': functools.partial(Papers, Renda2012),
@@ -46,6 +46,7 @@ STATICS: dict[str, Callable[[Setup], Statics]] = {
 }
 MODELS = tuple(STATICS)
 DEFAULT_MODEL = 'renda2012'
+_FINEST, _COARSEST = 1e-12, 1e-4  # accuracy that may be asked for
 _PLACES = 513  # at which the least stiffness of an arm is looked for
 
 
@@ -78,18 +79,22 @@ class Solver:
         loads: Loads = Loads(),
         compiled: bool | None = None,
         budget: Budget = Budget(),
+        accuracy: float = 1e-8,
     ) -> None:
         """Prepare ``arm`` for ``stations`` stations, starting from the pose ``base``.
 
         ``material`` is the name of an elastic law, ``shear`` lets cross sections shear (linear law
         only) and ``loads`` act in every solve; these three are for the model exact, and the law
-        is ignored by the others, which are linear. Compiled kernels solve where they cover the
-        model and the arm (`Compiled.covers`), if ``compiled`` or, by default, if numba is
-        installed and works. ``budget`` limits the continuation of one loaded arm; see `together`.
+        is ignored by the others, which are linear. ``compiled`` chooses the form of the node
+        functions: compiled by numba, or arrays of NumPy; None is numba where it is installed and
+        works. Results are the same. ``budget`` limits the continuation of one loaded arm; see
+        `together`. Nodes are as many as it takes for positions to be right to ``accuracy`` times
+        the length.
 
         Raises:
             ConfigError: if there is no such model or material, they do not go together, the model
-                does not cover the arm or the loads, or the stations are too few.
+                does not cover the arm or the loads, the stations are too few, or there is no such
+                accuracy.
             ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
                 allow.
             ModuleNotFoundError: if ``compiled`` but numba is not installed; if it does not work,
@@ -99,10 +104,13 @@ class Solver:
             raise ConfigError(f'model is {model!r}, expected one of {", ".join(STATICS)}')
         if material not in LAWS:
             raise ConfigError(f'material.law is {material!r}, expected one of {", ".join(LAWS)}')
+        if not _FINEST <= accuracy <= _COARSEST:  # nor NaN
+            expected = f'a number from {_FINEST:g} to {_COARSEST:g}'
+            raise ConfigError(f'accuracy is {shown(accuracy)}, expected {expected}')
         self.arm, self.model, self.base, self.loads = arm, model, base, loads
         self._anew = functools.partial(
             Solver, arm, model, stations, base, material=material, shear=shear, loads=loads,
-            compiled=compiled, budget=budget,
+            compiled=compiled, budget=budget, accuracy=accuracy,
         )  # fmt: skip
         loads.check_inside(arm.length)
         self.grid = StationGrid.build(arm, stations, loads.breaks)
@@ -111,7 +119,7 @@ class Solver:
         frame = np.array(base.position), np.array([w, x, y, z])
         own = self.grid.s, self.grid.section
         self._statics = STATICS[model](
-            Setup(arm, *own, frame, material, shear, loads, self._allowance, compiled)
+            Setup(arm, *own, frame, material, shear, loads, self._allowance, compiled, accuracy)
         )
         self.law = LAWS[self._statics.law]
         if shear and not (self._statics.strains == 6 and material == 'linear'):
@@ -207,7 +215,8 @@ class Solver:
             return self._of_one(tensions, wrench, shape)
         count, stations = math.prod(lead), self.grid.s.size
         wrenches = np.broadcast_to(wrench, (*lead, 6))
-        rows, on_tips = tensions.reshape(count, -1), wrenches.reshape(count, 6)
+        rows = tensions.reshape(count, len(self.arm.tendons))
+        on_tips = wrenches.reshape(count, 6)
         position, quaternion = np.empty((count, stations, 3)), np.empty((count, stations, 4))
         strains, along = np.empty((4, count, stations)), None
         residual, iterations = np.empty(count), np.empty(count, np.int64)
@@ -229,14 +238,14 @@ class Solver:
             tensions, wrenches, position.reshape(*lead, stations, 3),
             quaternion.reshape(*lead, stations, 4), strains.reshape(4, *lead, stations),
             residual.reshape(lead), iterations.reshape(lead),
-            None if along is None else along.reshape(*lead, stations, -1),
+            None if along is None else along.reshape(*lead, *self._reach.shape),
         )  # fmt: skip
 
     def _of_one(self, tensions: FloatArray, wrench: FloatArray, shape: Shape) -> Backbone:
         found = shape.equilibrium
         history = None
         if self.arm.friction:
-            history = self._statics.problem(found.level).history(found.state).T
+            history = self._statics.history(found).T
         return self._made(
             tensions, wrench, shape.position, shape.quaternion, shape.strains,
             np.array(found.state.residual), np.array(found.iterations), shape.tensions,
@@ -253,7 +262,7 @@ class Solver:
         if along is not None:
             along = along * self._reach
             # At the base they are given, not interpolated from points beyond.
-            along[..., 0, :] = tensions.reshape(*along.shape[:-2], -1) * self._reach[0]
+            along[..., 0, :] = tensions.reshape(along[..., 0, :].shape) * self._reach[0]
         for array in (
             tensions, wrench, position, quaternion, strains, residual, iterations, along, history
         ):  # fmt: skip
@@ -261,7 +270,8 @@ class Solver:
                 array.setflags(write=False)
         return Backbone(
             self.model, self.grid.s, self.grid.section, position, quaternion,
-            strains[0], strains[1], strains[2], strains[3], tensions, wrench, residual, iterations, found, self._reach, along, history,
+            strains[0], strains[1], strains[2], strains[3],
+            tensions, wrench, residual, iterations, found, self._reach, along, history,
         )  # fmt: skip
 
     def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:
@@ -344,11 +354,6 @@ class Solver:
                 what = 'others' if one.others else 'scaled'
                 raise ConfigError(f'loads.{what} have no derivatives by their magnitude')
         return self._statics.by_loads(found, loads)
-
-    def tip_curvature(self, backbone: Backbone, change: FloatArray) -> FloatArray:
-        """See `tip_curvature`, of a single solution of this solver and a ``change`` of it."""
-        integrate = add_up_curvature() if self.is_compiled else None
-        return tip_curvature(backbone.position, change, backbone.tip_wrench[:3], integrate)
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip's position [m] and rotation vector [rad] in base_frame.
@@ -438,6 +443,37 @@ class Solver:
         """
         return self._statics.rest_lengths_by_offset(self._own(backbone))
 
+    def wind(
+        self, displacements: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
+        tip_wrench: ArrayLike | None, start: Backbone | None,
+    ) -> tuple[Backbone, FloatArray] | None:  # fmt: skip
+        """Shape with ``displacements`` (J,) [m] of the ``driven`` tendons, and those of all.
+
+        With ``tensions`` (J,) [N] of the others. None for other models than exact, and for tendons
+        with friction. Other arguments and errors are those of `solve`.
+        """
+        checked = check_tensions(self.arm, tensions.reshape(self.arm.tension_shape))
+        self._limits.check_tensions(checked)
+        wrench = self._wrench
+        if tip_wrench is not None:
+            wrench = wrench + self.check_tip_wrench(tip_wrench)
+        near = None if start is None else self._own(start)
+        condition, spending = Condition(checked.ravel(), wrench), self._allowance.spending()
+        found = self._statics.wind(displacements, driven, condition, near, spending)
+        if found is None:
+            return None
+        shape, displacement = found
+        pulled = shape.equilibrium.state.acting.condition.tensions.reshape(self.arm.tension_shape)
+        self._limits.check_tensions(pulled)
+        return self._of_one(pulled, wrench, shape), displacement
+
+    def reeled_by_tension(self, backbone: Backbone, over: FloatArray) -> FloatArray | None:
+        """Changes of displacements over those of tensions by ``over`` (J,) [N], (J, J) [m/N].
+
+        Of a single solution; None for other models than exact.
+        """
+        return self._statics.reeled_by_tension(self._own(backbone), over)
+
     def _own(self, backbone: Backbone) -> Equilibrium:
         """The equilibrium of a single solution of this solver.
 
@@ -447,6 +483,7 @@ class Solver:
         found = backbone.equilibrium
         if found is None:
             raise ConfigError('the backbone is that of a batch, expected a single solution')
-        if backbone.model != self.model or not self._statics.has_solved(found):
+        is_alike = backbone.model == self.model and backbone.s.size == self.grid.s.size
+        if not (is_alike and self._statics.has_solved(found)):
             raise ConfigError('the backbone was solved by another solver')
         return found

@@ -8,13 +8,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Allowance, Spending
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.rod.elements import LEVELS
-from octo_arm_model.rod.equilibrium import Problem
+from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.lengths import rest_stretches, rest_stretches_by_offset, tendon_lengths
 from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
@@ -33,6 +34,7 @@ class Setup(NamedTuple):
         loads: what loads the arm but its tendons and the wrench on its tip.
         allowance: what solves may take, where equilibria are followed.
         compiled: whether numba compiles the node functions; None where it is installed.
+        accuracy: of positions, over the length [-].
     """
 
     arm: Arm
@@ -44,6 +46,7 @@ class Setup(NamedTuple):
     loads: Loads
     allowance: Allowance
     compiled: bool | None
+    accuracy: float = 1e-8
 
 
 class Shape(NamedTuple):
@@ -101,6 +104,17 @@ class Statics(abc.ABC):
             SolveError: if there is no trustworthy answer.
         """
 
+    def wind(
+        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
+        start: Equilibrium | None, spending: Spending,
+    ) -> tuple[Shape, FloatArray] | None:  # fmt: skip
+        """See `Winches.solve`: a shape and what is reeled in there; None where this cannot."""
+        return None
+
+    def reeled_by_tension(self, found: Equilibrium, over: FloatArray) -> FloatArray | None:
+        """See `Solver.reeled_by_tension`; None where this cannot."""
+        return None
+
     @abc.abstractmethod
     def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
         """First derivatives of a solution, see `Solver.sensitivity`."""
@@ -122,6 +136,10 @@ class Statics(abc.ABC):
     def local_tensions(self, found: Equilibrium) -> FloatArray:
         """Tension of every tendon of a solution at every node [N], (N, J)."""
         return found.state.acting.tensions * self.problem(found.level).tables.reach
+
+    def history(self, found: Equilibrium) -> FloatArray:
+        """Tensions (M, J) [N] that tendons with friction slide on from after a solution."""
+        return self.problem(found.level).history(found.state)
 
     # Lengths of the tendons, from the base to their anchorages ---------------------------------
 
@@ -147,3 +165,11 @@ class Statics(abc.ABC):
         rates = rest_stretches_by_offset(problem.tables, self._setup.arm, problem.elements.s)
         weights = problem.elements.weights
         return weights @ rates, weights @ (rates * found.state.acting.tensions)
+
+
+def strains_of(z: FloatArray) -> FloatArray:
+    """Strains tau, xi, k and q, (4, n), of twists ``z`` (n, m)."""
+    strains = np.empty((4, len(z)))
+    np.divide(z[:, :3].T, z[:, 3], out=strains[:3])
+    strains[3] = z[:, 3] - 1.0
+    return strains

@@ -4,8 +4,8 @@ For a tendon of tension T on a path at r + d in the cross section, as in `loops`
 
     u = (lambda, v_n, v_b) + w kappa x (r + d) + w r',    its energy T |u| + k |d|^2 / 2
 
-is least by the offset d, k D dd + p dT = 0 with p = d|u|/dd at fixed twist. All changes of u then follow from
-one function: what a path that moves by rho changes, where d moves along.
+is least by the offset d, so that k d + T p = 0 with p = d|u|/dd, and where p or T changes d does,
+k D dd + d(T p) = 0. All then follows from one function: what changes where paths move.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ class Tendons:
         return np.stack([t * c_b - b * c_t, n * c_t - t * c_n])
 
     def _across(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """W kappa x r, (3, N, J)."""
+        """Cross product w kappa x r, (3, N, J)."""
         t, n, b = self.scaled
         found = np.empty((3, *x.shape))
         found[0], found[1], found[2] = n * y - b * x, -t * y, t * x
@@ -187,7 +187,7 @@ class Tendons:
         return found
 
     def _by_strain(self, f: FloatArray) -> FloatArray:
-        """F . du/de of vectors ``f`` (3, N, J) by the scaled strain, (m, N, J)."""
+        """Products f . du/de of vectors ``f`` (3, N, J) with scaled strains, (m, N, J)."""
         found = np.empty((self._strains, *f.shape[1:]))
         found[0] = self._x * f[2] - self._y * f[1]
         found[1] = self._y * f[0]

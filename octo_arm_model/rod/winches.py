@@ -26,14 +26,14 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.complementarity import complementary_step
 from octo_arm_model.rod.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, judge
 from octo_arm_model.rod.equilibrium import Condition, State
-from octo_arm_model.rod.factors import Blocks, Factors
+from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.lengths import rest_stretches
 from octo_arm_model.rod.newton import CHORD, FIRST, MOST, PREDICTED, PROGRESS, Chord
 from octo_arm_model.rod.rod import Equilibrium, Rod, moved
 from octo_arm_model.rod.tendons import Tendons
 
 MET = 1e-9  # error of displacements over the length, and of tensions over the largest
-_ROUNDING = 1e-13  # of displacements, over the length
+ROUNDING = 1e-13  # of displacements, over the length
 # Of continuation: the first step, the smallest, and factors on one that did well or did not.
 _FIRST_STEP, _SMALLEST_STEP, _LONGER, _SHORTER = 0.3, 1e-3, 2.0, 0.3
 _BEYOND = 0.05  # the end of a branch
@@ -71,7 +71,7 @@ class Border(NamedTuple):
         changes: derivative of what is reeled in by the tensions, (J, J) [m/N].
     """
 
-    factors: Factors | Blocks
+    factors: Linear
     by_tension: FloatArray
     lengths: FloatArray
     changes: FloatArray
@@ -167,30 +167,46 @@ class Reeling:
         counts = (state.acting.condition.tensions > 0.0) | (wrong > 0.0)
         return Reached(state, displacement, wrong, float(np.abs(wrong * counts).max(initial=0.0)))
 
-    def border(self, state: State, factors: Factors | Blocks | None = None) -> Border:
+    def border(
+        self, state: State, factors: Linear | None = None, over: FloatArray | None = None
+    ) -> Border:
         """The system linearised at ``state``, or nearby where its ``factors`` are known.
+
+        Of local tensions by those at the base these are differences ``over`` (J,) [N], if given.
 
         Raises:
             ConvergenceError: if it is singular.
         """
         problem = self.problem
+        rates = problem.tension_rates(state) if over is None else self._secants(state, over)
         problem.load_work(state)
         if factors is None:
             factors = self._factors(state)
-        stretch = self._tendons(state).stretch()
-        rates = problem.tension_rates(state)
+        stretch, weights = self._tendons(state).stretch(), self._weights
         columns = (stretch.length_by_z * rates[..., np.newaxis]).swapaxes(1, 2)
         by_tension = factors.solve(columns.reshape(-1, rates.shape[1]))
-        lengths = stretch.length_by_z * self._weights[:, np.newaxis, np.newaxis]
+        lengths = stretch.length_by_z * weights[:, np.newaxis, np.newaxis]
         lengths = lengths.swapaxes(1, 2).reshape(-1, rates.shape[1]).T
-        own = -self._weights @ (stretch.by_tension * rates)
-        own += self._arm.stretched(np.einsum('ij,ij->j', self._rest, rates) + self._free)
+        # What is reeled in by the local tensions, at fixed twists.
+        by_local = self._arm.stretched(self._rest) - weights[:, np.newaxis] * stretch.by_tension
+        own = np.einsum('ij,ij->j', by_local, rates) + self._arm.stretched(self._free)
         changes = lengths @ by_tension + np.diag(own)
+        slid = problem.tension_changes(state)
+        if slid is not None:
+            by_twists = slid.by_twists(-by_tension.reshape(*state.z.shape, -1))
+            changes += np.einsum('ij,ijk->jk', by_local, by_twists)
         if not np.isfinite(changes).all():
             raise ConvergenceError('the displacement of the tendons', np.inf, 0)
         return Border(factors, by_tension, lengths, changes)
 
-    def _factors(self, state: State) -> Factors | Blocks:
+    def _secants(self, state: State, over: FloatArray) -> FloatArray:
+        """Differences of local tensions where those at the base differ by ``over``, (N, J) [-]."""
+        condition = state.acting.condition
+        further = condition._replace(tensions=condition.tensions + over)
+        moved = self.problem.evaluate(self.problem.acting(further), state.z)
+        return np.asarray((moved.acting.tensions - state.acting.tensions) / over)
+
+    def _factors(self, state: State) -> Linear:
         problem, acting = self.problem, state.acting
         if self._arm.friction or acting.force.any() or acting.couple.any():
             return problem.linearise(state)
@@ -300,14 +316,13 @@ class Winches:
         self._kept: dict[tuple[int, bytes], Reeling] = {}
 
     def solve(
-        self, displacements: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
-        tip_wrench: FloatArray, start: Equilibrium | None = None,
-        spending: Spending | None = None,
+        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
+        start: Equilibrium | None = None, spending: Spending | None = None,
     ) -> Held:  # fmt: skip
         """What holds ``displacements`` (J,) [m] of the ``driven`` tendons (J,).
 
-        And ``tensions`` (J,) [N] of the others under a ``tip_wrench`` (6,) [N, N m]; neither
-        counts for the rest. From ``start``, or from the unloaded arm.
+        And the tensions of the others, in ``condition``; neither counts for the rest. From
+        ``start``, or from the unloaded arm. Without friction.
 
         Raises:
             SolveError: if no tensions were found that hold these lengths.
@@ -316,7 +331,7 @@ class Winches:
         rod = self._rod
         spending = spending or rod.spending()
         aim = Aim(
-            Condition(np.where(driven, 0.0, tensions), tip_wrench),
+            condition._replace(tensions=np.where(driven, 0.0, condition.tensions)),
             np.where(driven, displacements, 0.0),
         )
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
@@ -339,6 +354,11 @@ class Winches:
         reeling = self._reeling(equilibrium.level, np.zeros(tensions.shape[-1], np.bool_))
         reeling.problem.load_work(state)
         return reeling.displacement(state)
+
+    def changes(self, equilibrium: Equilibrium, over: FloatArray) -> FloatArray:
+        """What is reeled in more over ``over`` (J,) [N] more tension, (J, J) [m/N], nearly."""
+        reeling = self._reeling(equilibrium.level, np.zeros(over.size, np.bool_))
+        return reeling.border(equilibrium.state, None, over).changes
 
     def _reeling(self, level: int, driven: NDArray[np.bool_]) -> Reeling:
         key = level, driven.tobytes()

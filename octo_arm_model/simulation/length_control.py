@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.newton import Wound
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
+from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver

@@ -11,7 +11,6 @@ from estimation_arms import EVERYTHING, LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
 from scipy.stats import binom, chi2
 
 from octo_arm_model import Config, Solver, Uncertainty
-from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Filter
@@ -24,6 +23,7 @@ from octo_arm_model.estimation.measurements import (
 from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.rod.forms import is_available
 
 AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY, tip_moment=Walk(2e-4))
 FORCE_AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY)

@@ -12,12 +12,12 @@ from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
 from octo_arm_model import Solver
 from octo_arm_model.core.errors import MeasurementError, SolveError
-from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
 from octo_arm_model.estimation.tracker import Tracker
+from octo_arm_model.rod.backbone import Backbone
 
 SECOND = 10**9
 ORIGIN = 1_700_000_000 * SECOND

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from differences import along
 from rods import CASES, EVERYTHING, TENSIONS, WRENCH, twists_at
 
 from octo_arm_model import Arm, ArmDefinitionError, Body, Config, LoadError, Loads
@@ -13,7 +14,9 @@ from octo_arm_model.core.arm.loads import DeformedRod, Resultants, Tangent
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.quaternion import rotation_matrices
 from octo_arm_model.core.numerics.vectors import skew
+from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition
+from octo_arm_model.rod.exact import strains_of
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 
 NOTHING = np.zeros(6)
@@ -213,3 +216,25 @@ def test_they_are_bounded_like_all_loads(table4: Config) -> None:
     others = (FollowingForce(0.3, (0.0, 1e9, 0.0)),)
     with pytest.raises(ArmDefinitionError, match='force of all loads along the arm is'):
         made(False, arm_of(table4), Loads(others=others))
+
+
+@pytest.mark.parametrize('s', [0.2, 0.4])
+def test_derivatives_are_those_of_loads_that_follow(s: float) -> None:
+    arm, setting = CASES['neo_hookean']
+    loads = dataclasses.replace(EVERYTHING, others=(FollowingForce(s, (0.0, 0.03, 0.02)),))
+    rod = Rod(arm, loads, setting=setting._replace(compiled=False))
+    tensions = 0.5 * TENSIONS
+    found, stations = rod.solve(tensions, WRENCH), np.array([0.1, 0.2, 0.3, 0.4])
+    change = Derivatives(rod, found.level, stations).sensitivity(found.state).by_tension
+
+    def outcome(step: FloatArray) -> FloatArray:
+        moved = rod.solve(tensions + step, WRENCH, found)
+        readout = rod.readout(moved.level, stations)
+        reading = readout.read(moved.state)
+        return np.concatenate([reading.position.ravel(), strains_of(readout.twists(reading))[2]])
+
+    direction = 0.02 * tensions
+    expected = along(outcome, np.zeros(6), direction)
+    position, bend = (change.pose[:, :3] @ direction).ravel(), change.strain[:, 2] @ direction
+    assert np.abs(position - expected[:12]).max() <= 1e-5 * np.abs(expected[:12]).max()
+    assert np.abs(bend - expected[12:]).max() <= 1e-5 * np.abs(expected[12:]).max()

@@ -15,6 +15,7 @@ from octo_arm_model.core.budget import Budget
 from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.complementarity import complementary_step
+from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.winches import Held, Winches
 
@@ -36,7 +37,7 @@ def wound(
 ) -> Held:  # fmt: skip
     """With all tendons driven."""
     driven = np.ones(displacements.size, np.bool_)
-    return Winches(rod).solve(displacements, driven, 0.0 * displacements, wrench, start)
+    return Winches(rod).solve(displacements, driven, Condition(0.0 * displacements, wrench), start)
 
 
 def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
@@ -46,7 +47,9 @@ def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
 
 @FORMS
 @pytest.mark.parametrize('loads', [Loads(), EVERYTHING], ids=['free', 'loaded'])
-@pytest.mark.parametrize('setting', [{}, {'widens': False, 'shear': True}], ids=['rubber', 'shear'])
+@pytest.mark.parametrize(
+    'setting', [{}, {'widens': False, 'shear': True}], ids=['rubber', 'shear']
+)
 def test_tensions_come_back_from_what_they_reel_in(
     compiled: bool, loads: Loads, setting: dict[str, bool]
 ) -> None:
@@ -87,13 +90,13 @@ def test_mixed_commands_hold_what_each_is_told(table4: Config, loads: Loads) -> 
     rod = made(False, table4.arm.with_density(1080.0), loads)
     driven, asked, given = np.zeros(12, np.bool_), np.full(12, np.nan), np.zeros(12)
     driven[[0, 5]], asked[[0, 5]], given[8] = True, [0.02, 0.01], 1.0
-    found = Winches(rod).solve(asked, driven, given, NOTHING)
+    found = Winches(rod).solve(asked, driven, Condition(given, NOTHING))
     tensions = found.reached.tensions
     np.testing.assert_allclose(found.reached.displacement[[0, 5]], [0.02, 0.01], atol=1e-9)
     assert tensions[8] == 1.0 and tensions[0] > 0.0 and np.count_nonzero(tensions) == 3
     # The other tension changes while these are held.
     given[8], given[9] = 0.8, 0.1
-    then = Winches(rod).solve(asked, driven, given, NOTHING, found.equilibrium)
+    then = Winches(rod).solve(asked, driven, Condition(given, NOTHING), found.equilibrium)
     np.testing.assert_allclose(then.reached.displacement[[0, 5]], [0.02, 0.01], atol=1e-9)
     again = rod.solve(then.reached.tensions, NOTHING, then.equilibrium)
     np.testing.assert_allclose(tip_of(rod, again), tip_of(rod, then.equilibrium), atol=1e-8)
@@ -110,7 +113,7 @@ def test_one_slack_tendon_among_four_is_found(
     asked = Winches(rod).displacements(rod.solve(tensions, NOTHING))
     asked[2] -= 3e-3
     driven = np.arange(tensions.size) < 4
-    found = Winches(rod).solve(asked, driven, 0.0 * tensions, NOTHING)
+    found = Winches(rod).solve(asked, driven, Condition(0.0 * tensions, NOTHING))
     np.testing.assert_allclose(found.reached.tensions, tensions, rtol=0.0, atol=1e-9)
     assert found.reached.tensions[2] == 0.0
     assert found.reached.displacement[2] - asked[2] == pytest.approx(3e-3, abs=1e-10)
@@ -124,7 +127,7 @@ def test_stiffer_tendons_come_as_near_as_one_likes_to_those_that_do_not_stretch(
     tips = []
     for stiffness in ((), (1e3,), (1e4,), (1e5,)):
         rod = made(False, dataclasses.replace(table4.arm, axial_stiffness=stiffness))
-        found = Winches(rod).solve(asked, driven, 0.0 * asked, NOTHING)
+        found = Winches(rod).solve(asked, driven, Condition(0.0 * asked, NOTHING))
         tips.append(tip_of(rod, found.equilibrium))
     apart = np.linalg.norm(np.array(tips[1:]) - tips[0], axis=1)
     np.testing.assert_allclose(apart[:-1] / apart[1:], 10.0, rtol=0.05)
@@ -134,7 +137,7 @@ def test_tendons_that_lengths_do_not_tell_apart_share_the_tension(table4: Config
     # Four of equal length shorten the arm, and no lengths say by which of them.
     rod = made(False, table4.arm)
     found = Winches(rod).solve(
-        np.full(12, 0.03), np.arange(12) < 4, np.zeros(12), NOTHING
+        np.full(12, 0.03), np.arange(12) < 4, Condition(np.zeros(12), NOTHING)
     ).reached.tensions  # fmt: skip
     np.testing.assert_allclose(found[:4], found[0], rtol=1e-6)
     assert not found[4:].any()
@@ -188,7 +191,9 @@ def test_a_budget_that_is_spent_is_told(table4: Config) -> None:
         wound(rod, np.full(12, 0.05))
 
 
-@pytest.mark.parametrize('setting', [{}, {'widens': False, 'shear': True}], ids=['rubber', 'shear'])
+@pytest.mark.parametrize(
+    'setting', [{}, {'widens': False, 'shear': True}], ids=['rubber', 'shear']
+)
 def test_the_border_is_the_derivative_of_what_is_reeled_in(setting: dict[str, bool]) -> None:
     rod = made(False, STRETCHING, EVERYTHING, **setting)
     reeling = Winches(rod)

@@ -20,8 +20,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.analysis.winding.newton import Winding, Wound
 from octo_arm_model.analysis.winding.sliding import SlidingWinding
+from octo_arm_model.analysis.winding.wound import Wound, wound_of
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.validation import LARGEST, finite
 from octo_arm_model.core.errors import (
@@ -70,19 +70,19 @@ def solve_displacements(
     current = np.array([given.get(name, 0.0) for name in arm.tendon_names])
     with solver.together():
         backbone = start.backbone if isinstance(start, Wound) else start
-        kind = SlidingWinding if arm.friction else Winding
-        problem = kind(solver, driven, wanted, tip_wrench, backbone)
-        if backbone is None:
-            return problem.solve(current, None)
-        begin = np.where(driven, backbone.tensions.ravel(), current)
-        try:
-            if isinstance(start, Wound):
-                return problem.follow(begin, start)
-            return problem.solve(begin, backbone)
-        except ContinuationError:
-            raise  # Its budget is spent.
-        except SolveError:
-            return problem.solve(current, None)
+        found = solver.wind(np.where(driven, wanted, 0.0), driven, current, tip_wrench, backbone)
+        if found is not None:
+            return wound_of(arm, *found, wanted, driven)
+        problem = SlidingWinding(solver, driven, wanted, tip_wrench, backbone)
+        if backbone is not None:
+            try:
+                begin = np.where(driven, backbone.tensions.ravel(), current)
+                return problem.solve(begin, backbone)
+            except ContinuationError:
+                raise  # Its budget is spent.
+            except SolveError:
+                pass
+        return problem.solve(current, None)
 
 
 def check_displacements(

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.analysis.winding.newton import Wound
 from octo_arm_model.analysis.winding.tendon_displacement import (
     displacement_change,
     displacements_by_tension,
 )
+from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.newton import Wound
 from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
+from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.core.hints import FloatArray

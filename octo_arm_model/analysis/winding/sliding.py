@@ -1,8 +1,9 @@
-"""The tensions that hold tendons with friction at prescribed displacements.
+"""The tensions that hold tendons at prescribed displacements, one shape after the other.
 
-Friction leaves no energy, and a tendon that is let out a little after it was drawn in, or the
-other way round, slips next to its base alone: its displacement changes by the square of what its
-tension does, and its derivative at the turn is zero. Newton's steps are therefore damped as those
+Of the paper's models, and of tendons with friction; `rod.winches` finds others together with the
+shape. Friction leaves no energy, and a tendon that is let out a little after it was drawn in, or
+the other way round, slips next to its base alone: its displacement changes by the square of what
+its tension does, and its derivative at the turn is zero. Newton's steps are therefore damped as those
 of Levenberg and Marquardt, by a part of what the tendons would yield on the slack arm, and take
 differences over about as much as tensions will change. Where the slipping part of a tendon grows
 past a point of the arm derivatives jump, so that a step may end farther from the goal than it
@@ -22,15 +23,18 @@ import dataclasses
 import functools
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from octo_arm_model.analysis.winding.newton import TOLERANCE, Winding, Wound
 from octo_arm_model.analysis.winding.tendon_displacement import (
     displacements_by_tension,
     displacements_of,
 )
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.analysis.winding.wound import Wound, wound_of
+from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
+from octo_arm_model.rod.winches import MET, ROUNDING
 
 _MOST = 100  # steps
 # Damping at first, at least and at most, in parts of what tendons yield on the slack arm, and its
@@ -53,8 +57,31 @@ _LONGEST = 30  # steps for what is left of less than that to be halved, else it 
 _TURNED = 1e-3  # part of its yielding that a tendon shows which slips from more than its base
 
 
-class SlidingWinding(Winding):
-    """`Winding` of tendons that slide from what they did before."""
+def _level(backbone: Backbone) -> int:
+    assert backbone.equilibrium is not None
+    return backbone.equilibrium.level
+
+
+class SlidingWinding:
+    """The method of Levenberg and Marquardt on the tensions of the driven tendons."""
+
+    def __init__(
+        self,
+        solver: Solver,
+        driven: NDArray[np.bool_],
+        wanted: FloatArray,
+        tip_wrench: ArrayLike | None,
+        history: Backbone | None = None,
+    ) -> None:
+        """Prepare; ``wanted`` (tendons,) [m] counts where a tendon is ``driven``.
+
+        Tendons with friction slide from their tensions in ``history``, else from slack.
+        """
+        self._history = history
+        self._solver, self._driven, self._wanted = solver, driven, wanted
+        self._tip_wrench = None if tip_wrench is None else solver.check_tip_wrench(tip_wrench)
+        self._length = solver.arm.length
+        self._met, self._rounding = MET * self._length, ROUNDING * self._length
 
     @functools.cached_property
     def _slack_changes(self) -> FloatArray:
@@ -68,17 +95,22 @@ class SlidingWinding(Winding):
         """Likewise of each by its own tension, (tendons,)."""
         return np.diag(self._slack_changes)
 
-    def follow(self, tensions: FloatArray, start: Wound) -> Wound:
-        """What holds the wanted displacements, from another solution; see `Winding.follow`."""
-        return self.solve(tensions, start.backbone)
-
-    def solve(
-        self, tensions: FloatArray, start: Backbone | None, changes: FloatArray | None = None
-    ) -> Wound:
+    def solve(self, tensions: FloatArray, start: Backbone | None) -> Wound:
         """What holds the wanted displacements, from ``tensions`` (tendons,) [N]."""
+        wound = self._search(tensions, start)
+        if _level(wound.backbone):
+            # The way there may have taken more nodes than these tensions do.
+            found = wound.backbone.tensions.ravel()
+            alone = self._solve(found, None if self._history is None else start)[0]
+            if _level(alone) < _level(wound.backbone):
+                return self._search(found, alone)
+        return wound
+
+    def _search(self, tensions: FloatArray, start: Backbone | None) -> Wound:
         backbone, displacement = self._solve(tensions, start)
         expected = np.abs(displacement - self._wanted) / self._yields
-        damping, before, slopes, is_fresh = _DAMPING, np.inf, changes, False
+        damping, before, is_fresh = _DAMPING, np.inf, False
+        slopes: FloatArray | None = None
         merits = [self._merit(tensions, displacement)]
         least, waited, best = np.inf, 0, backbone
         for _ in range(_MOST):
@@ -95,11 +127,11 @@ class SlidingWinding(Winding):
             damped = slopes + damping * np.diag(self._yields)
             step = self._step(tensions, displacement, damped)
             if left <= self._met:
-                is_fine = np.abs(step).max() <= TOLERANCE * tensions.max()
+                is_fine = np.abs(step).max() <= MET * tensions.max()
                 if is_fine or left <= self._rounding or left >= 0.5 * before:
-                    return self._wound(backbone, displacement, damped)
+                    return self._wound(backbone, displacement)
             elif is_fresh and self._contradict(tensions, displacement, slopes):
-                return self._wound(backbone, displacement, damped)
+                return self._wound(backbone, displacement)
             new = np.maximum(0.0, tensions + step)
             try:
                 found, reached = self._solve(new, backbone)
@@ -121,7 +153,7 @@ class SlidingWinding(Winding):
                 backbone, displacement, tensions = found, reached, new
                 continue
             if left <= self._met:
-                return self._wound(backbone, displacement, damped)
+                return self._wound(backbone, displacement)
             if not is_fresh:
                 slopes = None
                 continue
@@ -130,8 +162,8 @@ class SlidingWinding(Winding):
                 break
         if least <= self._borne:
             reached = displacements_of(self._solver, best).ravel()
-            return self._wound(best, reached, damped)
-        raise self._error(least, _MOST)
+            return self._wound(best, reached)
+        raise ConvergenceError('the displacement of the tendons', least / self._length, _MOST)
 
     @property
     def _borne(self) -> float:
@@ -154,6 +186,20 @@ class SlidingWinding(Winding):
         damped = matrix + _DAMPING * np.diag(yields)
         moved = np.linalg.lstsq(damped, (self._wanted - displacement)[free], rcond=None)[0]
         return bool(np.abs(matrix @ moved).max() <= 0.5 * self._met)
+
+    def _free(self, tensions: FloatArray, displacement: FloatArray) -> NDArray[np.bool_]:
+        """Tendons that are taut or become so: a slack one whose path is short enough stays so."""
+        with np.errstate(invalid='ignore'):  # of tendons that are not driven
+            free: NDArray[np.bool_] = (tensions > 0.0) | (displacement < self._wanted)
+        return free & self._driven
+
+    def _left(self, tensions: FloatArray, displacement: FloatArray) -> float:
+        """Largest error of the displacements [m]."""
+        free = self._free(tensions, displacement)
+        return float(np.abs(displacement - self._wanted)[free].max(initial=0.0))
+
+    def _wound(self, backbone: Backbone, displacement: FloatArray) -> Wound:
+        return wound_of(self._solver.arm, backbone, displacement, self._wanted, self._driven)
 
     def _step(
         self, tensions: FloatArray, displacement: FloatArray, changes: FloatArray
@@ -203,22 +249,30 @@ class SlidingWinding(Winding):
         usual = self._length / self._yields.max()
         least = _DIFFERENCE * max(float(tensions.max()), _DIFFERENCE * usual)
         size = np.fmax(least, np.minimum(over, _FARTHEST * tensions))
-        for k in np.flatnonzero(self._free(tensions, displacement)):
+        free = self._free(tensions, displacement)
+        is_let_out = (displacement > self._wanted) & (tensions > size) & free
+        over = np.where(is_let_out, -size, size)
+        found = self._solver.reeled_by_tension(backbone, over)
+        if found is not None:
+            return found
+        for k in np.flatnonzero(free):
             self._solver.check_time()
             moved = tensions.copy()
-            is_let_out = displacement[k] > self._wanted[k] and tensions[k] > size[k]
-            moved[k] += -size[k] if is_let_out else size[k]
+            moved[k] += over[k]
             reached = self._solve(moved, backbone)[1]
-            changes[:, k] = (reached - displacement) / (moved[k] - tensions[k])
+            changes[:, k] = (reached - displacement) / over[k]
         return changes
 
     def _solve(self, tensions: FloatArray, start: Backbone | None) -> tuple[Backbone, FloatArray]:
-        """As `Winding`, from what tendons did before."""
-        if self._history is None:
-            return super()._solve(tensions, start)
-        solver = self._solver
-        before = self._history.point_tensions
-        last = dataclasses.replace(start or self._history, point_tensions=before)
+        """Shape under ``tensions`` (tendons,) and all displacements (tendons,) [m].
+
+        From what tendons did before.
+        """
+        solver, history = self._solver, self._history
         given = tensions.reshape(solver.arm.tension_shape)
-        backbone = solver.follow(given, last, self._tip_wrench)
+        if history is None:
+            backbone = solver.solve(given, self._tip_wrench, start)
+        else:
+            last = dataclasses.replace(start or history, point_tensions=history.point_tensions)
+            backbone = solver.follow(given, last, self._tip_wrench)
         return backbone, displacements_of(solver, backbone).ravel()

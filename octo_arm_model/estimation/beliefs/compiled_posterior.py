@@ -4,14 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.compiled.kernel_compiler import entry_point
-from octo_arm_model.core.compiled.models.arm_tables import own
-from octo_arm_model.core.compiled.numba_build import (
-    conclude,
-    find_posterior,
-    second_order_mean,
-    second_order_step,
-)
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief, Gain
 from octo_arm_model.estimation.beliefs.local import Bend, Conclusion, Local, Step
@@ -27,6 +19,11 @@ from octo_arm_model.estimation.beliefs.posterior_mean import agreement_by
 from octo_arm_model.estimation.state.prediction import ArmModel
 
 
+def own(array: FloatArray) -> FloatArray:
+    """A copy that is writable and C-contiguous: for others numba would compile once more."""
+    return np.array(array, order='C')
+
+
 def posterior_of(prior: Belief, noise: FloatArray, model: ArmModel, weight: float) -> Posterior:
     """The `Posterior` of these, in machine code where that solves the ``model``."""
     kind = CompiledPosterior if model.solver.is_compiled else Posterior
@@ -39,6 +36,9 @@ class CompiledPosterior(Posterior):
     def __init__(self, prior: Belief, noise: FloatArray, model: ArmModel, weight: float) -> None:
         """See `Posterior`."""
         super().__init__(prior, noise, model, weight)
+        from octo_arm_model.estimation.beliefs import kernels
+
+        self._kernels = kernels
         self._known = own(prior.mean), own(prior.root)
         self._scattered = own(prior.scattered)
         self._noises = own(noise), own(self._per_noise)
@@ -53,7 +53,7 @@ class CompiledPosterior(Posterior):
             x, by, np.empty(n), np.empty(m), np.empty((m, n)), np.empty((m, n, n)), np.empty(n)
         )
         wanted = np.empty(n)
-        size, cost, off, turned = entry_point(find_posterior())(
+        size, cost, off, turned = self._kernels.find_posterior(
             *self._known, self._scattered, *self._noises, self._weight, own(x), own(left),
             own(jacobian), own(second), BENT, MOST_BENT, *by, *local[2:7], wanted,
         )  # fmt: skip
@@ -66,7 +66,7 @@ class CompiledPosterior(Posterior):
         if local.own is not None and x is local.x:
             return local.own[0]
         wanted = np.empty(x.size)
-        size, cost = entry_point(second_order_step())(
+        size, cost = self._kernels.second_order_step(
             *self._known, own(x), *local[2:7], BENT, MOST_BENT, wanted
         )
         if wanted[self._tension].min() < 0.0:
@@ -76,7 +76,7 @@ class CompiledPosterior(Posterior):
     def mean(self, local: Local, step: Step) -> FloatArray:
         """See `Posterior`."""
         tension, wanted = self._tension, own(step.x)
-        if entry_point(second_order_mean())(
+        if self._kernels.second_order_mean(
             *self._known, *local[2:7], BENT, MOST_BENT, tension.start, tension.stop,
             MOST_OF_MODEL, LAST, HALVED, own(step.start), step.size, step.cost, wanted,
         ):  # fmt: skip
@@ -94,7 +94,7 @@ class CompiledPosterior(Posterior):
     ) -> Conclusion:
         """See `Posterior`."""
         innovation, scatter = np.empty(left.size), np.empty_like(self._scattered)
-        square, drawn, expected, stddev, share = entry_point(conclude())(
+        square, drawn, expected, stddev, share = self._kernels.conclude(
             self._known[0], self._scattered, own(local.x), own(left), own(jacobian), own(second),
             *local.by, innovation, scatter,
         )  # fmt: skip

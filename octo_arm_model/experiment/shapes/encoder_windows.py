@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.newton import Wound
+from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.config.config import Config
 from octo_arm_model.core.errors import SolveError, TensionError
 from octo_arm_model.core.hints import FloatArray

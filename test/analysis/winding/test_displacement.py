@@ -26,8 +26,8 @@ from octo_arm_model import (
 from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.budget import Budget
+from octo_arm_model.core.errors import ContinuationError
 
 TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)
 IN_AIR = Loads(gravity=(0.0, 0.0, -9.81))

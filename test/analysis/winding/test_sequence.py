@@ -14,8 +14,8 @@ from octo_arm_model import Config, Solver, Uncertainty, solve_displacements
 from octo_arm_model.analysis.winding.sequence import WoundSequence
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.core.errors import TensionError
-from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.friction_memory import FrictionMemory
 
 HIGH, LOW = np.array([[1.0, 0.3, 0.0, 0.0]]), np.array([[0.4, 0.1, 0.0, 0.0]])
 SECOND = 10**9

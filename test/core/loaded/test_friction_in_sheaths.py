@@ -13,6 +13,7 @@ import pytest
 from differences import along, jacobian
 from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
+from octo_arm_model.core.models import loaded_exact, sliding
 from scipy.optimize import brentq
 from sliding_arms import assert_pulled_alike, assert_same
 from strategies import fractions, loaded_arms
@@ -28,10 +29,9 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
-from octo_arm_model.core.compiled.numba_build import is_available
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.budget import Budget
-from octo_arm_model.core.models import loaded_exact, sliding
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.forms import is_available
 
 YOUNG, RADIUS, LENGTH, OFFSET, MU, SHEATH = 1e5, 0.01, 0.4, 0.006, 0.3, 1.5e5
 BENDING = YOUNG * math.pi * RADIUS**4 / 4

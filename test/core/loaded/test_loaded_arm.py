@@ -11,6 +11,7 @@ import pytest
 import reference_exact as reference
 from differences import jacobian
 from helical_arm import CONE, HELICAL, RUBBER
+from octo_arm_model.core.loaded import continuation
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
@@ -38,10 +39,9 @@ from octo_arm_model import (
     Table,
 )
 from octo_arm_model.core.arm.loads import ScaledLoads
+from octo_arm_model.core.budget import Budget
 from octo_arm_model.core.errors import ContinuationError
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.loaded import continuation
-from octo_arm_model.core.budget import Budget
 
 LAWS = ('linear', 'neo_hookean')
 THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)

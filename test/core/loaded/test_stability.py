@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from octo_arm_model import Arm, Body, Loads, Material, PointLoad, Section, Solver
 from octo_arm_model.core.loaded import settle
 from octo_arm_model.core.loaded.linearised import Linearised
 from octo_arm_model.core.loaded.rod import LoadedRod
 from octo_arm_model.core.loaded.stability import least_energy, stability_of
 from octo_arm_model.core.loaded.state import Condition
 from octo_arm_model.core.models.exact import Exact
+
+from octo_arm_model import Arm, Body, Loads, Material, PointLoad, Section, Solver
 from octo_arm_model.core.numerics.gauss import gauss_rule
 
 COLUMN = Arm(Material(1e5), Body(0.4, 0.01, 0.01), (Section(0.4, 0.005, 0.005),))

@@ -12,6 +12,11 @@ from differences import jacobian
 from helical_arm import CONE, HELICAL, RUBBER
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from octo_arm_model.core.rod import grid
+from octo_arm_model.core.section import elastic_laws
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.newton import initial_strain, minimise
+from octo_arm_model.core.section.strain_measures import derivatives_by_twist, gradient_by_twist
 from scipy.optimize import brentq, root
 from strategies import arms, extreme_arms, fractions, loaded_arms, scaled, tensions_for
 
@@ -34,11 +39,6 @@ from octo_arm_model import (
 )
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_SPACE
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.rod import grid
-from octo_arm_model.core.section import elastic_laws
-from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.newton import initial_strain, minimise
-from octo_arm_model.core.section.strain_measures import derivatives_by_twist, gradient_by_twist
 
 LAWS = ('linear', 'neo_hookean')
 # Largest tensions of the paper on each arm [N], by section, as in test_renda2012.

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from estimation_arms import RUBBER
 
-from octo_arm_model.core.compiled.numba_build import is_available
 from octo_arm_model.estimation.beliefs.belief import Belief, gain
 from octo_arm_model.estimation.beliefs.compiled_posterior import posterior_of
 from octo_arm_model.estimation.beliefs.local import Step
 from octo_arm_model.estimation.beliefs.posterior import Posterior
 from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.rod.forms import is_available
 
 UNKNOWNS = Unknowns(Walk(1.0), tip_force=Walk(0.01))
 MODEL = ArmModel(RUBBER, UNKNOWNS, stations=31, compiled=False)

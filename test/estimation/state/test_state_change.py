@@ -6,10 +6,10 @@ import numpy as np
 from estimation_arms import LIKELY, TENSIONS, WEIGHT, rubber
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.rod.sensitivity import Change
 from octo_arm_model.estimation.state.prediction import Prediction
 from octo_arm_model.estimation.state.state_change import Part, StateChange
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.rod.sensitivity import Change
 
 RNG = np.random.default_rng(0)
 CHANGE = Change(RNG.normal(size=(5, 6, 3)), RNG.normal(size=(5, 4, 3)), RNG.normal(size=(2, 3)))

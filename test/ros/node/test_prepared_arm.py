@@ -16,8 +16,8 @@ from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
+from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.ros.estimator.prepared import PreparedEstimator
 from octo_arm_model.ros.node.prepared_arm import Prepared
 

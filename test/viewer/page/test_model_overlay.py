@@ -11,7 +11,7 @@ pytest.importorskip('viser', reason='needs viser')
 
 from octo_arm_model import load_config
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.compiled.numba_build import is_available
+from octo_arm_model.rod.forms import is_available
 from octo_arm_model.viewer.page.model_overlay import ModelOverlay
 
 CONFIG = load_config(preset_path('renda2012_prototype'))

@@ -11,6 +11,7 @@ from differences import jacobian
 from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from octo_arm_model.core.models import sliding
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
@@ -36,7 +37,6 @@ from octo_arm_model import (
     find_tensions,
 )
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.models import sliding
 
 MODELS = ('closed_form', 'exact')
 YOUNG, RADIUS, LENGTH, OFFSET, MU = 1e5, 0.01, 0.4, 0.006, 0.3

@@ -12,6 +12,8 @@ from differences import along, jacobian
 from helical_arm import PULL, helical_arm
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.sheaths.sheath import SheathedSections, sections_of
 from scipy.optimize import minimize
 
 from octo_arm_model import (
@@ -27,8 +29,6 @@ from octo_arm_model import (
     Solver,
 )
 from octo_arm_model.core.arm.laws import LAWS
-from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.sheaths.sheath import SheathedSections, sections_of
 from octo_arm_model.core.arm.sheath_stiffness import estimate_sheath_stiffness
 
 RUBBER = Material(1.1e5, 0.5, 1080.0)

@@ -1,1 +1,0 @@
-"""Linear algebra for the kernels: dense systems and products. Imports no other kernels."""
