@@ -13,7 +13,7 @@ from octo_arm_model.rod.factors import Factors, Variation, factorise
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Changes, Friction, Sliding
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
-from octo_arm_model.rod.tables import AXIAL, LEVER, Tables, force_scale, work_arrays
+from octo_arm_model.rod.tables import LEVER, Tables, force_scale, work_arrays
 
 
 class Condition(NamedTuple):
@@ -259,8 +259,3 @@ class Problem:
     def power(self, state: State, change: FloatArray) -> float:
         """What the imbalance of ``state`` does on a ``change`` (N, m), as a loss of energy [J]."""
         return -float((state.imbalance * change).sum(axis=1) @ self.elements.weights)
-
-    @property
-    def least_axial(self) -> float:
-        """The least E A [N]."""
-        return float(self.tables.body[:, AXIAL].min())
