@@ -69,6 +69,3 @@ def test_products_compose_rotations(p: np.ndarray, q: np.ndarray) -> None:
 def test_matrices_are_those_of_scipy(q: np.ndarray) -> None:
     matrix = Quaternions.from_xyzw(q).matrix()
     np.testing.assert_allclose(matrix, Rotation.from_quat(q).as_matrix(), atol=1e-12)
-
-
-@pytest.mark.parametrize('batch', [(), (1,), (3,), (2, 3)])
