@@ -28,7 +28,7 @@ from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.load_limits import LoadLimits
-from octo_arm_model.rod.newton import Found, settle
+from octo_arm_model.rod.newton import Found, settle, settle_sections
 from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
 from octo_arm_model.rod.resolution import position_error
 from octo_arm_model.rod.tables import force_scale, tabulate
@@ -153,10 +153,11 @@ class Rod:
         spending = spending or self.spending()
         is_loaded = self.is_loaded or bool(tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            if is_loaded or self.has_friction:
+            found = None
+            if not is_loaded:
+                found = self._unloaded_equilibrium(wanted, start, spending)
+            if found is None:
                 found = self._loaded_equilibrium(wanted, start, spending)
-            else:
-                found = self._unloaded_equilibrium(wanted)
             check_solution(self.problem(found.level), found.state, is_loaded)
         return found
 
@@ -208,19 +209,45 @@ class Rod:
         state = now.evaluate(now.acting(condition), z)
         return Equilibrium(state, level, None, None, start.iterations)
 
-    def _unloaded_equilibrium(self, wanted: Condition) -> Equilibrium:
-        """The balance of every cross section by itself, on as many nodes as it takes."""
-        iterations = 0
-        for level in range(len(LEVELS)):
-            problem = self.problem(level)
-            z, left, steps = self.unloaded(problem, wanted)
-            iterations += steps
-            acting = problem.acting(wanted)
-            problem.form.orientations(problem.tables, z, problem.work)
-            state = problem.known(State(acting, z, np.zeros_like(z), left))
+    def _unloaded_equilibrium(
+        self, wanted: Condition, start: Equilibrium | None, spending: Spending
+    ) -> Equilibrium | None:
+        """The balance of every cross section by itself, on as many nodes as it takes.
+
+        With friction one affects those beyond it; None where that matters too much.
+        """
+        iterations, first = 0, 0
+        if self.has_friction:
+            start = self._at_least(start, wanted.before)
+            first = self._first_level(start, wanted)
+        for level in range(first, len(LEVELS)):
+            problem, condition = self.problem(level), self._at_level(wanted, level)
+            acting = problem.acting(condition)
+            if self.has_friction:
+                if start is None or level > first:
+                    z, limit = self.unloaded(problem, condition)[0], TOLERANCE
+                else:
+                    z, limit = start.state.z, spending.residual
+                state, steps = settle_sections(problem, acting, z, limit)
+                if not state.residual <= limit:
+                    return None
+                iterations += steps
+                firm = None if start is None or level > first else start.judged
+                if firm is not None and problem.turn(state.z - firm.z) <= _SAME_SHAPE:
+                    return Equilibrium(state, level, None, firm, iterations)
+            else:
+                z, left, steps = self.unloaded(problem, condition)
+                iterations += steps
+                problem.form.orientations(problem.tables, z, problem.work)
+                state = problem.known(State(acting, z, np.zeros_like(z), left))
             if self.is_resolved(problem, state, level):
                 break
-        return Equilibrium(state, level, None, None, iterations)
+        return Equilibrium(state, level, None, state if self.has_friction else None, iterations)
+
+    def _first_level(self, start: Equilibrium | None, wanted: Condition) -> int:
+        if start is not None:
+            return start.level
+        return 0 if wanted.before is None else max(self._level_of(wanted.before), 0)
 
     def unloaded(self, problem: Problem, wanted: Condition) -> tuple[FloatArray, float, int]:
         """Twists at the nodes of ``problem`` under tensions alone, residual and steps.
@@ -236,7 +263,7 @@ class Rod:
         z = initial_twists(problem.tables, local, problem.strains)
         given = problem.form, problem.tables, problem.work
         found = balance_sections(*given, local, np.zeros_like(z), z)
-        if problem.friction is not None:
+        if problem.friction is not None and wanted.tensions.any():
             local = problem.first_tensions(wanted, found[0])
             found = balance_sections(*given, local, np.zeros_like(z), found[0])
         return found
@@ -297,7 +324,7 @@ class Rod:
             wanted = self._at_level(wanted, level)
             judged = follow(problem, known, z, wanted, spending)
         else:
-            level = 0 if wanted.before is None else max(self._level_of(wanted.before), 0)
+            level = self._first_level(None, wanted)
             judged = self._cold(wanted, level, spending)
         found = self._equilibrium(judged, level, spending.iterations)
         assert found is not None
