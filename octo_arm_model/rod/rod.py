@@ -261,12 +261,11 @@ class Rod:
         local[:] = wanted.tensions
         problem.work.scale[:] = force_scale(problem.tables, local)
         z = initial_twists(problem.tables, local, problem.strains)
-        given = problem.form, problem.tables, problem.work
-        found = balance_sections(*given, local, np.zeros_like(z), z)
         if problem.friction is not None and wanted.tensions.any():
-            local = problem.first_tensions(wanted, found[0])
-            found = balance_sections(*given, local, np.zeros_like(z), found[0])
-        return found
+            local = problem.first_tensions(wanted, z)
+            z = initial_twists(problem.tables, local, problem.strains)
+        given = problem.form, problem.tables, problem.work
+        return balance_sections(*given, local, np.zeros_like(z), z)
 
     def _warm(
         self, wanted: Condition, start: Equilibrium, spending: Spending
