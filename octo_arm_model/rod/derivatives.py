@@ -178,6 +178,7 @@ class Derivatives:
         outwards = _outwards(rod.arm, finer.s, others)
         self._all_outwards = np.concatenate([self._outwards, outwards], axis=1)
         self._kept: _Linear | None = None
+        self._kept_places: tuple[_Linear, _Places, _Sections] | None = None
 
     def sensitivity(self, state: State, by_offsets: bool = True) -> Sensitivity:
         """Of the equilibrium ``state`` by all quantities of `Sensitivity`.
@@ -263,8 +264,7 @@ class Derivatives:
         """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
         weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
         linear, nodes, loads = self._linearised(state), len(state.z), columns['tip_wrench']
-        slides, finer = linear.slides, self._finer(linear)
-        sections = self._sections(linear, finer)
+        slides, (finer, sections) = linear.slides, self._places(linear)
         stretch = sections.stretch
         by_local = stretch.length_by_z.swapaxes(1, 2)
         push = sections.imbalance(columns, total)
@@ -304,15 +304,18 @@ class Derivatives:
             mean /= self._rest_lengths[:, np.newaxis]
         return Change(pose, strain, length, mean)
 
-    def _sections(self, linear: _Linear, finer: _Places) -> _Sections:
-        """At the nodes and, behind these, the finer points."""
-        state = linear.state
-        return _Sections(
-            self._all_tables, self._all_outwards, np.concatenate([state.z, finer.z]),
-            np.concatenate([state.acting.tensions, finer.tensions]),
-            np.concatenate([linear.gradient, finer.gradient]),
-            np.concatenate([linear.offsets, finer.offsets]),
-        )  # fmt: skip
+    def _places(self, linear: _Linear) -> tuple[_Places, _Sections]:
+        """The finer points, and sections at the nodes and, behind these, at them; kept as well."""
+        if self._kept_places is None or self._kept_places[0] is not linear:
+            finer, state = self._finer(linear), linear.state
+            sections = _Sections(
+                self._all_tables, self._all_outwards, np.concatenate([state.z, finer.z]),
+                np.concatenate([state.acting.tensions, finer.tensions]),
+                np.concatenate([linear.gradient, finer.gradient]),
+                np.concatenate([linear.offsets, finer.offsets]),
+            )  # fmt: skip
+            self._kept_places = linear, finer, sections
+        return self._kept_places[1:]
 
     def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, total)."""
@@ -372,8 +375,9 @@ class Derivatives:
         compliance = invert(factorise(work.hessian.transpose(1, 2, 0))).transpose(2, 0, 1)
         beyond = np.concatenate([acting.force, work.moment], axis=1)
         return _Places(
-            z, acting.tensions, work.rotation, work.slope, beyond, compliance, wrench, work.offsets
-        )
+            z, acting.tensions, work.rotation.copy(), work.slope.copy(), beyond, compliance,
+            wrench, work.offsets,
+        )  # fmt: skip
 
 
 def _part(change: Change, where: slice) -> Change:

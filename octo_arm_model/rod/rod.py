@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Budget, Spending
-from octo_arm_model.core.errors import ConfigError, ContinuationError, ConvergenceError
+from octo_arm_model.core.errors import ConfigError, ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.checks import check_solution
@@ -35,6 +36,8 @@ from octo_arm_model.rod.tables import force_scale, tabulate
 from octo_arm_model.rod.unloaded import balance_sections, initial_twists
 
 _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
+_MOST_TENSION_ERROR = 1e-2  # beyond which an answer is refused
+_GENTLE = 0.1  # part of tensions with friction to begin with, where all of them are too much
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
 # An equilibrium that is stable by a margin is not judged again where since then the arm has turned
 # by less than this [rad] and the force on it times the square of its lever over E J has changed by
@@ -67,6 +70,7 @@ class Equilibrium(NamedTuple):
         factors: of the Jacobian at an equilibrium nearby; None of an arm without loads.
         judged: that one, where it was seen to be stable by a margin; else None.
         iterations: made in all.
+        fine: twists at the finer points, of an arm without loads.
     """
 
     state: State
@@ -74,6 +78,7 @@ class Equilibrium(NamedTuple):
     factors: Linear | None
     judged: State | None
     iterations: int
+    fine: FloatArray | None = None
 
 
 class Rod:
@@ -154,8 +159,10 @@ class Rod:
         is_loaded = self.is_loaded or bool(tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             found = None
-            if not is_loaded:
-                found = self._unloaded_equilibrium(wanted, start, spending)
+            if not is_loaded and self.has_friction:
+                found = self._slid_equilibrium(wanted, start, spending)
+            elif not is_loaded:
+                found = self._unloaded_equilibrium(wanted)
             if found is None:
                 found = self._loaded_equilibrium(wanted, start, spending)
             check_solution(self.problem(found.level), found.state, is_loaded)
@@ -209,45 +216,54 @@ class Rod:
         state = now.evaluate(now.acting(condition), z)
         return Equilibrium(state, level, None, None, start.iterations)
 
-    def _unloaded_equilibrium(
+    def _slid_equilibrium(
         self, wanted: Condition, start: Equilibrium | None, spending: Spending
     ) -> Equilibrium | None:
-        """The balance of every cross section by itself, on as many nodes as it takes.
+        """The balance of every cross section, which friction makes depend on those before it.
 
-        With friction one affects those beyond it; None where that matters too much.
+        None where that matters too much to find it so.
         """
-        iterations, first = 0, 0
-        if self.has_friction:
-            start = self._at_least(start, wanted.before)
-            first = self._first_level(start, wanted)
-        for level in range(first, len(LEVELS)):
+        start, iterations = self._at_least(start, wanted.before), 0
+        for level in range(self._first_level(start, wanted), len(LEVELS)):
             problem, condition = self.problem(level), self._at_level(wanted, level)
-            acting = problem.acting(condition)
-            if self.has_friction:
-                if start is None or level > first:
-                    z, limit = self.unloaded(problem, condition)[0], TOLERANCE
-                else:
-                    z, limit = start.state.z, spending.residual
-                state, steps = settle_sections(problem, acting, z, limit)
-                if not state.residual <= limit:
-                    return None
-                iterations += steps
-                firm = None if start is None or level > first else start.judged
-                if firm is not None and problem.turn(state.z - firm.z) <= _SAME_SHAPE:
-                    return Equilibrium(state, level, None, firm, iterations)
-            else:
-                z, left, steps = self.unloaded(problem, condition)
-                iterations += steps
-                problem.form.orientations(problem.tables, z, problem.work)
-                state = problem.known(State(acting, z, np.zeros_like(z), left))
+            limit = TOLERANCE if start is None else spending.residual
+            try:
+                z = self.unloaded(problem, condition)[0] if start is None else start.state.z
+            except ConvergenceError:
+                return None
+            state, steps = settle_sections(problem, problem.acting(condition), z, limit)
+            if not state.residual <= limit:
+                return None
+            iterations += steps
+            firm = None if start is None else start.judged
+            if firm is not None and problem.turn(state.z - firm.z) <= _SAME_SHAPE:
+                return Equilibrium(state, level, None, firm, iterations)
             if self.is_resolved(problem, state, level):
                 break
-        return Equilibrium(state, level, None, state if self.has_friction else None, iterations)
+            start = None
+        return Equilibrium(state, level, None, state, iterations)
 
     def _first_level(self, start: Equilibrium | None, wanted: Condition) -> int:
         if start is not None:
             return start.level
         return 0 if wanted.before is None else max(self._level_of(wanted.before), 0)
+
+    def _unloaded_equilibrium(self, wanted: Condition) -> Equilibrium:
+        """The balance of every cross section by itself, on as many nodes as it takes."""
+        iterations = 0
+        for level in range(len(LEVELS)):
+            # At the finer points at once, as no balance of the whole arm is sought.
+            finer = self.finer(level)
+            fine, left, steps = self.unloaded(finer.own, wanted)
+            iterations += steps
+            finer.own.orient(fine)
+            error = position_error(finer.own.elements, fine, finer.own.work.slope)
+            if error <= self.setting.accuracy:
+                break
+        z = finer.to_nodes @ fine
+        acting = finer.problem.acting(wanted)
+        state = State(acting, z, np.zeros_like(z), left)
+        return Equilibrium(state, level, None, None, iterations, fine)
 
     def unloaded(self, problem: Problem, wanted: Condition) -> tuple[FloatArray, float, int]:
         """Twists at the nodes of ``problem`` under tensions alone, residual and steps.
@@ -329,23 +345,38 @@ class Rod:
         assert found is not None
         return found
 
+    def _known(self, problem: Problem, wanted: Condition) -> tuple[Condition, FloatArray]:
+        """A condition without loads, under the tensions ``wanted``, and twists (N, m) in it.
+
+        Under part of the tensions where friction alone keeps more of them from crushing the arm.
+        """
+        known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
+        if problem.friction is None:
+            return known, self.unloaded(problem, known)[0]
+        for part in (1.0, _GENTLE):
+            known = known._replace(tensions=part * wanted.tensions)
+            with contextlib.suppress(ConvergenceError):
+                z = self.unloaded(problem, known)[0]
+                state, _ = settle_sections(problem, problem.acting(known), z, ON_THE_WAY)
+                if state.residual <= ON_THE_WAY:
+                    return known, state.z
+        return known, self.unloaded(problem, known)[0]
+
     def _cold(self, wanted: Condition, level: int, spending: Spending) -> Judged:
         """From the unloaded shape: by Newton's method, or followed on few nodes, or on all."""
         fine, coarse = self.problem(level), self.problem(COARSE)
         given, wanted = wanted, self._at_level(wanted, level)
-        z = self.unloaded(fine, wanted)[0]
+        known, z = self._known(fine, wanted)
         found = settle(fine, fine.acting(wanted), z, TOLERANCE)
         spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
         if found.state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
             judged = self._judged(fine, found.state)
             if judged is not None and judged.stability.is_stable:
                 return judged
-        known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
         if coarse.elements.s.size < fine.elements.s.size:
             try:
                 roughly = self._at_level(given, COARSE)
-                rough = self.unloaded(coarse, roughly)[0]
-                start = roughly._replace(tip_wrench=np.zeros(6), factor=0.0)
+                start, rough = self._known(coarse, roughly)
                 near = follow(
                     coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP, False
                 ).state
@@ -376,16 +407,26 @@ class Rod:
         return found
 
     def is_resolved(self, problem: Problem, state: State, level: int) -> bool:
-        """Whether ``state`` on a ``level`` is as accurate as it should be."""
-        if level == len(LEVELS) - 1:
-            return True
-        problem.load_work(state)
-        error = position_error(problem.elements, state.z, problem.work.slope)
-        if not error <= self.setting.accuracy:
-            return False
+        """Whether ``state`` on a ``level`` is as accurate as it should be.
+
+        Raises:
+            SolveError: if it is the last and tensions with friction are far from it.
+        """
+        is_last = level == len(LEVELS) - 1
+        if not is_last:
+            problem.load_work(state)
+            error = position_error(problem.elements, state.z, problem.work.slope)
+            if not error <= self.setting.accuracy:
+                return False
         if problem.friction is None:
             return True
-        return self.finer(level).friction_error(state) <= _TENSION_ERROR * self.setting.accuracy
+        error = self.finer(level).friction_error(state)
+        if is_last and not error <= _MOST_TENSION_ERROR:
+            raise SolveError(
+                f'tendons turn too sharply for their friction: their tensions are uncertain by '
+                f'{error:.2g} of them, must be <= {_MOST_TENSION_ERROR}'
+            )
+        return is_last or error <= _TENSION_ERROR * self.setting.accuracy
 
 
 def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
