@@ -6,13 +6,13 @@ import functools
 
 import numpy as np
 import pytest
-from octo_arm_model.core.models import catalogue
-from octo_arm_model.core.models.papers_model import PapersModel
-from octo_arm_model.core.rod.solution import Solution
 
 from octo_arm_model import Config, ConfigError, Loads, Solver
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.rod.paper_balance import Strains
+from octo_arm_model.rod.papers import Papers
+from octo_arm_model.rod.solver import STATICS
 
 
 class AllOfThem:
@@ -21,17 +21,15 @@ class AllOfThem:
     def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
         self._nodes = nodes.size
 
-    def solve(self, tensions: FloatArray) -> Solution:
+    def solve(self, tensions: FloatArray) -> Strains:
         twist = np.zeros((4, *tensions.shape[:-1], self._nodes), tensions.dtype)
         twist[2] = tensions.sum(axis=-1)[..., np.newaxis]
         twist[3] = 1.0
-        return Solution(twist, 0.0, 0)
+        return Strains(twist, 0.0, 0)
 
 
 def test_a_model_is_a_class_and_one_entry(table4: Config, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(
-        catalogue.STATICS, 'all_of_them', functools.partial(PapersModel, AllOfThem)
-    )
+    monkeypatch.setitem(STATICS, 'all_of_them', functools.partial(Papers, AllOfThem))
     solver = Solver(table4.arm, 'all_of_them', compiled=None)
     tensions = np.full((2, 3, 4), 0.5)
     found = solver.solve(tensions)

@@ -12,11 +12,6 @@ from differences import jacobian
 from helical_arm import CONE, HELICAL, RUBBER
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from octo_arm_model.core.rod import grid
-from octo_arm_model.core.section import elastic_laws
-from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.newton import initial_strain, minimise
-from octo_arm_model.core.section.strain_measures import derivatives_by_twist, gradient_by_twist
 from scipy.optimize import brentq, root
 from strategies import arms, extreme_arms, fractions, loaded_arms, scaled, tensions_for
 
@@ -38,7 +33,9 @@ from octo_arm_model import (
     Tendon,
 )
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_SPACE
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.equilibrium import Condition
+from octo_arm_model.rod.rod import Rod, Setting
+from octo_arm_model.rod.unloaded import balance_sections
 
 LAWS = ('linear', 'neo_hookean')
 # Largest tensions of the paper on each arm [N], by section, as in test_renda2012.
@@ -65,7 +62,7 @@ def strain_at(backbone: Backbone, i: int) -> np.ndarray:
 
 
 def assert_least_energy(
-    arm: Arm, tensions: np.ndarray, law: str | reference.Fibre, backbone: Backbone, shear: bool
+    arm: Arm, tensions: np.ndarray, law: str, backbone: Backbone, shear: bool
 ) -> None:
     for i in np.linspace(0, backbone.s.size - 1, 5).astype(int):
         expected = reference.least_strain(arm, tensions, backbone.s[i], law, shear)
@@ -268,197 +265,24 @@ def test_stiffness_and_tensions_in_proportion_change_nothing(arm: Arm, scale: fl
 
 @pytest.mark.parametrize('shear', [False, True])
 def test_the_linear_law_reaches_the_same_strains_from_any_start(shear: bool) -> None:
-    nodes, section = np.linspace(0.0, 0.4, 9), np.repeat([2, 1], [6, 3])
-    energy = SectionEnergy(HELICAL, nodes, section, elastic_laws.LAWS['linear'], shear)
-    local_tensions = energy.local_tensions(THREE_TENSIONS.reshape(1, -1))
-    usual = minimise(energy, local_tensions, initial_strain(energy, local_tensions)).strain
+    rod = Rod(HELICAL, setting=Setting(widens=False, shear=shear))
+    problem, condition = rod.problem(0), Condition(THREE_TENSIONS.ravel(), np.zeros(6))
+    usual = rod.unloaded(problem, condition)[0]
+    given = problem.form, problem.tables, problem.work
+    tensions = problem.acting(condition).tensions
     random = np.random.default_rng(0)
     for _ in range(25):
         start = random.normal(size=usual.shape)
-        start[:3] *= 50.0
-        found = minimise(energy, local_tensions, start).strain
+        start[:, :3] *= 50.0
+        found = balance_sections(*given, tensions, np.zeros_like(usual), start)[0]
         np.testing.assert_allclose(found, usual, rtol=1e-7, atol=1e-7)
 
 
-# Energies and laws -----------------------------------------------------------------------------
-
-
-class MooneyRivlin:
-    """Incompressible rubber with a second constant: a (l^2 + 2/l - 3) + b (2 l + 1/l^2 - 3)."""
-
-    widens = True
-
-    def __init__(self, second: float) -> None:
-        self.a, self.b = (1.0 - second) / 6.0, second / 6.0
-
-    def value(self, stretch: FloatArray, bend: FloatArray) -> FloatArray:
-        """Energy over E A, for the tests alone."""
-        w = np.sqrt(stretch * stretch - bend)
-        total = stretch + w
-        first = stretch**2 + bend / 4 + 4 / total - 3
-        return self.a * first + self.b * (2 * stretch + 2 / (w * total) - 3)
-
-    def density(self, stretch: FloatArray, bend: FloatArray) -> elastic_laws.Density:
-        # The means over the disc of 1/l and 1/l^2 are 2/(l + w) and 2/(w (l + w)).
-        a, b = self.a, self.b
-        w = np.sqrt(np.where(stretch > 0.0, stretch * stretch - bend, np.nan))
-        sum_, w3, w5 = stretch + w, w**3, w**5
-        by_bend = (stretch + 2 * w) / (w3 * sum_**2)
-        quadratic = 3 * stretch**2 + 9 * stretch * w + 8 * w**2
-        return elastic_laws.Density(
-            a * (2 * stretch - 4 / (w * sum_)) + b * (2 - 2 / w3),
-            a * (0.25 + 2 / (w * sum_**2)) + b * by_bend,
-            a * (2 + 4 / w3) + b * 6 * stretch / w5,
-            -2 * a * by_bend - 3 * b / w5,
-            a * (stretch + 3 * w) / (w3 * sum_**3) + b * quadratic / (2 * w5 * sum_**3),
-        )
-
-    def slopes(self, stretch: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return self.density(stretch, bend)[:2]
-
-    widening = elastic_laws.NeoHookean().widening
-
-
-def mooney_rivlin_fibre(second: float) -> reference.Fibre:
-    a, b = (1 - second) / 6, second / 6
-    return reference.Fibre(
-        lambda x: a * (x**2 + 2 / x - 3) + b * (2 * x + x**-2 - 3),
-        lambda x: a * (2 * x - 2 * x**-2) + b * (2 - 2 * x**-3),
-    )
-
-
-STRETCH_AND_BEND = st.tuples(fractions(0.3, 1.6), fractions(0.0, 0.6))
-
-
-@given(STRETCH_AND_BEND)
-def test_the_densities_of_every_law_are_derivatives(case: tuple[float, float]) -> None:
-    stretch, part = case
-    at = np.array([stretch, max(part * stretch**2, 1e-3)])
-
-    def density(law: elastic_laws.Law, x: np.ndarray) -> elastic_laws.Density:
-        return law.density(x[:1].copy(), x[1:].copy())
-
-    step = 1e-3 * at
-    for law in (*elastic_laws.LAWS.values(), MooneyRivlin(0.4)):
-        f = density(law, at)
-        np.testing.assert_array_equal(law.slopes(at[:1], at[1:]), f[:2])
-        second = jacobian(lambda x: np.concatenate(density(law, x)[:2]), at, step)
-        expected = np.array([
-            [f.by_stretch_stretch, f.by_stretch_bend], [f.by_stretch_bend, f.by_bend_bend]
-        ])[..., 0]  # fmt: skip
-        np.testing.assert_allclose(second, expected, rtol=1e-6, atol=1e-8)
-        width = law.widening(at[:1])
-        slopes = jacobian(lambda x: np.array(law.widening(x)[:2]), at[:1], step[:1])
-        np.testing.assert_allclose(slopes[:, 0, 0], [width[1][0], width[2][0]], rtol=1e-7)
-    rubber = MooneyRivlin(0.4)
-    slope = jacobian(lambda x: rubber.value(x[:1], x[1:])[0], at, step)
-    f = density(rubber, at)
-    np.testing.assert_allclose(slope, [f.by_stretch[0], f.by_bend[0]], rtol=1e-6, atol=1e-9)
-
-
-@given(STRETCH_AND_BEND)
-def test_the_laws_of_rubber_are_their_fibres_summed(case: tuple[float, float]) -> None:
-    stretch, part = case
-    place, area = reference.FINE_DISC
-    curve = math.sqrt(part) * stretch
-    fibres = stretch + curve * place[1]
-    for law, fibre in (
-        (elastic_laws.LAWS['neo_hookean'], reference.NEO_HOOKEAN),
-        (MooneyRivlin(0.4), mooney_rivlin_fibre(0.4)),
-    ):
-        f = law.density(np.array([stretch]), np.array([curve**2]))
-        stress = fibre.stress(fibres) * area / math.pi
-        assert f.by_stretch[0] == pytest.approx(stress.sum(), rel=1e-8, abs=1e-10)
-        # d/dc = 2 c d/dz.
-        slope = (stress * place[1]).sum()
-        assert 2.0 * curve * f.by_bend[0] == pytest.approx(slope, rel=1e-8, abs=1e-10)
-
-
 def test_all_laws_agree_where_strains_are_small() -> None:
-    one, none = np.ones(1), np.zeros(1)
-    for law in (*elastic_laws.LAWS.values(), MooneyRivlin(0.0), MooneyRivlin(0.9)):
-        f = law.density(one, none)
-        assert f.by_stretch[0] == pytest.approx(0.0, abs=1e-12)
-        assert f.by_stretch_stretch[0] == pytest.approx(1.0)  # E A
-        assert f.by_bend[0] == pytest.approx(0.125)  # E J, J = A R^2 / 4
     tensions = 1e-4 * THREE_TENSIONS
     linear, rubber = (Solver(THREE_TENDONS, 'exact', material=law).solve(tensions) for law in LAWS)
     np.testing.assert_allclose(rubber.k, linear.k, rtol=1e-3, atol=1e-3 * linear.k.max())
     np.testing.assert_allclose(rubber.q, linear.q, rtol=1e-3)
-
-
-def test_a_new_law_is_one_class(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(elastic_laws.LAWS, 'mooney_rivlin', MooneyRivlin(0.4))
-    monkeypatch.setitem(elastic_laws.LAWS, 'mooney_rivlin_0', MooneyRivlin(0.0))
-    backbone = Solver(HELICAL, 'exact', 31, material='mooney_rivlin').solve(THREE_TENSIONS)
-    fibre = mooney_rivlin_fibre(0.4)
-    assert_least_energy(HELICAL, THREE_TENSIONS, fibre, backbone, False)
-    same, usual = (
-        Solver(HELICAL, 'exact', 31, material=law).solve(THREE_TENSIONS)
-        for law in ('mooney_rivlin_0', 'neo_hookean')
-    )
-    np.testing.assert_allclose(same.position, usual.position, atol=1e-9)
-    assert np.abs(backbone.tip - usual.tip).max() > 1e-4
-
-
-# Shear with rubber is refused by the solver.
-@pytest.mark.parametrize(
-    ('law', 'shear'),
-    [('linear', False), ('linear', True), ('neo_hookean', False), ('neo_hookean', True)],
-)
-def test_gradient_and_hessian_of_a_cross_section_are_derivatives(law: str, shear: bool) -> None:
-    nodes, section = np.array([0.05, 0.3]), np.array([2, 1])
-    energy = SectionEnergy(HELICAL, nodes, section, elastic_laws.LAWS[law], shear)
-    local_tensions = energy.local_tensions(THREE_TENSIONS.reshape(1, -1))
-    at = np.array([8.0, -12.0, 20.0, 0.8, 0.02, -0.03][: energy.strains])
-    steps = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3][: energy.strains])
-
-    def at_both(x: np.ndarray) -> np.ndarray:
-        return np.tile(x[:, np.newaxis, np.newaxis], (1, 1, 2))
-
-    def tendons_energy(x: np.ndarray) -> np.ndarray:
-        stretches = energy.lengthening(at_both(x), local_tensions)[0]
-        return (local_tensions * stretches).sum(axis=(0, 1))
-
-    def of_tendons(x: np.ndarray) -> tuple[FloatArray, FloatArray]:
-        return energy.tendon_derivatives(x, local_tensions, energy.widening(x[3]))
-
-    strain = at_both(at)
-    tendon_gradient, tendon_hessian = of_tendons(strain)
-    np.testing.assert_allclose(
-        tendon_gradient[:, 0].T, jacobian(tendons_energy, at, steps), rtol=1e-7, atol=1e-9
-    )
-    for gradient, hessian in (
-        (lambda x: of_tendons(x)[0], tendon_hessian),
-        (lambda x: energy.material(x)[0], energy.material(strain)[1]),
-    ):
-        expected = jacobian(lambda x: gradient(at_both(x)), at, steps)[:, 0]
-        scale = np.abs(expected).max(axis=(1, 2), keepdims=True)
-        np.testing.assert_allclose(
-            hessian[:, :, 0].transpose(0, 2, 1) / scale, expected / scale, atol=1e-7
-        )
-    lengths = jacobian(lambda x: energy.stretches(at_both(x), local_tensions)[:, 0], at, steps)
-    acting = energy.active[:, 0]
-    np.testing.assert_allclose(
-        energy.lengthening(strain, local_tensions)[1][:, :, 0].transpose(1, 2, 0),
-        lengths * acting[..., np.newaxis],
-        atol=1e-9,
-    )
-
-    def physical(x: np.ndarray) -> tuple[FloatArray, FloatArray]:
-        return derivatives_by_twist(energy, at_both(x), local_tensions)
-
-    alone = gradient_by_twist(energy, at_both(at), local_tensions)
-    np.testing.assert_allclose(alone, physical(at)[0], rtol=1e-12, atol=1e-12)
-    expected = jacobian(lambda x: physical(x)[0][:, 0], at, steps)
-    scale = np.abs(expected).max(axis=(1, 2), keepdims=True)
-    np.testing.assert_allclose(
-        physical(at)[1][:, :, 0].transpose(0, 2, 1) / scale, expected / scale, atol=1e-7
-    )
-    if not shear:
-        cut = reference.Cut(HELICAL, nodes[:1], 2, THREE_TENSIONS, law, reference.FINE_DISC)
-        expected_wrench = cut.resultants(at[:, np.newaxis])[:, 0]
-        np.testing.assert_allclose(physical(at)[0][:, 0, 0], expected_wrench, rtol=1e-9)
 
 
 # Any arm ---------------------------------------------------------------------------------------
@@ -516,26 +340,17 @@ def test_far_too_much_tension_is_an_answer_in_balance_or_an_error(
 
 
 @pytest.mark.parametrize('law', LAWS)
-def test_the_tip_converges_with_the_fourth_power_of_the_step(
-    monkeypatch: pytest.MonkeyPatch, law: str
-) -> None:
-    # Otherwise intervals are cut until the error is below what a user could see.
-    monkeypatch.setattr(grid, 'MIN_INTERVALS', 1)
-    monkeypatch.setattr(grid, 'STEP_PER_RADIUS', 1e9)
+def test_positions_are_those_of_far_more_nodes(law: str) -> None:
     for arm, tensions in (
         (UNIFORM_HELIX, np.array([[20.0]])),
         (HELICAL, 0.5 * THREE_TENSIONS),
     ):
-        finest = Solver(arm, 'exact', 2001, material=law).solve(tensions).tip
-        errors = np.array(
-            [
-                np.linalg.norm(Solver(arm, 'exact', n, material=law).solve(tensions).tip - finest)
-                for n in (41, 81, 161)
-            ]
-        )
-        orders = np.log2(errors[:-1] / errors[1:])
-        assert orders.min() >= 3.7
-        assert errors[-1] < 1e-5 * arm.length
+        found = Solver(arm, 'exact', 41, material=law).solve(tensions)
+        rod = Rod(arm, setting=Setting(law == 'neo_hookean', accuracy=1e-13))
+        finest = rod.solve(tensions.ravel(), np.zeros(6))
+        assert found.equilibrium is not None and finest.level > found.equilibrium.level
+        expected = rod.readout(finest.level, found.s).read(finest.state).position
+        np.testing.assert_allclose(found.position, expected, rtol=0.0, atol=1e-8 * arm.length)
 
 
 # Profiles --------------------------------------------------------------------------------------

@@ -7,11 +7,11 @@ import pytest
 import reference
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
-from octo_arm_model.core.models import picard, renda2012
 from strategies import arms, fractions, loaded_arms, tensions_for
 
 from octo_arm_model import Arm, Config, ConvergenceError, SolveError, Solver
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.rod import picard, renda2012
 from octo_arm_model.rod.renda2012 import Renda2012
 
 # Largest tensions of the paper on each arm [N], by section: Tables 1, 3 and 5; what the paper

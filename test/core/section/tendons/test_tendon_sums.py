@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 import reference
 from hypothesis import given
-from octo_arm_model.core.models import renda2012
-from octo_arm_model.core.section import energy
-from octo_arm_model.core.section.tendons import tendon_sums
 from strategies import loaded_arms
 
-from octo_arm_model import Arm, Config, Loads, Solver, TensionError
+from octo_arm_model import Arm, Config, TensionError
 from octo_arm_model.rod.tendon_sums import TendonWeights, check_tensions
 
 GOOD = [[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 0, 13, 0]]
@@ -92,27 +89,3 @@ def test_a_wrong_shape_is_named_with_the_right_one(table4: Config, shape: tuple[
 def test_what_is_not_rows_of_numbers_is_refused(table4: Config, bad: object) -> None:
     with pytest.raises(TensionError, match=r'numbers in rows of equal length.*\(\.\.\., 3, 4\)'):
         check_tensions(table4.arm, bad)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize('loads', [Loads(), Loads(tip_force=(0.0, 0.02, -0.01))])
-def test_an_effect_on_transmission_reaches_every_model_and_its_derivatives(
-    table4: Config, model: str, loads: Loads, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if loads.any and model != 'exact':
-        pytest.skip('no loads')
-    frictionless = tendon_sums.transmission
-
-    def of_half(arm: Arm, s: np.ndarray, section: np.ndarray) -> np.ndarray:
-        return 0.5 * frictionless(arm, s, section)
-
-    tensions = np.array([[0.1, 0.3, 0.0, 0.0], [1.0, 0.0, 0.5, 0.0], [0.0, 2.0, 0.0, 3.0]])
-    solver = Solver(table4.arm, model, 31, loads=loads)
-    expected = solver.solve(0.5 * tensions)
-    change = solver.sensitivity(expected).by_tension.pose
-    for module in (tendon_sums, energy, renda2012):
-        monkeypatch.setattr(module, 'transmission', of_half)
-    solver = Solver(table4.arm, model, 31, loads=loads)
-    found = solver.solve(tensions)
-    np.testing.assert_allclose(found.position, expected.position, atol=1e-9)
-    half = solver.sensitivity(found).by_tension.pose
-    np.testing.assert_allclose(half, 0.5 * change, atol=1e-6 * np.abs(change).max())

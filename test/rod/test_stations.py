@@ -1,15 +1,18 @@
-"""Stations and quadrature nodes."""
+"""Stations, and what the nodes between them resolve."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 from strategies import arms, scaled
 
 from octo_arm_model import (
@@ -26,13 +29,8 @@ from octo_arm_model import (
     Tendon,
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.rod.stations import (
-    MIN_INTERVALS,
-    STEP_PER_RADIUS,
-    StationGrid,
-    _share_intervals,
-    panels_of,
-)
+from octo_arm_model.rod.closed_form import ClosedForm
+from octo_arm_model.rod.stations import StationGrid, _share_intervals, panels_of
 
 STATION_COUNTS = st.integers(6, 150)
 
@@ -46,7 +44,7 @@ def test_panels_go_from_base_to_tip_and_count_from_the_tip(table4: Config) -> No
 @given(arms(), STATION_COUNTS)
 def test_there_are_as_many_stations_as_asked_for(arm: Arm, count: int) -> None:
     grid = StationGrid.build(arm, count)
-    assert grid.s.shape == grid.section.shape == grid.station_node.shape == (count,)
+    assert grid.s.shape == grid.section.shape == (count,)
 
 
 @settings(max_examples=25)
@@ -70,40 +68,6 @@ def test_a_station_belongs_to_the_outermost_section_whose_tendons_pass(
     passing = [sum(section.anchorage >= s for section in arm.sections) for s in grid.s]
     # In section i from the tip the tendons of sections 1 to i act.
     assert grid.section.tolist() == passing
-
-
-@settings(max_examples=25)
-@given(arms(), STATION_COUNTS)
-def test_nodes_are_interval_ends_then_middles(arm: Arm, count: int) -> None:
-    grid = StationGrid.build(arm, count)
-    ends = grid.nodes[: grid.step.size + 1]
-    np.testing.assert_array_equal(grid.nodes[grid.station_node], grid.s)
-    np.testing.assert_array_equal(grid.node_section[grid.station_node], grid.section)
-    np.testing.assert_array_equal(np.diff(ends), grid.step)
-    np.testing.assert_allclose(grid.nodes[ends.size :], 0.5 * (ends[1:] + ends[:-1]), rtol=1e-12)
-
-
-@settings(max_examples=25)
-@given(arms(), STATION_COUNTS)
-def test_an_anchorage_has_one_node_on_each_side_and_no_interval_spans_it(
-    arm: Arm, count: int
-) -> None:
-    grid = StationGrid.build(arm, count)
-    sides = grid.node_section[: grid.step.size + 1]
-    inner = [section.anchorage for section in arm.sections if section.anchorage < arm.length]
-    assert (grid.step == 0.0).sum() == len(inner)
-    np.testing.assert_array_equal(np.diff(sides) != 0, grid.step == 0.0)
-    np.testing.assert_array_equal(grid.nodes[:-1][: grid.step.size][grid.step == 0.0], inner[::-1])
-
-
-@settings(max_examples=25)
-@given(arms(), STATION_COUNTS)
-def test_intervals_are_short_against_arm_and_radius(arm: Arm, count: int) -> None:
-    grid = StationGrid.build(arm, count)
-    thinnest = arm.body.radius(grid.nodes[1 : grid.step.size + 1])
-    assert grid.step.max() <= 1.03 * arm.length / MIN_INTERVALS
-    # Intervals between stations are bounded by the smaller radius at their ends.
-    assert (grid.step <= STEP_PER_RADIUS * thinnest + 0.03 * arm.length / MIN_INTERVALS).all()
 
 
 def necked(arm: Arm, at: float, width: float, part: float) -> Arm:
@@ -134,18 +98,33 @@ def rerouted(arm: Arm, at: float, width: float, part: float) -> Arm:
     return dataclasses.replace(arm, sections=sections)
 
 
+def resolved(arm: Arm, tensions: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Positions (n, 3) by an ODE solver, from the strains of the closed form at every place."""
+    ends = [panel.start for panel in panels_of(arm)]
+    edges = sorted({*ends, *(knot for knot in arm.knots if knot < arm.length), arm.length})
+    panels = []
+    for start, stop in itertools.pairwise(edges):
+        active = sum(section.anchorage > 0.5 * (start + stop) for section in arm.sections)
+
+        def strains(at: float, active: int = active) -> np.ndarray:
+            closed = ClosedForm(arm, np.array([at]), np.array([active]))
+            twist = closed.solve(tensions.ravel()).twist[:, 0]
+            return np.append(twist[:3] / twist[3], twist[3] - 1.0)
+
+        panels.append((start, stop, strains))
+    return reference.integrate_kinematics(panels, np.union1d(s, edges)).position
+
+
 @pytest.mark.parametrize('change', [necked, softened, rerouted])
 @pytest.mark.parametrize(('at', 'width', 'part'), [(0.09, 8e-3, 0.6), (0.4, 4e-3, 0.5)])
-def test_what_changes_within_few_millimetres_is_integrated_as_on_a_fine_grid(
+def test_what_changes_within_few_millimetres_is_integrated_as_by_an_ode_solver(
     table4: Config, change: Callable[..., Arm], at: float, width: float, part: float
 ) -> None:
     arm = change(table4.arm, at, width, part)
     tensions = 0.3 * np.array(FETCHING_IN_SPACE)
-    tip, fine = (
-        Solver(arm, 'closed_form', stations=n).solve(tensions).position[-1] for n in (101, 3201)
-    )
-    np.testing.assert_allclose(tip, fine, rtol=0.0, atol=1e-6)
-    assert StationGrid.build(arm).step.size < 1.5 * StationGrid.build(table4.arm).step.size
+    backbone = Solver(arm, 'closed_form').solve(tensions)
+    expected = resolved(arm, tensions, np.array([arm.length]))[-1]
+    np.testing.assert_allclose(backbone.tip, expected, rtol=0.0, atol=1e-8 * arm.length)
 
 
 def wound(turns: float) -> Arm:
@@ -155,20 +134,18 @@ def wound(turns: float) -> Arm:
     return Arm(Material(1e5), Body(0.3, 0.01, 0.01), (section,))
 
 
+@pytest.mark.parametrize('turns', [10, 40])
 @pytest.mark.parametrize('stations', [2, 3, 6])
-def test_few_stations_do_not_hide_how_a_tendon_winds(stations: int) -> None:
-    tip, fine = (
-        Solver(wound(40), 'exact', stations=n).solve([[0.5, 0.0]]).tip for n in (stations, 1001)
-    )
-    np.testing.assert_allclose(tip, fine, rtol=0.0, atol=1e-7 * 0.3)
-
-
-def test_whole_turns_between_places_that_are_looked_at_are_seen() -> None:
-    # As many as there are parts in which changes are looked for, at the default stations.
-    grid = StationGrid.build(wound(8 * MIN_INTERVALS))
-    assert grid.step.max() < 0.3 / (8 * MIN_INTERVALS) / 10.0
-    with pytest.raises(ConfigError, match='more than 20000 intervals'):
-        StationGrid.build(wound(80 * MIN_INTERVALS))
+def test_few_stations_do_not_hide_how_a_tendon_winds(stations: int, turns: int) -> None:
+    arm = wound(turns)
+    backbone = Solver(arm, 'exact', stations).solve([[0.5, 0.0]])
+    # In axes that turn with the tendons all sections are alike, and the arm is a screw.
+    stretch = 1.0 + backbone.q[0]
+    x, y, z = stretch * np.array([backbone.tau[0], backbone.xi[0], backbone.k[0]])
+    x += math.tau * turns / arm.length
+    screw = np.array([[0, -z, y, stretch], [z, 0, -x, 0], [-y, x, 0, 0], [0, 0, 0, 0]])
+    expected = expm(arm.length * screw)[:3, 3]
+    np.testing.assert_allclose(backbone.tip, expected, rtol=0.0, atol=1e-8 * arm.length)
 
 
 @settings(max_examples=25)
@@ -177,8 +154,7 @@ def test_stations_scale_with_the_arm(arm: Arm, count: int, exponent: float) -> N
     scale = 10.0**exponent
     small, large = StationGrid.build(arm, count), StationGrid.build(scaled(arm, scale), count)
     np.testing.assert_allclose(large.s, scale * small.s, rtol=1e-12)
-    np.testing.assert_allclose(large.nodes, scale * small.nodes, rtol=1e-12)
-    np.testing.assert_array_equal(large.station_node, small.station_node)
+    np.testing.assert_array_equal(large.section, small.section)
 
 
 @settings(max_examples=25)
@@ -204,7 +180,7 @@ def test_panels_that_are_equally_long_up_to_rounding_share_alike(
     count = len(parts) + 1 + more
     one, other = (StationGrid.build(arm, count) for arm in (first, second))
     np.testing.assert_allclose(other.s, one.s * (scale / unit), rtol=1e-12)
-    assert other.step.size == one.step.size
+    np.testing.assert_array_equal(other.section, one.section)
 
 
 @settings(max_examples=25)
@@ -250,6 +226,6 @@ def test_the_fewest_stations_are_both_ends_and_the_anchorages(table4: Config) ->
 
 def test_the_grid_is_read_only(table4: Config) -> None:
     grid = StationGrid.build(table4.arm)
-    for array in (value for value in vars(grid).values() if value is not grid.panels):
+    for array in (grid.s, grid.section):
         with pytest.raises(ValueError, match='read-only'):
             array[0] = 1
