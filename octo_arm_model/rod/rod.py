@@ -67,6 +67,7 @@ class Equilibrium(NamedTuple):
         factors: of the Jacobian at an equilibrium nearby; None of an arm without loads.
         judged: that one, where it was seen to be stable by a margin; else None.
         iterations: made in all.
+        fine: twists at the finer points, of an arm without loads.
     """
 
     state: State
@@ -74,6 +75,7 @@ class Equilibrium(NamedTuple):
     factors: Linear | None
     judged: State | None
     iterations: int
+    fine: FloatArray | None = None
 
 
 class Rod:
@@ -212,15 +214,18 @@ class Rod:
         """The balance of every cross section by itself, on as many nodes as it takes."""
         iterations = 0
         for level in range(len(LEVELS)):
-            problem = self.problem(level)
-            z, left, steps = self.unloaded(problem, wanted)
+            # At the finer points at once, as no balance of the whole arm is sought.
+            finer = self.finer(level)
+            fine, left, steps = self.unloaded(finer.own, wanted)
             iterations += steps
-            acting = problem.acting(wanted)
-            problem.form.orientations(problem.tables, z, problem.work)
-            state = problem.known(State(acting, z, np.zeros_like(z), left))
-            if self.is_resolved(problem, state, level):
+            finer.own.orient(fine)
+            error = position_error(finer.own.elements, fine, finer.own.work.slope)
+            if error <= self.setting.accuracy:
                 break
-        return Equilibrium(state, level, None, None, iterations)
+        z = finer.to_nodes @ fine
+        acting = finer.problem.acting(wanted)
+        state = State(acting, z, np.zeros_like(z), left)
+        return Equilibrium(state, level, None, None, iterations, fine)
 
     def unloaded(self, problem: Problem, wanted: Condition) -> tuple[FloatArray, float, int]:
         """Twists at the nodes of ``problem`` under tensions alone, residual and steps.
