@@ -11,11 +11,11 @@ import numpy as np
 from brief import IS_BRIEF, make_parser
 from tip_force_scenario import PERIOD, arm_model, is_inside, simulated, square
 
-from octo_arm_model.rod.forms import is_available
 from octo_arm_model.core.errors import SolveError
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.state.prediction import Prediction
+from octo_arm_model.rod.forms import is_available
 
 STEPS = 3 if IS_BRIEF else 900
 SEED = 2026

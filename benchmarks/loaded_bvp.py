@@ -8,13 +8,13 @@ of the cross section with the tendons, by Newton's method on all points at once.
 from __future__ import annotations
 
 import numpy as np
+from octo_arm_model.core.section.energy import SectionEnergy
+from octo_arm_model.core.section.strain_measures import derivatives_by_twist
 from scipy.integrate import solve_bvp
 
 from octo_arm_model import Arm, Body, Loads, Pose, Solver
-from octo_arm_model.rod.stations import panels_of
 from octo_arm_model.core.arm.laws import LAWS
-from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.strain_measures import derivatives_by_twist
+from octo_arm_model.rod.stations import panels_of
 
 
 class LoadedBvp:

@@ -35,18 +35,26 @@ FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH
 _LOG, _COMPILE_LOG = 'prepare.log', 'compile.log'
 # Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
 _COMPILE = """
+import dataclasses
 import numpy as np
-from octo_arm_model import load_config
+from octo_arm_model import Solver, load_config
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.compiled.numba_build import is_available, make_side_by_side
-from octo_arm_model.rod.rod import Rod, Setting
+from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.measurements import Tensions, TipPosition
+from octo_arm_model.estimation.state.prediction import ArmModel
+from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.rod.forms import is_available
 
-if __name__ == '__main__' and is_available():
+if is_available():
     arm = load_config(preset_path('renda2012_prototype')).arm
-    rod = Rod(arm, setting=Setting(compiled=True))
-    found = rod.solve(np.zeros(len(arm.tendons)), np.full(6, 1e-9))
-    rod.readout(found.level, np.array([0.0, arm.length])).read(found.state)
-    make_side_by_side()
+    tensions, wrench = np.full(arm.tension_shape, 0.1), [0.0, 1e-3, 0.0, 0.0, 0.0, 0.0]
+    for rough in ((), (0.1,) * 4):
+        solver = Solver(dataclasses.replace(arm, friction=rough), 'exact')
+        shape = solver.solve(tensions)
+        solver.sensitivity(solver.solve(tensions, wrench, shape))
+    model = ArmModel(arm, Unknowns(Walk(1.0), tip_force=Walk(0.01)))
+    measured = [Tensions(tensions.ravel(), 0.02), TipPosition(shape.tip, 0.01)]
+    Filter(model).add(0.0, measured)
 """
 
 

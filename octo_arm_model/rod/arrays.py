@@ -138,6 +138,8 @@ class Tendons:
         self.tension = tensions * acts
         # Those that nobody pulls are left out.
         self.pulled = np.flatnonzero(self.tension.any(axis=0))
+        if not self.pulled.size:
+            self.pulled = np.array([0])  # Arrays without tendons have no shape to go by.
         self.tension = self.tension[:, self.pulled]
         x, y, self.dx, self.dy = tables.tendons[:, self.pulled].transpose(2, 0, 1)
         self.compliance = tables.compliance[self.pulled]
@@ -381,7 +383,7 @@ class Bends:
         self.bend += _cross(z[:, np.newaxis, :3], unit.transpose(1, 2, 0)).transpose(2, 0, 1)
         self.rate = np.sqrt((self.bend * self.bend).sum(axis=0)) * acts
         ends = self.bend.reshape(by_element.shape)[:, :, [0, -1]]
-        size = self.rate.reshape(elements, -1, unit.shape[2])[:, [0, -1]]
+        size = self.rate.reshape(elements, len(tables.to_end), unit.shape[2])[:, [0, -1]]
         along = (ends[:, :, 0] * ends[:, :, 1]).sum(axis=0)
         self.is_rough = along < ROUGH * size[:, 0] * size[:, 1]
         ends = tables.ends @ by_element

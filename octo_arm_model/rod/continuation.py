@@ -97,11 +97,10 @@ def follow(
     done, factors = 0.0, None
     last: tuple[FloatArray, float] | None = None
     reached: Judged | None = None
-    rough = ON_THE_WAY
     while True:
         target = min(1.0, done + step)
         acting = problem.acting(known.towards(wanted, target))
-        limit = min(tolerance, rough) if target == 1.0 else rough
+        limit = tolerance if target == 1.0 else ON_THE_WAY
         guess = z
         if last is not None:
             guess = z + (target - done) / last[1] * (z - last[0])
@@ -112,14 +111,10 @@ def follow(
         is_last = step <= _SMALLEST_STEP and not problem.others.without_tangent
         if is_found and (found.corrected <= MOST_CORRECTED or is_last):
             judged = _judged_stable(problem, found.state)
-            if limit > _CLOSER and not (judged is not None and judged.stability.is_firm):
+            if limit > _CLOSER and (is_last if judged is None else not judged.stability.is_firm):
                 # Near the end of a branch what a rough balance leaves decides where the arm goes.
-                rough = _CLOSER
-                found = _closer(problem, found, judged)
+                found, judged = _closer(problem, found, judged)
                 spending.add(found.iterations, done, found.state.residual, found.state.z)
-                is_near = found.corrected <= MOST_CORRECTED or is_last
-                is_found = found.state.residual <= _CLOSER
-                judged = _judged_stable(problem, found.state) if is_found and is_near else None
         if judged is None and step <= _SMALLEST_STEP and not is_last:
             # No direction of descent follows without the tangent.
             raise _unbalanced(found.state, spending.iterations)
@@ -134,26 +129,31 @@ def follow(
             last, step = None, _BEYOND
         elif judged is not None:
             last = z, target - done
-            few = found.iterations <= (5 if rough == ON_THE_WAY else 8)
-            step = last[1] * (_growth(found.corrected) if few else 1.0)
+            step = last[1] * (_growth(found.corrected) if found.iterations <= 5 else 1.0)
         if judged is not None:
             if target == 1.0:
                 return judged
             done, z, factors, reached = target, judged.state.z, judged.factors, judged
-            rough = ON_THE_WAY if judged.stability.is_firm else _CLOSER
         else:
             # A converged step is shortened by how large its correction was, another by a factor.
             shorter = min(_growth(found.corrected), 0.7) if is_found else 0.25
             step = max(shorter * (target - done), _SMALLEST_STEP)
 
 
-def _closer(problem: Problem, found: Found, judged: Judged | None) -> Found:
-    """What is ``found`` and ``judged``, settled to `_CLOSER`."""
+def _closer(problem: Problem, found: Found, judged: Judged | None) -> tuple[Found, Judged | None]:
+    """What is ``found`` settled to `_CLOSER`, or nearly, and ``judged`` if it was not seen to be stable.
+
+    None in place of the latter where it is not, or not near what was found.
+    """
     rough = found.state
     factors = None if judged is None else judged.factors
     closer = settle(problem, rough.acting, rough.z, _CLOSER, factors)
-    corrected = found.corrected + problem.turn(closer.state.z - rough.z)
-    return closer._replace(corrected=corrected)
+    closer = closer._replace(corrected=found.corrected + problem.turn(closer.state.z - rough.z))
+    if closer.corrected > MOST_CORRECTED:
+        return closer, None
+    if judged is None:
+        return closer, _judged_stable(problem, closer.state)
+    return closer, judged._replace(state=closer.state)
 
 
 def _judged_stable(problem: Problem, state: State) -> Judged | None:

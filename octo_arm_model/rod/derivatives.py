@@ -22,26 +22,16 @@ from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
-from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.factors import Factors
 from octo_arm_model.rod.friction import Changes
 from octo_arm_model.rod.lengths import rest_stretches
 from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.tables import (
-    AXIAL,
-    SHEAR,
-    TORSION,
-    Tables,
-    force_scale,
-    tabulate,
-    work_arrays,
-)
+from octo_arm_model.rod.tables import AXIAL, SHEAR, TORSION, Tables
 from octo_arm_model.rod.tendons import Moved, Tendons
 
 _MATERIAL, _PATHS = ('youngs_modulus', 'poisson_ratio'), ('offset', 'sheath_stiffness')
-_ADDED_POINTS = 4  # in each element, for what stations read
 _SKEW = np.zeros((3, 9))  # v @ this is the matrix of v x, row by row
 _SKEW[[2, 1, 0, 2, 1, 0], [3, 6, 7, 1, 2, 5]] = 1.0, -1.0, 1.0, -1.0, 1.0, -1.0
 
@@ -137,17 +127,18 @@ class _Linear(NamedTuple):
     offsets: FloatArray
 
 
-class _Finer(NamedTuple):
-    """An equilibrium at more points: twists, local tensions, and in base_frame the rest.
+class _Places(NamedTuple):
+    """An equilibrium at more points than the nodes.
 
     Attributes:
-        z: (n, m).
-        tensions: (n, J) [N].
+        z: twists, (n, m).
+        tensions: local, (n, J) [N].
         rotation: (n, 3, 3).
         slope: r', (n, 3).
         wrench: force and moment of all that acts beyond, (n, 6) [N, N m].
         compliance: of the sections, inverse of their Hessian, (n, m, m).
         gradient: of the energy by the twist, (n, m).
+        offsets: as in `Work`.
     """
 
     z: FloatArray
@@ -157,6 +148,7 @@ class _Finer(NamedTuple):
     wrench: FloatArray
     compliance: FloatArray
     gradient: FloatArray
+    offsets: FloatArray
 
 
 class Derivatives:
@@ -170,23 +162,23 @@ class Derivatives:
         self._rest = rest_stretches(own)
         self._rest_lengths = elements.weights @ self._rest
         self._outwards = _outwards(rod.arm, elements.s, own)
-        finer = elements.with_more_points(_ADDED_POINTS)
+        self._more = rod.finer(level)
+        finer, others = self._more.own.elements, self._more.own.tables
         self._to_finer = elements.integration(finer.s)
         self._between = elements.interpolation(finer.s)
-        self._tables = tabulate(rod.arm, finer, own.base, widens=own.widens)
-        self._work = work_arrays(self._tables, self._problem.strains, has_jacobian=False)
         self._along_finer = finer.integration(finer.s)
         self._to_stations, self._at_stations = finer.integration(s), finer.interpolation(s)
         self._to_stations[s == 0.0] = 0.0  # not by rounding only
         # Of the nodes and, behind these, the finer points.
         self._all_tables = own._replace(
-            body=np.concatenate([own.body, self._tables.body]),
-            tendons=np.concatenate([own.tendons, self._tables.tendons]),
-            reach=np.concatenate([own.reach, self._tables.reach]),
+            body=np.concatenate([own.body, others.body]),
+            tendons=np.concatenate([own.tendons, others.tendons]),
+            reach=np.concatenate([own.reach, others.reach]),
         )
-        others = _outwards(rod.arm, finer.s, self._tables)
-        self._all_outwards = np.concatenate([self._outwards, others], axis=1)
+        outwards = _outwards(rod.arm, finer.s, others)
+        self._all_outwards = np.concatenate([self._outwards, outwards], axis=1)
         self._kept: _Linear | None = None
+        self._kept_places: tuple[_Linear, _Places, _Sections] | None = None
 
     def sensitivity(self, state: State, by_offsets: bool = True) -> Sensitivity:
         """Of the equilibrium ``state`` by all quantities of `Sensitivity`.
@@ -272,8 +264,7 @@ class Derivatives:
         """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
         weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
         linear, nodes, loads = self._linearised(state), len(state.z), columns['tip_wrench']
-        slides, finer = linear.slides, self._finer(linear)
-        sections = self._sections(linear, finer)
+        slides, (finer, sections) = linear.slides, self._places(linear)
         stretch = sections.stretch
         by_local = stretch.length_by_z.swapaxes(1, 2)
         push = sections.imbalance(columns, total)
@@ -313,15 +304,18 @@ class Derivatives:
             mean /= self._rest_lengths[:, np.newaxis]
         return Change(pose, strain, length, mean)
 
-    def _sections(self, linear: _Linear, finer: _Finer) -> _Sections:
-        """At the nodes and, behind these, the finer points."""
-        state, work = linear.state, self._work
-        return _Sections(
-            self._all_tables, self._all_outwards, np.concatenate([state.z, finer.z]),
-            np.concatenate([state.acting.tensions, finer.tensions]),
-            np.concatenate([linear.gradient, finer.gradient]),
-            np.concatenate([linear.offsets, work.offsets]),
-        )  # fmt: skip
+    def _places(self, linear: _Linear) -> tuple[_Places, _Sections]:
+        """The finer points, and sections at the nodes and, behind these, at them; kept as well."""
+        if self._kept_places is None or self._kept_places[0] is not linear:
+            finer, state = self._finer(linear), linear.state
+            sections = _Sections(
+                self._all_tables, self._all_outwards, np.concatenate([state.z, finer.z]),
+                np.concatenate([state.acting.tensions, finer.tensions]),
+                np.concatenate([linear.gradient, finer.gradient]),
+                np.concatenate([linear.offsets, finer.offsets]),
+            )  # fmt: skip
+            self._kept_places = linear, finer, sections
+        return self._kept_places[1:]
 
     def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, total)."""
@@ -337,7 +331,7 @@ class Derivatives:
         return found
 
     def _read(
-        self, linear: _Linear, finer: _Finer, z: FloatArray, push: FloatArray,
+        self, linear: _Linear, finer: _Places, z: FloatArray, push: FloatArray,
         wrenches: tuple[slice, FloatArray],
     ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
         """Changes of poses (S, 6, columns) and strains (S, 4, columns) at the stations.
@@ -371,32 +365,19 @@ class Derivatives:
         strain[:, 3] = z[:, 3]
         return _along(self._to_stations, rates), _along(self._at_stations, strain)
 
-    def _finer(self, linear: _Linear) -> _Finer:
-        """The equilibrium at more points; offsets of tendons there are then in `_work`."""
-        problem, (acting, nodes, *_) = self._problem, linear.state
-        work, strains = self._work, nodes.shape[1]
-        rates = np.empty((len(nodes), 7))
-        quaternion_rates(linear.quaternion, nodes[:, :3], rates[:, :4])
-        rates[:, 4:] = (_skew(linear.slope) @ acting.force[..., np.newaxis])[..., 0]
-        found = self._to_finer @ rates
-        turn = found[:, :4] + problem.tables.base
-        turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
-        rotation = rotation_matrices(np.ascontiguousarray(turn.T)).transpose(2, 0, 1)
-        given = [nodes, acting.force, acting.couple, acting.tensions]
-        between = self._between @ np.concatenate(given, axis=1)
-        z = np.ascontiguousarray(between[:, :strains])
-        tensions = np.ascontiguousarray(between[:, strains + 6 :])
-        beyond = between[:, strains : strains + 6]
-        beyond[:, 3:] += problem.elements.weights @ rates[:, 4:] - found[:, 4:]
-        wrench = _turned(rotation, beyond[..., np.newaxis], strains)[..., 0]
-        work.scale[:] = force_scale(self._tables, tensions)
-        # The Hessian of twists so near is exact enough, and the gradient is the wrench.
-        problem.form.section_steps(self._tables, z, tensions, wrench, work)
-        z = z + work.step
+    def _finer(self, linear: _Linear) -> _Places:
+        """The equilibrium at more points."""
+        own, (acting, z) = self._more.own, self._more.balance(linear.state)
+        work = own.work
+        wrench = work.gradient - work.residual
+        own.form.orientations(own.tables, z, work)
+        # The Hessian and the offsets of twists so near are exact enough.
         compliance = invert(factorise(work.hessian.transpose(1, 2, 0))).transpose(2, 0, 1)
-        slope = rotation[:, :, 0] * z[:, 3:4]
-        slope += (rotation[..., 1 : strains - 3] @ z[:, 4:, np.newaxis])[..., 0]
-        return _Finer(z, tensions, rotation, slope, beyond, compliance, wrench)
+        beyond = np.concatenate([acting.force, work.moment], axis=1)
+        return _Places(
+            z, acting.tensions, work.rotation.copy(), work.slope.copy(), beyond, compliance,
+            wrench, work.offsets,
+        )  # fmt: skip
 
 
 def _part(change: Change, where: slice) -> Change:

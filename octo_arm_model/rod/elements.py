@@ -89,16 +89,6 @@ class Elements(NamedTuple):
         # Exactly nothing up to the base.
         return matrix * (s > 0.0)[:, np.newaxis]
 
-    def with_more_points(self, added: int) -> Elements:
-        """The same elements, each with so many points ``added``."""
-        rule, section = gauss_rule(self.points + added), self.section[:: self.points]
-        places = self.edges[:-1, np.newaxis] + self.lengths[:, np.newaxis] * rule.points
-        weights = self.lengths[:, np.newaxis] * rule.weights
-        return self._replace(
-            rule=rule, s=places.ravel(), weights=weights.ravel(),
-            section=np.repeat(section, rule.points.size),
-        )  # fmt: skip
-
     @property
     def points(self) -> int:
         """Number of points in each element."""

@@ -15,7 +15,7 @@ from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.statics import Setup, Shape, Statics
+from octo_arm_model.rod.statics import Setup, Shape, Statics, strains_of
 from octo_arm_model.rod.winches import Winches
 
 
@@ -37,7 +37,7 @@ class Exact(Statics):
         """
         super().__init__(setup)
         self.law, self.strains = setup.law, 6 if setup.shear else 4
-        setting = Setting(setup.law == 'neo_hookean', setup.shear, compiled=setup.compiled)
+        setting = Setting(setup.law == 'neo_hookean', setup.shear, setup.accuracy, setup.compiled)
         self.rod = Rod(setup.arm, setup.loads, setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
         self._winches = Winches(self.rod)
@@ -93,11 +93,3 @@ class Exact(Statics):
     def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
         """See `Statics`."""
         return self._derivatives(found.level).by_loads(found.state, loads)
-
-
-def strains_of(z: FloatArray) -> FloatArray:
-    """Strains tau, xi, k and q, (4, n), of twists ``z`` (n, m)."""
-    strains = np.empty((4, len(z)))
-    np.divide(z[:, :3].T, z[:, 3], out=strains[:3])
-    strains[3] = z[:, 3] - 1.0
-    return strains

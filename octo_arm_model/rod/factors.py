@@ -8,7 +8,7 @@ branch of equilibria turns or another crosses it.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg import eigh
@@ -23,6 +23,13 @@ FIRM = 0.3
 # The same, as far as a neutral equilibrium is one to rounding: an arm that may turn about the
 # vertical.
 NEUTRAL = 1e-7
+
+
+class Linear(Protocol):
+    """What solves the linearised balance at tensions that are held."""
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Solution (n,) or (n, k) of the system with the ``right`` sides."""
 
 
 class Factors(NamedTuple):
@@ -71,7 +78,7 @@ class Blocks(NamedTuple):
             inverse = np.array(np.nan)
         if not np.isfinite(inverse).all():
             raise ConvergenceError('the balance of the cross sections', np.inf, 0)
-        return cls(inverse)
+        return cls(np.asarray(inverse, dtype=np.float64))
 
     def solve(self, right: FloatArray) -> FloatArray:
         """See `Factors.solve`."""

@@ -9,7 +9,8 @@ the tension is the nearest to ``before`` that friction holds,
 
 It is the play operator of hysteresis, and from slack, before = 0, the monotone pull. theta follows
 from the twists, see `loops.angles`, so that T is a function of them, and so are its derivatives:
-dT = slip mu T dtheta, slip -1 where a tendon is drawn in, 1 where it is let out, 0 where it sticks.
+dT = slip mu T dtheta, slip -1 where a tendon is drawn in, 1 where it is let out and 0 where it
+sticks.
 """
 
 from __future__ import annotations
@@ -150,106 +151,134 @@ def clipped(
 class Changes:
     """Small changes of tensions with friction, while tendons slip and stick where they do.
 
-    Attributes:
-        by_z: derivative of the tension by the twists at all nodes, base tensions held,
-            (J, N, N, m) [N] over the unit of a twist.
-        pull: derivative of the gradient of the energy by the local tension, (J, N, m).
+    An angle changes with what changes in its own element, up to it, and with what does in those
+    before, up to their ends. So arrays are (E, J, p + 1, p, ...): by the p nodes of an element, of
+    the angles to each of them and to its end. J are the tendons that are pulled.
     """
 
     def __init__(
-        self, friction: Friction, tables: Tables, z: FloatArray, sliding: Sliding,
-        work: Work,
-    ) -> None:  # fmt: skip
+        self, friction: Friction, tables: Tables, z: FloatArray, sliding: Sliding, work: Work
+    ) -> None:
         """Linearise about tendons that are ``sliding`` along an arm of twists ``z`` (N, m)."""
         if not sliding.tensions.all():
             # One that nobody pulls turns as well, which matters as soon as somebody does.
             sliding = sliding._replace(angle=friction.angles_of_all(z, sliding, work))
         self._friction, self._tables, self._sliding = friction, tables, sliding
         bends = Bends(tables, z, sliding.tensions, work)
-        self._tendons, self.pulled = bends.tendons, bends.tendons.pulled
-        self._offsets = work.offsets[:, self.pulled]
-        self._slips = self._by_angle()
+        self._tendons, self._pulled = bends.tendons, bends.tendons.pulled
+        self._shape = tables.lengths.size, self._pulled.size, len(tables.to_end)
+        self._offsets = work.offsets[:, self._pulled]
         self._directions = _Directions(bends, z)
-        u, direct = self._directions.by_twist(), self._turn(bends, z)
-        self.pull = np.einsum('cnj,canj->jna', self._tendons.unit, u)
-        by_z = np.zeros((*self._by_u.shape[:3], z.shape[1]))
-        by_z[..., :3] = direct
-        for c in range(3):
-            by_z += self._by_u[..., c, np.newaxis] * u[c].transpose(2, 1, 0)[:, np.newaxis]
-        by_z = self._slid(by_z.reshape(*by_z.shape[:2], -1))
-        self._inverse: FloatArray | None = None
+        self._by_u, by_kappa = self._by_directions(bends, z)
+        u = self._directions.by_twist()
+        # Derivative of the gradient of the energy by the local tension, (N, m, J).
+        self._pull = np.einsum('cnj,canj->naj', self._tendons.unit, u)
+        self._by_z = np.empty((*self._by_u.shape[1:], z.shape[1]))
+        for strain in range(z.shape[1]):
+            by = (self._by_u * self._by_element(u[:, strain])).sum(axis=0)
+            self._by_z[..., strain] = by + by_kappa[strain] if strain < 3 else by
+        self._slips, self._inverse = self._by_angle(), None
         if self._tendons.compliance.any():
-            own = np.einsum('jikc,ckj->jik', self._by_u, self._directions.by_tension())
-            self._inverse = np.linalg.inv(np.eye(len(z)) - self._slid(own))
-            by_z = self._inverse @ by_z
-        self.by_z = by_z.reshape(*self._by_u.shape[:3], -1)
+            own = (self._by_u * self._by_element(self._directions.by_tension())).sum(axis=0)
+            own = self._slid(self._dense(own))
+            inverse = np.linalg.inv(np.eye(len(z)) - self._by_tendon(own))
+            self._inverse = np.asarray(inverse, dtype=np.float64)
+
+    def _by_element(self, values: FloatArray) -> FloatArray:
+        """``values`` (..., N, J) as (..., E, J, 1, p)."""
+        elements, tendons, points = self._shape
+        rows = values.reshape(*values.shape[:-2], elements, 1, points, tendons)
+        return np.asarray(rows.swapaxes(-1, -2).swapaxes(-2, -3))
+
+    def _by_tendon(self, values: FloatArray) -> FloatArray:
+        """``values`` (E, J, p, k) as (J, N, k)."""
+        return values.swapaxes(0, 1).reshape(self._shape[1], -1, values.shape[3])
 
     def _by_angle(self) -> FloatArray:
-        """Derivative of tensions by angles: (J, N, 1), or within elements (J, E, p, p)."""
+        """Derivative of tensions by angles within elements, (E, J, p, p)."""
         friction, (tensions, _, along, slip) = self._friction, self._sliding
-        mu, pulled = self._tables.friction[self.pulled], self.pulled
+        elements, tendons, points = self._shape
+        mu, pulled = self._tables.friction[self._pulled], self._pulled
         if along is None or slip is None:
-            return -(tensions[:, pulled] * mu).T[..., np.newaxis]
-        rates = (slip[:, pulled] * along[:, pulled] * mu).T
-        each = len(friction.to_fine)
-        by_element = rates.reshape(len(rates), -1, 1, each) * friction.to_nodes
-        return np.asarray(by_element @ friction.to_fine)
+            rates = -tensions[:, pulled] * mu
+            by_element = rates.reshape(elements, points, tendons).swapaxes(1, 2)
+            return np.asarray(by_element[..., np.newaxis] * np.eye(points))
+        rates = (slip[:, pulled] * along[:, pulled] * mu).reshape(elements, -1, tendons)
+        by_nodes = rates.swapaxes(1, 2)[:, :, np.newaxis] * friction.to_nodes
+        return np.asarray(by_nodes @ friction.to_fine)
 
     def _slid(self, angles: FloatArray) -> FloatArray:
-        """Change of tensions (J, N, k) by one of ``angles`` (J, N, k) for held ones."""
-        if self._slips.ndim == 3:
-            return self._slips * angles
-        tendons, _, count = angles.shape
-        rows = angles.reshape(tendons, *self._slips.shape[1:3], count)
-        return np.asarray((self._slips @ rows).reshape(angles.shape))
+        """Change of tensions (E, J, p, k) by one of ``angles`` (E, J, p, k) for held ones."""
+        return np.asarray(self._slips @ angles)
 
-    def _turn(self, bends: Bends, z: FloatArray) -> FloatArray:
-        """Set `_by_u`; derivative of the angles by the curvatures for held u, (J, N, N, 3)."""
-        tables, unit = self._tables, bends.tendons.unit
-        elements, points, tendons = tables.lengths.size, len(tables.to_end), unit.shape[2]
+    def _by_directions(self, bends: Bends, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of the angles by u, and by curvatures for held u, (3, E, J, p + 1, p)."""
+        tables, (elements, tendons, points) = self._tables, self._shape
         h = tables.lengths[:, np.newaxis, np.newaxis, np.newaxis]
-        # By bends of nodes k: of integrals to nodes i and the end of elements, (3, E, i, k, J).
+        # By bends, of their integrals to nodes and the end of elements.
         across = np.divide(
             bends.bend, bends.rate, out=np.zeros_like(bends.bend), where=bends.rate > 0.0
         )
         to_end = np.append(tables.to_point, [tables.weights[:points] / tables.lengths[0]], axis=0)
-        across = across.reshape(3, elements, 1, points, tendons)
-        by_bend = (to_end[..., np.newaxis] * h) * across
+        by_bend = (to_end * h) * self._by_element(across)
+        by_element = self._by_element(bends.bend)[:, :, :, 0]
         for e, j in zip(*np.nonzero(bends.is_rough)):
-            bend = tables.to_fine @ bends.bend.reshape(3, elements, points, -1)[:, e, :, j].T
+            bend = tables.to_fine @ by_element[:, e, j].T
             size = np.sqrt((bend * bend).sum(axis=1, keepdims=True))
             bend /= np.where(size > 0.0, size, 1.0)
-            rows = tables.fine_weights[:, np.newaxis] * bend.T
-            by_bend[:, e, :, :, j] = tables.lengths[e] * (rows @ tables.to_fine).swapaxes(0, 1)
-        inside = np.einsum('ceikj,kl->ceilj', by_bend, tables.differentiation) / h
-        kappa = z[:, :3].T.reshape(3, elements, 1, points, 1)
-        inside += np.cross(by_bend, kappa, axis=0)
-        turned = np.cross(unit.reshape(3, elements, 1, points, tendons), by_bend, axis=0)
+            rows = tables.fine_weights * bend.T[:, np.newaxis]
+            by_bend[:, e, j] = tables.lengths[e] * (rows @ tables.to_fine)
+        by_unit = by_bend @ tables.differentiation
+        by_unit /= h
+        kappa = z[:, :3].T.reshape(3, elements, 1, 1, points)
+        by_unit += _cross(by_bend, kappa)
+        unit = self._by_element(bends.tendons.unit)
+        by_kappa = _cross(unit, by_bend)
         size = np.sqrt((bends.kink * bends.kink).sum(axis=0))
         scale = size * np.sqrt(np.maximum(1.0 - 0.25 * size * size, 1e-12))
         kink = np.divide(bends.kink, scale, out=np.zeros_like(bends.kink), where=scale > 0.0)
-        inside += np.einsum('l,cej->celj', tables.ends[0], kink)[:, :, np.newaxis]
-        inside[:, :-1, -1] -= np.einsum('l,cej->celj', tables.ends[1], kink[:, 1:])
-        self._by_u = np.zeros((tendons, elements, points, elements, points, 3))
-        direct = np.zeros_like(self._by_u)
-        own = np.arange(elements)
-        for found, part in ((self._by_u, inside), (direct, turned)):
-            for e in range(elements):
-                found[:, e + 1 :, :, e] = part[:, e, -1].T[:, np.newaxis, np.newaxis]
-            found[:, own, :, own] = part[:, :, :-1].transpose(1, 4, 2, 3, 0)
-        nodes = elements * points
-        by_unit = self._by_u.reshape(tendons, nodes, nodes, 3)
-        over, c = bends.tendons.over.T[:, np.newaxis], unit.transpose(2, 1, 0)[:, np.newaxis]
-        along = (by_unit * c).sum(axis=-1, keepdims=True)
-        self._by_u = (by_unit - along * c) * over[..., np.newaxis]
-        return direct.reshape(tendons, nodes, nodes, 3)
+        kink = kink[..., np.newaxis]
+        by_unit += (kink * tables.ends[0])[:, :, :, np.newaxis]
+        by_unit[:, :-1, :, -1] -= kink[:, 1:] * tables.ends[1]
+        by_unit -= unit * (by_unit * unit).sum(axis=0)
+        by_unit *= self._by_element(bends.tendons.over)
+        return by_unit, by_kappa
+
+    def _dense(self, parts: FloatArray) -> FloatArray:
+        """Changes of all angles by all nodes (E, J, p, N ...) of ``parts`` (E, J, p + 1, ...)."""
+        elements, tendons, points = self._shape
+        found = np.zeros((elements, tendons, points, elements, *parts.shape[3:]))
+        for e in range(elements):
+            found[e, :, :, e] = parts[e, :, :-1]
+            found[e + 1 :, :, :, e] = parts[e, :, -1:]
+        return found.reshape(elements, tendons, points, -1)
+
+    def _summed(self, parts: FloatArray) -> FloatArray:
+        """Changes of all angles (E, J, p, k) by those ``parts`` (E, J, p + 1, k) of elements."""
+        whole = parts[:, :, -1:]
+        return np.asarray(parts[:, :, :-1] + whole.cumsum(axis=0) - whole)
 
     def add_to(self, jacobian: FloatArray) -> None:
         """Add what the change of tensions adds to a ``jacobian`` (N m, N m) with them held."""
-        nodes, strains = self.pull.shape[1:]
-        rows = self.pull.transpose(1, 2, 0)
-        changes = self.by_z.reshape(len(self.by_z), nodes, -1).swapaxes(0, 1)
-        jacobian += (rows @ changes).reshape(nodes * strains, -1)
+        nodes, strains, tendons = self._pull.shape
+        elements, _, points = self._shape
+        if self._inverse is not None:
+            own = self._by_tendon(self._slid(self._dense(self._by_z)))
+            jacobian += (self._pull @ (self._inverse @ own).swapaxes(0, 1)).reshape(
+                len(jacobian), -1
+            )
+            return
+        size = points * strains
+        parts = self._by_z.reshape(elements, tendons, points + 1, size)
+        own = self._pull.reshape(elements, points, strains, tendons) @ self._slid(
+            parts[:, :, :-1]
+        ).swapaxes(1, 2)
+        slips = self._slips.sum(axis=-1).swapaxes(1, 2).reshape(nodes, 1, tendons)
+        rows = (self._pull * slips).reshape(nodes * strains, tendons)
+        for e in range(elements):
+            here = slice(e * size, (e + 1) * size)
+            jacobian[here, here] += own[e].reshape(size, size)
+            jacobian[(e + 1) * size :, here] += rows[(e + 1) * size :] @ parts[e, :, -1]
 
     def by_base_tension(self) -> FloatArray:
         """Derivative by each tendon's own tension at the base [-], (N, J)."""
@@ -260,16 +289,24 @@ class Changes:
         friction, (tensions, angle, along, slip) = self._friction, self._sliding
         reach, mu = self._tables.reach, self._tables.friction
         if along is None or slip is None:
-            return reach * of(tensions, np.float64(-1.0), mu * angle)
+            return np.asarray(reach * of(tensions, -np.ones_like(angle), mu * angle))
         angle = friction.spread(friction.to_fine, angle)
+        # One without tension has lost its history, and is drawn in next.
+        slip = np.where(along > 0.0, slip, -1.0)
         return reach * friction.spread(friction.to_nodes, of(along, slip, mu * angle))
 
     def by_twists(self, change: FloatArray) -> FloatArray:
         """Changes (N, J, k) by those of the twists (N, m, k), base tensions held."""
-        found = np.zeros((*self._sliding.tensions.shape, change.shape[2]))
-        rows = self.by_z.reshape(*self.by_z.shape[:2], -1)
-        found[:, self.pulled] = (rows @ change.reshape(-1, change.shape[2])).swapaxes(0, 1)
-        return found
+        elements, tendons, points = self._shape
+        rows = change.reshape(elements, 1, -1, change.shape[2])
+        return self._of_angles(self._by_z.reshape(*self._shape[:2], points + 1, -1) @ rows)
+
+    def _of_angles(self, parts: FloatArray) -> FloatArray:
+        """Changes of the tensions (N, J, k) by ``parts`` of those of angles, see `_summed`."""
+        slid = self._by_tendon(self._slid(self._summed(parts)))
+        found = np.zeros((*self._sliding.tensions.shape, parts.shape[3]))
+        found[:, self._pulled] = slid.swapaxes(0, 1)
+        return self._settled(found)
 
     @property
     def by_friction(self) -> FloatArray:
@@ -282,7 +319,7 @@ class Changes:
 
         ``outwards`` (4, N, J) are the directions away from it along n and b [-] and their slopes.
         """
-        own = outwards[..., self.pulled]
+        own = outwards[..., self._pulled]
         return self._by_direction(self._directions.by_path(own[:2], own[2:]))
 
     @property
@@ -292,17 +329,23 @@ class Changes:
 
     def _by_direction(self, change: FloatArray) -> FloatArray:
         """Change of the tensions (N, J) by a ``change`` (3, N, J') of u of the pulled tendons."""
-        angle = np.einsum('jikc,ckj->ji', self._by_u, change)
-        found = np.zeros(self._sliding.tensions.shape)
-        found[:, self.pulled] = self._slid(angle[..., np.newaxis])[..., 0].T
-        return self._settled(found)
+        parts = (self._by_u * self._by_element(change)).sum(axis=(0, -1))
+        return self._of_angles(parts[..., np.newaxis])[..., 0]
 
     def _settled(self, direct: FloatArray) -> FloatArray:
-        """Change of tensions (N, J) that in sheaths changes angles, from that without."""
+        """Change of tensions (N, J, ...) that in sheaths changes angles, from that without."""
         if self._inverse is not None:
-            own = direct[:, self.pulled].T[..., np.newaxis]
-            direct[:, self.pulled] = (self._inverse @ own)[..., 0].T
+            own = direct[:, self._pulled].swapaxes(0, 1)
+            rows = self._inverse @ own.reshape(*own.shape[:2], -1)
+            direct[:, self._pulled] = rows.reshape(own.shape).swapaxes(0, 1)
         return direct
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross products of the first axes."""
+    return np.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
 class _Directions:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from octo_arm_model.core.errors import ConvergenceError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
-from octo_arm_model.rod.factors import Factors
+from octo_arm_model.rod.factors import Linear
 
 MOST = 15  # iterations of one search
 # Part of a residual that a step has to leave at most: the first by factors from elsewhere, the
@@ -19,6 +19,9 @@ MOST = 15  # iterations of one search
 PREDICTED, FIRST, PROGRESS = 0.3, 3.0, 0.7
 # Where a load states no tangent stiffness convergence is linear: iterations and what each leaves.
 MOST_LINEAR, LINEAR_PROGRESS = 200, 0.99
+# Below this residual a step by factors of the state may raise it again: where the arm is soft it
+# turns far, and what is left is of second order.
+_SOFT = 1e-4
 CHORD = 0.2  # and up to which the same factors are used again
 _LEAST_DENOMINATOR = 0.2  # of Broyden's update
 
@@ -34,7 +37,7 @@ class Found(NamedTuple):
     """
 
     state: State
-    factors: Factors | None
+    factors: Linear | None
     iterations: int
     corrected: float
 
@@ -67,7 +70,7 @@ class Chord:
 
 def settle(
     problem: Problem, acting: Acting, z: FloatArray, tolerance: float,
-    factors: Factors | None = None,
+    factors: Linear | None = None,
 ) -> Found:  # fmt: skip
     """Search for a balance from the twists ``z`` (N, m), with ``factors`` from nearby if any.
 
@@ -94,6 +97,8 @@ def settle(
         most = progress
         if is_first:
             most = FIRST if is_near else PREDICTED
+        elif is_near and state.residual <= _SOFT:
+            most = FIRST
         if not new.residual <= most * state.residual:  # nor where it is NaN
             if is_near:
                 break

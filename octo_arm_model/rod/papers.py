@@ -16,7 +16,6 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.rod.closed_form import ClosedForm
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.exact import strains_of
 from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.lengths import lengths_of, rest_stretches
 from octo_arm_model.rod.paper_balance import Strains
@@ -24,11 +23,10 @@ from octo_arm_model.rod.read_out import ADDED_POINTS, integrate_poses
 from octo_arm_model.rod.resolution import position_error
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting, moved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.statics import Setup, Shape, Statics
+from octo_arm_model.rod.statics import Setup, Shape, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL
 from octo_arm_model.rod.tendons import tendon_stretch
 
-_ACCURACY = 1e-8  # of positions, over the length
 _MOST_STEPS = 100  # of tensions with friction
 _SETTLED = 1e-13  # change of these, over the largest tension
 
@@ -125,7 +123,7 @@ class Papers(Statics):
             z = np.ascontiguousarray(found.twist[:, :nodes].T)
             problem.form.orientations(problem.tables, z, problem.work)
             error = position_error(problem.elements, z, problem.work.slope)
-            if error <= _ACCURACY:
+            if error <= self._setup.accuracy:
                 break
         position, turn = integrate_poses(problem, z, level.integration)
         state = State(acting, z, np.zeros_like(z), float(found.residual))
@@ -271,11 +269,11 @@ def _with_friction(
     direct[..., tendons] = -tensions
     at_nodes = by_local[..., :nodes].transpose(2, 0, 1)
     rows = (at_nodes @ direct).reshape(4 * nodes, -1)
-    by_z = np.zeros((tendons, nodes, 4 * nodes))
-    by_z[slides.pulled] = slides.by_z.reshape(-1, nodes, 4 * nodes)
-    coupled = (at_nodes @ by_z.swapaxes(0, 1)).reshape(4 * nodes, -1)
+    # Derivatives of the tensions by z, (N, J, 4 N).
+    by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
+    coupled = (at_nodes @ by_z).reshape(4 * nodes, -1)
     z = np.linalg.solve(np.eye(4 * nodes) - coupled, rows)
-    effective = direct + (by_z @ z).swapaxes(0, 1)
+    effective = direct + by_z @ z
     stations = np.tensordot(level.between, effective, 1)
     change = np.einsum('ajn,njc->acn', by_local, np.concatenate([effective, stations]))
     # The tensions themselves do not change with E as their effect does.

@@ -30,13 +30,13 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.body import Body
 from octo_arm_model.core.arm.profile import Profile
+from octo_arm_model.core.arm.stiffness import SectionStiffness
 from octo_arm_model.core.arm.tendon import Section
 from octo_arm_model.core.errors import ConfigError, ConvergenceError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.core.numerics.chebyshev import barycentric_matrix, chebyshev_integration
 from octo_arm_model.core.numerics.vectors import runs_of, times
 from octo_arm_model.rod.paper_balance import (
-    SectionStiffness,
     Strains,
     added_curvature,
     curvatures,

@@ -25,7 +25,7 @@ from octo_arm_model.rod.continuation import (
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.factors import Factors
+from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.load_limits import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
@@ -71,7 +71,7 @@ class Equilibrium(NamedTuple):
 
     state: State
     level: int
-    factors: Factors | None
+    factors: Linear | None
     judged: State | None
     iterations: int
 

@@ -23,6 +23,7 @@ from octo_arm_model.core.errors import (
     LoadError,
     SolveError,
     TensionError,
+    shown,
 )
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.rod.backbone import Backbone
@@ -45,6 +46,7 @@ STATICS: dict[str, Callable[[Setup], Statics]] = {
 }
 MODELS = tuple(STATICS)
 DEFAULT_MODEL = 'renda2012'
+_FINEST, _COARSEST = 1e-12, 1e-4  # accuracy that may be asked for
 _PLACES = 513  # at which the least stiffness of an arm is looked for
 
 
@@ -77,18 +79,22 @@ class Solver:
         loads: Loads = Loads(),
         compiled: bool | None = None,
         budget: Budget = Budget(),
+        accuracy: float = 1e-8,
     ) -> None:
         """Prepare ``arm`` for ``stations`` stations, starting from the pose ``base``.
 
         ``material`` is the name of an elastic law, ``shear`` lets cross sections shear (linear law
         only) and ``loads`` act in every solve; these three are for the model exact, and the law
-        is ignored by the others, which are linear. Compiled kernels solve where they cover the
-        model and the arm (`Compiled.covers`), if ``compiled`` or, by default, if numba is
-        installed and works. ``budget`` limits the continuation of one loaded arm; see `together`.
+        is ignored by the others, which are linear. ``compiled`` chooses the form of the node
+        functions: compiled by numba, or arrays of NumPy; None is numba where it is installed and
+        works. Results are the same. ``budget`` limits the continuation of one loaded arm; see
+        `together`. Nodes are as many as it takes for positions to be right to ``accuracy`` times
+        the length.
 
         Raises:
             ConfigError: if there is no such model or material, they do not go together, the model
-                does not cover the arm or the loads, or the stations are too few.
+                does not cover the arm or the loads, the stations are too few, or there is no such
+                accuracy.
             ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
                 allow.
             ModuleNotFoundError: if ``compiled`` but numba is not installed; if it does not work,
@@ -98,10 +104,13 @@ class Solver:
             raise ConfigError(f'model is {model!r}, expected one of {", ".join(STATICS)}')
         if material not in LAWS:
             raise ConfigError(f'material.law is {material!r}, expected one of {", ".join(LAWS)}')
+        if not _FINEST <= accuracy <= _COARSEST:  # nor NaN
+            expected = f'a number from {_FINEST:g} to {_COARSEST:g}'
+            raise ConfigError(f'accuracy is {shown(accuracy)}, expected {expected}')
         self.arm, self.model, self.base, self.loads = arm, model, base, loads
         self._anew = functools.partial(
             Solver, arm, model, stations, base, material=material, shear=shear, loads=loads,
-            compiled=compiled, budget=budget,
+            compiled=compiled, budget=budget, accuracy=accuracy,
         )  # fmt: skip
         loads.check_inside(arm.length)
         self.grid = StationGrid.build(arm, stations, loads.breaks)
@@ -110,7 +119,7 @@ class Solver:
         frame = np.array(base.position), np.array([w, x, y, z])
         own = self.grid.s, self.grid.section
         self._statics = STATICS[model](
-            Setup(arm, *own, frame, material, shear, loads, self._allowance, compiled)
+            Setup(arm, *own, frame, material, shear, loads, self._allowance, compiled, accuracy)
         )
         self.law = LAWS[self._statics.law]
         if shear and not (self._statics.strains == 6 and material == 'linear'):

@@ -34,6 +34,7 @@ class Setup(NamedTuple):
         loads: what loads the arm but its tendons and the wrench on its tip.
         allowance: what solves may take, where equilibria are followed.
         compiled: whether numba compiles the node functions; None where it is installed.
+        accuracy: of positions, over the length [-].
     """
 
     arm: Arm
@@ -45,6 +46,7 @@ class Setup(NamedTuple):
     loads: Loads
     allowance: Allowance
     compiled: bool | None
+    accuracy: float = 1e-8
 
 
 class Shape(NamedTuple):
@@ -163,3 +165,11 @@ class Statics(abc.ABC):
         rates = rest_stretches_by_offset(problem.tables, self._setup.arm, problem.elements.s)
         weights = problem.elements.weights
         return weights @ rates, weights @ (rates * found.state.acting.tensions)
+
+
+def strains_of(z: FloatArray) -> FloatArray:
+    """Strains tau, xi, k and q, (4, n), of twists ``z`` (n, m)."""
+    strains = np.empty((4, len(z)))
+    np.divide(z[:, :3].T, z[:, 3], out=strains[:3])
+    strains[3] = z[:, 3] - 1.0
+    return strains

@@ -26,7 +26,7 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.complementarity import complementary_step
 from octo_arm_model.rod.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, judge
 from octo_arm_model.rod.equilibrium import Condition, State
-from octo_arm_model.rod.factors import Blocks, Factors
+from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.lengths import rest_stretches
 from octo_arm_model.rod.newton import CHORD, FIRST, MOST, PREDICTED, PROGRESS, Chord
 from octo_arm_model.rod.rod import Equilibrium, Rod, moved
@@ -71,7 +71,7 @@ class Border(NamedTuple):
         changes: derivative of what is reeled in by the tensions, (J, J) [m/N].
     """
 
-    factors: Factors | Blocks
+    factors: Linear
     by_tension: FloatArray
     lengths: FloatArray
     changes: FloatArray
@@ -168,7 +168,7 @@ class Reeling:
         return Reached(state, displacement, wrong, float(np.abs(wrong * counts).max(initial=0.0)))
 
     def border(
-        self, state: State, factors: Factors | Blocks | None = None, over: FloatArray | None = None
+        self, state: State, factors: Linear | None = None, over: FloatArray | None = None
     ) -> Border:
         """The system linearised at ``state``, or nearby where its ``factors`` are known.
 
@@ -206,7 +206,7 @@ class Reeling:
         moved = self.problem.evaluate(self.problem.acting(further), state.z)
         return np.asarray((moved.acting.tensions - state.acting.tensions) / over)
 
-    def _factors(self, state: State) -> Factors | Blocks:
+    def _factors(self, state: State) -> Linear:
         problem, acting = self.problem, state.acting
         if self._arm.friction or acting.force.any() or acting.couple.any():
             return problem.linearise(state)

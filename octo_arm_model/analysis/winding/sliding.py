@@ -1,9 +1,9 @@
 """The tensions that hold tendons at prescribed displacements, one shape after the other.
 
 Of the paper's models, and of tendons with friction; `rod.winches` finds others together with the
-shape. Friction leaves no energy, and a tendon that is let out a little after it was drawn in, or the
-other way round, slips next to its base alone: its displacement changes by the square of what its
-tension does, and its derivative at the turn is zero. Newton's steps are therefore damped as those
+shape. Friction leaves no energy, and a tendon that is let out a little after it was drawn in, or
+the other way round, slips next to its base alone: its displacement changes by the square of what
+its tension does, and its derivative at the turn is zero. Newton's steps are therefore damped as those
 of Levenberg and Marquardt, by a part of what the tendons would yield on the slack arm, and take
 differences over about as much as tensions will change. Where the slipping part of a tendon grows
 past a point of the arm derivatives jump, so that a step may end farther from the goal than it
@@ -98,10 +98,10 @@ class SlidingWinding:
     def solve(self, tensions: FloatArray, start: Backbone | None) -> Wound:
         """What holds the wanted displacements, from ``tensions`` (tendons,) [N]."""
         wound = self._search(tensions, start)
-        if self._history is None and _level(wound.backbone):
-            # The way there may have taken more nodes than these tensions alone.
+        if _level(wound.backbone):
+            # The way there may have taken more nodes than these tensions do.
             found = wound.backbone.tensions.ravel()
-            alone = self._solve(found, None)[0]
+            alone = self._solve(found, None if self._history is None else start)[0]
             if _level(alone) < _level(wound.backbone):
                 return self._search(found, alone)
         return wound
@@ -112,7 +112,7 @@ class SlidingWinding:
         damping, before, is_fresh = _DAMPING, np.inf, False
         slopes: FloatArray | None = None
         merits = [self._merit(tensions, displacement)]
-        least, waited, best, near = np.inf, 0, backbone, backbone
+        least, waited, best = np.inf, 0, backbone
         for _ in range(_MOST):
             self._solver.check_time()
             left, waited = self._left(tensions, displacement), waited + 1
@@ -134,7 +134,7 @@ class SlidingWinding:
                 return self._wound(backbone, displacement)
             new = np.maximum(0.0, tensions + step)
             try:
-                found, reached = self._solve(new, near)
+                found, reached = self._solve(new, backbone)
                 # Where the arm sticks nothing changes, up to where it slips.
                 merit = self._merit(new, reached)
             except SolveError:
@@ -151,8 +151,6 @@ class SlidingWinding:
                     slopes = None
                 merits.append(merit)
                 backbone, displacement, tensions = found, reached, new
-                if _level(found) <= _level(near):
-                    near = found  # A step on the way that takes more nodes says nothing of others.
                 continue
             if left <= self._met:
                 return self._wound(backbone, displacement)

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.arm.stiffness import SectionStiffness
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.rod.paper_balance import SectionStiffness
 
 _STATIONS = 101  # of the integrals
 

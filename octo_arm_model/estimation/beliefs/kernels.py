@@ -12,16 +12,12 @@ import numpy as np
 from numba import njit
 
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.estimation.state import tip_curvature
 
 _F = TypeVar('_F', bound=Callable[..., Any])
 
 
 def _compiled(function: _F) -> _F:
     return cast(_F, njit(cache=True, error_model='numpy')(function))
-
-
-add_up = _compiled(tip_curvature.add_up)
 
 
 @_compiled

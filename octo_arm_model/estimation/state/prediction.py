@@ -31,7 +31,11 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.state.curved_tip import CurvedTip
 from octo_arm_model.estimation.state.effort import Effort
 from octo_arm_model.estimation.state.state_change import Part, StateChange
-from octo_arm_model.estimation.state.tip_curvature import tip_curvature
+from octo_arm_model.estimation.state.tip_curvature import (
+    add_up,
+    compiled_add_up,
+    tip_curvature,
+)
 from octo_arm_model.estimation.state.unit_loads import unit_loads
 from octo_arm_model.estimation.state.unknowns import State, Unknowns
 from octo_arm_model.rod.backbone import Backbone
@@ -227,11 +231,9 @@ class ArmModel:
         if change.by_tip_force is None:
             return None
         by = self._curved_tip.columns(change, change.by_tip_force)
-        add_up = None
-        if self.solver.is_compiled:
-            from octo_arm_model.estimation.beliefs.kernels import add_up
+        integrate = compiled_add_up() if self.solver.is_compiled else add_up
         force = backbone.tip_wrench[:3]
-        second = tip_curvature(backbone.position, by, force, add_up)
+        second = tip_curvature(backbone.position, by, force, integrate)
         return self._curved_tip.by_state(second, self.stiffness(x))
 
     def acting(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:

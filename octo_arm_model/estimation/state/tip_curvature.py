@@ -22,10 +22,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from typing import TypeAlias, cast
 
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray, IntArray
+
+Integrate: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None]
 
 _MOST = 24  # pieces of the arm: the error of the integrals is a thousandth then
 
@@ -34,21 +37,21 @@ def tip_curvature(
     position: FloatArray,
     change: FloatArray,
     force: FloatArray,
-    integrate: Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None] | None = None,
+    integrate: Integrate,
 ) -> FloatArray:
     """Second derivatives of the tip's position, (3, 3 + n, 3 + n).
 
     By forces on the tip along all axes, which come first, and by n quantities that are none.
     ``position`` (stations, 3) is that of stations, ``change`` (stations, 6, 3 + n) that of their
-    pose by all of these, ``force`` (3,) acts on the tip; ``integrate`` is `add_up` in machine
-    code, if there is.
+    pose by all of these, ``force`` (3,) acts on the tip; ``integrate`` is `add_up`, or
+    that in machine code.
     """
     some = _some(len(position))
     total = change.shape[2]
     second = np.empty((6, total, total))
     at = position.take(some, axis=0).T.copy()
     by = np.ascontiguousarray(change.take(some, axis=0).transpose(1, 0, 2))
-    (integrate or add_up)(at, by, force.copy(), second)
+    integrate(at, by, force.copy(), second)
     found = second[3:]
     # What a unit force along each axis adds, as the one or as the other quantity.
     by_unit = second[:3, :3]
@@ -92,6 +95,14 @@ def add_up(at: FloatArray, change: FloatArray, force: FloatArray, second: FloatA
         product = np.dot(turns.T, both.reshape(-1, total))
         product += np.dot(along.T, f_turned) - np.dot(across.T, f_beyond)
         second[3 + i] += product + product.T
+
+
+@functools.cache
+def compiled_add_up() -> Integrate:
+    """`add_up` compiled by numba."""
+    from numba import njit
+
+    return cast(Integrate, njit(cache=True)(add_up))
 
 
 @functools.lru_cache(maxsize=64)

@@ -10,8 +10,8 @@ from strategies import arms, loaded_arms
 
 from octo_arm_model import Arm, Config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.core.arm.stiffness import SectionStiffness
 from octo_arm_model.rod.closed_form import ClosedForm
-from octo_arm_model.rod.paper_balance import SectionStiffness
 
 
 def strains_at(arm: Arm, tensions: np.ndarray, s: float, active: int) -> np.ndarray:
