@@ -141,7 +141,7 @@ def follow(
 
 
 def _closer(problem: Problem, found: Found, judged: Judged | None) -> tuple[Found, Judged | None]:
-    """What is ``found`` settled to `_CLOSER`, or nearly, and ``judged`` if it was not seen to be stable.
+    """What is ``found``, settled to `_CLOSER`, and ``judged`` where it was not seen to be stable.
 
     None in place of the latter where it is not, or not near what was found.
     """

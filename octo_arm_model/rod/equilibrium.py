@@ -13,7 +13,7 @@ from octo_arm_model.rod.factors import Factors, Variation, factorise
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Changes, Friction, Sliding
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
-from octo_arm_model.rod.tables import AXIAL, LEVER, Tables, force_scale, work_arrays
+from octo_arm_model.rod.tables import LEVER, Tables, force_scale, work_arrays
 
 
 class Condition(NamedTuple):
@@ -102,6 +102,7 @@ class Problem:
         self.others = OtherLoads(loads.others, elements, tables.base)
         self.work = work_arrays(tables, strains, has_jacobian=has_jacobian)
         self._current: FloatArray | None = None
+        self._oriented: FloatArray | None = None
         self._scaled: FloatArray | None = None
         self._last_acting: Acting | None = None
         self.friction = Friction(tables, form, elements) if tables.friction.any() else None
@@ -145,7 +146,7 @@ class Problem:
         left = self.form.residual(
             self.tables, z, acting.tensions, acting.force, acting.couple, work
         )
-        self._current = z
+        self._current = self._oriented = z
         return State(acting, z, work.residual.copy(), left)
 
     def _slides(self, acting: Acting) -> bool:
@@ -186,10 +187,11 @@ class Problem:
         force, couple = self.loads.at(factor, tip_wrench) + factor * more
         return acting._replace(force=force, couple=couple)
 
-    def known(self, state: State) -> State:
-        """The ``state``, whose orientations are in `work` already."""
-        self._current = state.z
-        return state
+    def orient(self, z: FloatArray) -> None:
+        """Have the orientations and r' of twists ``z`` (N, m) in `work`."""
+        if self._oriented is not z:
+            self.form.orientations(self.tables, z, self.work)
+            self._current, self._oriented = None, z
 
     def load_work(self, state: State) -> None:
         """Have in `work` what belongs to ``state``."""
@@ -257,8 +259,3 @@ class Problem:
     def power(self, state: State, change: FloatArray) -> float:
         """What the imbalance of ``state`` does on a ``change`` (N, m), as a loss of energy [J]."""
         return -float((state.imbalance * change).sum(axis=1) @ self.elements.weights)
-
-    @property
-    def least_axial(self) -> float:
-        """The least E A [N]."""
-        return float(self.tables.body[:, AXIAL].min())

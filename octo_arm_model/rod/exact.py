@@ -18,6 +18,8 @@ from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.statics import Setup, Shape, Statics, strains_of
 from octo_arm_model.rod.winches import Winches
 
+_XYZW = np.array([1, 2, 3, 0])  # the order of messages, of a quaternion w, x, y, z
+
 
 class Exact(Statics):
     """Equilibria of the rod, see `octo_arm_model.rod`.
@@ -72,15 +74,15 @@ class Exact(Statics):
     def shape(self, found: Equilibrium) -> Shape:
         """An equilibrium at the stations."""
         readout = self._readout(found.level)
-        reading = readout.read(found.state)
-        z = readout.twists(reading)
-        return Shape(
-            reading.position + self._setup.base[0],
-            np.roll(reading.quaternion, -1, axis=1),
-            strains_of(z),
-            reading.tensions if self._setup.arm.friction else None,
-            found,
-        )
+        along = None
+        if found.fine is not None:
+            position, turn, z = readout.read_unloaded(found.fine)
+        else:
+            reading = readout.read(found.state)
+            position, turn, z = reading.position, reading.quaternion, readout.twists(reading)
+            along = reading.tensions if self._setup.arm.friction else None
+        quaternion = turn.take(_XYZW, axis=1)
+        return Shape(position + self._setup.base[0], quaternion, strains_of(z), along, found)
 
     def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
         """See `Statics`."""

@@ -55,6 +55,7 @@ class Finer:
         """``own`` has the elements of ``problem`` with `ADDED_POINTS` in each."""
         self.problem, self.own = problem, own
         self._between = problem.elements.interpolation(own.elements.s)
+        self.to_nodes = own.elements.interpolation(problem.elements.s)
 
     def balance(self, state: State) -> tuple[Acting, FloatArray]:
         """What acts there in ``state``, and the twists (n, m) that balance it."""
@@ -127,6 +128,15 @@ class Readout:
         # What acts beyond a station: the moment at the base less what is carried up to there.
         moment = finer.elements.weights @ carried - found[:, 7:]
         return Reading(found[:, :3], turn, moment, z, acting, between)
+
+    def read_unloaded(self, fine: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions, quaternions w, x, y, z and twists at the stations, of an arm without loads.
+
+        From its twists (n, m) at the finer points.
+        """
+        finer = self._finer.own
+        finer.orient(fine)
+        return *integrate_poses(finer, fine, self._integration), self._interpolation @ fine
 
     def _angle(self, acting: Acting, z: FloatArray) -> FloatArray:
         """Angle by which tendons have turned up to the stations [rad], (S, J)."""

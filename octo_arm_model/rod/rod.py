@@ -10,8 +10,9 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Budget, Spending
-from octo_arm_model.core.errors import ConfigError, ContinuationError, ConvergenceError
+from octo_arm_model.core.errors import ConfigError, ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_NODES
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.checks import check_solution
 from octo_arm_model.rod.continuation import (
@@ -35,6 +36,8 @@ from octo_arm_model.rod.tables import force_scale, tabulate
 from octo_arm_model.rod.unloaded import balance_sections, initial_twists
 
 _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
+_WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
+_WORST_TENSION = 1e-3  # likewise of tensions with friction, in parts of them
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
 # An equilibrium that is stable by a margin is not judged again where since then the arm has turned
 # by less than this [rad] and the force on it times the square of its lever over E J has changed by
@@ -67,6 +70,7 @@ class Equilibrium(NamedTuple):
         factors: of the Jacobian at an equilibrium nearby; None of an arm without loads.
         judged: that one, where it was seen to be stable by a margin; else None.
         iterations: made in all.
+        fine: twists at the finer points, of an arm without loads.
     """
 
     state: State
@@ -74,6 +78,7 @@ class Equilibrium(NamedTuple):
     factors: Linear | None
     judged: State | None
     iterations: int
+    fine: FloatArray | None = None
 
 
 class Rod:
@@ -212,15 +217,18 @@ class Rod:
         """The balance of every cross section by itself, on as many nodes as it takes."""
         iterations = 0
         for level in range(len(LEVELS)):
-            problem = self.problem(level)
-            z, left, steps = self.unloaded(problem, wanted)
+            # At the finer points at once, as no balance of the whole arm is sought.
+            finer = self.finer(level)
+            fine, left, steps = self.unloaded(finer.own, wanted)
             iterations += steps
-            acting = problem.acting(wanted)
-            problem.form.orientations(problem.tables, z, problem.work)
-            state = problem.known(State(acting, z, np.zeros_like(z), left))
-            if self.is_resolved(problem, state, level):
+            finer.own.orient(fine)
+            error = position_error(finer.own.elements, fine, finer.own.work.slope)
+            if error <= self.setting.accuracy:
                 break
-        return Equilibrium(state, level, None, None, iterations)
+        z = finer.to_nodes @ fine
+        acting = finer.problem.acting(wanted)
+        state = State(acting, z, np.zeros_like(z), left)
+        return Equilibrium(state, level, None, None, iterations, fine)
 
     def unloaded(self, problem: Problem, wanted: Condition) -> tuple[FloatArray, float, int]:
         """Twists at the nodes of ``problem`` under tensions alone, residual and steps.
@@ -350,16 +358,42 @@ class Rod:
         return found
 
     def is_resolved(self, problem: Problem, state: State, level: int) -> bool:
-        """Whether ``state`` on a ``level`` is as accurate as it should be."""
-        if level == len(LEVELS) - 1:
-            return True
+        """Whether ``state`` on a ``level`` is as accurate as it should be.
+
+        Raises:
+            SolveError: if it is not, and there is no finer level.
+        """
         problem.load_work(state)
         error = position_error(problem.elements, state.z, problem.work.slope)
-        if not error <= self.setting.accuracy:
+        allowed = self.setting.accuracy
+        if self._is_last(level):
+            allowed = max(allowed, _WORST)
+            if not error <= allowed:
+                raise SolveError(
+                    f'{problem.elements.s.size} nodes do not resolve the strains: error of '
+                    f'positions of about {error:.1e} of the length'
+                )
+        if not error <= allowed:
             return False
         if problem.friction is None:
             return True
-        return self.finer(level).friction_error(state) <= _TENSION_ERROR * self.setting.accuracy
+        rough = self.finer(level).friction_error(state)
+        if self._is_last(level) and not rough <= _WORST_TENSION:
+            raise SolveError(
+                f'{problem.elements.s.size} nodes do not resolve the tensions of tendons with '
+                f'friction: error of about {rough:.1e} of them'
+            )
+        return self._is_last(level) or rough <= _TENSION_ERROR * allowed
+
+    def _is_last(self, level: int) -> bool:
+        """Whether there is no finer level than this one."""
+        if level == len(LEVELS) - 1:
+            return True
+        nodes, (cuts, more), (next_cuts, next_more) = (
+            self.problem(level).elements, LEVELS[level], LEVELS[level + 1]
+        )  # fmt: skip
+        points = nodes.points - more + next_more
+        return nodes.lengths.size // cuts * next_cuts * points > MAX_NODES
 
 
 def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:

@@ -200,7 +200,7 @@ def test_tensions_change_with_what_they_depend_on(name: str) -> None:
             'tendons': (changes.by_offset(outwards), paths),
         }
         if tables.compliance.any():
-            squares = -tables.compliance**2
+            squares = -(tables.compliance**2)
             given['compliance'] = (changes.by_sheath_stiffness, squares)
         for field, (found, direction) in given.items():
             value, ends = getattr(tables, field), []
