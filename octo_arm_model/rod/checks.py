@@ -11,7 +11,7 @@ from octo_arm_model.rod.equilibrium import Problem, State
 from octo_arm_model.rod.tables import ALONG_B, ALONG_N, AXIAL, SQUARED_RADIUS
 
 SHORTEST_FIBRE = 0.02  # of its reference length
-_SHORTENS = 100.0  # tension over E A for which no section keeps a tendon from vanishing
+_SHORTENS = 1.0  # tension over E A that would shorten a straight rod to nothing
 
 
 def check_solution(problem: Problem, state: State, is_loaded: bool) -> None:
