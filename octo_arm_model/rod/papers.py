@@ -264,16 +264,17 @@ def _with_friction(
     problem, tensions = level.problem, state.acting.tensions
     nodes, tendons = tensions.shape
     slides = problem.tension_changes(state)
-    assert slides is not None
     direct, own = np.zeros((nodes, tendons, 2 * tendons + 1)), np.arange(tendons)
-    direct[:, own, own] = slides.by_base_tension()
-    direct[:, own, tendons + 1 + own] = slides.by_friction
+    direct[:, own, own] = problem.tension_rates(state)
     # Scaling E is scaling all tensions the other way.
     direct[..., tendons] = -tensions
     at_nodes = by_local[..., :nodes].transpose(2, 0, 1)
     rows = (at_nodes @ direct).reshape(4 * nodes, -1)
     # Derivatives of the tensions by z, (N, J, 4 N).
-    by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
+    by_z = np.zeros((nodes, tendons, 4 * nodes))
+    if slides is not None:
+        direct[:, own, tendons + 1 + own] = slides.by_friction
+        by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
     coupled = (at_nodes @ by_z).reshape(4 * nodes, -1)
     z = np.linalg.solve(np.eye(4 * nodes) - coupled, rows)
     effective = direct + by_z @ z
