@@ -15,7 +15,7 @@ from octo_arm_model.core.errors import ConfigError, ContinuationError, Convergen
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NODES
 from octo_arm_model.rod import arrays
-from octo_arm_model.rod.checks import check_solution
+from octo_arm_model.rod.checks import check_solution, explain
 from octo_arm_model.rod.continuation import (
     MOST_CORRECTED,
     ON_THE_WAY,
@@ -273,7 +273,7 @@ class Rod:
         Nearly, where tendons have friction.
 
         Raises:
-            ConvergenceError: if there is no balance.
+            SolveError: if there is no balance.
         """
         local = np.empty((problem.elements.s.size, wanted.tensions.size))
         local[:] = wanted.tensions
@@ -283,7 +283,10 @@ class Rod:
             local = problem.first_tensions(wanted, z)
             z = initial_twists(problem.tables, local, problem.strains)
         given = problem.form, problem.tables, problem.work
-        return balance_sections(*given, local, np.zeros_like(z), z)
+        try:
+            return balance_sections(*given, local, np.zeros_like(z), z)
+        except ConvergenceError as error:
+            raise explain(problem, local, error) from None
 
     def _warm(
         self, wanted: Condition, start: Equilibrium, spending: Spending
