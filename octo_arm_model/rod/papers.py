@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
@@ -23,7 +24,8 @@ from octo_arm_model.rod.read_out import ADDED_POINTS, integrate_poses
 from octo_arm_model.rod.resolution import position_error
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting, moved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.statics import Setup, Shape, Statics, strains_of
+from octo_arm_model.rod.several import Several
+from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL
 from octo_arm_model.rod.tendons import tendon_stretch
 
@@ -86,6 +88,9 @@ class Papers(Statics):
         self.is_compiled = self._rod.is_compiled
         self._at = functools.cache(self._level)
         self._at(0)
+        self._several = functools.lru_cache(8)(
+            lambda level, arms: Several(self._at(level).problem, arms)
+        )
 
     def _level(self, level: int) -> _Level:
         setup, problem = self._setup, self._rod.problem(level, ADDED_POINTS)
@@ -125,15 +130,34 @@ class Papers(Statics):
             error = position_error(problem.elements, z, problem.work.slope)
             if error <= self._setup.accuracy:
                 break
-        position, turn = integrate_poses(problem, z, level.integration)
+        base = problem.tables.base
+        position, turn = integrate_poses(problem.work, base, z, level.integration)
         state = State(acting, z, np.zeros_like(z), float(found.residual))
         return Shape(
-            position + self._setup.base[0],
-            np.roll(turn, -1, axis=1),
-            strains_of(found.twist[:, nodes:].T),
+            position[0] + self._setup.base[0],
+            turn[0],
+            strains_of(found.twist[:, nodes:]),
             along,
             Equilibrium(state, number, None, None, int(found.iterations)),
         )
+
+    @np.errstate(over='ignore', invalid='ignore', divide='ignore')
+    def _solve_at_once(
+        self, level: int, tensions: FloatArray, numbers: IntArray, shapes: Shapes
+    ) -> NDArray[np.bool_]:
+        """See `Statics`."""
+        own = self._at(level)
+        try:
+            found = own.equations.solve(tensions)
+        except ConvergenceError:
+            return np.zeros(len(tensions), np.bool_)
+        nodes = own.problem.elements.s.size
+        z = found.twist[..., :nodes].transpose(1, 2, 0).reshape(-1, 4)
+        several = self._several(level, len(tensions))
+        fine = self._write(several, z, own.integration, numbers, shapes)
+        shapes.strains[:, numbers] = strains_of(found.twist[..., nodes:])
+        shapes.residual[numbers], shapes.iterations[numbers] = found[1:]
+        return fine & (found.twist[3].min(axis=1) > 0.0)
 
     def _slide(
         self, level: _Level, tensions: FloatArray, before: FloatArray | None
