@@ -28,7 +28,7 @@ from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.tables import Tables, Work
 
 _STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts as straight [rad]
-SAME = 1e-8  # relative difference up to which two tensions of a tendon count as equal
+SAME = 1e-6  # relative difference up to which two tensions of a tendon count as equal
 # Tolerance of the angles by which tendons in sheaths turn [rad], and most iterations for them.
 _PLACED, _MOST_PLACED = 1e-13, 50
 _NOTHING = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
