@@ -158,7 +158,7 @@ class Papers(Statics):
             z = np.ascontiguousarray(twist[:, : len(local)].T)
             found = friction.slide_along(z, tensions, before, problem.work)
             loss = tables.friction * (level.between @ found.angle)
-            at_stations = clipped(base, np.zeros_like(base) if held is None else held, loss)[0]
+            at_stations = clipped(base, np.zeros_like(base) if held is None else held, loss)
             change = float(np.abs(found.tensions - local).max())
             local = found.tensions
             if change <= _SETTLED * float(tensions.max()):
