@@ -87,7 +87,7 @@ def settle_sections(
         inverse = np.linalg.inv(problem.work.hessian)
     except np.linalg.LinAlgError:
         return state, 0
-    for iterations in range(MOST):
+    for iterations in range(MOST):  # noqa: B007 - returned
         if state.residual <= tolerance:
             break
         step = -(inverse @ state.imbalance[..., np.newaxis]).ravel()

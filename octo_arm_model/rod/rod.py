@@ -13,8 +13,9 @@ from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Budget, Spending
 from octo_arm_model.core.errors import ConfigError, ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.limits import MAX_NODES
 from octo_arm_model.rod import arrays
-from octo_arm_model.rod.checks import check_solution
+from octo_arm_model.rod.checks import check_solution, explain
 from octo_arm_model.rod.continuation import (
     MOST_CORRECTED,
     ON_THE_WAY,
@@ -36,7 +37,8 @@ from octo_arm_model.rod.tables import force_scale, tabulate
 from octo_arm_model.rod.unloaded import balance_sections, initial_twists
 
 _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
-_MOST_TENSION_ERROR = 1e-2  # beyond which an answer is refused
+_WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
+_WORST_TENSION = 1e-2  # likewise of tensions with friction, in parts of them
 _GENTLE = 0.1  # part of tensions with friction to begin with, where all of them are too much
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
 # An equilibrium that is stable by a margin is not judged again where since then the arm has turned
@@ -271,7 +273,7 @@ class Rod:
         Nearly, where tendons have friction.
 
         Raises:
-            ConvergenceError: if there is no balance.
+            SolveError: if there is no balance.
         """
         local = np.empty((problem.elements.s.size, wanted.tensions.size))
         local[:] = wanted.tensions
@@ -281,7 +283,10 @@ class Rod:
             local = problem.first_tensions(wanted, z)
             z = initial_twists(problem.tables, local, problem.strains)
         given = problem.form, problem.tables, problem.work
-        return balance_sections(*given, local, np.zeros_like(z), z)
+        try:
+            return balance_sections(*given, local, np.zeros_like(z), z)
+        except ConvergenceError as error:
+            raise explain(problem, local, error) from None
 
     def _warm(
         self, wanted: Condition, start: Equilibrium, spending: Spending
@@ -410,23 +415,39 @@ class Rod:
         """Whether ``state`` on a ``level`` is as accurate as it should be.
 
         Raises:
-            SolveError: if it is the last and tensions with friction are far from it.
+            SolveError: if it is not, and there is no finer level.
         """
-        is_last = level == len(LEVELS) - 1
-        if not is_last:
-            problem.load_work(state)
-            error = position_error(problem.elements, state.z, problem.work.slope)
-            if not error <= self.setting.accuracy:
-                return False
+        problem.load_work(state)
+        error = position_error(problem.elements, state.z, problem.work.slope)
+        allowed = self.setting.accuracy
+        if self._is_last(level):
+            allowed = max(allowed, _WORST)
+            if not error <= allowed:
+                raise SolveError(
+                    f'{problem.elements.s.size} nodes do not resolve the strains: error of '
+                    f'positions of about {error:.1e} of the length'
+                )
+        if not error <= allowed:
+            return False
         if problem.friction is None:
             return True
-        error = self.finer(level).friction_error(state)
-        if is_last and not error <= _MOST_TENSION_ERROR:
+        rough = self.finer(level).friction_error(state)
+        if self._is_last(level) and not rough <= _WORST_TENSION:
             raise SolveError(
-                f'tendons turn too sharply for their friction: their tensions are uncertain by '
-                f'{error:.2g} of them, must be <= {_MOST_TENSION_ERROR}'
+                f'{problem.elements.s.size} nodes do not resolve the tensions of tendons with '
+                f'friction: error of about {rough:.1e} of them'
             )
-        return is_last or error <= _TENSION_ERROR * self.setting.accuracy
+        return self._is_last(level) or rough <= _TENSION_ERROR * allowed
+
+    def _is_last(self, level: int) -> bool:
+        """Whether there is no finer level than this one."""
+        if level == len(LEVELS) - 1:
+            return True
+        nodes, (cuts, more), (next_cuts, next_more) = (
+            self.problem(level).elements, LEVELS[level], LEVELS[level + 1]
+        )  # fmt: skip
+        points = nodes.points - more + next_more
+        return nodes.lengths.size // cuts * next_cuts * points > MAX_NODES
 
 
 def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
