@@ -329,7 +329,8 @@ class Changes:
         friction, sliding = self._friction, self._sliding
         reach, mu = self._tables.reach, self._tables.friction
         if sliding.along is None or sliding.loss is None:
-            return reach * of(sliding.tensions, np.float64(-1.0), mu * sliding.angle)
+            drawn_in = np.full_like(sliding.angle, -1.0)
+            return np.asarray(reach * of(sliding.tensions, drawn_in, mu * sliding.angle))
         # A slack tendon is drawn in next, whatever it was before.
         slip = np.where(sliding.along > 0.0, sliding.slip, -1.0)
         found = of(sliding.along, slip, sliding.loss)
