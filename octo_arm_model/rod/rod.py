@@ -43,6 +43,7 @@ _GENTLE = 0.1  # part of tensions with friction to begin with, where all of them
 # The same of tendons with a history: where they begin to slip strains have kinks, by which the
 # estimated error of positions is too small.
 _OF_HISTORY = 0.01
+_PART = 0.25  # first step of continuation, where `Rod._warm` has failed with the whole way
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
 # An equilibrium that is stable by a margin is not judged again where since then the arm has turned
 # by less than this [rad] and the force on it times the square of its lever over E J has changed by
@@ -345,7 +346,7 @@ class Rod:
             problem, level = self.problem(start.level), start.level
             known, z = start.state.acting.condition, start.state.z
             wanted = self._at_level(wanted, level)
-            judged = follow(problem, known, z, wanted, spending)
+            judged = follow(problem, known, z, wanted, spending, step=_PART)
         else:
             level = self._first_level(None, wanted)
             judged = self._cold(wanted, level, spending)
