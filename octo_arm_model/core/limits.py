@@ -1,17 +1,17 @@
 """Bounds on the size of all input, in one table; each is checked where the input enters.
 
-Time and memory of a solve grow in proportion to stations and to intervals times tendons. Within
-these bounds every model takes at most some tens of seconds and a gigabyte.
+Time and memory of a solve grow in proportion to stations and to nodes times tendons, under loads
+with the third and second power of the nodes. Within these bounds every model takes at most some
+tens of seconds and some gigabytes.
 """
 
 from __future__ import annotations
 
 MAX_STATIONS = 10_000
-MAX_INTERVALS = 20_000  # of the quadrature; see `grid`
+MAX_INTERVALS = 20_000  # that an arm could be cut into, each no longer than thick
+MAX_NODES = 2_000  # of a loaded arm
 MAX_SECTIONS = 64
 MAX_TENDONS = 256
-# A node of the grid at which a tendon is tabulated; there are two nodes to an interval.
-MAX_TENDON_NODES = 500_000
 MAX_POINT_LOADS = 256
 MAX_TABLE_POINTS = 1_000  # of each table along s: radius, modulus, path, distributed force
 MAX_TENDON_TABLE = 20_000  # values of a table of paths, over all tendons

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Problem, State
-from octo_arm_model.rod.tables import ALONG_B, ALONG_N, SQUARED_RADIUS
+from octo_arm_model.rod.tables import ALONG_B, ALONG_N, AXIAL, SQUARED_RADIUS
 
 SHORTEST_FIBRE = 0.02  # of its reference length
+_SHORTENS = 1.0  # tension over E A that would shorten a straight rod to nothing
 
 
 def check_solution(problem: Problem, state: State, is_loaded: bool) -> None:
@@ -24,6 +25,20 @@ def check_solution(problem: Problem, state: State, is_loaded: bool) -> None:
         check_tendons(problem, state)
         if not is_loaded:
             check_stable(problem, state)
+
+
+def explain(problem: Problem, tensions: FloatArray, error: ConvergenceError) -> SolveError:
+    """Why cross sections under ``tensions`` (N, J) [N] have no balance, after ``error``."""
+    tables = problem.tables
+    pull = (tensions * tables.reach).max(axis=1) / tables.body[:, AXIAL]
+    node = int(np.argmax(pull))
+    if pull[node] > _SHORTENS:
+        s = problem.elements.s[node]
+        return SolveError(f'tensions shorten a tendon to nothing at s = {s:.4g} m')
+    if tables.compliance.any():
+        what = 'the balance of the cross sections, with tendons in compliant sheaths,'
+        return ConvergenceError(what, error.residual, error.iterations, error.iterate)
+    return error
 
 
 def check_stretches(problem: Problem, z: FloatArray) -> None:

@@ -14,7 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.core.hints import BoolArray, FloatArray, IntArray
+from octo_arm_model.core.limits import MAX_INTERVALS, MAX_NODES
 from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
 from octo_arm_model.rod.stations import apart
 
@@ -29,6 +31,7 @@ COARSE = -1  # level of few nodes, to follow arms on
 _COARSE_POINTS = 4
 # Parts of each element, and points of each part, where tendons slide: tensions have kinks.
 FINE = 12, 4
+_SAMPLES = 101  # at which the thickness is looked at
 MOST_KNOTS = 48  # of profiles, which cost convergence only where elements contain them
 
 
@@ -115,14 +118,23 @@ def build_elements(
 
     Loads begin, end or jump at ``breaks`` and are not smooth at ``knots`` [m]. So many points are
     ``added`` to each element.
+
+    Raises:
+        ConfigError: if the arm is too thin for its length, or the fewest nodes are too many.
     """
     cuts, more = LEVELS[max(level, 0)]
+    check_thickness(arm)
     edges = _edges(arm, breaks, knots)
     # Equal parts of this coordinate have lengths in proportion to the radius.
     s, coordinate = _graded(arm, edges)
     at_edges = np.interp(edges, s, coordinate)
     each = _share(arm, edges, at_edges)
     points = _points(int(each.sum())) + more if level >= 0 else _COARSE_POINTS
+    if (fewest := int(each.sum()) * _points(int(each.sum()))) > MAX_NODES:
+        raise ConfigError(
+            f'this arm takes {fewest} nodes, at most {MAX_NODES} are allowed: it has too many '
+            'sections, loads or tabulated points'
+        )
     inside = [
         np.linspace(first, last, count * cuts + 1)[:-1]
         for first, last, count in zip(at_edges[:-1], at_edges[1:], each)
@@ -142,6 +154,26 @@ def build_elements(
         stops, rule, lengths, places.ravel(), weights.ravel(),
         np.repeat(section, rule.points.size), sharp,
     )  # fmt: skip
+
+
+def check_thickness(arm: Arm) -> None:
+    """Check that ``arm`` is not absurdly thin.
+
+    Raises:
+        ConfigError: if it is.
+    """
+    s = np.linspace(0.0, arm.length, _SAMPLES)
+    acts = np.array([section.anchorage for section in arm.sections])[arm.tendon_section - 1]
+    place = np.hypot(*arm.tendon_offsets(s)) * (s <= acts[:, np.newaxis])
+    place = place.max(axis=0, initial=0.0)
+    thickness = np.maximum(arm.body.radius(s), place)
+    with np.errstate(over='ignore'):
+        pieces = np.diff(s) / np.minimum(thickness[:-1], thickness[1:])
+    if not np.maximum(pieces, 1.0).sum() <= MAX_INTERVALS:
+        raise ConfigError(
+            f'this arm takes more than {MAX_INTERVALS} intervals, each no longer than thick: it '
+            'is too thin for its length'
+        )
 
 
 def _edges(arm: Arm, breaks: tuple[float, ...], knots: tuple[float, ...]) -> FloatArray:

@@ -213,7 +213,7 @@ class Changes:
 
     def _by_directions(self, bends: Bends, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivatives of the angles by u, and by curvatures for held u, (3, E, J, p + 1, p)."""
-        tables, (elements, tendons, points) = self._tables, self._shape
+        tables, (elements, _, points) = self._tables, self._shape
         h = tables.lengths[:, np.newaxis, np.newaxis, np.newaxis]
         # By bends, of their integrals to nodes and the end of elements.
         across = np.divide(
@@ -297,7 +297,7 @@ class Changes:
 
     def by_twists(self, change: FloatArray) -> FloatArray:
         """Changes (N, J, k) by those of the twists (N, m, k), base tensions held."""
-        elements, tendons, points = self._shape
+        elements, _, points = self._shape
         rows = change.reshape(elements, 1, -1, change.shape[2])
         return self._of_angles(self._by_z.reshape(*self._shape[:2], points + 1, -1) @ rows)
 

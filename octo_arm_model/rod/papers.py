@@ -158,6 +158,7 @@ class Papers(Statics):
             z = np.ascontiguousarray(twist[:, : len(local)].T)
             found = friction.slide_along(z, tensions, before, problem.work)
             loss = tables.friction * (level.between @ found.angle)
+            loss[0] = 0.0
             at_stations = clipped(base, np.zeros_like(base) if held is None else held, loss)[0]
             change = float(np.abs(found.tensions - local).max())
             local = found.tensions
@@ -221,7 +222,9 @@ def sensitivity(level: _Level, state: State) -> Sensitivity:
     local: FloatArray | None = None
     if problem.friction is not None:
         assert isinstance(equations, ClosedForm)
-        both = np.concatenate([state.acting.tensions, level.between @ state.acting.tensions])
+        stations = level.between @ state.acting.tensions
+        stations[0] = tensions
+        both = np.concatenate([state.acting.tensions, stations])
         stepped = both.T[:, np.newaxis] + 1j * step * own[..., np.newaxis]
         by_local = equations.local_twist(stepped).imag / step  # (4, J, N + S)
         change, local = _with_friction(level, state, by_local)
@@ -275,6 +278,8 @@ def _with_friction(
     z = np.linalg.solve(np.eye(4 * nodes) - coupled, rows)
     effective = direct + by_z @ z
     stations = np.tensordot(level.between, effective, 1)
+    stations[0] = np.eye(tendons, 2 * tendons + 1)  # at the base tensions are given
+    stations[0, :, tendons] = -state.acting.condition.tensions
     change = np.einsum('ajn,njc->acn', by_local, np.concatenate([effective, stations]))
     # The tensions themselves do not change with E as their effect does.
     effective[..., tendons] += tensions

@@ -119,17 +119,6 @@ class Uncertainty:
         return covariance
 
 
-@functools.lru_cache
-def deviations_of(uncertainty: Uncertainty, tendons: int) -> FloatArray:
-    """Standard deviations of the tensions, E, nu and the offsets of so many ``tendons``; cached.
-
-    (2 tendons + 2,); only (tendons + 2,), those before the offsets, where these are certain.
-    """
-    each = [uncertainty.tension] * tendons
-    each += [uncertainty.youngs_modulus, uncertainty.poisson_ratio]
-    return np.array(each + [uncertainty.offset] * tendons if uncertainty.offset else each)
-
-
 @dataclass(frozen=True)
 class Sensitivity:
     """First derivatives of one solution.

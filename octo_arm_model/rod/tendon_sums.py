@@ -169,13 +169,6 @@ def check_highest(arm: Arm, highest: ArrayLike) -> FloatArray:
     return limits
 
 
-def largest_of(tensions: FloatArray) -> float:
-    """Largest of ``tensions`` [N]; zero if there are none."""
-    if 0 < tensions.size <= _FEW:
-        return max(tensions.ravel().tolist())
-    return float(tensions.max(initial=0.0))
-
-
 def _is_fine(array: FloatArray) -> bool:
     """Whether all are finite and >= 0."""
     if 0 < array.size <= _FEW:

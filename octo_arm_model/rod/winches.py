@@ -24,7 +24,7 @@ from octo_arm_model.core.budget import Spending
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.complementarity import complementary_step
-from octo_arm_model.rod.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, judge
+from octo_arm_model.rod.continuation import MOST_CORRECTED, ON_THE_WAY, growth, judge
 from octo_arm_model.rod.equilibrium import Condition, State
 from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.lengths import rest_stretches
@@ -32,10 +32,14 @@ from octo_arm_model.rod.newton import CHORD, FIRST, MOST, PREDICTED, PROGRESS, C
 from octo_arm_model.rod.rod import Equilibrium, Rod, moved
 from octo_arm_model.rod.tendons import Tendons
 
+TOLERANCE = 1e-10  # residual of the balance
 MET = 1e-9  # error of displacements over the length, and of tensions over the largest
+_ROUGHLY = 3e-5  # the same of displacements on the way
 ROUNDING = 1e-13  # of displacements, over the length
-# Of continuation: the first step, the smallest, and factors on one that did well or did not.
-_FIRST_STEP, _SMALLEST_STEP, _LONGER, _SHORTER = 0.3, 1e-3, 2.0, 0.3
+# Of continuation, see `rod.continuation`: the first step, the smallest, iterations of one that may
+# grow, and factors on one that was not accepted or not found.
+_FIRST_STEP, _SMALLEST_STEP, _QUICKLY, _SHORTER, _MUCH_SHORTER = 0.3, 1e-3, 5, 0.7, 0.25
+_SMALLEST_LOAD = 0.03  # where loads begin to act
 _BEYOND = 0.05  # the end of a branch
 _MOST_KEPT = 20  # sets of equations
 _MOST_JUMPS = 4  # to what an arm whose branch ends turns to under tensions that are held
@@ -231,9 +235,12 @@ class Reeling:
             far = 0.0 if predicted is None else problem.turn(now.state.z - predicted.z)
             return _Found(now, border, iterations, far, is_met)
 
+        # On the way tensions need not be exact, nor lengths.
+        least, is_rough = (MET, False) if tolerance < ON_THE_WAY else (_ROUGHLY, True)
         while True:
-            is_met = now.state.residual <= tolerance and now.left <= MET * length
-            if is_met and (is_worse or expected <= MET * float(now.tensions.max(initial=0.0))):
+            is_met = now.state.residual <= tolerance and now.left <= least * length
+            is_fine = expected <= MET * float(now.tensions.max(initial=0.0))
+            if is_met and (is_rough or is_worse or is_fine):
                 return found(True)
             if iterations >= MOST:
                 return found(is_met)
@@ -416,10 +423,12 @@ class Winches:
     def _followed(
         self, aim: Aim, driven: NDArray[np.bool_], start: Equilibrium, spending: Spending
     ) -> Held:
-        """By continuation from the equilibrium ``start``, whose loads are those of ``aim``."""
+        """By continuation from the equilibrium ``start``, of the same loads or of none."""
         reeling, jumps = self._reeling(start.level, driven), 0
         held = self._begun(reeling, start, aim)
         known, done, step = self._known(held), 0.0, _FIRST_STEP
+        is_loading = known.condition.factor < aim.condition.factor
+        smallest = _SMALLEST_LOAD if is_loading else _SMALLEST_STEP
         while True:
             target = min(1.0, done + step)
             now, last = known.towards(aim, target), held.equilibrium
@@ -433,13 +442,15 @@ class Winches:
             if more is not None:
                 if target == 1.0:
                     return more
-                held, done, step = more, target, _LONGER * (target - done)
-            elif step > _SMALLEST_STEP:
-                step = max(_SHORTER * (target - done), _SMALLEST_STEP)
+                longer = growth(found.corrected) if found.iterations <= _QUICKLY else 1.0
+                held, done, step = more, target, longer * (target - done)
+            elif step > smallest:
+                shorter = min(growth(found.corrected), _SHORTER) if found.is_met else _MUCH_SHORTER
+                step = max(shorter * (target - done), smallest)
             else:
                 jumps += 1
                 left = found.reached.left / self._rod.arm.length
-                if jumps > _MOST_JUMPS or self._is_free(aim):
+                if jumps > _MOST_JUMPS or self._is_free(aim) or is_loading:
                     what = 'the displacement of the tendons'
                     raise ConvergenceError(what, left, spending.iterations, state.z)
                 # The branch ends: on with what the arm turns to under the tensions there.
@@ -475,6 +486,12 @@ class Winches:
         held = self._accepted(reeling, found, start, aim, spending)
         if held is not None:
             return held
+        try:
+            return self._followed(aim, driven, start, spending)
+        except ContinuationError:
+            raise  # Its budget is spent.
+        except ConvergenceError:
+            pass
         try:
             loaded = rod.solve(tensions, condition.tip_wrench, None, spending)
             return self._from(aim, driven, loaded, spending)

@@ -3,11 +3,11 @@
 Of the paper's models, and of tendons with friction; `rod.winches` finds others together with the
 shape. Friction leaves no energy, and a tendon that is let out a little after it was drawn in, or
 the other way round, slips next to its base alone: its displacement changes by the square of what
-its tension does, and its derivative at the turn is zero. Newton's steps are therefore damped as those
-of Levenberg and Marquardt, by a part of what the tendons would yield on the slack arm, and take
-differences over about as much as tensions will change. Where the slipping part of a tendon grows
-past a point of the arm derivatives jump, so that a step may end farther from the goal than it
-began, but not than several before (Grippo, Lampariello and Lucidi 1986).
+its tension does, and its derivative at the turn is zero. Newton's steps are therefore damped as
+those of Levenberg and Marquardt, by a part of what the tendons would yield on the slack arm, and
+take differences over about as much as tensions will change. Where the slipping part of a tendon
+grows past a point of the arm derivatives jump, so that a step may end farther from the goal than
+it began, but not than several before (Grippo, Lampariello and Lucidi 1986).
 
 Of tendons that do not stretch there can be more than ways in which the arm deforms: four parallel
 ones in which two opposite lengths together are the other two. Such lengths leave one tendon slack,

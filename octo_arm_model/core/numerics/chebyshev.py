@@ -36,13 +36,3 @@ def barycentric_matrix(points: FloatArray, targets: FloatArray) -> FloatArray:
     matrix[row] = 0.0
     matrix[row, column] = 1.0
     return matrix
-
-
-def tail_matrix(count: int) -> FloatArray:
-    """Matrix (count, 2) from a row of values to its last two Chebyshev coefficients.
-
-    These are small where the points resolve the function.
-    """
-    x = -np.cos(np.pi * np.arange(count) / (count - 1))
-    values = np.polynomial.chebyshev.chebvander(x, count - 1)
-    return np.asarray(np.linalg.inv(values)[-2:].T, dtype=np.float64)

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg.blas import ztbsv
 
 from octo_arm_model.core.hints import ComplexArray, FloatArray, IntArray, Number
 
@@ -87,33 +86,6 @@ def quaternion_rates(q: FloatArray, kappa: FloatArray, out: FloatArray) -> None:
 def product(a: Number, b: Number, c: Number, d: Number) -> tuple[Number, Number]:
     """Quaternion (a + b j) (c + d j), of complex numbers."""
     return a * c - b * np.conj(d), a * d + b * np.conj(c)
-
-
-def displacement(a: Number, b: Number, c: Number, d: Number) -> tuple[Number, Number]:
-    """Vector (a + b j) (c + d j)^-1: along x, and along y and z as real and imaginary part."""
-    return (a * np.conj(c) + b * np.conj(d)).imag, b * c - a * d
-
-
-def cumulative_product(factors: Quaternions) -> Quaternions:
-    """Product of all ``factors`` (..., n) up to and including each along the last axis.
-
-    Multiplying (a, b) by (c, d) from the right gives (a c - b conj(d), a d + b conj(c)), which is
-    linear in a and b. So all products solve one banded triangular system, which BLAS does in
-    less time than a few NumPy calls take.
-    """
-    *lead, count = factors.a.shape
-    # The band below the unit diagonal, column by column: the factor from each product to the next.
-    band = np.zeros((*lead, count, 2, 4), np.complex128)
-    to_next, c, d = band[..., :-1, :, :], factors.a[..., 1:], factors.b[..., 1:]
-    np.negative(c, out=to_next[..., 0, 2])
-    np.negative(d, out=to_next[..., 0, 3])
-    np.conjugate(d, out=to_next[..., 1, 1])
-    np.conjugate(to_next[..., 0, 2], out=to_next[..., 1, 2])
-    first = np.zeros((*lead, count, 2), np.complex128)
-    first[..., 0, 0], first[..., 0, 1] = factors.a[..., 0], factors.b[..., 0]
-    products = ztbsv(3, band.reshape(-1, 4).T, first.ravel(), lower=1, diag=1, overwrite_x=1)
-    a, b = products.reshape(-1, 2).T
-    return Quaternions(a.reshape(factors.a.shape), b.reshape(factors.b.shape))
 
 
 def unit(orientation: Quaternions) -> Quaternions:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.core.numerics.quaternion import Quaternions, cumulative_product
+from octo_arm_model.core.numerics.quaternion import Quaternions
 
 COMPONENTS = st.floats(-1.0, 1.0, allow_subnormal=False)
 XYZW = arrays(np.float64, (4,), elements=COMPONENTS)
@@ -69,30 +69,3 @@ def test_products_compose_rotations(p: np.ndarray, q: np.ndarray) -> None:
 def test_matrices_are_those_of_scipy(q: np.ndarray) -> None:
     matrix = Quaternions.from_xyzw(q).matrix()
     np.testing.assert_allclose(matrix, Rotation.from_quat(q).as_matrix(), atol=1e-12)
-
-
-@pytest.mark.parametrize('batch', [(), (1,), (3,), (2, 3)])
-@pytest.mark.parametrize('count', [1, 2, 3, 170, 2049])
-def test_cumulative_products_equal_one_multiplication_after_another(
-    batch: tuple[int, ...], count: int
-) -> None:
-    factors = random_units(*batch, count)
-    original = factors.copy()
-    one_by_one = [factors[..., 0, :]]
-    for i in range(1, count):
-        one_by_one.append(product(one_by_one[-1], factors[..., i, :]))
-    at_once = xyzw(cumulative_product(Quaternions.from_xyzw(factors)))
-    np.testing.assert_allclose(at_once, np.stack(one_by_one, axis=-2), atol=1e-12)
-    np.testing.assert_array_equal(factors, original)
-
-
-def test_cumulative_products_leave_their_factors_alone() -> None:
-    factors = Quaternions.from_xyzw(random_units(1, 5))
-    before = xyzw(factors)
-    cumulative_product(factors)
-    np.testing.assert_array_equal(xyzw(factors), before)
-
-
-def test_long_products_of_unit_quaternions_stay_unit() -> None:
-    products = xyzw(cumulative_product(Quaternions.from_xyzw(random_units(2, 5000))))
-    np.testing.assert_allclose(np.linalg.norm(products, axis=-1), 1.0, atol=1e-12)
