@@ -41,29 +41,32 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
     A quaternion is a + b j, see `core.numerics.quaternion`; the equations are linear in (a, b).
     """
     points, elements = tables.to_point.shape[0], tables.lengths.size
-    half = 0.5 * z[:, :3].reshape(elements, points, 3) * tables.lengths[:, np.newaxis, np.newaxis]
+    half = 0.5 * z[:, :3].reshape(-1, elements, points, 3)
+    half *= tables.lengths[:, np.newaxis, np.newaxis]
     # Rate of (a, b) of an element of length one by its row of [[i t, -c*], [c, -i t]].
-    rate = np.empty((elements, points, 2, 2), np.complex128)
+    half, arms = half.reshape(-1, points, 3), len(half)
+    rate = np.empty((len(half), points, 2, 2), np.complex128)
     t, c = 1j * half[..., 0], half[..., 1] + 1j * half[..., 2]
     rate[..., 0, 0], rate[..., 0, 1], rate[..., 1, 0], rate[..., 1, 1] = t, -c.conj(), c, -t
     system = np.multiply(
         -tables.to_point[:, np.newaxis, :, np.newaxis], rate.swapaxes(1, 2)[:, np.newaxis]
-    ).reshape(elements, 2 * points, 2 * points)
+    ).reshape(-1, 2 * points, 2 * points)
     diagonal = np.arange(2 * points)
     system[:, diagonal, diagonal] += 1.0
     one = np.tile([1.0 + 0.0j, 0.0], points)[np.newaxis, :, np.newaxis]
-    inside = np.linalg.solve(system, np.broadcast_to(one, (elements, 2 * points, 1)))
-    inside = inside.reshape(elements, points, 2)
+    inside = np.linalg.solve(system, np.broadcast_to(one, (len(half), 2 * points, 1)))
+    inside = inside.reshape(-1, points, 2)
     weights = tables.weights[:points] / tables.lengths[0]
     last = np.einsum('k,ekab,ekb->ea', weights, rate, inside)
     last[:, 0] += 1.0
     last /= np.sqrt((last.real**2 + last.imag**2).sum(axis=1, keepdims=True))
-    first = np.empty((elements, 2), np.complex128)
+    first = np.empty((elements, 2, arms), np.complex128)
     a, b = complex(*tables.base[:2]), complex(*tables.base[2:])
-    for e, (c_e, d_e) in enumerate(last.tolist()):
-        first[e] = a, b
+    turns = last.reshape(arms, elements, 2).transpose(1, 2, 0)
+    for e, (c_e, d_e) in enumerate(turns[..., 0].tolist() if arms == 1 else turns):
+        first[e, 0], first[e, 1] = a, b
         a, b = a * c_e - b * d_e.conjugate(), a * d_e + b * c_e.conjugate()
-    _orient(first, inside, z, work)
+    _orient(first.transpose(2, 0, 1).reshape(-1, 2), inside, z, work)
 
 
 def _orient(first: ComplexArray, inside: ComplexArray, z: FloatArray, work: Work) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Problem, State
-from octo_arm_model.rod.tables import ALONG_B, ALONG_N, AXIAL, SQUARED_RADIUS
+from octo_arm_model.rod.tables import ALONG_B, ALONG_N, AXIAL, SQUARED_RADIUS, Tables
 
 SHORTEST_FIBRE = 0.02  # of its reference length
 _SHORTENS = 1.0  # tension over E A that would shorten a straight rod to nothing
@@ -51,10 +51,7 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
     """
     stretch = z[:, 3]
     if problem.tables.widens:
-        # That of the section, whose area is 1 / stretch of what it was.
-        radius = np.sqrt(problem.tables.body[:, SQUARED_RADIUS] / stretch)
-        bend = np.sqrt(z[:, 1] * z[:, 1] + z[:, 2] * z[:, 2])
-        shortest = stretch - radius * bend
+        shortest = _shortest_fibres(problem.tables, z)
         node = int(np.argmin(shortest))
         if not shortest[node] > SHORTEST_FIBRE:
             raise SolveError(
@@ -68,6 +65,21 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
             f'tensions compress the arm to nothing at s = {problem.elements.s[node]:.4g} m '
             f'(q = {stretch[node] - 1.0:.4g}, must be > -1)'
         )
+
+
+def are_stretched(tables: Tables, z: FloatArray, arms: int) -> NDArray[np.bool_]:
+    """Whether `check_stretches` passes for each of ``arms`` with twists ``z`` (A N, m), (A,)."""
+    fine = z[:, 3] > 0.0
+    if tables.widens:
+        fine &= _shortest_fibres(tables, z) > SHORTEST_FIBRE
+    return np.asarray(fine.reshape(arms, -1).all(axis=1), np.bool_)
+
+
+def _shortest_fibres(tables: Tables, z: FloatArray) -> FloatArray:
+    """Length of the shortest fibre of sections of twists ``z`` (N, m) over that at rest, (N,)."""
+    # The area of a section is 1 / stretch of what it was.
+    radius = np.sqrt(tables.body[:, SQUARED_RADIUS] / z[:, 3])
+    return np.asarray(z[:, 3] - radius * np.sqrt(z[:, 1] * z[:, 1] + z[:, 2] * z[:, 2]))
 
 
 def check_tendons(problem: Problem, state: State) -> None:

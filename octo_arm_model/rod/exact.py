@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Spending
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.rod.checks import are_stretched
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition, Problem
+from octo_arm_model.rod.read_out import XYZW
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.statics import Setup, Shape, Statics, strains_of
+from octo_arm_model.rod.several import Several
+from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.winches import Winches
-
-_XYZW = np.array([1, 2, 3, 0])  # the order of messages, of a quaternion w, x, y, z
 
 
 class Exact(Statics):
@@ -44,6 +46,9 @@ class Exact(Statics):
         self.is_compiled = self.rod.is_compiled
         self._winches = Winches(self.rod)
         self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
+        self._several = functools.lru_cache(8)(
+            lambda level, arms: Several(self.rod.finer(level).own, arms)
+        )
         self._derivatives = functools.cache(lambda level: Derivatives(self.rod, level, setup.s))
 
     def problem(self, level: int) -> Problem:
@@ -56,6 +61,27 @@ class Exact(Statics):
     ) -> Shape:  # fmt: skip
         """See `Statics`."""
         return self.shape(self.rod.solve(tensions, tip_wrench, start, spending, before))
+
+    def _loaded(self, tip_wrenches: FloatArray) -> bool:
+        """See `Statics`."""
+        return self.rod.is_loaded or bool(tip_wrenches.any())
+
+    @np.errstate(over='ignore', invalid='ignore', divide='ignore')
+    def _solve_at_once(
+        self, level: int, tensions: FloatArray, numbers: IntArray, shapes: Shapes
+    ) -> NDArray[np.bool_]:
+        """See `Statics`."""
+        several, readout = self._several(level, len(tensions)), self._readout(level)
+        try:
+            z, left, steps = several.balance(tensions)
+        except ConvergenceError:
+            return np.zeros(len(tensions), np.bool_)
+        fine = self._write(several, z, readout.integration, numbers, shapes)
+        fine &= are_stretched(several.tables, z, len(tensions))
+        z = readout.interpolation @ z.reshape(len(tensions), -1, self.strains)
+        shapes.strains[:, numbers] = strains_of(z.transpose(2, 0, 1))
+        shapes.residual[numbers], shapes.iterations[numbers] = left, steps
+        return fine
 
     def wind(
         self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
@@ -76,13 +102,13 @@ class Exact(Statics):
         readout = self._readout(found.level)
         along = None
         if found.fine is not None:
-            position, turn, z = readout.read_unloaded(found.fine)
+            position, quaternion, z = readout.read_unloaded(found.fine)
         else:
             reading = readout.read(found.state)
-            position, turn, z = reading.position, reading.quaternion, readout.twists(reading)
+            position, z = reading.position, readout.twists(reading)
+            quaternion = reading.quaternion.take(XYZW, axis=1)
             along = reading.tensions if self._setup.arm.friction else None
-        quaternion = turn.take(_XYZW, axis=1)
-        return Shape(position + self._setup.base[0], quaternion, strains_of(z), along, found)
+        return Shape(position + self._setup.base[0], quaternion, strains_of(z.T), along, found)
 
     def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
         """See `Statics`."""

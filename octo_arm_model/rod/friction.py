@@ -20,13 +20,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.tables import Tables, Work
 
+_STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts as straight [rad]
 SAME = 1e-8  # relative difference up to which two tensions of a tendon count as equal
 # Tolerance of the angles by which tendons in sheaths turn [rad], and most iterations for them.
 _PLACED, _MOST_PLACED = 1e-13, 50
@@ -58,6 +59,8 @@ class Friction:
 
     Attributes:
         fine: the points that a history is at.
+        nodes: arc coordinates of the nodes [m], (N,).
+        reach: `Tables.reach` at the fine points, (M, J).
         to_fine: from values at the nodes of an element to those at its fine points, (M / E, p).
         to_nodes: the other way round, (p, M / E).
     """
@@ -65,8 +68,8 @@ class Friction:
     def __init__(self, tables: Tables, form: Form, elements: Elements) -> None:
         """Of the arm of ``tables`` at the nodes of ``elements``."""
         self._tables, self._form, self._elements = tables, form, elements
-        self.fine, self.to_fine = elements.fine, tables.to_fine
-        self._reach = np.repeat(tables.reach[:: elements.points], len(self.to_fine), axis=0)
+        self.fine, self.nodes, self.to_fine = elements.fine, elements.s, tables.to_fine
+        self.reach = np.repeat(tables.reach[:: elements.points], len(self.to_fine), axis=0)
         self.to_nodes = self.projection(elements)
         self._last: FloatArray | None = None  # tensions that are begun with in sheaths
 
@@ -89,9 +92,7 @@ class Friction:
         mu = self._tables.friction
         if before is None:
             return Sliding(tensions * self._tables.reach * np.exp(-mu * angle), angle)
-        along, slip = clipped(
-            tensions * self._reach, before, mu * self.spread(self.to_fine, angle)
-        )
+        along, slip = clipped(tensions * self.reach, before, mu * self.spread(self.to_fine, angle))
         return Sliding(self.spread(self.to_nodes, along), angle, along, slip)
 
     def slide_along(
@@ -131,7 +132,7 @@ class Friction:
         if sliding.along is not None:
             return sliding.along
         angle = self.spread(self.to_fine, sliding.angle)
-        return np.asarray(tensions * self._reach * np.exp(-self._tables.friction * angle))
+        return np.asarray(tensions * self.reach * np.exp(-self._tables.friction * angle))
 
 
 def clipped(
@@ -168,7 +169,7 @@ class Changes:
         self._tendons, self._pulled = bends.tendons, bends.tendons.pulled
         self._shape = tables.lengths.size, self._pulled.size, len(tables.to_end)
         self._offsets = work.offsets[:, self._pulled]
-        self._directions = _Directions(bends, z)
+        self._directions, self._rate = _Directions(bends, z), bends.rate
         self._by_u, by_kappa = self._by_directions(bends, z)
         u = self._directions.by_twist()
         # Derivative of the gradient of the energy by the local tension, (N, m, J).
@@ -183,6 +184,35 @@ class Changes:
             own = self._slid(self._dense(own))
             inverse = np.linalg.inv(np.eye(len(z)) - self._by_tendon(own))
             self._inverse = np.asarray(inverse, dtype=np.float64)
+
+    def require(self, names: tuple[str, ...], tensions: FloatArray) -> None:
+        """Refuse derivatives where tensions under ``tensions`` (J,) [N] at the base have none.
+
+        ``names`` are those of the tendons.
+
+        Raises:
+            SolveError: if a tendon that is pulled sticks anywhere, slips both ways, or is so
+                straight that turning it either way makes it lose tension.
+        """
+        friction, slip = self._friction, self._sliding.slip
+        rubs = (tensions > 0.0) & (self._tables.friction > 0.0)
+        s, length = friction.fine.s, friction.fine.edges[-1]
+        straight = np.zeros(self._tables.reach.shape, np.bool_)
+        straight[:, self._pulled] = self._rate <= _STRAIGHT / length
+        found = [('is straight', friction.nodes, straight & (self._tables.reach > 0.0))]
+        if slip is not None:
+            acts = friction.reach > 0.0
+            found.insert(0, ('slips both ways', s, acts & (slip != slip[0])))
+            found.insert(0, ('sticks', s, acts & (slip == 0.0)))
+        for what, places, bad in found:
+            bad = bad & rubs
+            if bad.any():
+                place, tendon = np.unravel_index(int(np.argmax(bad)), bad.shape)
+                raise SolveError(
+                    f'no derivatives: with friction, {names[tendon]} of {tensions[tendon]:.4g} N '
+                    f'{what} at s = {places[place]:.4g} m, expected one that slides and turns all '
+                    'along'
+                )
 
     def _by_element(self, values: FloatArray) -> FloatArray:
         """``values`` (..., N, J) as (..., E, J, 1, p)."""

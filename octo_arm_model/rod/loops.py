@@ -55,33 +55,41 @@ def _compiled(function: _F) -> _F:
 
 @_compiled
 def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
-    """Orientation and r' of every node: q' = q (0, kappa) / 2 collocated in each element."""
+    """Orientation and r' of every node: q' = q (0, kappa) / 2 collocated in each element.
+
+    Of several arms where there are several times as many nodes.
+    """
     elements, points = tables.lengths.size, tables.to_point.shape[0]
     to_point, weights = tables.to_point, tables.weights
-    rate, now, first = np.empty((points, 4)), np.empty((points, 4)), tables.base.copy()
-    value = np.empty(4)
-    for e in range(elements):
-        start, h = e * points, tables.lengths[e]
-        own = z[start : start + points]
+    rate, now, first = np.empty((points, 4)), np.empty((points, 4)), np.empty(4)
+    for number in range(z.shape[0] // points):
+        start, e = number * points, number % elements
+        if e == 0:
+            first[:] = tables.base
+        h, own = tables.lengths[e], z[start : start + points]
         _turn(first, own, h, to_point, now)
         for _ in range(_MOST_SWEEPS):
             _rates(now, own, 0.5 * h, rate)
             change = 0.0
             for i in range(points):
-                for c in range(4):
-                    value[c] = first[c]
+                w, x, y, b = first[0], first[1], first[2], first[3]
                 for k in range(points):
-                    for c in range(4):
-                        value[c] += to_point[i, k] * rate[k, c]
-                for c in range(4):
-                    change = max(change, abs(value[c] - now[i, c]))
-                    now[i, c] = value[c]
+                    part = to_point[i, k]
+                    w += part * rate[k, 0]
+                    x += part * rate[k, 1]
+                    y += part * rate[k, 2]
+                    b += part * rate[k, 3]
+                change = max(
+                    change, abs(w - now[i, 0]), abs(x - now[i, 1]), abs(y - now[i, 2]),
+                    abs(b - now[i, 3]),
+                )  # fmt: skip
+                now[i, 0], now[i, 1], now[i, 2], now[i, 3] = w, x, y, b
             if not change > _ROUNDING:
                 break
         _rates(now, own, 0.5 * h, rate)
         for k in range(points):
             for c in range(4):
-                first[c] += weights[start + k] / h * rate[k, c]
+                first[c] += weights[k] / tables.lengths[0] * rate[k, c]
         size = 0.0
         for c in range(4):
             size += first[c] * first[c]
@@ -305,10 +313,11 @@ def _unscale_gradient(z: FloatArray, width: float, slope: float, g: FloatArray) 
 def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient and Hessian of the energy of every cross section by the twist."""
     strain, g, h = np.empty(6), np.empty(6), np.empty((6, 6))
-    own = np.zeros((6, 6))  # rows of one tendon: du/de, its gradient, and C of its sheath
+    own = np.zeros((6, 6))  # rows of one tendon in a sheath: du/de, its gradient, and C
     tendons, compliance, active, offsets = (
         tables.tendons, tables.compliance, tables.active, work.offsets,
     )  # fmt: skip
+    shears = z.shape[1] == 6
     for i in range(z.shape[0]):
         width, slope, bend = _widening(tables.widens, z[i, 3])
         _scaled(z[i], width, strain)
@@ -329,27 +338,59 @@ def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) ->
             over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
             u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
             dx, dy = tendons[i, j, SLOPE_N], tendons[i, j, SLOPE_B]
-            own[1, 0], own[2, 0], own[0, 1], own[0, 2] = -y, x, y, -x
-            own[0, 3], own[1, 3], own[2, 3] = 1.0, slope * dx, slope * dy
-            own[1, 4] = own[2, 5] = 1.0
-            weight = tension * over
-            for c in range(6):
-                own[3, c] = own[0, c] * u_t + own[1, c] * u_n + own[2, c] * u_b
-                g[c] += tension * own[3, c]
-            for a in range(6):
-                for c in range(a + 1):
-                    h[a, c] += weight * (
-                        own[0, a] * own[0, c] + own[1, a] * own[1, c] + own[2, a] * own[2, c]
-                        - own[3, a] * own[3, c]
-                    )  # fmt: skip
-            h[3, 3] += tension * bend * (dx * u_n + dy * u_b)
+            along = tension * (dx * u_n + dy * u_b)
+            dx, dy = slope * dx, slope * dy
+            w, p, q = tension * over, x * u_b - y * u_n, u_t + dx * u_n + dy * u_b
+            y_t, x_t = y * u_t, x * u_t
+            # Rows of the lower half of du/de . du/de - g g^T, g = (p, y_t, -x_t, q, u_n, u_b).
+            h[0, 0] += w * (x * x + y * y - p * p)
+            h[1, 0] -= w * y_t * p
+            h[1, 1] += w * (y * y - y_t * y_t)
+            h[2, 0] += w * x_t * p
+            h[2, 1] -= w * (x * y - x_t * y_t)
+            h[2, 2] += w * (x * x - x_t * x_t)
+            h[3, 0] += w * (x * dy - y * dx - q * p)
+            h[3, 1] += w * (y - q * y_t)
+            h[3, 2] -= w * (x - q * x_t)
+            h[3, 3] += w * (1.0 + dx * dx + dy * dy - q * q) + bend * along
+            g[0] += tension * p
+            g[1] += tension * y_t
+            g[2] -= tension * x_t
+            g[3] += tension * q
+            if shears:
+                g[4] += tension * u_n
+                g[5] += tension * u_b
+                _add_shear(w, (x, y, dx, dy), (p, y_t, -x_t, q, u_n, u_b), h)
             if compliance[j] > 0.0:
+                own[1, 0], own[2, 0], own[0, 1], own[0, 2] = -y, x, y, -x
+                own[0, 3], own[1, 3], own[2, 3] = 1.0, dx, dy
+                own[1, 4] = own[2, 5] = 1.0
+                for c in range(6):
+                    own[3, c] = own[0, c] * u_t + own[1, c] * u_n + own[2, c] * u_b
                 _condense(compliance[j], tension, strain, (u_t, u_n, u_b, over), own, h)
         _unscale(z[i], (width, slope, bend), g, h)
         for a in range(z.shape[1]):
             work.gradient[i, a] = g[a]
             for c in range(a + 1):
                 work.hessian[i, a, c] = work.hessian[i, c, a] = h[a, c]
+
+
+@_compiled
+def _add_shear(
+    w: float, path: tuple[float, float, float, float],
+    g: tuple[float, float, float, float, float, float], h: FloatArray,
+) -> None:  # fmt: skip
+    """The rows of shear of a tendon of tension over |u| ``w``, see `sections`."""
+    x, y, dx, dy = path
+    for c in range(6):
+        h[4, c] -= w * g[4] * g[c]
+        h[5, c] -= w * g[5] * g[c]
+    h[4, 0] -= w * y
+    h[4, 3] += w * dx
+    h[4, 4] += w
+    h[5, 0] += w * x
+    h[5, 3] += w * dy
+    h[5, 5] += w
 
 
 @_compiled

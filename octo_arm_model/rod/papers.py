@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
@@ -23,7 +24,8 @@ from octo_arm_model.rod.read_out import ADDED_POINTS, integrate_poses
 from octo_arm_model.rod.resolution import position_error
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting, moved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.statics import Setup, Shape, Statics, strains_of
+from octo_arm_model.rod.several import Several
+from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL
 from octo_arm_model.rod.tendons import tendon_stretch
 
@@ -55,12 +57,14 @@ class _Level(NamedTuple):
         equations: at both.
         integration: from values at the nodes to integrals up to the stations, (S, N).
         between: from values at the nodes to those at the stations, (S, N).
+        names: of the tendons.
     """
 
     problem: Problem
     equations: Equations
     integration: FloatArray
     between: FloatArray
+    names: tuple[str, ...]
 
 
 class Papers(Statics):
@@ -86,13 +90,17 @@ class Papers(Statics):
         self.is_compiled = self._rod.is_compiled
         self._at = functools.cache(self._level)
         self._at(0)
+        self._several = functools.lru_cache(8)(
+            lambda level, arms: Several(self._at(level).problem, arms)
+        )
 
     def _level(self, level: int) -> _Level:
         setup, problem = self._setup, self._rod.problem(level, ADDED_POINTS)
         own = problem.elements
         places = np.concatenate([own.s, setup.s]), np.concatenate([own.section, setup.section])
         equations = self._equations(setup.arm, *places)
-        return _Level(problem, equations, own.integration(setup.s), own.interpolation(setup.s))
+        stations = own.integration(setup.s), own.interpolation(setup.s)
+        return _Level(problem, equations, *stations, setup.arm.tendon_names)
 
     def problem(self, level: int) -> Problem:
         """See `Statics`."""
@@ -125,15 +133,34 @@ class Papers(Statics):
             error = position_error(problem.elements, z, problem.work.slope)
             if error <= self._setup.accuracy:
                 break
-        position, turn = integrate_poses(problem, z, level.integration)
+        base = problem.tables.base
+        position, turn = integrate_poses(problem.work, base, z, level.integration)
         state = State(acting, z, np.zeros_like(z), float(found.residual))
         return Shape(
-            position + self._setup.base[0],
-            np.roll(turn, -1, axis=1),
-            strains_of(found.twist[:, nodes:].T),
+            position[0] + self._setup.base[0],
+            turn[0],
+            strains_of(found.twist[:, nodes:]),
             along,
             Equilibrium(state, number, None, None, int(found.iterations)),
         )
+
+    @np.errstate(over='ignore', invalid='ignore', divide='ignore')
+    def _solve_at_once(
+        self, level: int, tensions: FloatArray, numbers: IntArray, shapes: Shapes
+    ) -> NDArray[np.bool_]:
+        """See `Statics`."""
+        own = self._at(level)
+        try:
+            found = own.equations.solve(tensions)
+        except ConvergenceError:
+            return np.zeros(len(tensions), np.bool_)
+        nodes = own.problem.elements.s.size
+        z = found.twist[..., :nodes].transpose(1, 2, 0).reshape(-1, 4)
+        several = self._several(level, len(tensions))
+        fine = self._write(several, z, own.integration, numbers, shapes)
+        shapes.strains[:, numbers] = strains_of(found.twist[..., nodes:])
+        shapes.residual[numbers], shapes.iterations[numbers] = found[1:]
+        return fine & (found.twist[3].min(axis=1) > 0.0)
 
     def _slide(
         self, level: _Level, tensions: FloatArray, before: FloatArray | None
@@ -259,21 +286,23 @@ def _with_friction(
     By base tensions, E and mu, from those ``by_local`` (4, J, N + S) tensions at the same place.
 
     Raises:
-        SolveError: if there are none, see `Problem.tension_changes`.
+        SolveError: if there are none, see `friction.Changes.require`.
     """
     problem, tensions = level.problem, state.acting.tensions
     nodes, tendons = tensions.shape
     slides = problem.tension_changes(state)
-    assert slides is not None
     direct, own = np.zeros((nodes, tendons, 2 * tendons + 1)), np.arange(tendons)
-    direct[:, own, own] = slides.by_base_tension()
-    direct[:, own, tendons + 1 + own] = slides.by_friction
+    direct[:, own, own] = problem.tension_rates(state)
     # Scaling E is scaling all tensions the other way.
     direct[..., tendons] = -tensions
     at_nodes = by_local[..., :nodes].transpose(2, 0, 1)
     rows = (at_nodes @ direct).reshape(4 * nodes, -1)
     # Derivatives of the tensions by z, (N, J, 4 N).
-    by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
+    by_z = np.zeros((nodes, tendons, 4 * nodes))
+    if slides is not None:
+        slides.require(level.names, state.acting.condition.tensions)
+        direct[:, own, tendons + 1 + own] = slides.by_friction
+        by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
     coupled = (at_nodes @ by_z).reshape(4 * nodes, -1)
     z = np.linalg.solve(np.eye(4 * nodes) - coupled, rows)
     effective = direct + by_z @ z

@@ -17,9 +17,11 @@ from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_m
 from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.friction import clipped
-from octo_arm_model.rod.tables import force_scale, tabulate, work_arrays
+from octo_arm_model.rod.tables import Work, force_scale, tabulate, work_arrays
+from octo_arm_model.rod.unloaded import straight_twists
 
 ADDED_POINTS = 5  # in each element
+XYZW = np.array([1, 2, 3, 0])  # the order of messages, of a quaternion w, x, y, z
 _STEPS = 2  # of Newton's method, of every section at the stations
 
 
@@ -95,13 +97,18 @@ class Finer:
 
 
 class Readout:
-    """Reads equilibria of a `Problem` at stations."""
+    """Reads equilibria of a `Problem` at stations.
+
+    Attributes:
+        integration: from values at the finer points to integrals up to the stations, (S, n).
+        interpolation: from values at the finer points to those at the stations, (S, n).
+    """
 
     def __init__(self, finer: Finer, arm: Arm, s: FloatArray) -> None:
         """At arc coordinates ``s`` (S,) [m] of ``arm``."""
         self._problem, self._finer, self._s = finer.problem, finer, s
         elements, own = finer.own.elements, finer.own.tables
-        self._integration, self._interpolation = elements.integration(s), elements.interpolation(s)
+        self.integration, self.interpolation = elements.integration(s), elements.interpolation(s)
         self._fine = elements.fine.integration(s)
         self._tables = tabulate(arm, elements, own.base, widens=own.widens, s=s)
         self._work = work_arrays(self._tables, finer.problem.strains, has_jacobian=False)
@@ -109,7 +116,7 @@ class Readout:
     def read(self, state: State) -> Reading:
         """Poses at the stations, by integrals from the base."""
         (acting, z), finer = self._finer.balance(state), self._finer.own
-        work, between = finer.work, self._interpolation @ acting.tensions
+        work, between = finer.work, self.interpolation @ acting.tensions
         if self._problem.friction is not None and state.acting.condition.tensions.ndim == 1:
             between = self._slid(state, self._angle(acting, z))
         finer.form.orientations(finer.tables, z, work)
@@ -121,7 +128,7 @@ class Readout:
         carried[:, 0] = x[1] * f[2] - x[2] * f[1]
         carried[:, 1] = x[2] * f[0] - x[0] * f[2]
         carried[:, 2] = x[0] * f[1] - x[1] * f[0]
-        found = self._integration @ rates
+        found = self.integration @ rates
         turn = found[:, 3:7]
         turn += finer.tables.base
         turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
@@ -130,13 +137,16 @@ class Readout:
         return Reading(found[:, :3], turn, moment, z, acting, between)
 
     def read_unloaded(self, fine: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions, quaternions w, x, y, z and twists at the stations, of an arm without loads.
+        """Positions, quaternions x, y, z, w and twists at the stations, of an arm without loads.
 
         From its twists (n, m) at the finer points.
         """
         finer = self._finer.own
         finer.orient(fine)
-        return *integrate_poses(finer, fine, self._integration), self._interpolation @ fine
+        position, turn = integrate_poses(finer.work, finer.tables.base, fine, self.integration)
+        # So that there is exactly no strain where there is none.
+        z = self.interpolation @ (fine - straight_twists(fine.shape[1]))
+        return position[0], turn[0], z + straight_twists(fine.shape[1])
 
     def _angle(self, acting: Acting, z: FloatArray) -> FloatArray:
         """Angle by which tendons have turned up to the stations [rad], (S, J)."""
@@ -161,7 +171,7 @@ class Readout:
     def twists(self, reading: Reading) -> FloatArray:
         """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""
         acting, work, strains = reading.acting, self._work, reading.z.shape[1]
-        between = self._interpolation @ np.concatenate(
+        between = self.interpolation @ np.concatenate(
             [reading.z, acting.force, acting.couple], axis=1
         )
         z = np.ascontiguousarray(between[:, :strains])
@@ -180,17 +190,23 @@ class Readout:
 
 
 def integrate_poses(
-    problem: Problem, z: FloatArray, integration: FloatArray
+    work: Work, base: FloatArray, z: FloatArray, integration: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Positions (S, 3) [m] from the base and quaternions w, x, y, z (S, 4) at stations.
+    """Positions (A, S, 3) [m] from the base and quaternions x, y, z, w (A, S, 4) at stations.
 
-    From twists ``z`` (N, m) whose orientations are in ``problem.work``, by the matrix
-    ``integration`` (S, N) from values at the nodes to integrals up to the stations.
+    Of A arms from twists ``z`` (A N, m) whose orientations are in ``work``, by the matrix
+    ``integration`` (S, N) from values at the nodes to integrals up to the stations. ``base`` is
+    the orientation of the base.
     """
-    rates = np.empty((len(z), 7))
-    rates[:, :3] = problem.work.slope
-    quaternion_rates(problem.work.quaternion, z[:, :3], rates[:, 3:])
-    found = integration @ rates
-    turn = found[:, 3:] + problem.tables.base
-    turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
-    return found[:, :3], turn
+    rates = np.empty((7, len(z)))
+    rates[:3] = work.slope.T
+    quaternion_rates(work.quaternion, z[:, :3], rates[3:].T)
+    found = rates.reshape(-1, integration.shape[1]) @ integration.T
+    found = found.reshape(7, -1, len(integration))
+    turn = found[3:]
+    turn += base[:, np.newaxis, np.newaxis]
+    turn /= np.sqrt((turn * turn).sum(axis=0))
+    return (
+        np.ascontiguousarray(found[:3].transpose(1, 2, 0)),
+        turn.take(XYZW, axis=0).transpose(1, 2, 0),
+    )

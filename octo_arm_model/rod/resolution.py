@@ -21,14 +21,20 @@ def position_error(elements: Elements, z: FloatArray, slope: FloatArray) -> floa
 
     From the twists ``z`` (N, m) and r' ``slope`` (N, 3) at the nodes.
     """
+    return float(position_errors(elements, z, slope)[0])
+
+
+def position_errors(elements: Elements, z: FloatArray, slope: FloatArray) -> FloatArray:
+    """The same of several arms, (A,), from ``z`` (A N, m) and ``slope`` (A N, 3)."""
     bends = elements.lengths * _tail(elements, z[:, :3])
     directions = _tail(elements, slope)
     parts = elements.lengths / elements.edges[-1]
-    of_directions = parts @ (directions * directions)
-    return float(_OF_BENDS * (bends @ bends) + _OF_DIRECTIONS * of_directions)
+    of_directions = (directions * directions) @ parts
+    return np.asarray(_OF_BENDS * (bends * bends).sum(axis=1) + _OF_DIRECTIONS * of_directions)
 
 
 def _tail(elements: Elements, values: FloatArray) -> FloatArray:
-    """Largest of the last two Legendre coefficients of ``values`` (N, k), (E,)."""
-    by_element = values.reshape(-1, elements.points, values.shape[1])
-    return np.asarray(np.abs(elements.rule.tail @ by_element).max(axis=(1, 2)))
+    """Largest of the last two Legendre coefficients of ``values`` (A N, k), (A, E)."""
+    by_element = values.T.reshape(-1, elements.points) @ elements.rule.tail.T
+    largest = np.abs(by_element).reshape(values.shape[1], -1, 2).max(axis=(0, 2))
+    return np.asarray(largest.reshape(-1, elements.lengths.size))

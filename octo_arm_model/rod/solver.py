@@ -21,7 +21,6 @@ from octo_arm_model.core.errors import (
     ContinuationError,
     ConvergenceError,
     LoadError,
-    SolveError,
     TensionError,
     shown,
 )
@@ -217,27 +216,13 @@ class Solver:
         wrenches = np.broadcast_to(wrench, (*lead, 6))
         rows = tensions.reshape(count, len(self.arm.tendons))
         on_tips = wrenches.reshape(count, 6)
-        position, quaternion = np.empty((count, stations, 3)), np.empty((count, stations, 4))
-        strains, along = np.empty((4, count, stations)), None
-        residual, iterations = np.empty(count), np.empty(count, np.int64)
-        if self.arm.friction:
-            along = np.empty((count, stations, rows.shape[1]))
-        for number in range(count):
-            spending = self._allowance.spending()
-            try:
-                one = self._statics.solve(rows[number], on_tips[number], near, history, spending)
-            except SolveError as error:
-                error.in_batch([number])
-                raise
-            position[number], quaternion[number], strains[:, number] = one[:3]
-            if along is not None:
-                along[number] = one.tensions
-            residual[number] = one.equilibrium.state.residual
-            iterations[number] = one.equilibrium.iterations
+        found = self._statics.solve_many(rows, on_tips, near, history)
+        along = found.tensions
         return self._made(
-            tensions, wrenches, position.reshape(*lead, stations, 3),
-            quaternion.reshape(*lead, stations, 4), strains.reshape(4, *lead, stations),
-            residual.reshape(lead), iterations.reshape(lead),
+            tensions, wrenches, found.position.reshape(*lead, stations, 3),
+            found.quaternion.reshape(*lead, stations, 4),
+            found.strains.reshape(4, *lead, stations),
+            found.residual.reshape(lead), found.iterations.reshape(lead),
             None if along is None else along.reshape(*lead, *self._reach.shape),
         )  # fmt: skip
 

@@ -13,12 +13,17 @@ from numpy.typing import NDArray
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.budget import Allowance, Spending
+from octo_arm_model.core.errors import SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.lengths import rest_stretches, rest_stretches_by_offset, tendon_lengths
 from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
+from octo_arm_model.rod.several import Several
+
+AT_ONCE = 64  # arms, for which tables have room in the processor's cache
+_LEVELS_AT_ONCE = 3
 
 
 class Setup(NamedTuple):
@@ -67,6 +72,26 @@ class Shape(NamedTuple):
     equilibrium: Equilibrium
 
 
+class Shapes(NamedTuple):
+    """Several arms at S stations, see `Shape`.
+
+    Attributes:
+        position: (A, S, 3) [m].
+        quaternion: (A, S, 4).
+        strains: (4, A, S).
+        tensions: (A, S, J) [N]; None without friction.
+        residual: (A,).
+        iterations: (A,).
+    """
+
+    position: FloatArray
+    quaternion: FloatArray
+    strains: FloatArray
+    tensions: FloatArray | None
+    residual: FloatArray
+    iterations: IntArray
+
+
 class Statics(abc.ABC):
     """A model of the arm's statics, prepared for a `Setup`.
 
@@ -103,6 +128,69 @@ class Statics(abc.ABC):
         Raises:
             SolveError: if there is no trustworthy answer.
         """
+
+    def solve_many(
+        self, tensions: FloatArray, tip_wrenches: FloatArray, start: Equilibrium | None,
+        before: FloatArray | None,
+    ) -> Shapes:  # fmt: skip
+        """As `solve`, of several ``tensions`` (A, J) and ``tip_wrenches`` (A, 6).
+
+        Raises:
+            SolveError: if one has no trustworthy answer; the message says which.
+        """
+        arms, stations = len(tensions), self._setup.s.size
+        shapes = Shapes(
+            np.empty((arms, stations, 3)), np.empty((arms, stations, 4)),
+            np.empty((4, arms, stations)),
+            np.empty((arms, stations, tensions.shape[1])) if self._setup.arm.friction else None,
+            np.empty(arms), np.empty(arms, np.int64),
+        )  # fmt: skip
+        is_simple = not (self._setup.arm.friction or self._setup.arm.sheath_stiffness)
+        for first in range(0, arms, AT_ONCE):
+            left = np.arange(first, min(first + AT_ONCE, arms))
+            for level in range(_LEVELS_AT_ONCE if is_simple else 0):
+                if left.size and not self._loaded(tip_wrenches[left]):
+                    left = left[~self._solve_at_once(level, tensions[left], left, shapes)]
+            for number in left.tolist():
+                spending = self._setup.allowance.spending()
+                try:
+                    one = self.solve(
+                        tensions[number], tip_wrenches[number], start, before, spending
+                    )
+                except SolveError as error:
+                    error.in_batch([number])
+                    raise
+                shapes.position[number], shapes.quaternion[number] = one[:2]
+                shapes.strains[:, number] = one.strains
+                if shapes.tensions is not None:
+                    shapes.tensions[number] = one.tensions
+                shapes.residual[number] = one.equilibrium.state.residual
+                shapes.iterations[number] = one.equilibrium.iterations
+        return shapes
+
+    def _loaded(self, tip_wrenches: FloatArray) -> bool:
+        """Whether anything but tendons loads arms with these ``tip_wrenches`` (A, 6)."""
+        return False
+
+    @abc.abstractmethod
+    def _solve_at_once(
+        self, level: int, tensions: FloatArray, numbers: IntArray, shapes: Shapes
+    ) -> NDArray[np.bool_]:
+        """Which arms could be solved at once on a ``level``, (A,), by their tendons alone.
+
+        Under ``tensions`` (A, J); they are those of the ``numbers`` (A,) in ``shapes``. Others are
+        left as they are.
+        """
+
+    def _write(
+        self, several: Several, z: FloatArray, integration: FloatArray, numbers: IntArray,
+        shapes: Shapes,
+    ) -> NDArray[np.bool_]:  # fmt: skip
+        """Poses of arms of twists ``z`` (A n, m) into ``shapes``; which are resolved, (A,)."""
+        position, quaternion, error = several.poses(z, integration)
+        position += self._setup.base[0]
+        shapes.position[numbers], shapes.quaternion[numbers] = position, quaternion
+        return error <= self._setup.accuracy
 
     def wind(
         self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
@@ -168,8 +256,8 @@ class Statics(abc.ABC):
 
 
 def strains_of(z: FloatArray) -> FloatArray:
-    """Strains tau, xi, k and q, (4, n), of twists ``z`` (n, m)."""
-    strains = np.empty((4, len(z)))
-    np.divide(z[:, :3].T, z[:, 3], out=strains[:3])
-    strains[3] = z[:, 3] - 1.0
+    """Strains tau, xi, k and q, (4, ...), of twists ``z`` (m, ...)."""
+    strains = np.empty((4, *z.shape[1:]))
+    np.divide(z[:3], z[3], out=strains[:3])
+    np.subtract(z[3], 1.0, out=strains[3])
     return strains

@@ -107,3 +107,8 @@ def balance_sections(
 
 # Column of `Work.scale` of each strain.
 _KINDS = {count: np.arange(count) // 3 for count in (4, 6)}
+
+
+def straight_twists(strains: int) -> FloatArray:
+    """Twist (m,) of the straight rod."""
+    return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])[:strains]

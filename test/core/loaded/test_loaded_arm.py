@@ -348,9 +348,7 @@ def test_a_load_may_lie_beside_a_point_of_a_table_by_rounding(place: float) -> N
     radius = Table((0.0, 0.06, 0.15, 0.45), (0.015, 0.012, 0.01, 0.008))
     sections = Section(0.45, 0.006, 0.004), Section(0.3, 0.006, 0.006)
     arm = Arm(Material(1.1e5, 0.45), ProfiledBody(0.45, radius), sections)
-    near, at = (
-        Loads(points=(PointLoad(s, (0.0, 0.0, -0.1)),)) for s in (place, round(place, 9))
-    )
+    near, at = (Loads(points=(PointLoad(s, (0.0, 0.0, -0.1)),)) for s in (place, round(place, 9)))
     found, expected = (Solver(arm, 'exact', loads=loads) for loads in (near, at))
     rest = np.zeros((2, 4))
     assert len(panels_of(arm, near.breaks)) == len(panels_of(arm, at.breaks))

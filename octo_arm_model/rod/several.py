@@ -1,0 +1,50 @@
+"""Several arms side by side, so that one call of a node function serves all of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.equilibrium import Problem
+from octo_arm_model.rod.read_out import integrate_poses
+from octo_arm_model.rod.resolution import position_errors
+from octo_arm_model.rod.tables import force_scale, work_arrays
+from octo_arm_model.rod.unloaded import balance_sections, initial_twists
+
+_BY_NODE = ('body', 'tendons', 'active', 'reach', 'least_scale')
+
+
+class Several:
+    """Arms without loads at the nodes of a `Problem`, one after the other.
+
+    Attributes:
+        tables: of all nodes of all arms; elements and weights are those of one.
+        work: for these.
+    """
+
+    def __init__(self, problem: Problem, arms: int) -> None:
+        """Of so many ``arms``."""
+        self._problem, own = problem, problem.tables
+        tiled: dict[str, Any] = {
+            name: np.concatenate([getattr(own, name)] * arms) for name in _BY_NODE
+        }
+        self.tables = own._replace(**tiled)
+        self.work = work_arrays(self.tables, problem.strains, has_jacobian=False)
+
+    def balance(self, tensions: FloatArray) -> tuple[FloatArray, float, int]:
+        """See `balance_sections`, of arms under ``tensions`` (A, J) [N]."""
+        local = np.repeat(tensions, self._problem.elements.s.size, axis=0)
+        self.work.scale[:] = force_scale(self.tables, local)
+        z = initial_twists(self.tables, local, self._problem.strains)
+        given = self._problem.form, self.tables, self.work
+        return balance_sections(*given, local, np.zeros_like(z), z)
+
+    def poses(
+        self, z: FloatArray, integration: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Poses at stations, see `integrate_poses`, and estimated errors (A,) of positions."""
+        self._problem.form.orientations(self.tables, z, self.work)
+        error = position_errors(self._problem.elements, z, self.work.slope)
+        return *integrate_poses(self.work, self.tables.base, z, integration), error
