@@ -103,7 +103,9 @@ class LoadedBvp:
             twist[:, row] = (1 + q) * np.interp(s, start.s, getattr(start, name))
         twist[:, 3] = 1 + q
         for _ in range(30):
-            arrays.section_steps(tables, twist, pulls, np.ascontiguousarray(wrench.T), work)
+            arrays.section_steps(
+                tables, twist, pulls, np.ascontiguousarray(wrench.reshape(4, -1).T), work
+            )
             twist += work.step
             if np.abs(work.step).max() < 1e-9 * np.abs(twist).max():
                 break
