@@ -172,7 +172,10 @@ class Changes:
         """Linearise about tendons that are ``sliding`` along an arm of twists ``z`` (N, m)."""
         if not sliding.tensions.all():
             # One that nobody pulls turns as well, which matters as soon as somebody does.
-            sliding = sliding._replace(angle=friction.angles_of_all(z, sliding, work))
+            angle, loss = friction.angles_of_all(z, sliding, work), sliding.loss
+            if loss is not None:
+                loss = tables.friction * friction.spread(friction.to_fine, angle)
+            sliding = sliding._replace(angle=angle, loss=loss)
         self._friction, self._tables, self._sliding = friction, tables, sliding
         bends = Bends(tables, z, sliding.tensions, work)
         self._tendons, self._pulled = bends.tendons, bends.tendons.pulled
@@ -203,14 +206,14 @@ class Changes:
             SolveError: if a tendon that is pulled sticks anywhere, slips both ways, or is so
                 straight that turning it either way makes it lose tension.
         """
-        friction, slip = self._friction, self._sliding.slip
+        friction, sliding = self._friction, self._sliding
         rubs = (tensions > 0.0) & (self._tables.friction > 0.0)
         s, length = friction.fine.s, friction.fine.edges[-1]
         straight = np.zeros(self._tables.reach.shape, np.bool_)
         straight[:, self._pulled] = self._rate <= _STRAIGHT / length
         found = [('is straight', friction.nodes, straight & (self._tables.reach > 0.0))]
-        if slip is not None:
-            acts = friction.reach > 0.0
+        if sliding.along is not None:
+            acts, slip = friction.reach > 0.0, sliding.slip
             found.insert(0, ('slips both ways', s, acts & (slip != slip[0])))
             found.insert(0, ('sticks', s, acts & (slip == 0.0)))
         for what, places, bad in found:
