@@ -203,7 +203,8 @@ class Changes:
             SolveError: if a tendon that is pulled sticks anywhere, slips both ways, or is so
                 straight that turning it either way makes it lose tension.
         """
-        friction, slip = self._friction, self._sliding.slip
+        friction, sliding = self._friction, self._sliding
+        slip = None if sliding.along is None else sliding.slip
         rubs = (tensions > 0.0) & (self._tables.friction > 0.0)
         s, length = friction.fine.s, friction.fine.edges[-1]
         straight = np.zeros(self._tables.reach.shape, np.bool_)
