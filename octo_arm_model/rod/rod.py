@@ -32,8 +32,8 @@ from octo_arm_model.rod.load_limits import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
 from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
 from octo_arm_model.rod.resolution import position_error
-from octo_arm_model.rod.tables import force_scale, tabulate
-from octo_arm_model.rod.unloaded import balance_sections, initial_twists
+from octo_arm_model.rod.tables import tabulate
+from octo_arm_model.rod.unloaded import balance_sections
 
 _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
 _WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
@@ -240,14 +240,14 @@ class Rod:
         """
         local = np.empty((problem.elements.s.size, wanted.tensions.size))
         local[:] = wanted.tensions
-        problem.work.scale[:] = force_scale(problem.tables, local)
-        z = initial_twists(problem.tables, local, problem.strains)
+        z = np.zeros((len(local), problem.strains))
         given = problem.form, problem.tables, problem.work
-        found = balance_sections(*given, local, np.zeros_like(z), z)
+        found = balance_sections(*given, local, z)
         if problem.friction is not None:
-            local = problem.first_tensions(wanted, found[0])
-            found = balance_sections(*given, local, np.zeros_like(z), found[0])
-        return found
+            local = problem.first_tensions(wanted, z)
+            z = z.copy()
+            found = balance_sections(*given, local, z)
+        return z, *found
 
     def _warm(
         self, wanted: Condition, start: Equilibrium, spending: Spending
