@@ -31,6 +31,12 @@ class Form(Protocol):
     ) -> float:
         """Newton's step of every cross section alone."""
 
+    def balance(
+        self, tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray,
+        tolerance: float, work: Work,
+    ) -> tuple[float, int]:  # fmt: skip
+        """Bring every cross section alone to balance with a wrench."""
+
     def residual(
         self, tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray,
         couple: FloatArray, work: Work,
