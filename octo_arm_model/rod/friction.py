@@ -28,7 +28,7 @@ from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.tables import Tables, Work
 
 _STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts as straight [rad]
-SAME = 1e-8  # relative difference up to which two tensions of a tendon count as equal
+SAME = 1e-6  # relative difference up to which two tensions of a tendon count as equal
 # Tolerance of the angles by which tendons in sheaths turn [rad], and most iterations for them.
 _PLACED, _MOST_PLACED = 1e-13, 50
 _NOTHING = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
@@ -42,13 +42,26 @@ class Sliding(NamedTuple):
         angle: by which each has turned since the base [rad], (N, J).
         along: tensions at the points of `Friction.fine` [N], (M, J); None of tendons that are
             drawn in all along, from slack.
-        slip: there, -1 where a tendon is drawn in, 1 where it is let out and 0 where it sticks.
+        before: there, from which they slid.
+        base: tension at the base of those that reach there [N], (M, J).
+        loss: mu theta there, (M, J).
     """
 
     tensions: FloatArray
     angle: FloatArray
     along: FloatArray | None = None
-    slip: FloatArray | None = None
+    before: FloatArray | None = None
+    base: FloatArray | None = None
+    loss: FloatArray | None = None
+
+    @property
+    def slip(self) -> FloatArray:
+        """At the fine points, -1 where drawn in, 1 where let out and 0 where it sticks, (M, J)."""
+        assert self.before is not None and self.base is not None and self.loss is not None
+        kept = np.exp(-self.loss)
+        slip = (self.before >= self.base / kept * (1.0 - SAME)).astype(np.float64)
+        np.copyto(slip, -1.0, where=self.before <= self.base * kept * (1.0 + SAME))
+        return slip
 
 
 class Friction:
@@ -92,8 +105,9 @@ class Friction:
         mu = self._tables.friction
         if before is None:
             return Sliding(tensions * self._tables.reach * np.exp(-mu * angle), angle)
-        along, slip = clipped(tensions * self.reach, before, mu * self.spread(self.to_fine, angle))
-        return Sliding(self.spread(self.to_nodes, along), angle, along, slip)
+        base, loss = tensions * self.reach, mu * self.spread(self.to_fine, angle)
+        along = clipped(base, before, loss)
+        return Sliding(self.spread(self.to_nodes, along), angle, along, before, base, loss)
 
     def slide_along(
         self, z: FloatArray, tensions: FloatArray, before: FloatArray | None, work: Work
@@ -135,18 +149,13 @@ class Friction:
         return np.asarray(tensions * self.reach * np.exp(-self._tables.friction * angle))
 
 
-def clipped(
-    base: FloatArray, before: FloatArray, loss: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Tensions after ``before`` that friction holds, and slip, see `Sliding`, all (n, J).
+def clipped(base: FloatArray, before: FloatArray, loss: FloatArray) -> FloatArray:
+    """Tensions after ``before`` that friction holds, all (n, J).
 
     ``loss`` is mu theta, and ``base`` the tension at the base [N].
     """
     kept = np.exp(-loss)
-    low, high = base * kept, base / kept
-    slip = (before >= high * (1.0 - SAME)).astype(np.float64)
-    np.copyto(slip, -1.0, where=before <= low * (1.0 + SAME))
-    return np.minimum(np.maximum(before, low), high), slip
+    return np.asarray(np.minimum(np.maximum(before, base * kept), base / kept))
 
 
 class Changes:
@@ -226,14 +235,15 @@ class Changes:
 
     def _by_angle(self) -> FloatArray:
         """Derivative of tensions by angles within elements, (E, J, p, p)."""
-        friction, (tensions, _, along, slip) = self._friction, self._sliding
+        friction, sliding = self._friction, self._sliding
+        tensions, along = sliding.tensions, sliding.along
         elements, tendons, points = self._shape
         mu, pulled = self._tables.friction[self._pulled], self._pulled
-        if along is None or slip is None:
+        if along is None:
             rates = -tensions[:, pulled] * mu
             by_element = rates.reshape(elements, points, tendons).swapaxes(1, 2)
             return np.asarray(by_element[..., np.newaxis] * np.eye(points))
-        rates = (slip[:, pulled] * along[:, pulled] * mu).reshape(elements, -1, tendons)
+        rates = (sliding.slip[:, pulled] * along[:, pulled] * mu).reshape(elements, -1, tendons)
         by_nodes = rates.swapaxes(1, 2)[:, :, np.newaxis] * friction.to_nodes
         return np.asarray(by_nodes @ friction.to_fine)
 
@@ -316,14 +326,15 @@ class Changes:
 
     def _own(self, of: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]) -> FloatArray:
         """What is a function ``of`` tension, slip and mu theta, at the nodes, (N, J)."""
-        friction, (tensions, angle, along, slip) = self._friction, self._sliding
+        friction, sliding = self._friction, self._sliding
         reach, mu = self._tables.reach, self._tables.friction
-        if along is None or slip is None:
-            return np.asarray(reach * of(tensions, -np.ones_like(angle), mu * angle))
-        angle = friction.spread(friction.to_fine, angle)
-        # One without tension has lost its history, and is drawn in next.
-        slip = np.where(along > 0.0, slip, -1.0)
-        return reach * friction.spread(friction.to_nodes, of(along, slip, mu * angle))
+        if sliding.along is None or sliding.loss is None:
+            drawn_in = np.full_like(sliding.angle, -1.0)
+            return np.asarray(reach * of(sliding.tensions, drawn_in, mu * sliding.angle))
+        # A slack tendon is drawn in next, whatever it was before.
+        slip = np.where(sliding.along > 0.0, sliding.slip, -1.0)
+        found = of(sliding.along, slip, sliding.loss)
+        return reach * friction.spread(friction.to_nodes, found)
 
     def by_twists(self, change: FloatArray) -> FloatArray:
         """Changes (N, J, k) by those of the twists (N, m, k), base tensions held."""

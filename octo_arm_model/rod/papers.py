@@ -186,7 +186,7 @@ class Papers(Statics):
             found = friction.slide_along(z, tensions, before, problem.work)
             loss = tables.friction * (level.between @ found.angle)
             loss[0] = 0.0
-            at_stations = clipped(base, np.zeros_like(base) if held is None else held, loss)[0]
+            at_stations = clipped(base, np.zeros_like(base) if held is None else held, loss)
             change = float(np.abs(found.tensions - local).max())
             local = found.tensions
             if change <= _SETTLED * float(tensions.max()):

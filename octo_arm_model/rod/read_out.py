@@ -7,6 +7,7 @@ element, which are integrals, and the twists there that balance them.
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,9 @@ class Finer:
         """``own`` has the elements of ``problem`` with `ADDED_POINTS` in each."""
         self.problem, self.own = problem, own
         self._between = problem.elements.interpolation(own.elements.s)
+        self._of_fine: FloatArray | None = None
+        if problem.friction is not None:
+            self._of_fine = problem.friction.projection(own.elements)
         self.to_nodes = own.elements.interpolation(problem.elements.s)
 
     def balance(self, state: State) -> tuple[Acting, FloatArray]:
@@ -77,7 +81,8 @@ class Finer:
         friction, sliding = self.problem.friction, self.problem.sliding(state)
         assert friction is not None
         if sliding.along is not None:
-            return friction.spread(friction.projection(self.own.elements), sliding.along)
+            assert self._of_fine is not None
+            return friction.spread(self._of_fine, sliding.along)
         loss = self.problem.tables.friction * (self._between @ sliding.angle)
         base = state.acting.condition.tensions * self.own.tables.reach
         return np.asarray(base * np.exp(-loss))
@@ -161,12 +166,16 @@ class Readout:
 
     def _slid(self, state: State, angle: FloatArray) -> FloatArray:
         """Tensions with friction at the stations (S, J), for an ``angle`` (S, J) [rad]."""
-        friction, condition = self._problem.friction, state.acting.condition
+        condition = state.acting.condition
         base, loss = condition.tensions * self._tables.reach, self._tables.friction * angle
         if condition.before is None:
             return np.asarray(base * np.exp(-loss))
-        assert friction is not None
-        return clipped(base, friction.fine.interpolation(self._s) @ condition.before, loss)[0]
+        return clipped(base, self._of_history @ condition.before, loss)
+
+    @functools.cached_property
+    def _of_history(self) -> FloatArray:
+        """From a history of friction to the stations, (S, M)."""
+        return self._problem.elements.fine.interpolation(self._s)
 
     def twists(self, reading: Reading) -> FloatArray:
         """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""
