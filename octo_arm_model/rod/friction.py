@@ -176,7 +176,11 @@ class Changes:
         """Linearise about tendons that are ``sliding`` along an arm of twists ``z`` (N, m)."""
         if not sliding.tensions.all():
             # One that nobody pulls turns as well, which matters as soon as somebody does.
-            sliding = sliding._replace(angle=friction.angles_of_all(z, sliding, work))
+            angle = friction.angles_of_all(z, sliding, work)
+            sliding = sliding._replace(angle=angle)
+            if sliding.loss is not None:
+                loss = tables.friction * friction.spread(friction.to_fine, angle)
+                sliding = sliding._replace(loss=loss)
         self._friction, self._tables, self._sliding = friction, tables, sliding
         bends = Bends(tables, z, sliding.tensions, work)
         self._tendons, self._pulled = bends.tendons, bends.tendons.pulled

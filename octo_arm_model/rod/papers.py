@@ -293,12 +293,12 @@ def _with_friction(
     # Scaling E is scaling all tensions the other way.
     direct[..., tendons] = -tensions
     at_nodes = by_local[..., :nodes].transpose(2, 0, 1)
-    rows = (at_nodes @ direct).reshape(4 * nodes, -1)
     # Derivatives of the tensions by z, (N, J, 4 N).
     by_z = np.zeros((nodes, tendons, 4 * nodes))
     if slides is not None:
         direct[:, own, tendons + 1 + own] = slides.by_friction
         by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
+    rows = (at_nodes @ direct).reshape(4 * nodes, -1)
     coupled = (at_nodes @ by_z).reshape(4 * nodes, -1)
     z = np.linalg.solve(np.eye(4 * nodes) - coupled, rows)
     effective = direct + by_z @ z
