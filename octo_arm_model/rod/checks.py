@@ -72,7 +72,7 @@ def are_stretched(tables: Tables, z: FloatArray, arms: int) -> NDArray[np.bool_]
     fine = z[:, 3] > 0.0
     if tables.widens:
         fine &= _shortest_fibres(tables, z) > SHORTEST_FIBRE
-    return fine.reshape(arms, -1).all(axis=1)
+    return np.asarray(fine.reshape(arms, -1).all(axis=1), np.bool_)
 
 
 def _shortest_fibres(tables: Tables, z: FloatArray) -> FloatArray:

@@ -208,7 +208,7 @@ def _share(arm: Arm, edges: FloatArray, at_edges: FloatArray) -> IntArray:
 
 def _points(elements: int) -> int:
     """Points in each of so many ``elements``: fewer where these are many, and so short."""
-    for most, points in ((6, 8), (12, 7), (24, 6)):
+    for most, points in ((6, 8), (12, 7), (24, 6), (48, 5), (96, 4)):
         if elements <= most:
             return points
-    return 5
+    return 3

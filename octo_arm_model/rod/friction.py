@@ -28,7 +28,7 @@ from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.tables import Tables, Work
 
 _STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts as straight [rad]
-SAME = 1e-8  # relative difference up to which two tensions of a tendon count as equal
+SAME = 1e-6  # relative difference up to which two tensions of a tendon count as equal
 # Tolerance of the angles by which tendons in sheaths turn [rad], and most iterations for them.
 _PLACED, _MOST_PLACED = 1e-13, 50
 _NOTHING = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
@@ -176,11 +176,10 @@ class Changes:
         """Linearise about tendons that are ``sliding`` along an arm of twists ``z`` (N, m)."""
         if not sliding.tensions.all():
             # One that nobody pulls turns as well, which matters as soon as somebody does.
-            angle = friction.angles_of_all(z, sliding, work)
-            sliding = sliding._replace(angle=angle)
-            if sliding.loss is not None:
+            angle, loss = friction.angles_of_all(z, sliding, work), sliding.loss
+            if loss is not None:
                 loss = tables.friction * friction.spread(friction.to_fine, angle)
-                sliding = sliding._replace(loss=loss)
+            sliding = sliding._replace(angle=angle, loss=loss)
         self._friction, self._tables, self._sliding = friction, tables, sliding
         bends = Bends(tables, z, sliding.tensions, work)
         self._tendons, self._pulled = bends.tendons, bends.tendons.pulled
@@ -211,14 +210,14 @@ class Changes:
             SolveError: if a tendon that is pulled sticks anywhere, slips both ways, or is so
                 straight that turning it either way makes it lose tension.
         """
-        friction, slip = self._friction, self._sliding.slip
+        friction, sliding = self._friction, self._sliding
         rubs = (tensions > 0.0) & (self._tables.friction > 0.0)
         s, length = friction.fine.s, friction.fine.edges[-1]
         straight = np.zeros(self._tables.reach.shape, np.bool_)
         straight[:, self._pulled] = self._rate <= _STRAIGHT / length
         found = [('is straight', friction.nodes, straight & (self._tables.reach > 0.0))]
-        if slip is not None:
-            acts = friction.reach > 0.0
+        if sliding.along is not None:
+            acts, slip = friction.reach > 0.0, sliding.slip
             found.insert(0, ('slips both ways', s, acts & (slip != slip[0])))
             found.insert(0, ('sticks', s, acts & (slip == 0.0)))
         for what, places, bad in found:

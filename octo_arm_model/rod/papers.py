@@ -57,12 +57,14 @@ class _Level(NamedTuple):
         equations: at both.
         integration: from values at the nodes to integrals up to the stations, (S, N).
         between: from values at the nodes to those at the stations, (S, N).
+        names: of the tendons.
     """
 
     problem: Problem
     equations: Equations
     integration: FloatArray
     between: FloatArray
+    names: tuple[str, ...]
 
 
 class Papers(Statics):
@@ -97,7 +99,8 @@ class Papers(Statics):
         own = problem.elements
         places = np.concatenate([own.s, setup.s]), np.concatenate([own.section, setup.section])
         equations = self._equations(setup.arm, *places)
-        return _Level(problem, equations, own.integration(setup.s), own.interpolation(setup.s))
+        stations = own.integration(setup.s), own.interpolation(setup.s)
+        return _Level(problem, equations, *stations, setup.arm.tendon_names)
 
     def problem(self, level: int) -> Problem:
         """See `Statics`."""
@@ -283,7 +286,7 @@ def _with_friction(
     By base tensions, E and mu, from those ``by_local`` (4, J, N + S) tensions at the same place.
 
     Raises:
-        SolveError: if there are none, see `Problem.tension_changes`.
+        SolveError: if there are none, see `friction.Changes.require`.
     """
     problem, tensions = level.problem, state.acting.tensions
     nodes, tendons = tensions.shape
@@ -296,6 +299,7 @@ def _with_friction(
     # Derivatives of the tensions by z, (N, J, 4 N).
     by_z = np.zeros((nodes, tendons, 4 * nodes))
     if slides is not None:
+        slides.require(level.names, state.acting.condition.tensions)
         direct[:, own, tendons + 1 + own] = slides.by_friction
         by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
     rows = (at_nodes @ direct).reshape(4 * nodes, -1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
@@ -25,7 +27,9 @@ class Several:
     def __init__(self, problem: Problem, arms: int) -> None:
         """Of so many ``arms``."""
         self._problem, own = problem, problem.tables
-        tiled = {name: np.concatenate([getattr(own, name)] * arms) for name in _BY_NODE}
+        tiled: dict[str, Any] = {
+            name: np.concatenate([getattr(own, name)] * arms) for name in _BY_NODE
+        }
         self.tables = own._replace(**tiled)
         self.work = work_arrays(self.tables, problem.strains, has_jacobian=False)
 

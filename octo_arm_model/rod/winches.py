@@ -52,6 +52,7 @@ ROUNDING = 1e-13  # of displacements, over the length
 # grow, and factors on one that was not accepted or not found.
 _FIRST_STEP, _SMALLEST_STEP, _QUICKLY, _SHORTER, _MUCH_SHORTER = 0.3, 1e-3, 5, 0.7, 0.25
 _SMALLEST_LOAD = 0.03  # where loads begin to act
+_SERVED = 3  # steps up to which a border from nearby will do for the next search too
 _BEYOND = 0.05  # the end of a branch
 _MOST_JUMPS = 4  # to what an arm whose branch ends turns to under tensions that are held
 _STIFFEST = 1e-6  # compliance of a held tendon over what the arm gives way, at least
@@ -417,9 +418,11 @@ class _Search:
         found = self._reeling(last.level).settle(aim, last.state.z, tensions, tolerance, border)
         state = found.reached.state
         self._spending.add(found.iterations, part, state.residual, state.z)
-        return self._accepted(aim, last, found), found
+        return self._accepted(aim, last, found, tolerance), found
 
-    def _accepted(self, aim: Aim, last: Equilibrium, found: _Found) -> Held | None:
+    def _accepted(
+        self, aim: Aim, last: Equilibrium, found: _Found, tolerance: float
+    ) -> Held | None:
         """What was ``found``, if it is stable and nothing says that it left its branch."""
         state, border, firm = found.reached.state, found.border, last.judged
         reeling, is_free = self._reeling(last.level), self.is_free(aim)
@@ -432,8 +435,11 @@ class _Search:
                 judged = judge(reeling.problem, state)
             except ConvergenceError:
                 return None
-            border = reeling.border(state, judged.factors)
-            if not (judged.stability.is_stable or reeling.is_held(aim, state, border)):
+            is_stable = judged.stability.is_stable
+            served = tolerance < ON_THE_WAY and found.iterations <= _SERVED
+            if border is None or not (served and is_stable):
+                border = reeling.border(state, judged.factors)
+            if not (is_stable or reeling.is_held(aim, state, border)):
                 return None
             firm = judged.state if judged.stability.is_firm else None
         total = self._spending.iterations
