@@ -40,9 +40,9 @@ _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in par
 _WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
 _WORST_TENSION = 1e-2  # likewise of tensions with friction, in parts of them
 _GENTLE = 0.1  # part of tensions with friction to begin with, where all of them are too much
-# The same of tendons with a history: where they begin to slip strains have kinks, by which the
-# estimated error of positions is too small.
-_OF_HISTORY = 0.01
+# The estimated error of positions is too small with friction: strains have kinks where tendons begin
+# to slip, and tensions are what later ones slide from.
+_OF_FRICTION = 0.01
 _PART = 0.25  # first step of continuation, where `Rod._warm` has failed with the whole way
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
 # An equilibrium that is stable by a margin is not judged again where since then the arm has turned
@@ -423,8 +423,8 @@ class Rod:
         problem.load_work(state)
         error = position_error(problem.elements, state.z, problem.work.slope)
         allowed = self.setting.accuracy
-        if state.acting.condition.before is not None:
-            allowed *= _OF_HISTORY
+        if problem.friction is not None:
+            allowed *= _OF_FRICTION
         if self._is_last(level):
             allowed = max(allowed, _WORST)
             if not error <= allowed:
