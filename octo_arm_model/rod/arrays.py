@@ -11,6 +11,8 @@ import numpy as np
 from octo_arm_model.core.hints import ComplexArray, FloatArray, Number
 from octo_arm_model.core.numerics.quaternion import rotation_matrices
 from octo_arm_model.rod.tables import (
+    ALONG_B,
+    ALONG_N,
     AXIAL,
     LEVER,
     SHEAR,
@@ -18,11 +20,16 @@ from octo_arm_model.rod.tables import (
     TORSION,
     Tables,
     Work,
+    force_scale,
 )
 
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
 ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, from which see `Bends`
 _SETTLED = 1e-14  # change of an offset, over the lever
+_MOST_BALANCE = 200  # steps to the balance of a section
+_ROUNDING = 1e-6  # residual below which steps are taken as they are
+_SHORTENED = 0.5  # factor of a step that is too long
+_OVERSHOOT = 0.9  # of the slope along a step, that may be left with the other sign at its end
 # Indices for a cross product by one multiplication of permuted components.
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
@@ -339,18 +346,102 @@ def section_steps(
     tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, work: Work
 ) -> float:
     """Newton's step of every cross section alone to the balance with ``wrench``, see `loops`."""
+    _fill_steps(tables, z, tensions, wrench, work)
+    return _relative(wrench, work.scale, work)
+
+
+def _fill_steps(
+    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, work: Work
+) -> None:
     sections(tables, z, tensions, work)
     np.subtract(work.gradient, wrench, out=work.residual)
     try:
         work.step[:] = -np.linalg.solve(work.hessian, work.residual[..., np.newaxis])[..., 0]
     except np.linalg.LinAlgError:
         work.step[:] = np.nan
-    return _relative(wrench, work)
 
 
-def _relative(wrench: FloatArray, work: Work) -> float:
+def balance(
+    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, tolerance: float,
+    work: Work,
+) -> tuple[float, int]:  # fmt: skip
+    """Bring every cross section to balance with ``wrench`` (N, m), see `loops`."""
+    if not z[0, 3]:
+        z[:] = initial_twists(tables, tensions, z.shape[1])
+    scale = force_scale(tables, tensions)
+    step, slope, left = np.zeros_like(z), np.zeros(len(z)), np.inf
+    kinds = np.arange(z.shape[1]) // 3
+    for steps in range(1, _MOST_BALANCE + 1):
+        _fill_steps(tables, z, tensions, wrench, work)
+        left = _relative(wrench, scale, work)
+        if left <= tolerance:
+            z += work.step
+            return left, steps
+        if not left <= _ROUNDING and steps > 1:
+            along = (work.residual * step).sum(axis=1)
+            worst = (np.abs(work.residual) / scale[:, kinds]).max(axis=1)
+            fine = (along <= _OVERSHOOT * slope) | (worst <= _ROUNDING)  # False for NaN
+            if not fine.all():
+                step = np.where(fine[:, np.newaxis], step, _SHORTENED * step)
+                slope = np.where(fine, slope, _SHORTENED * slope)
+                z -= np.where(fine[:, np.newaxis], 0.0, step)
+                continue
+        step = work.step.copy()
+        slope = -(work.residual * step).sum(axis=1)
+        z += step
+    return left, _MOST_BALANCE
+
+
+def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatArray:
+    """Twists (n, m) near the balance under ``tensions`` (n, J) [N], as if tendons were parallel.
+
+    Force and moment then do not depend on the strain, and the section bends in one plane; for
+    rubber from stretch and bend of the straight section and a secant, see `planar` in `_planar`.
+    """
+    acts = np.arange(tensions.shape[1]) < tables.active[:, np.newaxis]
+    pull = tensions * acts
+    axial = tables.body[:, AXIAL]
+    radius = np.sqrt(tables.body[:, SQUARED_RADIUS])
+    force = pull.sum(axis=1) / axial
+    about_n = (pull * tables.tendons[..., ALONG_B]).sum(axis=1) / axial
+    about_b = -(pull * tables.tendons[..., ALONG_N]).sum(axis=1) / axial
+    moment = np.hypot(about_n, about_b)
+    straight, stretch, bend = _planar(tables.widens, moment / radius, force)
+    curvature = bend / radius
+    fails = ~(stretch > curvature * tables.body[:, LEVER])
+    stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
+    # Scaled curvatures; moments are those of the tendons' pull with opposite sign.
+    curvature = -curvature / np.maximum(moment, 1e-300)
+    if tables.widens:
+        curvature = curvature * np.sqrt(stretch)
+    z = np.zeros((len(tensions), strains))
+    z[:, 1], z[:, 2], z[:, 3] = about_n * curvature, about_b * curvature, stretch
+    return z
+
+
+def _planar(
+    widens: bool, load: FloatArray, force: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Stretch without the moment, stretch, and bend: curvature times R.
+
+    For a moment ``load`` over E A R and a compressive ``force`` over E A, exact to first order.
+    """
+    if not widens:
+        stretch = np.maximum(1.0 - force, 0.05)
+        return stretch, stretch, 4.0 * load
+    # Straight rubber is in balance where this is lambda + 3 force, nearly, and 1 / lambda^2.
+    stress = 1.0 + force + force + force * force / (1.0 + force)
+    straight = 1.0 / np.sqrt(stress)
+    ratio = 12.0 * load / (straight + 2.0 * stress)
+    # Bending lengthens rubber.
+    secant = np.sqrt(1.0 + ratio * ratio)
+    stretch = straight * np.sqrt(secant)
+    return straight, stretch, stretch * ratio / secant
+
+
+def _relative(wrench: FloatArray, scale: FloatArray, work: Work) -> float:
     """Largest residual over its scale and the largest ``wrench`` (N, m) along the arm."""
-    scale = work.scale[:, np.arange(wrench.shape[1]) // 3] + np.abs(wrench).max(axis=0)
+    scale = scale[:, np.arange(wrench.shape[1]) // 3] + np.abs(wrench).max(axis=0)
     return float((np.abs(work.residual) / scale).max(initial=0.0))
 
 
@@ -446,7 +537,7 @@ def residual(
     wrench[:, :3] = (inverse @ work.moment[..., np.newaxis])[..., 0]
     wrench[:, 3:] = (inverse[:, : z.shape[1] - 3] @ force[..., np.newaxis])[..., 0]
     np.subtract(work.gradient, wrench, out=work.residual)
-    return _relative(wrench, work)
+    return _relative(wrench, work.scale, work)
 
 
 def jacobian(

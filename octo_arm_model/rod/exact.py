@@ -15,11 +15,10 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.rod.checks import are_stretched
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition, Problem
-from octo_arm_model.rod.read_out import XYZW
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
-from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
+from octo_arm_model.rod.statics import XYZW, Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.winches import Winches
 
 
@@ -81,7 +80,7 @@ class Exact(Statics):
         z = readout.interpolation @ z.reshape(len(tensions), -1, self.strains)
         for number, pull in enumerate(tensions):
             z[number] = readout.settled(z[number], pull)
-        shapes.strains[:, numbers] = strains_of(z.transpose(2, 0, 1))
+        shapes.strains[:, numbers] = strains_of(z)
         shapes.residual[numbers], shapes.iterations[numbers] = left, steps
         return fine
 
@@ -109,9 +108,15 @@ class Exact(Statics):
         else:
             reading = readout.read(found.state)
             position, z = reading.position, readout.twists(reading)
-            quaternion = reading.quaternion.take(XYZW, axis=1)
+            quaternion = reading.quaternion
             along = reading.tensions if self._setup.arm.friction else None
-        return Shape(position + self._setup.base[0], quaternion, strains_of(z.T), along, found)
+        return Shape(
+            position + self._setup.base[0],
+            quaternion.take(XYZW, axis=1),
+            strains_of(z),
+            along,
+            found,
+        )
 
     def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
         """See `Statics`."""

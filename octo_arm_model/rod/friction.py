@@ -55,9 +55,13 @@ class Sliding(NamedTuple):
     loss: FloatArray | None = None
 
     @property
-    def slip(self) -> FloatArray:
-        """At the fine points, -1 where drawn in, 1 where let out and 0 where it sticks, (M, J)."""
-        assert self.before is not None and self.base is not None and self.loss is not None
+    def slip(self) -> FloatArray | None:
+        """At the fine points, -1 where drawn in, 1 where let out and 0 where it sticks, (M, J).
+
+        None of tendons that are drawn in all along, from slack.
+        """
+        if self.before is None or self.base is None or self.loss is None:
+            return None
         kept = np.exp(-self.loss)
         slip = (self.before >= self.base / kept * (1.0 - SAME)).astype(np.float64)
         np.copyto(slip, -1.0, where=self.before <= self.base * kept * (1.0 + SAME))
@@ -172,7 +176,10 @@ class Changes:
         """Linearise about tendons that are ``sliding`` along an arm of twists ``z`` (N, m)."""
         if not sliding.tensions.all():
             # One that nobody pulls turns as well, which matters as soon as somebody does.
-            sliding = sliding._replace(angle=friction.angles_of_all(z, sliding, work))
+            angle, loss = friction.angles_of_all(z, sliding, work), sliding.loss
+            if loss is not None:
+                loss = tables.friction * friction.spread(friction.to_fine, angle)
+            sliding = sliding._replace(angle=angle, loss=loss)
         self._friction, self._tables, self._sliding = friction, tables, sliding
         bends = Bends(tables, z, sliding.tensions, work)
         self._tendons, self._pulled = bends.tendons, bends.tendons.pulled
@@ -204,14 +211,13 @@ class Changes:
                 straight that turning it either way makes it lose tension.
         """
         friction, sliding = self._friction, self._sliding
-        slip = None if sliding.along is None else sliding.slip
         rubs = (tensions > 0.0) & (self._tables.friction > 0.0)
         s, length = friction.fine.s, friction.fine.edges[-1]
         straight = np.zeros(self._tables.reach.shape, np.bool_)
         straight[:, self._pulled] = self._rate <= _STRAIGHT / length
         found = [('is straight', friction.nodes, straight & (self._tables.reach > 0.0))]
-        if slip is not None:
-            acts = friction.reach > 0.0
+        if sliding.along is not None:
+            acts, slip = friction.reach > 0.0, sliding.slip
             found.insert(0, ('slips both ways', s, acts & (slip != slip[0])))
             found.insert(0, ('sticks', s, acts & (slip == 0.0)))
         for what, places, bad in found:
@@ -240,11 +246,12 @@ class Changes:
         tensions, along = sliding.tensions, sliding.along
         elements, tendons, points = self._shape
         mu, pulled = self._tables.friction[self._pulled], self._pulled
-        if along is None:
+        slip = sliding.slip
+        if along is None or slip is None:
             rates = -tensions[:, pulled] * mu
             by_element = rates.reshape(elements, points, tendons).swapaxes(1, 2)
             return np.asarray(by_element[..., np.newaxis] * np.eye(points))
-        rates = (sliding.slip[:, pulled] * along[:, pulled] * mu).reshape(elements, -1, tendons)
+        rates = (slip[:, pulled] * along[:, pulled] * mu).reshape(elements, -1, tendons)
         by_nodes = rates.swapaxes(1, 2)[:, :, np.newaxis] * friction.to_nodes
         return np.asarray(by_nodes @ friction.to_fine)
 
@@ -329,11 +336,12 @@ class Changes:
         """What is a function ``of`` tension, slip and mu theta, at the nodes, (N, J)."""
         friction, sliding = self._friction, self._sliding
         reach, mu = self._tables.reach, self._tables.friction
-        if sliding.along is None or sliding.loss is None:
+        slip = sliding.slip
+        if sliding.along is None or sliding.loss is None or slip is None:
             drawn_in = np.full_like(sliding.angle, -1.0)
             return np.asarray(reach * of(sliding.tensions, drawn_in, mu * sliding.angle))
         # A slack tendon is drawn in next, whatever it was before.
-        slip = np.where(sliding.along > 0.0, sliding.slip, -1.0)
+        slip = np.where(sliding.along > 0.0, slip, -1.0)
         found = of(sliding.along, slip, sliding.loss)
         return reach * friction.spread(friction.to_nodes, found)
 

@@ -44,10 +44,17 @@ _ROUNDING = 2e-13  # change by a sweep, which leaves a thirtieth of it
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
 _ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see `angles`
 _SETTLED = 1e-14  # change of an offset, over the lever
+MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `arrays.balance`
 
 
-def _compiled(function: _F) -> _F:
-    return cast(_F, njit(cache=True, error_model='numpy', fastmath={'contract', 'nsz'})(function))
+def _compiled(function: _F, inlined: bool = False) -> _F:
+    options = {'cache': True, 'error_model': 'numpy', 'fastmath': {'contract', 'nsz'}}
+    return cast(_F, njit(forceinline=inlined, **options)(function))
+
+
+def _inlined(function: _F) -> _F:
+    # Tables are hundreds of numbers that a call would copy.
+    return _compiled(function, inlined=True)
 
 
 # Orientations ----------------------------------------------------------------------------------
@@ -166,7 +173,7 @@ def _orient(quaternion: FloatArray, z: FloatArray, i: int, work: Work) -> None:
 # Cross sections --------------------------------------------------------------------------------
 
 
-@_compiled
+@_inlined
 def _density(
     widens: bool, stretch: float, bend: float
 ) -> tuple[float, float, float, float, float]:
@@ -191,7 +198,7 @@ def _density(
     )
 
 
-@_compiled
+@_inlined
 def _widening(widens: bool, stretch: float) -> tuple[float, float, float]:
     """Radius over reference radius, and its two derivatives by the stretch."""
     if not widens:
@@ -202,7 +209,7 @@ def _widening(widens: bool, stretch: float) -> tuple[float, float, float]:
     return width, slope, -1.5 * slope * over
 
 
-@_compiled
+@_inlined
 def _scaled(z: FloatArray, width: float, strain: FloatArray) -> None:
     """The six scaled strains of one node, (t, n, b, lambda, v_n, v_b)."""
     strain[4] = strain[5] = 0.0
@@ -238,7 +245,7 @@ def _offset(
     return d_n, d_b
 
 
-@_compiled
+@_inlined
 def _along(
     tendon: FloatArray, strain: FloatArray, width: float, d_n: float, d_b: float
 ) -> tuple[float, float, float]:
@@ -251,44 +258,7 @@ def _along(
     )
 
 
-@_compiled
-def _gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-    """Gradient of the energy of every cross section."""
-    strain, g = np.empty(6), np.empty(6)
-    tendons, compliance, active, offsets = (
-        tables.tendons, tables.compliance, tables.active, work.offsets,
-    )  # fmt: skip
-    for i in range(z.shape[0]):
-        width, slope, _ = _widening(tables.widens, z[i, 3])
-        _scaled(z[i], width, strain)
-        _stress(tables, i, strain, g)
-        lever = tables.body[i, LEVER]
-        for j in range(active[i]):
-            tension = tensions[i, j]
-            if tension == 0.0:
-                continue
-            d_n = d_b = 0.0
-            if compliance[j] > 0.0:
-                yielding = compliance[j] * tension
-                d_n, d_b = _offset(tendons[i, j], strain, width, yielding, lever)
-                offsets[i, j, 0], offsets[i, j, 1] = d_n, d_b
-            x, y = tendons[i, j, ALONG_N] + d_n, tendons[i, j, ALONG_B] + d_b
-            u_t, u_n, u_b = _along(tendons[i, j], strain, width, d_n, d_b)
-            pull = tension / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
-            u_t, u_n, u_b = pull * u_t, pull * u_n, pull * u_b
-            dx, dy = tendons[i, j, SLOPE_N], tendons[i, j, SLOPE_B]
-            g[0] += x * u_b - y * u_n
-            g[1] += y * u_t
-            g[2] -= x * u_t
-            g[3] += u_t + slope * (dx * u_n + dy * u_b)
-            g[4] += u_n
-            g[5] += u_b
-        _unscale_gradient(z[i], width, slope, g)
-        for c in range(z.shape[1]):
-            work.gradient[i, c] = g[c]
-
-
-@_compiled
+@_inlined
 def _stress(tables: Tables, i: int, strain: FloatArray, g: FloatArray) -> None:
     """Gradient of the energy of the material by the scaled strain."""
     body, n, b = tables.body[i], strain[1], strain[2]
@@ -301,7 +271,7 @@ def _stress(tables: Tables, i: int, strain: FloatArray, g: FloatArray) -> None:
     g[4], g[5] = body[SHEAR] * strain[4], body[SHEAR] * strain[5]
 
 
-@_compiled
+@_inlined
 def _unscale_gradient(z: FloatArray, width: float, slope: float, g: FloatArray) -> None:
     """From the gradient by the scaled strain to that by the twist."""
     g[3] += slope * (z[0] * g[0] + z[1] * g[1] + z[2] * g[2])
@@ -312,67 +282,82 @@ def _unscale_gradient(z: FloatArray, width: float, slope: float, g: FloatArray) 
 @_compiled
 def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient and Hessian of the energy of every cross section by the twist."""
-    strain, g, h = np.empty(6), np.empty(6), np.empty((6, 6))
-    own = np.zeros((6, 6))  # rows of one tendon in a sheath: du/de, its gradient, and C
-    tendons, compliance, active, offsets = (
-        tables.tendons, tables.compliance, tables.active, work.offsets,
-    )  # fmt: skip
-    shears = z.shape[1] == 6
+    g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((7, 6))
     for i in range(z.shape[0]):
-        width, slope, bend = _widening(tables.widens, z[i, 3])
-        _scaled(z[i], width, strain)
-        _stress(tables, i, strain, g)
-        _stiffness(tables, i, strain, h)
-        lever = tables.body[i, LEVER]
-        for j in range(active[i]):
-            tension = tensions[i, j]
-            if tension == 0.0:
-                continue
-            d_n = d_b = 0.0
-            if compliance[j] > 0.0:
-                yielding = compliance[j] * tension
-                d_n, d_b = _offset(tendons[i, j], strain, width, yielding, lever)
-                offsets[i, j, 0], offsets[i, j, 1] = d_n, d_b
-            x, y = tendons[i, j, ALONG_N] + d_n, tendons[i, j, ALONG_B] + d_b
-            u_t, u_n, u_b = _along(tendons[i, j], strain, width, d_n, d_b)
-            over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
-            u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
-            dx, dy = tendons[i, j, SLOPE_N], tendons[i, j, SLOPE_B]
-            along = tension * (dx * u_n + dy * u_b)
-            dx, dy = slope * dx, slope * dy
-            w, p, q = tension * over, x * u_b - y * u_n, u_t + dx * u_n + dy * u_b
-            y_t, x_t = y * u_t, x * u_t
-            # Rows of the lower half of du/de . du/de - g g^T, g = (p, y_t, -x_t, q, u_n, u_b).
-            h[0, 0] += w * (x * x + y * y - p * p)
-            h[1, 0] -= w * y_t * p
-            h[1, 1] += w * (y * y - y_t * y_t)
-            h[2, 0] += w * x_t * p
-            h[2, 1] -= w * (x * y - x_t * y_t)
-            h[2, 2] += w * (x * x - x_t * x_t)
-            h[3, 0] += w * (x * dy - y * dx - q * p)
-            h[3, 1] += w * (y - q * y_t)
-            h[3, 2] -= w * (x - q * x_t)
-            h[3, 3] += w * (1.0 + dx * dx + dy * dy - q * q) + bend * along
-            g[0] += tension * p
-            g[1] += tension * y_t
-            g[2] -= tension * x_t
-            g[3] += tension * q
-            if shears:
-                g[4] += tension * u_n
-                g[5] += tension * u_b
-                _add_shear(w, (x, y, dx, dy), (p, y_t, -x_t, q, u_n, u_b), h)
-            if compliance[j] > 0.0:
-                own[1, 0], own[2, 0], own[0, 1], own[0, 2] = -y, x, y, -x
-                own[0, 3], own[1, 3], own[2, 3] = 1.0, dx, dy
-                own[1, 4] = own[2, 5] = 1.0
-                for c in range(6):
-                    own[3, c] = own[0, c] * u_t + own[1, c] * u_n + own[2, c] * u_b
-                _condense(compliance[j], tension, strain, (u_t, u_n, u_b, over), own, h)
-        _unscale(z[i], (width, slope, bend), g, h)
+        _section(tables, i, z[i], tensions[i], True, g, h, room, work)
         for a in range(z.shape[1]):
             work.gradient[i, a] = g[a]
             for c in range(a + 1):
                 work.hessian[i, a, c] = work.hessian[i, c, a] = h[a, c]
+
+
+@_inlined
+def _section(
+    tables: Tables, i: int, z: FloatArray, tensions: FloatArray, curves: bool, g: FloatArray,
+    h: FloatArray, room: FloatArray, work: Work,
+) -> None:  # fmt: skip
+    """Gradient and, if it ``curves``, lower half of the Hessian at node ``i`` into g and h.
+
+    ``room`` has rows of one tendon in a sheath, du/de, its gradient and C, and the scaled strain.
+    """
+    own, strain, shears = room[:6], room[6], z.size == 6
+    tendons, compliance, offsets = tables.tendons[i], tables.compliance, work.offsets
+    width, slope, bend = _widening(tables.widens, z[3])
+    _scaled(z, width, strain)
+    _stress(tables, i, strain, g)
+    if curves:
+        _stiffness(tables, i, strain, h)
+    lever = tables.body[i, LEVER]
+    for j in range(tables.active[i]):
+        tension = tensions[j]
+        if tension == 0.0:
+            continue
+        d_n = d_b = 0.0
+        if compliance[j] > 0.0:
+            yielding = compliance[j] * tension
+            d_n, d_b = _offset(tendons[j], strain, width, yielding, lever)
+            offsets[i, j, 0], offsets[i, j, 1] = d_n, d_b
+        x, y = tendons[j, ALONG_N] + d_n, tendons[j, ALONG_B] + d_b
+        u_t, u_n, u_b = _along(tendons[j], strain, width, d_n, d_b)
+        over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+        u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
+        dx, dy = tendons[j, SLOPE_N], tendons[j, SLOPE_B]
+        along = tension * (dx * u_n + dy * u_b)
+        dx, dy = slope * dx, slope * dy
+        w, p, q = tension * over, x * u_b - y * u_n, u_t + dx * u_n + dy * u_b
+        y_t, x_t = y * u_t, x * u_t
+        g[0] += tension * p
+        g[1] += tension * y_t
+        g[2] -= tension * x_t
+        g[3] += tension * q
+        g[4] += tension * u_n
+        g[5] += tension * u_b
+        if not curves:
+            continue
+        # Lower half of du/de . du/de - g g^T, g = (p, y_t, -x_t, q, u_n, u_b).
+        h[0, 0] += w * (x * x + y * y - p * p)
+        h[1, 0] -= w * y_t * p
+        h[1, 1] += w * (y * y - y_t * y_t)
+        h[2, 0] += w * x_t * p
+        h[2, 1] -= w * (x * y - x_t * y_t)
+        h[2, 2] += w * (x * x - x_t * x_t)
+        h[3, 0] += w * (x * dy - y * dx - q * p)
+        h[3, 1] += w * (y - q * y_t)
+        h[3, 2] -= w * (x - q * x_t)
+        h[3, 3] += w * (1.0 + dx * dx + dy * dy - q * q) + bend * along
+        if shears:
+            _add_shear(w, (x, y, dx, dy), (p, y_t, -x_t, q, u_n, u_b), h)
+        if compliance[j] > 0.0:
+            own[1, 0], own[2, 0], own[0, 1], own[0, 2] = -y, x, y, -x
+            own[0, 3], own[1, 3], own[2, 3] = 1.0, dx, dy
+            own[1, 4] = own[2, 5] = 1.0
+            for c in range(6):
+                own[3, c] = own[0, c] * u_t + own[1, c] * u_n + own[2, c] * u_b
+            _condense(compliance[j], tension, strain, (u_t, u_n, u_b, over), own, h)
+    if curves:
+        _unscale(z, (width, slope, bend), g, h)
+    else:
+        _unscale_gradient(z, width, slope, g)
 
 
 @_compiled
@@ -419,7 +404,7 @@ def _condense(
             h[a, c] -= factor * (of_n * own[4, c] + of_b * own[5, c])
 
 
-@_compiled
+@_inlined
 def _stiffness(tables: Tables, i: int, strain: FloatArray, h: FloatArray) -> None:
     """Hessian of the energy of the material by the scaled strain."""
     body, n, b = tables.body[i], strain[1], strain[2]
@@ -437,7 +422,7 @@ def _stiffness(tables: Tables, i: int, strain: FloatArray, h: FloatArray) -> Non
     h[4, 4] = h[5, 5] = body[SHEAR]
 
 
-@_compiled
+@_inlined
 def _unscale(
     z: FloatArray, widening: tuple[float, float, float], g: FloatArray, h: FloatArray
 ) -> None:
@@ -490,6 +475,96 @@ def section_steps(
 
 
 @_compiled
+def balance(
+    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, tolerance: float,
+    work: Work,
+) -> tuple[float, int]:  # fmt: skip
+    """Bring every cross section to balance with ``wrench`` (N, m) by Newton's method.
+
+    From the twists ``z``, which are overwritten, or from those of parallel tendons where the
+    stretch is zero. Steps at whose end the energy has risen again are halved. The last step begins
+    where a residual is at most ``tolerance``.
+
+    Returns:
+        The largest residual before the last step, and the largest number of steps.
+    """
+    g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((7, 6))
+    count, worst, most = z.shape[1], 0.0, 0
+    step, left, scale = np.zeros(count), np.zeros(count), np.zeros(count)
+    largest = np.zeros(count)
+    for c in range(count):
+        for i in range(z.shape[0]):
+            largest[c] = max(largest[c], abs(wrench[i, c]))
+    for i in range(z.shape[0]):
+        if z[i, 3] == 0.0:
+            _guess(tables, i, tensions[i], z[i])
+        force = tables.least_scale[i]
+        for j in range(tables.active[i]):
+            force += tensions[i, j]
+        for c in range(count):
+            scale[c] = largest[c] + force * (tables.body[i, LEVER] if c < 3 else 1.0)
+        slope, own, steps = 0.0, np.inf, 0
+        while steps < MOST_STEPS and not own <= tolerance:
+            steps += 1
+            _section(tables, i, z[i], tensions[i], True, g, h, room, work)
+            along, own = 0.0, 0.0
+            for c in range(count):
+                left[c] = g[c] - wrench[i, c]
+                along += left[c] * step[c]
+                value = abs(left[c]) / scale[c]
+                if not value <= own:  # also NaN, which stays
+                    own = value
+            if steps > 1 and not (own <= ROUNDING or along <= OVERSHOOT * slope):
+                slope *= SHORTENED
+                for c in range(count):
+                    step[c] *= SHORTENED
+                    z[i, c] -= step[c]
+                continue
+            for a in range(count):
+                work.gradient[i, a], work.residual[i, a], step[a] = g[a], left[a], -left[a]
+                for c in range(a + 1):
+                    work.hessian[i, a, c] = work.hessian[i, c, a] = h[a, c]
+            _solve_ldl(h, step)
+            slope = 0.0
+            for c in range(count):
+                z[i, c] += step[c]
+                slope -= left[c] * step[c]
+        if not own <= worst:
+            worst = own
+        most = max(most, steps)
+    return worst, most
+
+
+@_inlined
+def _guess(tables: Tables, i: int, tensions: FloatArray, z: FloatArray) -> None:
+    """Twist of node ``i`` as if tendons were parallel, see `arrays.initial_twists`."""
+    body, tendons = tables.body[i], tables.tendons[i]
+    axial, radius = body[AXIAL], np.sqrt(body[SQUARED_RADIUS])
+    force = about_n = about_b = 0.0
+    for j in range(tables.active[i]):
+        force += tensions[j] / axial
+        about_n += tensions[j] * tendons[j, ALONG_B] / axial
+        about_b -= tensions[j] * tendons[j, ALONG_N] / axial
+    moment = np.sqrt(about_n * about_n + about_b * about_b)
+    if tables.widens:
+        stress = 1.0 + force + force + force * force / (1.0 + force)
+        straight = 1.0 / np.sqrt(stress)
+        ratio = 12.0 * moment / radius / (straight + 2.0 * stress)
+        secant = np.sqrt(1.0 + ratio * ratio)
+        stretch = straight * np.sqrt(secant)
+        curvature = stretch * ratio / secant / radius
+    else:
+        straight = stretch = max(1.0 - force, 0.05)
+        curvature = 4.0 * moment / radius / radius
+    if not stretch > curvature * body[LEVER]:
+        stretch, curvature = straight, 0.0
+    curvature /= -max(moment, 1e-300)
+    if tables.widens:
+        curvature *= np.sqrt(stretch)
+    z[1], z[2], z[3] = about_n * curvature, about_b * curvature, stretch
+
+
+@_inlined
 def _solve_ldl(h: FloatArray, x: FloatArray) -> None:
     """Replace ``x`` by the solution of a symmetric system whose lower half is ``h``."""
     count = x.size
@@ -631,9 +706,9 @@ def residual(
     """
     orientations(tables, z, work)
     _moments(tables, force, couple, work)
-    _gradients(tables, z, tensions, work)
-    wrench = np.empty(z.shape)
+    wrench, g, h, room = np.empty(z.shape), np.empty(6), np.empty((6, 6)), np.zeros((7, 6))
     for i in range(z.shape[0]):
+        _section(tables, i, z[i], tensions[i], False, g, h, room, work)
         r = work.rotation[i]
         for c in range(3):
             wrench[i, c] = (
@@ -645,7 +720,8 @@ def residual(
                 r[0, c] * force[i, 0] + r[1, c] * force[i, 1] + r[2, c] * force[i, 2]
             )
         for c in range(z.shape[1]):
-            work.residual[i, c] = work.gradient[i, c] - wrench[i, c]
+            work.gradient[i, c] = g[c]
+            work.residual[i, c] = g[c] - wrench[i, c]
     return _relative(wrench, work)
 
 

@@ -25,7 +25,7 @@ from octo_arm_model.rod.resolution import position_error
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting, moved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
-from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
+from octo_arm_model.rod.statics import XYZW, Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL
 from octo_arm_model.rod.tendons import tendon_stretch
 
@@ -138,8 +138,8 @@ class Papers(Statics):
         state = State(acting, z, np.zeros_like(z), float(found.residual))
         return Shape(
             position[0] + self._setup.base[0],
-            turn[0],
-            strains_of(found.twist[:, nodes:]),
+            turn[0].take(XYZW, axis=1),
+            strains_of(found.twist[:, nodes:].T),
             along,
             Equilibrium(state, number, None, None, int(found.iterations)),
         )
@@ -158,7 +158,7 @@ class Papers(Statics):
         z = found.twist[..., :nodes].transpose(1, 2, 0).reshape(-1, 4)
         several = self._several(level, len(tensions))
         fine = self._write(several, z, own.integration, numbers, shapes)
-        shapes.strains[:, numbers] = strains_of(found.twist[..., nodes:])
+        shapes.strains[:, numbers] = strains_of(found.twist[..., nodes:].transpose(1, 2, 0))
         shapes.residual[numbers], shapes.iterations[numbers] = found[1:]
         return fine & (found.twist[3].min(axis=1) > 0.0)
 

@@ -22,7 +22,6 @@ from octo_arm_model.rod.tables import Work, force_scale, tabulate, work_arrays
 from octo_arm_model.rod.unloaded import straight_twists
 
 ADDED_POINTS = 5  # in each element
-XYZW = np.array([1, 2, 3, 0])  # the order of messages, of a quaternion w, x, y, z
 # Steps of Newton's method of the sections at the stations, and the residual before the last one.
 _MOST_STEPS, _LAST_STEP = 10, 1e-7
 
@@ -33,15 +32,15 @@ class Reading(NamedTuple):
     Attributes:
         position: (S, 3) [m], from the base.
         quaternion: w, x, y, z, (S, 4).
-        moment: of all that acts beyond, in base_frame, without free moments, (S, 3) [N m].
+        slope: r' at the nodes of the finer problem until it reads again, (n, 3).
         z: twists at the nodes of the finer problem, (n, m).
         acting: what acts at these.
-        tensions: of every tendon at the stations [N], (S, J).
+        tensions: of tendons with friction at the stations [N], (S, J).
     """
 
     position: FloatArray
     quaternion: FloatArray
-    moment: FloatArray
+    slope: FloatArray
     z: FloatArray
     acting: Acting
     tensions: FloatArray
@@ -63,6 +62,7 @@ class Finer:
         if problem.friction is not None:
             self._of_fine = problem.friction.projection(own.elements)
         self.to_nodes = own.elements.interpolation(problem.elements.s)
+        self._scale = np.ones((own.elements.s.size, 2))  # as no residual is looked at
 
     def balance(self, state: State) -> tuple[Acting, FloatArray]:
         """What acts there in ``state``, and the twists (n, m) that balance it."""
@@ -72,8 +72,12 @@ class Finer:
             condition = condition._replace(tensions=self._between @ condition.tensions)
         elif self.problem.friction is not None:
             condition = condition._replace(tensions=self._slid(state))
-        work, z = own.work, self._between @ state.z
-        acting = own.evaluate(own.acting(condition), z).acting
+        work, z, tensions = own.work, self._between @ state.z, condition.tensions
+        if tensions.ndim == 1:
+            tensions = np.empty((len(z), tensions.size))
+            tensions[:] = condition.tensions
+        dead = own.loads.at(condition.factor, condition.tip_wrench)
+        acting = own.evaluate(Acting(condition, tensions, *dead, self._scale), z).acting
         wrench = work.gradient - work.residual
         own.form.section_steps(own.tables, z, acting.tensions, wrench, work)
         return acting, z + work.step
@@ -122,28 +126,17 @@ class Readout:
     def read(self, state: State) -> Reading:
         """Poses at the stations, by integrals from the base."""
         (acting, z), finer = self._finer.balance(state), self._finer.own
-        work, between = finer.work, self.interpolation @ acting.tensions
-        if self._problem.friction is not None and state.acting.condition.tensions.ndim == 1:
-            between = self._slid(state, self._angle(acting, z))
+        work, between = finer.work, acting.tensions
+        if self._problem.friction is not None:
+            between = self.interpolation @ between
+            if state.acting.condition.tensions.ndim == 1:
+                between = self._slid(state, self._angle(acting, z))
         finer.form.orientations(finer.tables, z, work)
-        rates = np.empty((len(z), 10))
-        rates[:, :3] = work.slope
-        quaternion_rates(work.quaternion, z[:, :3], rates[:, 3:7])
-        carried = rates[:, 7:]
-        x, f = work.slope.T, acting.force.T
-        carried[:, 0] = x[1] * f[2] - x[2] * f[1]
-        carried[:, 1] = x[2] * f[0] - x[0] * f[2]
-        carried[:, 2] = x[0] * f[1] - x[1] * f[0]
-        found = self.integration @ rates
-        turn = found[:, 3:7]
-        turn += finer.tables.base
-        turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
-        # What acts beyond a station: the moment at the base less what is carried up to there.
-        moment = finer.elements.weights @ carried - found[:, 7:]
-        return Reading(found[:, :3], turn, moment, z, acting, between)
+        position, turn = integrate_poses(work, finer.tables.base, z, self.integration)
+        return Reading(position[0], turn[0], work.slope, z, acting, between)
 
     def read_unloaded(self, fine: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions, quaternions x, y, z, w and twists at the stations, of an arm without loads.
+        """Positions, quaternions w, x, y, z and twists at the stations, of an arm without loads.
 
         From its twists (n, m) at the finer points.
         """
@@ -181,13 +174,20 @@ class Readout:
     def twists(self, reading: Reading) -> FloatArray:
         """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""
         acting, work, strains = reading.acting, self._work, reading.z.shape[1]
+        if self._problem.friction is None:
+            # Smooth within elements; and exactly none where there is none.
+            straight = straight_twists(strains)
+            return self.interpolation @ (reading.z - straight) + straight
         between = self.interpolation @ np.concatenate(
             [reading.z, acting.force, acting.couple], axis=1
         )
         z = np.ascontiguousarray(between[:, :strains])
         tensions = reading.tensions
         work.scale[:] = force_scale(self._tables, tensions)
-        moment = reading.moment + between[:, strains + 3 : strains + 6]
+        # What acts beyond a station: the moment at the base less what is carried up to there.
+        carried = np.cross(reading.slope, acting.force)
+        moment = self._finer.own.elements.weights @ carried - self.integration @ carried
+        moment += between[:, strains + 3 : strains + 6]
         inverse = rotation_matrices(np.ascontiguousarray(reading.quaternion.T)).transpose(2, 1, 0)
         wrench = np.empty_like(z)
         wrench[:, :3] = (inverse @ moment[..., np.newaxis])[..., 0]
@@ -213,7 +213,7 @@ class Readout:
 def integrate_poses(
     work: Work, base: FloatArray, z: FloatArray, integration: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Positions (A, S, 3) [m] from the base and quaternions x, y, z, w (A, S, 4) at stations.
+    """Positions (A, S, 3) [m] from the base and quaternions w, x, y, z (A, S, 4) at stations.
 
     Of A arms from twists ``z`` (A N, m) whose orientations are in ``work``, by the matrix
     ``integration`` (S, N) from values at the nodes to integrals up to the stations. ``base`` is
@@ -227,7 +227,4 @@ def integrate_poses(
     turn = found[3:]
     turn += base[:, np.newaxis, np.newaxis]
     turn /= np.sqrt((turn * turn).sum(axis=0))
-    return (
-        np.ascontiguousarray(found[:3].transpose(1, 2, 0)),
-        turn.take(XYZW, axis=0).transpose(1, 2, 0),
-    )
+    return np.ascontiguousarray(found[:3].transpose(1, 2, 0)), turn.transpose(1, 2, 0)

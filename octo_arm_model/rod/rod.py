@@ -33,8 +33,8 @@ from octo_arm_model.rod.load_limits import LoadLimits
 from octo_arm_model.rod.newton import Found, settle, settle_sections
 from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
 from octo_arm_model.rod.resolution import position_error
-from octo_arm_model.rod.tables import force_scale, tabulate
-from octo_arm_model.rod.unloaded import balance_sections, initial_twists
+from octo_arm_model.rod.tables import tabulate
+from octo_arm_model.rod.unloaded import balance_sections
 
 _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
 _WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
@@ -282,16 +282,15 @@ class Rod:
         """
         local = np.empty((problem.elements.s.size, wanted.tensions.size))
         local[:] = wanted.tensions
-        problem.work.scale[:] = force_scale(problem.tables, local)
-        z = initial_twists(problem.tables, local, problem.strains)
         if problem.friction is not None and wanted.tensions.any():
-            local = problem.first_tensions(wanted, z)
-            z = initial_twists(problem.tables, local, problem.strains)
-        given = problem.form, problem.tables, problem.work
+            straight = arrays.initial_twists(problem.tables, local, problem.strains)
+            local = problem.first_tensions(wanted, straight)
+        z = np.zeros((len(local), problem.strains))
         try:
-            return balance_sections(*given, local, np.zeros_like(z), z)
+            left, steps = balance_sections(problem.form, problem.tables, problem.work, local, z)
         except ConvergenceError as error:
             raise explain(problem, local, error) from None
+        return z, left, steps
 
     def _warm(
         self, wanted: Condition, start: Equilibrium, spending: Spending

@@ -10,8 +10,8 @@ from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Problem
 from octo_arm_model.rod.read_out import integrate_poses
 from octo_arm_model.rod.resolution import position_errors
-from octo_arm_model.rod.tables import force_scale, work_arrays
-from octo_arm_model.rod.unloaded import balance_sections, initial_twists
+from octo_arm_model.rod.tables import work_arrays
+from octo_arm_model.rod.unloaded import balance_sections
 
 _BY_NODE = ('body', 'tendons', 'active', 'reach', 'least_scale')
 
@@ -36,10 +36,8 @@ class Several:
     def balance(self, tensions: FloatArray) -> tuple[FloatArray, float, int]:
         """See `balance_sections`, of arms under ``tensions`` (A, J) [N]."""
         local = np.repeat(tensions, self._problem.elements.s.size, axis=0)
-        self.work.scale[:] = force_scale(self.tables, local)
-        z = initial_twists(self.tables, local, self._problem.strains)
-        given = self._problem.form, self.tables, self.work
-        return balance_sections(*given, local, np.zeros_like(z), z)
+        z = np.zeros((len(local), self._problem.strains))
+        return z, *balance_sections(self._problem.form, self.tables, self.work, local, z)
 
     def poses(
         self, z: FloatArray, integration: FloatArray

@@ -22,6 +22,7 @@ from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
 
+XYZW = np.array([1, 2, 3, 0])  # the order of messages, of a quaternion w, x, y, z
 AT_ONCE = 64  # arms, for which tables have room in the processor's cache
 _LEVELS_AT_ONCE = 3
 
@@ -189,7 +190,8 @@ class Statics(abc.ABC):
         """Poses of arms of twists ``z`` (A n, m) into ``shapes``; which are resolved, (A,)."""
         position, quaternion, error = several.poses(z, integration)
         position += self._setup.base[0]
-        shapes.position[numbers], shapes.quaternion[numbers] = position, quaternion
+        shapes.position[numbers] = position
+        shapes.quaternion[numbers] = quaternion.take(XYZW, axis=2)
         return error <= self._setup.accuracy
 
     def wind(
@@ -256,8 +258,9 @@ class Statics(abc.ABC):
 
 
 def strains_of(z: FloatArray) -> FloatArray:
-    """Strains tau, xi, k and q, (4, ...), of twists ``z`` (m, ...)."""
-    strains = np.empty((4, *z.shape[1:]))
-    np.divide(z[:3], z[3], out=strains[:3])
-    np.subtract(z[3], 1.0, out=strains[3])
+    """Strains tau, xi, k and q, (4, ..., n), of twists ``z`` (..., n, m)."""
+    columns = z.transpose(-1, *range(z.ndim - 1))
+    strains = np.empty((4, *z.shape[:-1]))
+    np.divide(columns[:3], columns[3], out=strains[:3])
+    np.subtract(columns[3], 1.0, out=strains[3])
     return strains
