@@ -22,7 +22,8 @@ from octo_arm_model.rod.tables import Work, force_scale, tabulate, work_arrays
 from octo_arm_model.rod.unloaded import straight_twists
 
 ADDED_POINTS = 5  # in each element
-_STEPS = 2  # of Newton's method, of every section at the stations
+# Steps of Newton's method of the sections at the stations, and the residual before the last one.
+_MOST_STEPS, _LAST_STEP = 10, 1e-7
 
 
 class Reading(NamedTuple):
@@ -192,9 +193,20 @@ class Readout:
         wrench[:, :3] = (inverse @ moment[..., np.newaxis])[..., 0]
         force = inverse @ between[:, strains : strains + 3, np.newaxis]
         wrench[:, 3:] = force[:, : strains - 3, 0]
-        for _ in range(_STEPS):
-            self._problem.form.section_steps(self._tables, z, tensions, wrench, work)
-            z = z + work.step
+        return self._settled(z, tensions, wrench)
+
+    def settled(self, z: FloatArray, tensions: FloatArray) -> FloatArray:
+        """Twists (S, m) near ``z`` in balance with ``tensions`` (J,) [N] without loads."""
+        local = tensions * self._tables.reach
+        self._work.scale[:] = force_scale(self._tables, local)
+        return self._settled(np.ascontiguousarray(z), local, np.zeros_like(z))
+
+    def _settled(self, z: FloatArray, tensions: FloatArray, wrench: FloatArray) -> FloatArray:
+        for _ in range(_MOST_STEPS):
+            left = self._problem.form.section_steps(self._tables, z, tensions, wrench, self._work)
+            z = z + self._work.step
+            if not left > _LAST_STEP:
+                break
         return z
 
 

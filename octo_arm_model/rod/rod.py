@@ -266,6 +266,7 @@ class Rod:
             error = position_error(finer.own.elements, fine, finer.own.work.slope)
             if error <= self.setting.accuracy:
                 break
+        _require_resolved(finer.own, error, max(self.setting.accuracy, _WORST))
         z = finer.to_nodes @ fine
         acting = finer.problem.acting(wanted)
         state = State(acting, z, np.zeros_like(z), left)
@@ -427,11 +428,7 @@ class Rod:
             allowed *= _OF_FRICTION
         if self._is_last(level):
             allowed = max(allowed, _WORST)
-            if not error <= allowed:
-                raise SolveError(
-                    f'{problem.elements.s.size} nodes do not resolve the strains: error of '
-                    f'positions of about {error:.1e} of the length'
-                )
+            _require_resolved(problem, error, allowed)
         if not error <= allowed:
             return False
         if problem.friction is None:
@@ -453,6 +450,19 @@ class Rod:
         )  # fmt: skip
         points = nodes.points - more + next_more
         return nodes.lengths.size // cuts * next_cuts * points > MAX_NODES
+
+
+def _require_resolved(problem: Problem, error: float, allowed: float) -> None:
+    """Refuse an ``error`` of positions over the length on the nodes of ``problem``.
+
+    Raises:
+        SolveError: if it is more than ``allowed``.
+    """
+    if not error <= allowed:
+        raise SolveError(
+            f'{problem.elements.s.size} nodes do not resolve the strains: error of '
+            f'positions of about {error:.1e} of the length'
+        )
 
 
 def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
