@@ -154,6 +154,7 @@ class Tendons:
         x, y, self.dx, self.dy = tables.tendons[:, self.pulled].transpose(2, 0, 1)
         self.compliance = tables.compliance[self.pulled]
         self.strain, self._width = strain, width[:, np.newaxis]
+        self._shears = work.residual.shape[1] == 6
         if self.compliance.any():
             offsets = self._offsets(x, y, tables.body[:, LEVER, np.newaxis])
             work.offsets[:, self.pulled, 0], work.offsets[:, self.pulled, 1] = offsets
@@ -222,26 +223,46 @@ class Tendons:
 
     def hessian(self, slope: FloatArray, bend: FloatArray) -> FloatArray:
         """Hessian of the energy of tendons and sheaths by the scaled strain, (n, 6, 6)."""
-        nodes, tendons = self.x.shape
-        by = np.zeros((3, 6, nodes, tendons))
-        by[1, 0], by[2, 0], by[0, 1], by[0, 2] = -self.y, self.x, self.y, -self.x
-        by[0, 3] = by[1, 4] = by[2, 5] = 1.0
-        by[1, 3], by[2, 3] = slope[:, np.newaxis] * self.dx, slope[:, np.newaxis] * self.dy
-        g = np.einsum('uanj,unj->anj', by, self.unit)
-        weight = self.tension * self.over
-        rows = by.transpose(2, 1, 0, 3).reshape(nodes, 6, -1)
-        heavy = (by * weight).transpose(2, 1, 0, 3).reshape(nodes, 6, -1)
-        own = g.transpose(1, 0, 2)
-        found: FloatArray = heavy @ rows.swapaxes(1, 2)
-        found -= (own * weight[:, np.newaxis]) @ own.swapaxes(1, 2)
-        along = self.dx * self.unit[1] + self.dy * self.unit[2]
-        found[:, 3, 3] += bend * (self.tension * along).sum(axis=1)
+        x, y, (u_t, u_n, u_b) = self.x, self.y, self.unit
+        dx, dy = slope[:, np.newaxis] * self.dx, slope[:, np.newaxis] * self.dy
+        y_t, x_t = y * u_t, x * u_t
+        g = np.stack([x * u_b - y * u_n, y_t, -x_t, u_t + dx * u_n + dy * u_b, u_n, u_b])
+        p, q = g[0], g[3]
+        # Lower half of du/de . du/de - g g^T.
+        parts = {
+            (0, 0): x * x + y * y - p * p,
+            (1, 0): -y_t * p,
+            (1, 1): y * y - y_t * y_t,
+            (2, 0): x_t * p,
+            (2, 1): x_t * y_t - x * y,
+            (2, 2): x * x - x_t * x_t,
+            (3, 0): x * dy - y * dx - q * p,
+            (3, 1): y - q * y_t,
+            (3, 2): q * x_t - x,
+            (3, 3): 1.0 + dx * dx + dy * dy - q * q,
+        }
+        if self._shears:
+            parts |= {(a, c): -g[a] * g[c] for a in (4, 5) for c in range(a + 1)}
+            for c, of_n, of_b in ((0, -y, x), (3, dx, dy)):
+                parts[4, c] += of_n
+                parts[5, c] += of_b
+            parts[4, 4] += 1.0
+            parts[5, 5] += 1.0
+        weight, found = self.tension * self.over, np.zeros((len(x), 6, 6))
+        for (a, c), part in parts.items():
+            found[:, a, c] = found[:, c, a] = np.einsum('nj,nj->n', weight, part)
+        along = self.dx * u_n + self.dy * u_b
+        found[:, 3, 3] += bend * np.einsum('nj,nj->n', self.tension, along)
         if self.compliance.any():
-            found -= self._condensed(by, g)
+            found -= self._condensed(dx, dy, g)
         return found
 
-    def _condensed(self, by: FloatArray, g: FloatArray) -> FloatArray:
+    def _condensed(self, dx: FloatArray, dy: FloatArray, g: FloatArray) -> FloatArray:
         """C D^-1 C^T of the offsets in sheaths, (n, 6, 6)."""
+        by = np.zeros((3, *g.shape))  # du/de
+        by[1, 0], by[2, 0], by[0, 1], by[0, 2] = -self.y, self.x, self.y, -self.x
+        by[0, 3] = by[1, 4] = by[2, 5] = 1.0
+        by[1, 3], by[2, 3] = dx, dy
         t, n, b = self.strain[:3]
         u_t, u_n, u_b = self.unit
         p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
