@@ -6,6 +6,8 @@ tendons, e elements.
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
 from octo_arm_model.core.hints import ComplexArray, FloatArray, Number
@@ -182,7 +184,7 @@ class Tendons:
         x, y, self.dx, self.dy = tables.tendons[:, self.pulled].transpose(2, 0, 1)
         self.compliance = tables.compliance[self.pulled]
         self.strain, self._width = strain, width[:, np.newaxis]
-        self._shears = work.residual.shape[1] == 6
+        self._strains = work.residual.shape[1]
         if self.compliance.any():
             offsets = self._offsets(x, y, tables.body[:, LEVER, np.newaxis])
             work.offsets[:, self.pulled, 0], work.offsets[:, self.pulled, 1] = offsets
@@ -249,48 +251,34 @@ class Tendons:
         moments.sum(axis=2, out=found)
         return found
 
-    def hessian(self, slope: FloatArray, bend: FloatArray) -> FloatArray:
-        """Hessian of the energy of tendons and sheaths by the scaled strain, (n, 6, 6)."""
-        x, y, (u_t, u_n, u_b) = self.x, self.y, self.unit
-        dx, dy = slope[:, np.newaxis] * self.dx, slope[:, np.newaxis] * self.dy
-        y_t, x_t = y * u_t, x * u_t
-        g = np.stack([x * u_b - y * u_n, y_t, -x_t, u_t + dx * u_n + dy * u_b, u_n, u_b])
-        p, q = g[0], g[3]
-        # Lower half of du/de . du/de - g g^T.
-        parts = {
-            (0, 0): x * x + y * y - p * p,
-            (1, 0): -y_t * p,
-            (1, 1): y * y - y_t * y_t,
-            (2, 0): x_t * p,
-            (2, 1): x_t * y_t - x * y,
-            (2, 2): x * x - x_t * x_t,
-            (3, 0): x * dy - y * dx - q * p,
-            (3, 1): y - q * y_t,
-            (3, 2): q * x_t - x,
-            (3, 3): 1.0 + dx * dx + dy * dy - q * q,
-        }
-        if self._shears:
-            parts |= {(a, c): -g[a] * g[c] for a in (4, 5) for c in range(a + 1)}
-            for c, of_n, of_b in ((0, -y, x), (3, dx, dy)):
-                parts[4, c] += of_n
-                parts[5, c] += of_b
-            parts[4, 4] += 1.0
-            parts[5, 5] += 1.0
-        weight, found = self.tension * self.over, np.zeros((len(x), 6, 6))
-        for (a, c), part in parts.items():
-            found[:, a, c] = found[:, c, a] = np.einsum('nj,nj->n', weight, part)
-        along = self.dx * u_n + self.dy * u_b
+    def derivatives(self, slope: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (m, n) and Hessian (n, m, m) of the energy of tendons and sheaths.
+
+        By the scaled strains; of the four without shear where there is none.
+        """
+        (nodes, tendons), x, y = self.x.shape, self.x, self.y
+        # du/de and, as a fourth component, the gradient of |u|.
+        by = np.zeros((self._strains, 4, nodes, tendons))
+        by[0, 1], by[0, 2], by[1, 0], by[2, 0] = -y, x, y, -x
+        by[3, 0] = 1.0
+        by[3, 1], by[3, 2] = slope[:, np.newaxis] * self.dx, slope[:, np.newaxis] * self.dy
+        if self._strains == 6:
+            by[4, 1] = by[5, 2] = 1.0
+        (by[:, :3] * self.unit).sum(axis=1, out=by[:, 3])
+        gradient = np.einsum('anj,nj->an', by[:, 3], self.tension)
+        rows = by.transpose(2, 0, 1, 3).reshape(nodes, self._strains, -1)
+        weight = np.empty((nodes, 4, tendons))
+        weight[:] = (self.tension * self.over)[:, np.newaxis]
+        weight[:, 3] *= -1.0
+        found = (rows * weight.reshape(nodes, 1, -1)) @ rows.swapaxes(1, 2)
+        along = self.dx * self.unit[1] + self.dy * self.unit[2]
         found[:, 3, 3] += bend * np.einsum('nj,nj->n', self.tension, along)
         if self.compliance.any():
-            found -= self._condensed(dx, dy, g)
-        return found
+            found -= self._condensed(by[:, :3].swapaxes(0, 1), by[:, 3])
+        return gradient, found
 
-    def _condensed(self, dx: FloatArray, dy: FloatArray, g: FloatArray) -> FloatArray:
-        """C D^-1 C^T of the offsets in sheaths, (n, 6, 6)."""
-        by = np.zeros((3, *g.shape))  # du/de
-        by[1, 0], by[2, 0], by[0, 1], by[0, 2] = -self.y, self.x, self.y, -self.x
-        by[0, 3] = by[1, 4] = by[2, 5] = 1.0
-        by[1, 3], by[2, 3] = dx, dy
+    def _condensed(self, by: FloatArray, g: FloatArray) -> FloatArray:
+        """C D^-1 C^T of the offsets in sheaths, (n, m, m)."""
         t, n, b = self.strain[:3]
         u_t, u_n, u_b = self.unit
         p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
@@ -319,12 +307,18 @@ def _scaled(z: FloatArray, width: FloatArray) -> FloatArray:
     return strain
 
 
-def _stress(tables: Tables, strain: FloatArray) -> FloatArray:
+_Density: TypeAlias = tuple[Number, Number, Number, Number, Number]
+
+
+def _density_at(tables: Tables, strain: FloatArray) -> _Density:
+    """`_density` of scaled strains (6, n)."""
+    bend = strain[1] * strain[1] + strain[2] * strain[2]
+    return _density(tables.widens, strain[3], bend * tables.body[:, SQUARED_RADIUS])
+
+
+def _stress(tables: Tables, strain: FloatArray, density: _Density) -> FloatArray:
     """Gradient of the energy of the material by the scaled strain (6, n), (6, n)."""
-    body, n, b = tables.body.T, strain[1], strain[2]
-    by_stretch, by_bend, *_ = _density(
-        tables.widens, strain[3], (n * n + b * b) * body[SQUARED_RADIUS]
-    )
+    body, (by_stretch, by_bend, *_) = tables.body.T, density
     once = 2.0 * body[AXIAL] * body[SQUARED_RADIUS] * by_bend
     found = strain.copy()
     found[0] *= body[TORSION]
@@ -334,11 +328,11 @@ def _stress(tables: Tables, strain: FloatArray) -> FloatArray:
     return found
 
 
-def _stiffness(tables: Tables, strain: FloatArray) -> FloatArray:
+def _stiffness(tables: Tables, strain: FloatArray, density: _Density) -> FloatArray:
     """Hessian of the energy of the material by the scaled strain (6, n), (n, 6, 6)."""
     body, n, b = tables.body.T, strain[1], strain[2]
     axial, square = body[AXIAL], body[SQUARED_RADIUS]
-    _, by_bend, by_ss, by_sb, by_bb = _density(tables.widens, strain[3], (n * n + b * b) * square)
+    _, by_bend, by_ss, by_sb, by_bb = density
     once = 2.0 * axial * square * by_bend
     both, second = 2.0 * axial * square * by_sb, 4.0 * axial * square * square * by_bb
     h = np.zeros((n.size, 6, 6))
@@ -366,7 +360,7 @@ def _gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) 
     """Gradient of the energy of every cross section."""
     width, slope, _ = _widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
-    g = _stress(tables, strain[..., 0])
+    g = _stress(tables, strain[..., 0], _density_at(tables, strain[..., 0]))
     g += Tendons(tables, strain, width, tensions, work).gradient(slope)
     work.gradient[:] = _unscale_gradient(z, width, slope, g)
 
@@ -376,19 +370,23 @@ def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) ->
     width, slope, bend = _widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
     tendons = Tendons(tables, strain, width, tensions, work)
-    g = _stress(tables, strain[..., 0]) + tendons.gradient(slope)
-    h = _stiffness(tables, strain[..., 0]) + tendons.hessian(slope, bend)
+    density = _density_at(tables, strain[..., 0])
+    g, h = _stress(tables, strain[..., 0], density), _stiffness(tables, strain[..., 0], density)
+    by_strain, twice = tendons.derivatives(slope, bend)
+    g[: len(by_strain)] += by_strain
+    h = h[:, : z.shape[1], : z.shape[1]] + twice
     if tables.widens:
-        kappa = z[:, :3]
-        for half in (h, h.swapaxes(1, 2)):
-            half[:, 3] += slope[:, np.newaxis] * np.einsum('na,nac->nc', kappa, half[:, :3])
-            half[:, :3] *= width[:, np.newaxis, np.newaxis]
-        curved = slope[:, np.newaxis] * g[:3].T
-        h[:, :3, 3] += curved
-        h[:, 3, :3] += curved
-        h[:, 3, 3] += bend * np.einsum('na,an->n', kappa, g[:3])
+        # Scaled bends change with the stretch as well, by their slope.
+        turned = slope[:, np.newaxis] * z[:, :3]
+        along = np.einsum('nac,nc->na', h[:, :, :3], turned)
+        mixed = width[:, np.newaxis] * (h[:, 3, :3] + along[:, :3])
+        mixed += slope[:, np.newaxis] * g[:3].T
+        h[:, 3, 3] += 2.0 * along[:, 3] + np.einsum('na,na->n', along[:, :3], turned)
+        h[:, 3, 3] += bend * np.einsum('na,an->n', z[:, :3], g[:3])
+        h[:, 3, :3] = h[:, :3, 3] = mixed
+        h[:, :3, :3] *= (width * width)[:, np.newaxis, np.newaxis]
     work.gradient[:] = _unscale_gradient(z, width, slope, g)
-    work.hessian[:] = h[:, : z.shape[1], : z.shape[1]]
+    work.hessian[:] = h
 
 
 def section_steps(
