@@ -6,6 +6,8 @@ tendons, e elements.
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
 from octo_arm_model.core.hints import ComplexArray, FloatArray, Number
@@ -23,6 +25,7 @@ from octo_arm_model.rod.tables import (
     force_scale,
 )
 
+_MOST_SWEEPS, _SWEPT = 80, 2e-13  # of orientations, and the change by the last
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
 ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, from which see `Bends`
 _SETTLED = 1e-14  # change of an offset, over the lever
@@ -50,19 +53,13 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
     points, elements = tables.to_point.shape[0], tables.lengths.size
     half = 0.5 * z[:, :3].reshape(-1, elements, points, 3)
     half *= tables.lengths[:, np.newaxis, np.newaxis]
+    arms = len(half)
+    half = half.reshape(-1, points, 3)
     # Rate of (a, b) of an element of length one by its row of [[i t, -c*], [c, -i t]].
-    half, arms = half.reshape(-1, points, 3), len(half)
     rate = np.empty((len(half), points, 2, 2), np.complex128)
     t, c = 1j * half[..., 0], half[..., 1] + 1j * half[..., 2]
     rate[..., 0, 0], rate[..., 0, 1], rate[..., 1, 0], rate[..., 1, 1] = t, -c.conj(), c, -t
-    system = np.multiply(
-        -tables.to_point[:, np.newaxis, :, np.newaxis], rate.swapaxes(1, 2)[:, np.newaxis]
-    ).reshape(-1, 2 * points, 2 * points)
-    diagonal = np.arange(2 * points)
-    system[:, diagonal, diagonal] += 1.0
-    one = np.tile([1.0 + 0.0j, 0.0], points)[np.newaxis, :, np.newaxis]
-    inside = np.linalg.solve(system, np.broadcast_to(one, (len(half), 2 * points, 1)))
-    inside = inside.reshape(-1, points, 2)
+    inside = (_solved if arms == 1 else _swept)(tables, half, rate)
     weights = tables.weights[:points] / tables.lengths[0]
     last = np.einsum('k,ekab,ekb->ea', weights, rate, inside)
     last[:, 0] += 1.0
@@ -74,6 +71,39 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
         first[e, 0], first[e, 1] = a, b
         a, b = a * c_e - b * d_e.conjugate(), a * d_e + b * c_e.conjugate()
     _orient(first.transpose(2, 0, 1).reshape(-1, 2), inside, z, work)
+
+
+def _solved(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray:
+    """(a, b) at the points of elements from their starts, (e, p, 2): the quickest for few."""
+    points = len(tables.to_point)
+    system = np.multiply(
+        -tables.to_point[:, np.newaxis, :, np.newaxis], rate.swapaxes(1, 2)[:, np.newaxis]
+    ).reshape(-1, 2 * points, 2 * points)
+    diagonal = np.arange(2 * points)
+    system[:, diagonal, diagonal] += 1.0
+    one = np.tile([1.0 + 0.0j, 0.0], points)[np.newaxis, :, np.newaxis]
+    found = np.linalg.solve(system, np.broadcast_to(one, (len(rate), 2 * points, 1)))
+    return np.asarray(found).reshape(-1, points, 2)
+
+
+def _swept(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray:
+    """The same by sweeps, as in `loops`: the quickest for many elements."""
+    # From nearly those: turned by the mean bend so far.
+    turn = tables.to_point @ np.ascontiguousarray(half.transpose(2, 1, 0))
+    angle = np.sqrt((turn * turn).sum(axis=0)) + 1e-150
+    turn *= np.sin(angle) / angle
+    found = np.empty((len(half[0]), 2, len(half)), np.complex128)
+    found[:, 0], found[:, 1] = np.cos(angle) + 1j * turn[0], turn[1] + 1j * turn[2]
+    factors = np.ascontiguousarray(rate.transpose(1, 3, 2, 0))
+    for _ in range(_MOST_SWEEPS):
+        rates = (found[:, :, np.newaxis] * factors).sum(axis=1)
+        now = tables.to_point @ rates.view(np.float64).reshape(len(found), -1)
+        now = now.view(np.complex128).reshape(found.shape)
+        now[:, 0] += 1.0
+        change, found = np.abs((now - found).view(np.float64)).max(), now
+        if not change > _SWEPT:
+            break
+    return found.transpose(2, 0, 1)
 
 
 def _orient(first: ComplexArray, inside: ComplexArray, z: FloatArray, work: Work) -> None:
@@ -154,6 +184,7 @@ class Tendons:
         x, y, self.dx, self.dy = tables.tendons[:, self.pulled].transpose(2, 0, 1)
         self.compliance = tables.compliance[self.pulled]
         self.strain, self._width = strain, width[:, np.newaxis]
+        self._strains = work.residual.shape[1]
         if self.compliance.any():
             offsets = self._offsets(x, y, tables.body[:, LEVER, np.newaxis])
             work.offsets[:, self.pulled, 0], work.offsets[:, self.pulled, 1] = offsets
@@ -220,28 +251,34 @@ class Tendons:
         moments.sum(axis=2, out=found)
         return found
 
-    def hessian(self, slope: FloatArray, bend: FloatArray) -> FloatArray:
-        """Hessian of the energy of tendons and sheaths by the scaled strain, (n, 6, 6)."""
-        nodes, tendons = self.x.shape
-        by = np.zeros((3, 6, nodes, tendons))
-        by[1, 0], by[2, 0], by[0, 1], by[0, 2] = -self.y, self.x, self.y, -self.x
-        by[0, 3] = by[1, 4] = by[2, 5] = 1.0
-        by[1, 3], by[2, 3] = slope[:, np.newaxis] * self.dx, slope[:, np.newaxis] * self.dy
-        g = np.einsum('uanj,unj->anj', by, self.unit)
-        weight = self.tension * self.over
-        rows = by.transpose(2, 1, 0, 3).reshape(nodes, 6, -1)
-        heavy = (by * weight).transpose(2, 1, 0, 3).reshape(nodes, 6, -1)
-        own = g.transpose(1, 0, 2)
-        found: FloatArray = heavy @ rows.swapaxes(1, 2)
-        found -= (own * weight[:, np.newaxis]) @ own.swapaxes(1, 2)
+    def derivatives(self, slope: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (m, n) and Hessian (n, m, m) of the energy of tendons and sheaths.
+
+        By the scaled strains; of the four without shear where there is none.
+        """
+        (nodes, tendons), x, y = self.x.shape, self.x, self.y
+        # du/de and, as a fourth component, the gradient of |u|.
+        by = np.zeros((self._strains, 4, nodes, tendons))
+        by[0, 1], by[0, 2], by[1, 0], by[2, 0] = -y, x, y, -x
+        by[3, 0] = 1.0
+        by[3, 1], by[3, 2] = slope[:, np.newaxis] * self.dx, slope[:, np.newaxis] * self.dy
+        if self._strains == 6:
+            by[4, 1] = by[5, 2] = 1.0
+        (by[:, :3] * self.unit).sum(axis=1, out=by[:, 3])
+        gradient = np.einsum('anj,nj->an', by[:, 3], self.tension)
+        rows = by.transpose(2, 0, 1, 3).reshape(nodes, self._strains, -1)
+        weight = np.empty((nodes, 4, tendons))
+        weight[:] = (self.tension * self.over)[:, np.newaxis]
+        weight[:, 3] *= -1.0
+        found = (rows * weight.reshape(nodes, 1, -1)) @ rows.swapaxes(1, 2)
         along = self.dx * self.unit[1] + self.dy * self.unit[2]
-        found[:, 3, 3] += bend * (self.tension * along).sum(axis=1)
+        found[:, 3, 3] += bend * np.einsum('nj,nj->n', self.tension, along)
         if self.compliance.any():
-            found -= self._condensed(by, g)
-        return found
+            found -= self._condensed(by[:, :3].swapaxes(0, 1), by[:, 3])
+        return gradient, found
 
     def _condensed(self, by: FloatArray, g: FloatArray) -> FloatArray:
-        """C D^-1 C^T of the offsets in sheaths, (n, 6, 6)."""
+        """C D^-1 C^T of the offsets in sheaths, (n, m, m)."""
         t, n, b = self.strain[:3]
         u_t, u_n, u_b = self.unit
         p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
@@ -270,12 +307,18 @@ def _scaled(z: FloatArray, width: FloatArray) -> FloatArray:
     return strain
 
 
-def _stress(tables: Tables, strain: FloatArray) -> FloatArray:
+_Density: TypeAlias = tuple[Number, Number, Number, Number, Number]
+
+
+def _density_at(tables: Tables, strain: FloatArray) -> _Density:
+    """`_density` of scaled strains (6, n)."""
+    bend = strain[1] * strain[1] + strain[2] * strain[2]
+    return _density(tables.widens, strain[3], bend * tables.body[:, SQUARED_RADIUS])
+
+
+def _stress(tables: Tables, strain: FloatArray, density: _Density) -> FloatArray:
     """Gradient of the energy of the material by the scaled strain (6, n), (6, n)."""
-    body, n, b = tables.body.T, strain[1], strain[2]
-    by_stretch, by_bend, *_ = _density(
-        tables.widens, strain[3], (n * n + b * b) * body[SQUARED_RADIUS]
-    )
+    body, (by_stretch, by_bend, *_) = tables.body.T, density
     once = 2.0 * body[AXIAL] * body[SQUARED_RADIUS] * by_bend
     found = strain.copy()
     found[0] *= body[TORSION]
@@ -285,11 +328,11 @@ def _stress(tables: Tables, strain: FloatArray) -> FloatArray:
     return found
 
 
-def _stiffness(tables: Tables, strain: FloatArray) -> FloatArray:
+def _stiffness(tables: Tables, strain: FloatArray, density: _Density) -> FloatArray:
     """Hessian of the energy of the material by the scaled strain (6, n), (n, 6, 6)."""
     body, n, b = tables.body.T, strain[1], strain[2]
     axial, square = body[AXIAL], body[SQUARED_RADIUS]
-    _, by_bend, by_ss, by_sb, by_bb = _density(tables.widens, strain[3], (n * n + b * b) * square)
+    _, by_bend, by_ss, by_sb, by_bb = density
     once = 2.0 * axial * square * by_bend
     both, second = 2.0 * axial * square * by_sb, 4.0 * axial * square * square * by_bb
     h = np.zeros((n.size, 6, 6))
@@ -317,7 +360,7 @@ def _gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) 
     """Gradient of the energy of every cross section."""
     width, slope, _ = _widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
-    g = _stress(tables, strain[..., 0])
+    g = _stress(tables, strain[..., 0], _density_at(tables, strain[..., 0]))
     g += Tendons(tables, strain, width, tensions, work).gradient(slope)
     work.gradient[:] = _unscale_gradient(z, width, slope, g)
 
@@ -327,19 +370,23 @@ def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) ->
     width, slope, bend = _widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
     tendons = Tendons(tables, strain, width, tensions, work)
-    g = _stress(tables, strain[..., 0]) + tendons.gradient(slope)
-    h = _stiffness(tables, strain[..., 0]) + tendons.hessian(slope, bend)
+    density = _density_at(tables, strain[..., 0])
+    g, h = _stress(tables, strain[..., 0], density), _stiffness(tables, strain[..., 0], density)
+    by_strain, twice = tendons.derivatives(slope, bend)
+    g[: len(by_strain)] += by_strain
+    h = h[:, : z.shape[1], : z.shape[1]] + twice
     if tables.widens:
-        kappa = z[:, :3]
-        for half in (h, h.swapaxes(1, 2)):
-            half[:, 3] += slope[:, np.newaxis] * np.einsum('na,nac->nc', kappa, half[:, :3])
-            half[:, :3] *= width[:, np.newaxis, np.newaxis]
-        curved = slope[:, np.newaxis] * g[:3].T
-        h[:, :3, 3] += curved
-        h[:, 3, :3] += curved
-        h[:, 3, 3] += bend * np.einsum('na,an->n', kappa, g[:3])
+        # Scaled bends change with the stretch as well, by their slope.
+        turned = slope[:, np.newaxis] * z[:, :3]
+        along = np.einsum('nac,nc->na', h[:, :, :3], turned)
+        mixed = width[:, np.newaxis] * (h[:, 3, :3] + along[:, :3])
+        mixed += slope[:, np.newaxis] * g[:3].T
+        h[:, 3, 3] += 2.0 * along[:, 3] + np.einsum('na,na->n', along[:, :3], turned)
+        h[:, 3, 3] += bend * np.einsum('na,an->n', z[:, :3], g[:3])
+        h[:, 3, :3] = h[:, :3, 3] = mixed
+        h[:, :3, :3] *= (width * width)[:, np.newaxis, np.newaxis]
     work.gradient[:] = _unscale_gradient(z, width, slope, g)
-    work.hessian[:] = h[:, : z.shape[1], : z.shape[1]]
+    work.hessian[:] = h
 
 
 def section_steps(

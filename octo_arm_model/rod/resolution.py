@@ -26,15 +26,11 @@ def position_error(elements: Elements, z: FloatArray, slope: FloatArray) -> floa
 
 def position_errors(elements: Elements, z: FloatArray, slope: FloatArray) -> FloatArray:
     """The same of several arms, (A,), from ``z`` (A N, m) and ``slope`` (A N, 3)."""
-    bends = elements.lengths * _tail(elements, z[:, :3])
-    directions = _tail(elements, slope)
-    parts = elements.lengths / elements.edges[-1]
-    of_directions = (directions * directions) @ parts
-    return np.asarray(_OF_BENDS * (bends * bends).sum(axis=1) + _OF_DIRECTIONS * of_directions)
-
-
-def _tail(elements: Elements, values: FloatArray) -> FloatArray:
-    """Largest of the last two Legendre coefficients of ``values`` (A N, k), (A, E)."""
-    by_element = values.T.reshape(-1, elements.points) @ elements.rule.tail.T
-    largest = np.abs(by_element).reshape(values.shape[1], -1, 2).max(axis=(0, 2))
-    return np.asarray(largest.reshape(-1, elements.lengths.size))
+    # Largest of the last two Legendre coefficients of bends and directions in each element.
+    values = np.concatenate([z[:, :3], slope], axis=1).reshape(-1, elements.points, 6)
+    tails = np.abs(elements.rule.tail @ values).reshape(-1, 2, 2, 3).max(axis=(1, 3))
+    tails *= tails
+    tails = tails.reshape(-1, elements.lengths.size, 2)
+    lengths = elements.lengths
+    of_bends = _OF_BENDS * (tails[..., 0] @ (lengths * lengths))
+    return np.asarray(of_bends + _OF_DIRECTIONS / elements.edges[-1] * (tails[..., 1] @ lengths))

@@ -26,6 +26,12 @@ _TO_MATRIX = np.array([
     [[0, 2, 0, 0], [0, 0, 0, 0], [0, 0, 0, 2], [0, 0, 0, 0]],
     [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]],
 ], dtype=np.float64).reshape(9, 16)  # fmt: skip
+# Rates q (0, kappa) / 2 from products of w, x, y and z with the three components of kappa.
+_TO_RATE = np.zeros((4, 12))
+_TO_RATE[[0, 0, 0], [3, 7, 11]] = -0.5
+_TO_RATE[[1, 1, 1], [0, 8, 10]] = 0.5, 0.5, -0.5
+_TO_RATE[[2, 2, 2], [1, 9, 5]] = 0.5, 0.5, -0.5
+_TO_RATE[[3, 3, 3], [2, 4, 6]] = 0.5, 0.5, -0.5
 
 
 class Quaternions(NamedTuple):
@@ -74,13 +80,8 @@ def quaternion_rates(q: FloatArray, kappa: FloatArray, out: FloatArray) -> None:
 
     ``kappa`` (n, 3) are angular rates in the turned axes.
     """
-    half = 0.5 * kappa
-    w, x, y, z = q.T
-    p, r, s = half.T
-    out[:, 0] = -(x * p + y * r + z * s)
-    out[:, 1] = w * p + y * s - z * r
-    out[:, 2] = w * r + z * p - x * s
-    out[:, 3] = w * s + x * r - y * p
+    products = q.T[:, np.newaxis] * kappa.T
+    np.matmul(_TO_RATE, products.reshape(12, -1), out=out.T)
 
 
 def product(a: Number, b: Number, c: Number, d: Number) -> tuple[Number, Number]:
