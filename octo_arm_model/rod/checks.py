@@ -37,14 +37,14 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
     stretch = z[:, 3]
     if problem.tables.widens:
         shortest = _shortest_fibres(problem.tables, z)
-        node = int(np.argmin(shortest))
+        node = int(shortest.argmin())
         if not shortest[node] > SHORTEST_FIBRE:
             raise SolveError(
                 'tensions compress a fibre of the arm to nothing at s = '
                 f'{problem.elements.s[node]:.4g} m (to {shortest[node]:.2g} of its length, must '
                 f'be > {SHORTEST_FIBRE})'
             )
-    node = int(np.argmin(stretch))
+    node = int(stretch.argmin())
     if not stretch[node] > 0.0:
         raise SolveError(
             f'tensions compress the arm to nothing at s = {problem.elements.s[node]:.4g} m '
@@ -57,7 +57,7 @@ def are_stretched(tables: Tables, z: FloatArray, arms: int) -> NDArray[np.bool_]
     fine = z[:, 3] > 0.0
     if tables.widens:
         fine &= _shortest_fibres(tables, z) > SHORTEST_FIBRE
-    return fine.reshape(arms, -1).all(axis=1)
+    return np.asarray(fine.reshape(arms, -1).all(axis=1))
 
 
 def _shortest_fibres(tables: Tables, z: FloatArray) -> FloatArray:

@@ -107,7 +107,8 @@ class Exact(Statics):
             position, z = reading.position, readout.twists(reading)
             quaternion = reading.quaternion
             along = reading.tensions if self._setup.arm.friction else None
-        return Shape(position + self._setup.base[0], quaternion.take(XYZW, axis=1), strains_of(z), along, found)
+        position = position + self._setup.base[0]
+        return Shape(position, quaternion.take(XYZW, axis=1), strains_of(z), along, found)
 
     def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
         """See `Statics`."""

@@ -48,8 +48,10 @@ MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `arrays.
 
 
 def _compiled(function: _F, inlined: bool = False) -> _F:
-    options = {'cache': True, 'error_model': 'numpy', 'fastmath': {'contract', 'nsz'}}
-    return cast(_F, njit(forceinline=inlined, **options)(function))
+    compiler = njit(
+        cache=True, error_model='numpy', fastmath={'contract', 'nsz'}, forceinline=inlined
+    )
+    return cast(_F, compiler(function))
 
 
 def _inlined(function: _F) -> _F:

@@ -71,8 +71,8 @@ class Finer:
         if tensions.ndim == 1:
             tensions = np.empty((len(z), tensions.size))
             tensions[:] = condition.tensions
-        dead = own.loads.at(condition.factor, condition.tip_wrench)
-        acting = own.evaluate(Acting(condition, tensions, *dead, self._scale), z).acting
+        force, couple = own.loads.at(condition.factor, condition.tip_wrench)
+        acting = own.evaluate(Acting(condition, tensions, force, couple, self._scale), z).acting
         wrench = work.gradient - work.residual
         own.form.section_steps(own.tables, z, acting.tensions, wrench, work)
         return acting, z + work.step

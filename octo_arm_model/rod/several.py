@@ -11,8 +11,6 @@ from octo_arm_model.rod.resolution import position_errors
 from octo_arm_model.rod.tables import work_arrays
 from octo_arm_model.rod.unloaded import balance_sections
 
-_BY_NODE = ('body', 'tendons', 'active', 'reach', 'least_scale')
-
 
 class Several:
     """Arms without loads at the nodes of a `Problem`, one after the other.
@@ -25,8 +23,13 @@ class Several:
     def __init__(self, problem: Problem, arms: int) -> None:
         """Of so many ``arms``."""
         self._problem, own = problem, problem.tables
-        tiled = {name: np.concatenate([getattr(own, name)] * arms) for name in _BY_NODE}
-        self.tables = own._replace(**tiled)
+        self.tables = own._replace(
+            body=np.concatenate([own.body] * arms),
+            tendons=np.concatenate([own.tendons] * arms),
+            active=np.concatenate([own.active] * arms),
+            reach=np.concatenate([own.reach] * arms),
+            least_scale=np.concatenate([own.least_scale] * arms),
+        )
         self.work = work_arrays(self.tables, problem.strains, has_jacobian=False)
 
     def balance(self, tensions: FloatArray) -> tuple[FloatArray, float, int]:
