@@ -20,6 +20,9 @@ def _run(module: str, interrupted: int) -> int:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored
         # The programs of ROS go on with a handler of their own.
         signal.signal(signal.SIGINT, lambda number, frame: os._exit(interrupted))
+    # Systems of equations are small. More threads of BLAS than cores that are free, as where other
+    # programs run too, wait for each other: a solve takes up to a hundred times as long.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     if sys.stderr is None:  # closed: what is printed to it would go to standard output
         sys.stderr = open(os.devnull, 'w')
     try:

@@ -8,13 +8,14 @@ of the cross section with the tendons, by Newton's method on all points at once.
 from __future__ import annotations
 
 import numpy as np
-from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.strain_measures import derivatives_by_twist
 from scipy.integrate import solve_bvp
 
 from octo_arm_model import Arm, Body, Loads, Pose, Solver
 from octo_arm_model.core.arm.laws import LAWS
+from octo_arm_model.rod import arrays
+from octo_arm_model.rod.elements import build_elements
 from octo_arm_model.rod.stations import panels_of
+from octo_arm_model.rod.tables import force_scale, tabulate, work_arrays
 
 
 class LoadedBvp:
@@ -26,7 +27,7 @@ class LoadedBvp:
         """Prepare; the unloaded shape is the first guess."""
         self._arm, self._law, self._loads, self._base = arm, LAWS[law], loads, base
         self._tensions = np.reshape(tensions, (1, -1))
-        self._panels = panels_of(arm)
+        self._panels, self._elements = panels_of(arm), build_elements(arm)
         self._unloaded = Solver(arm, 'exact', 101, base, material=law).solve(tensions)
         self.density = np.array(loads.gravity) * (arm.material.density - loads.fluid_density)
 
@@ -84,22 +85,31 @@ class LoadedBvp:
         return rates
 
     def _twist(self, s: np.ndarray, section: int, wrench: np.ndarray) -> np.ndarray:
-        energy = SectionEnergy(self._arm, s, np.full(s.size, section), self._law)
-        pulls = energy.local_tensions(self._tensions)
+        """Twists (4, n) at ``s`` (n,) in a panel, in balance with the ``wrench`` (4, n)."""
+        panel = next(one for one in self._panels if one.section == section)
+        # At its start as within it, where only tendons that reach farther act.
+        inside = np.clip(s, panel.start + 1e-9 * self._arm.length, panel.stop)
+        tables = tabulate(
+            self._arm, self._elements, np.array([1.0, 0.0, 0.0, 0.0]), widens=self._law.widens,
+            s=inside,
+        )  # fmt: skip
+        work = work_arrays(tables, 4, has_jacobian=False)
+        pulls = np.broadcast_to(self._tensions, (s.size, self._tensions.size)).copy()
+        work.scale[:] = force_scale(tables, pulls)
         start = self._unloaded
-        twist = np.empty((4, 1, s.size))
+        twist = np.empty((s.size, 4))
         q = np.interp(s, start.s, start.q)
         for row, name in enumerate(('tau', 'xi', 'k')):
-            twist[row, 0] = (1 + q) * np.interp(s, start.s, getattr(start, name))
-        twist[3, 0] = 1 + q
+            twist[:, row] = (1 + q) * np.interp(s, start.s, getattr(start, name))
+        twist[:, 3] = 1 + q
         for _ in range(30):
-            gradient, hessian = derivatives_by_twist(energy, twist, pulls)
-            left = (wrench - gradient)[:, 0].T
-            step = np.linalg.solve(hessian[:, :, 0].transpose(2, 0, 1), left[..., np.newaxis])
-            twist[:, 0] += step[..., 0].T
-            if np.abs(step[..., 0]).max() < 1e-9 * np.abs(twist).max():
+            arrays.section_steps(
+                tables, twist, pulls, np.ascontiguousarray(wrench.reshape(4, -1).T), work
+            )
+            twist += work.step
+            if np.abs(work.step).max() < 1e-9 * np.abs(twist).max():
                 break
-        return twist[:, 0]
+        return twist.T
 
     def _ends(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
         residual = [first[:3] - self._base.position, first[3:7] - self._base.quaternion]

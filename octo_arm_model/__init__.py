@@ -1,7 +1,7 @@
 """Shape of a tendon-driven, octopus-inspired soft arm from the tensions of its tendons.
 
-The core: an `Arm`, `solve` or a `Solver`, and the `Backbone` they return. It needs NumPy
-and YAML, and nothing of ROS.
+The core: an `Arm`, `solve` or a `Solver`, and the `Backbone` they return. It needs
+NumPy, SciPy and YAML, and nothing of ROS.
 """
 
 from __future__ import annotations

@@ -14,7 +14,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib.util
-import itertools
 import os
 import platform
 import shutil
@@ -132,14 +131,14 @@ class Steps:
         if not live:
             print(self._title, end=' ', flush=True)
         with ended(process):
-            for sign in itertools.cycle('|/-\\'):
+            while True:
                 try:
-                    status = process.wait(timeout=0.2)
+                    status = process.wait(timeout=1.0)
                     break
                 except subprocess.TimeoutExpired:
                     if live:
                         so_far = f'{time.monotonic() - begin:.0f} s'
-                        print(f'\r{self._title} {sign} {so_far} ', end='', flush=True)
+                        print(f'\r{self._title}, {so_far} ', end='', flush=True)
         elapsed = f'{time.monotonic() - begin:.0f} s'
         print(f'\r{self._title}, {elapsed}   ' if live else f'({elapsed})', flush=True)
         if status:
@@ -343,7 +342,7 @@ def prepare() -> None:
             installed.write_text(requirements)
         if not is_prepared:
             build(steps, folder, venv)
-        steps.announce('compiling the solver, some minutes')
+        steps.announce('compiling the solver, up to a minute')
         steps.wait(compiling, _COMPILE_LOG)
     compiled.write_text(sources)
     stamp.write_text(wanted)

@@ -1,4 +1,4 @@
 """Experiments recorded as bags: read, replayed through the model, simulated.
 
-May import wire, analysis, estimation, config and core; needs rosbags, nothing of ROS.
+May import wire, analysis, estimation, config, rod and core; needs rosbags, nothing of ROS.
 """

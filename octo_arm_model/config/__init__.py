@@ -1,4 +1,4 @@
 """An arm from a parameter file: the table of parameters, the YAML reader, presets, paper data.
 
-Imports core.
+Imports rod and core.
 """

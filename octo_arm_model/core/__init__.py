@@ -1,1 +1,1 @@
-"""The solver: tensions in, backbone out. Imports numpy and scipy only."""
+"""What is solved: an arm and its loads, numerics, errors, bounds. Imports numpy and scipy only."""

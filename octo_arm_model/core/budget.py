@@ -20,8 +20,8 @@ class Budget:
     Attributes:
         iterations: of Newton's method, of one arm.
         seconds: of one arm [s].
-        residual: that may be left of an equilibrium where it is followed from one nearby in
-            machine code [-], at most 1e-6; the position of the tip is then right to about as much
+        residual: that may be left of an equilibrium where it is followed from one nearby
+            [-], at most 1e-6; the position of the tip is then right to about as much
             of the length, or to some ten times as much near a limit point. Others are found to
             1e-11.
 

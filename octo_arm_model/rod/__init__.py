@@ -9,31 +9,47 @@ the wrench of everything beyond a node, F and M = M_free + integral from it to t
 where psi is the energy of the cross section with its tendons, see `loops`. Arrays over nodes go
 from the base to the tip and have the node as first axis.
 
-`elements`      where the nodes are: elements between anchorages, knots and loads, by the radius
-`tables`        `Tables` of an arm at its nodes and `Work`, the arrays that node functions fill in
-`loops`         the node functions as loops for numba
-`arrays`        the same over whole arrays for NumPy
-`forms`         which of the two is used
-`dead_loads`    F and M_free of dead loads at the nodes
-`other_loads`   the same of loads of a user's own, and their derivatives by the shape
-`load_limits`   bounds of loads and tensions
-`factors`       LU factors of the Jacobian, and whether its symmetric part is positive definite
-`equilibrium`   `Problem` (tables, loads, form) and `State`: residual, Jacobian, stability
-`unloaded`      the balance of every cross section by itself
-`newton`        chord steps and Newton's method
-`continuation`  following equilibria, and descent to the next where a branch ends
-`checks`        what a solution is refused for
-`rod`           `Rod`: from tensions and a wrench on the tip to a `State`
-`read_out`      positions, orientations and strains at stations
+`elements`       where the nodes are: elements between anchorages, knots and loads, by the radius
+`tables`         `Tables` of an arm at its nodes and `Work`, the arrays that node functions fill in
+`loops`          the node functions as loops for numba
+`arrays`         the same over whole arrays for NumPy
+`forms`          which of the two is used
+`tendons`        stretch of tendons at the nodes, and its derivatives
+`dead_loads`     F and M_free of dead loads at the nodes
+`other_loads`    the same of loads of a user's own, and their derivatives by the shape
+`friction`       tension of every tendon at every node, and its derivatives
+`factors`        LU factors of the Jacobian, and whether its symmetric part is positive definite
+`equilibrium`    `Problem` (tables, loads, form) and `State`: residual, Jacobian, stability
+`unloaded`       the balance of every cross section by itself
+`newton`         chord steps and Newton's method
+`continuation`   following equilibria, and descent to the next where a branch ends
+`checks`         what a solution is refused for
+`resolution`     the error of positions, estimated from the last coefficients in each element
+`read_out`       positions, orientations and strains at stations
+`rod`            `Rod`: from tensions and a wrench on the tip to an `Equilibrium`
+`lengths`        lengths of the tendons
+`winches`        tensions of tendons at given lengths; `complementarity`: which of them are slack
+`derivatives`    first derivatives of an equilibrium; `sensitivity`: what they are given as
 
-What comes next enters as a term of these, and changes no signature:
+`statics`        what every model gives; `exact` does by all of the above
+`papers`         the paper's models on the same nodes: `closed_form`, and `renda2012` by `picard`;
+                 `paper_balance` and `tendon_sums` have their formulas
+`solver`         `Solver`: checks of input, one arm or a batch, quantities of solutions
+`backbone`       `Backbone`: the result; `stations`: where it is known
+`once`           one shape in one call
+`friction_memory`  validity of the friction history of a sequence
+`load_limits`    bounds of loads and tensions
 
-* Friction: node functions take the tension of every tendon at every node, (N, tendons); a fixed
-  point makes it anew from the angles of the same z. `Condition.tensions` may have that shape.
-* Sheaths: the offset of a tendon is condensed within its section; see `Tables.compliance`.
-* Winches: rows and columns around `Factors.solve`; the columns are gradients of tendons' lengths.
-* Loads that follow the shape: F and M_free are arguments of `residual`, made anew in
-  `Problem.evaluate` from `Work.rotation` and `Work.slope`; their derivatives are added to
-  `Work.jacobian` in `Problem.fill_jacobian`. Inertia, drag and contact are such loads; those of a
-  user's own are in `other_loads`.
+A new effect is a term of these. It changes no signature:
+
+* Loads that follow the shape, as inertia, drag and contact would: F and M_free are arguments of
+  `residual`, made anew in `Problem.evaluate`; their derivatives by the shape are added to
+  `Work.jacobian` in `Problem.fill_jacobian`.
+* What changes the tension along a tendon: node functions take the tension of every tendon at
+  every node, (N, J), which `Problem.evaluate` makes from z, and `Problem.fill_jacobian` adds its
+  derivatives, as for `friction`.
+* An unknown of a cross section: condensed within it, as the offset of a tendon in its sheath.
+* An unknown of the whole arm: a row and a column around `Factors.solve`, as in `winches`.
+
+May import core.
 """

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Problem, State
-from octo_arm_model.rod.tables import ALONG_B, ALONG_N, SQUARED_RADIUS, Tables
+from octo_arm_model.rod.tables import ALONG_B, ALONG_N, AXIAL, SQUARED_RADIUS, Tables
 
 SHORTEST_FIBRE = 0.02  # of its reference length
+_SHORTENS = 1.0  # tension over E A that would shorten a straight rod to nothing
 
 
 def check_solution(problem: Problem, state: State, is_loaded: bool) -> None:
@@ -26,6 +27,20 @@ def check_solution(problem: Problem, state: State, is_loaded: bool) -> None:
             check_stable(problem, state)
 
 
+def explain(problem: Problem, tensions: FloatArray, error: ConvergenceError) -> SolveError:
+    """Why cross sections under ``tensions`` (N, J) [N] have no balance, after ``error``."""
+    tables = problem.tables
+    pull = (tensions * tables.reach).max(axis=1) / tables.body[:, AXIAL]
+    node = int(np.argmax(pull))
+    if pull[node] > _SHORTENS:
+        s = problem.elements.s[node]
+        return SolveError(f'tensions shorten a tendon to nothing at s = {s:.4g} m')
+    if tables.compliance.any():
+        what = 'the balance of the cross sections, with tendons in compliant sheaths,'
+        return ConvergenceError(what, error.residual, error.iterations, error.iterate)
+    return error
+
+
 def check_stretches(problem: Problem, z: FloatArray) -> None:
     """Refuse twists ``z`` (N, m) that compress a section, or a fibre of rubber, to nothing.
 
@@ -37,14 +52,14 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
     stretch = z[:, 3]
     if problem.tables.widens:
         shortest = _shortest_fibres(problem.tables, z)
-        node = int(shortest.argmin())
+        node = int(np.argmin(shortest))
         if not shortest[node] > SHORTEST_FIBRE:
             raise SolveError(
                 'tensions compress a fibre of the arm to nothing at s = '
                 f'{problem.elements.s[node]:.4g} m (to {shortest[node]:.2g} of its length, must '
                 f'be > {SHORTEST_FIBRE})'
             )
-    node = int(stretch.argmin())
+    node = int(np.argmin(stretch))
     if not stretch[node] > 0.0:
         raise SolveError(
             f'tensions compress the arm to nothing at s = {problem.elements.s[node]:.4g} m '
@@ -57,7 +72,7 @@ def are_stretched(tables: Tables, z: FloatArray, arms: int) -> NDArray[np.bool_]
     fine = z[:, 3] > 0.0
     if tables.widens:
         fine &= _shortest_fibres(tables, z) > SHORTEST_FIBRE
-    return np.asarray(fine.reshape(arms, -1).all(axis=1))
+    return np.asarray(fine.reshape(arms, -1).all(axis=1), np.bool_)
 
 
 def _shortest_fibres(tables: Tables, z: FloatArray) -> FloatArray:

@@ -129,14 +129,14 @@ def follow(
             last, step = None, _BEYOND
         elif judged is not None:
             last = z, target - done
-            step = last[1] * (_growth(found.corrected) if found.iterations <= 5 else 1.0)
+            step = last[1] * (growth(found.corrected) if found.iterations <= 5 else 1.0)
         if judged is not None:
             if target == 1.0:
                 return judged
             done, z, factors, reached = target, judged.state.z, judged.factors, judged
         else:
             # A converged step is shortened by how large its correction was, another by a factor.
-            shorter = min(_growth(found.corrected), 0.7) if is_found else 0.25
+            shorter = min(growth(found.corrected), 0.7) if is_found else 0.25
             step = max(shorter * (target - done), _SMALLEST_STEP)
 
 
@@ -165,7 +165,7 @@ def _judged_stable(problem: Problem, state: State) -> Judged | None:
     return judged if judged.stability.is_stable else None
 
 
-def _growth(corrected: float) -> float:
+def growth(corrected: float) -> float:
     """Factor by which to change the load step after one with the angle ``corrected`` [rad].
 
     It grows with the square of the step, which gives the step whose correction is

@@ -255,6 +255,8 @@ class Derivatives:
         if kept is None or kept.state is not state:
             problem.others.require_tangents('sensitivity')
             factors, slides = problem.linearise(state), problem.tension_changes(state)
+            if slides is not None:
+                slides.require(self._arm.tendon_names, state.acting.condition.tensions)
             rates = problem.tension_rates(state)
             copies = [getattr(problem.work, name).copy() for name in _Linear._fields[4:]]
             kept = self._kept = _Linear(state, factors, slides, rates, *copies)

@@ -163,7 +163,9 @@ def check_thickness(arm: Arm) -> None:
         ConfigError: if it is.
     """
     s = np.linspace(0.0, arm.length, _SAMPLES)
-    place = np.hypot(*arm.tendon_offsets(s)).max(axis=0, initial=0.0)
+    acts = np.array([section.anchorage for section in arm.sections])[arm.tendon_section - 1]
+    place = np.hypot(*arm.tendon_offsets(s)) * (s <= acts[:, np.newaxis])
+    place = place.max(axis=0, initial=0.0)
     thickness = np.maximum(arm.body.radius(s), place)
     with np.errstate(over='ignore'):
         pieces = np.diff(s) / np.minimum(thickness[:-1], thickness[1:])
@@ -206,7 +208,7 @@ def _share(arm: Arm, edges: FloatArray, at_edges: FloatArray) -> IntArray:
 
 def _points(elements: int) -> int:
     """Points in each of so many ``elements``: fewer where these are many, and so short."""
-    for most, points in ((6, 8), (12, 7), (24, 6)):
+    for most, points in ((6, 8), (12, 7), (24, 6), (48, 5), (96, 4)):
         if elements <= most:
             return points
-    return 5
+    return 3

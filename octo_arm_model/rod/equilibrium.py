@@ -232,17 +232,17 @@ class Problem:
     def tension_changes(self, state: State) -> Changes | None:
         """How tensions with friction change about ``state``; None without friction."""
         is_given = state.acting.condition.tensions.ndim > 1
-        if self.friction is None or is_given or not state.acting.tensions.any():
+        if self.friction is None or is_given:
             return None
         return Changes(self.friction, self.tables, state.z, self.sliding(state), self.work)
 
     def tension_rates(self, state: State) -> FloatArray:
         """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
         changes = self.tension_changes(state)
-        if changes is not None:
-            return changes.by_base_tension()
-        if self.friction is None or state.acting.condition.tensions.ndim > 1:
+        if changes is None or self.friction is None:
             return self.tables.reach
+        if state.acting.tensions.any():
+            return changes.by_base_tension()
         # Nobody pulls.
         angle = self.friction.angles_of_all(state.z, self.sliding(state), self.work)
         return np.asarray(self.tables.reach * np.exp(-self.tables.friction * angle))

@@ -78,6 +78,8 @@ class Exact(Statics):
         fine = self._write(several, z, readout.integration, numbers, shapes)
         fine &= are_stretched(several.tables, z, len(tensions))
         z = readout.interpolation @ z.reshape(len(tensions), -1, self.strains)
+        for number, pull in enumerate(tensions):
+            z[number] = readout.settled(z[number], pull)
         shapes.strains[:, numbers] = strains_of(z)
         shapes.residual[numbers], shapes.iterations[numbers] = left, steps
         return fine
@@ -102,13 +104,19 @@ class Exact(Statics):
         along = None
         if found.fine is not None:
             position, quaternion, z = readout.read_unloaded(found.fine)
+            z = readout.settled(z, found.state.acting.condition.tensions)
         else:
             reading = readout.read(found.state)
             position, z = reading.position, readout.twists(reading)
             quaternion = reading.quaternion
             along = reading.tensions if self._setup.arm.friction else None
-        position = position + self._setup.base[0]
-        return Shape(position, quaternion.take(XYZW, axis=1), strains_of(z), along, found)
+        return Shape(
+            position + self._setup.base[0],
+            quaternion.take(XYZW, axis=1),
+            strains_of(z),
+            along,
+            found,
+        )
 
     def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
         """See `Statics`."""

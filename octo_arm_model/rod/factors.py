@@ -160,7 +160,10 @@ class Variation:
         size = len(self.form)
         if self._is_soft:
             raise ConvergenceError('the balance of a cross section', np.inf, 0)
-        values, vectors = eigh(self.form, self._matrix_of_sections(), subset_by_index=[0, 0])
+        try:
+            values, vectors = eigh(self.form, self._matrix_of_sections(), subset_by_index=[0, 0])
+        except np.linalg.LinAlgError as error:
+            raise ConvergenceError('the balance of a cross section', np.inf, 0) from error
         return float(values[0]), np.asarray(vectors[:, 0] * self._scale).reshape(size)
 
     def _exceeds(self, part: float) -> bool:

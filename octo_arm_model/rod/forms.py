@@ -88,13 +88,16 @@ def announce_compiling() -> None:
     from numba.core import event
 
     class Announcement(event.Listener):
+        """Logs the first of all beginnings."""
+
         def on_start(self, event: object) -> None:
+            """Log it."""
             if not said:
                 said.append(True)
                 _LOG.warning('compiling the solver: up to a minute, once on this machine')
 
         def on_end(self, event: object) -> None:
-            pass
+            """Do nothing."""
 
     said = list[bool]()
     event.register('numba:compile', Announcement())

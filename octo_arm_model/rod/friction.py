@@ -20,14 +20,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConvergenceError
+from octo_arm_model.core.errors import ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.tables import Tables, Work
 
-SAME = 1e-8  # relative difference up to which two tensions of a tendon count as equal
+_STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts as straight [rad]
+SAME = 1e-6  # relative difference up to which two tensions of a tendon count as equal
 # Tolerance of the angles by which tendons in sheaths turn [rad], and most iterations for them.
 _PLACED, _MOST_PLACED = 1e-13, 50
 _NOTHING = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
@@ -41,13 +42,30 @@ class Sliding(NamedTuple):
         angle: by which each has turned since the base [rad], (N, J).
         along: tensions at the points of `Friction.fine` [N], (M, J); None of tendons that are
             drawn in all along, from slack.
-        slip: there, -1 where a tendon is drawn in, 1 where it is let out and 0 where it sticks.
+        before: there, from which they slid.
+        base: tension at the base of those that reach there [N], (M, J).
+        loss: mu theta there, (M, J).
     """
 
     tensions: FloatArray
     angle: FloatArray
     along: FloatArray | None = None
-    slip: FloatArray | None = None
+    before: FloatArray | None = None
+    base: FloatArray | None = None
+    loss: FloatArray | None = None
+
+    @property
+    def slip(self) -> FloatArray | None:
+        """At the fine points, -1 where drawn in, 1 where let out and 0 where it sticks, (M, J).
+
+        None of tendons that are drawn in all along, from slack.
+        """
+        if self.before is None or self.base is None or self.loss is None:
+            return None
+        kept = np.exp(-self.loss)
+        slip = (self.before >= self.base / kept * (1.0 - SAME)).astype(np.float64)
+        np.copyto(slip, -1.0, where=self.before <= self.base * kept * (1.0 + SAME))
+        return slip
 
 
 class Friction:
@@ -58,6 +76,8 @@ class Friction:
 
     Attributes:
         fine: the points that a history is at.
+        nodes: arc coordinates of the nodes [m], (N,).
+        reach: `Tables.reach` at the fine points, (M, J).
         to_fine: from values at the nodes of an element to those at its fine points, (M / E, p).
         to_nodes: the other way round, (p, M / E).
     """
@@ -65,8 +85,8 @@ class Friction:
     def __init__(self, tables: Tables, form: Form, elements: Elements) -> None:
         """Of the arm of ``tables`` at the nodes of ``elements``."""
         self._tables, self._form, self._elements = tables, form, elements
-        self.fine, self.to_fine = elements.fine, tables.to_fine
-        self._reach = np.repeat(tables.reach[:: elements.points], len(self.to_fine), axis=0)
+        self.fine, self.nodes, self.to_fine = elements.fine, elements.s, tables.to_fine
+        self.reach = np.repeat(tables.reach[:: elements.points], len(self.to_fine), axis=0)
         self.to_nodes = self.projection(elements)
         self._last: FloatArray | None = None  # tensions that are begun with in sheaths
 
@@ -89,10 +109,9 @@ class Friction:
         mu = self._tables.friction
         if before is None:
             return Sliding(tensions * self._tables.reach * np.exp(-mu * angle), angle)
-        along, slip = clipped(
-            tensions * self._reach, before, mu * self.spread(self.to_fine, angle)
-        )
-        return Sliding(self.spread(self.to_nodes, along), angle, along, slip)
+        base, loss = tensions * self.reach, mu * self.spread(self.to_fine, angle)
+        along = clipped(base, before, loss)
+        return Sliding(self.spread(self.to_nodes, along), angle, along, before, base, loss)
 
     def slide_along(
         self, z: FloatArray, tensions: FloatArray, before: FloatArray | None, work: Work
@@ -131,21 +150,16 @@ class Friction:
         if sliding.along is not None:
             return sliding.along
         angle = self.spread(self.to_fine, sliding.angle)
-        return np.asarray(tensions * self._reach * np.exp(-self._tables.friction * angle))
+        return np.asarray(tensions * self.reach * np.exp(-self._tables.friction * angle))
 
 
-def clipped(
-    base: FloatArray, before: FloatArray, loss: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Tensions after ``before`` that friction holds, and slip, see `Sliding`, all (n, J).
+def clipped(base: FloatArray, before: FloatArray, loss: FloatArray) -> FloatArray:
+    """Tensions after ``before`` that friction holds, all (n, J).
 
     ``loss`` is mu theta, and ``base`` the tension at the base [N].
     """
     kept = np.exp(-loss)
-    low, high = base * kept, base / kept
-    slip = (before >= high * (1.0 - SAME)).astype(np.float64)
-    np.copyto(slip, -1.0, where=before <= low * (1.0 + SAME))
-    return np.minimum(np.maximum(before, low), high), slip
+    return np.asarray(np.minimum(np.maximum(before, base * kept), base / kept))
 
 
 class Changes:
@@ -162,13 +176,16 @@ class Changes:
         """Linearise about tendons that are ``sliding`` along an arm of twists ``z`` (N, m)."""
         if not sliding.tensions.all():
             # One that nobody pulls turns as well, which matters as soon as somebody does.
-            sliding = sliding._replace(angle=friction.angles_of_all(z, sliding, work))
+            angle, loss = friction.angles_of_all(z, sliding, work), sliding.loss
+            if loss is not None:
+                loss = tables.friction * friction.spread(friction.to_fine, angle)
+            sliding = sliding._replace(angle=angle, loss=loss)
         self._friction, self._tables, self._sliding = friction, tables, sliding
         bends = Bends(tables, z, sliding.tensions, work)
         self._tendons, self._pulled = bends.tendons, bends.tendons.pulled
         self._shape = tables.lengths.size, self._pulled.size, len(tables.to_end)
         self._offsets = work.offsets[:, self._pulled]
-        self._directions = _Directions(bends, z)
+        self._directions, self._rate = _Directions(bends, z), bends.rate
         self._by_u, by_kappa = self._by_directions(bends, z)
         u = self._directions.by_twist()
         # Derivative of the gradient of the energy by the local tension, (N, m, J).
@@ -184,6 +201,35 @@ class Changes:
             inverse = np.linalg.inv(np.eye(len(z)) - self._by_tendon(own))
             self._inverse = np.asarray(inverse, dtype=np.float64)
 
+    def require(self, names: tuple[str, ...], tensions: FloatArray) -> None:
+        """Refuse derivatives where tensions under ``tensions`` (J,) [N] at the base have none.
+
+        ``names`` are those of the tendons.
+
+        Raises:
+            SolveError: if a tendon that is pulled sticks anywhere, slips both ways, or is so
+                straight that turning it either way makes it lose tension.
+        """
+        friction, sliding = self._friction, self._sliding
+        rubs = (tensions > 0.0) & (self._tables.friction > 0.0)
+        s, length = friction.fine.s, friction.fine.edges[-1]
+        straight = np.zeros(self._tables.reach.shape, np.bool_)
+        straight[:, self._pulled] = self._rate <= _STRAIGHT / length
+        found = [('is straight', friction.nodes, straight & (self._tables.reach > 0.0))]
+        if sliding.along is not None:
+            acts, slip = friction.reach > 0.0, sliding.slip
+            found.insert(0, ('slips both ways', s, acts & (slip != slip[0])))
+            found.insert(0, ('sticks', s, acts & (slip == 0.0)))
+        for what, places, bad in found:
+            bad = bad & rubs
+            if bad.any():
+                place, tendon = np.unravel_index(int(np.argmax(bad)), bad.shape)
+                raise SolveError(
+                    f'no derivatives: with friction, {names[tendon]} of {tensions[tendon]:.4g} N '
+                    f'{what} at s = {places[place]:.4g} m, expected one that slides and turns all '
+                    'along'
+                )
+
     def _by_element(self, values: FloatArray) -> FloatArray:
         """``values`` (..., N, J) as (..., E, J, 1, p)."""
         elements, tendons, points = self._shape
@@ -196,9 +242,11 @@ class Changes:
 
     def _by_angle(self) -> FloatArray:
         """Derivative of tensions by angles within elements, (E, J, p, p)."""
-        friction, (tensions, _, along, slip) = self._friction, self._sliding
+        friction, sliding = self._friction, self._sliding
+        tensions, along = sliding.tensions, sliding.along
         elements, tendons, points = self._shape
         mu, pulled = self._tables.friction[self._pulled], self._pulled
+        slip = sliding.slip
         if along is None or slip is None:
             rates = -tensions[:, pulled] * mu
             by_element = rates.reshape(elements, points, tendons).swapaxes(1, 2)
@@ -286,14 +334,16 @@ class Changes:
 
     def _own(self, of: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]) -> FloatArray:
         """What is a function ``of`` tension, slip and mu theta, at the nodes, (N, J)."""
-        friction, (tensions, angle, along, slip) = self._friction, self._sliding
+        friction, sliding = self._friction, self._sliding
         reach, mu = self._tables.reach, self._tables.friction
-        if along is None or slip is None:
-            return np.asarray(reach * of(tensions, -np.ones_like(angle), mu * angle))
-        angle = friction.spread(friction.to_fine, angle)
-        # One without tension has lost its history, and is drawn in next.
-        slip = np.where(along > 0.0, slip, -1.0)
-        return reach * friction.spread(friction.to_nodes, of(along, slip, mu * angle))
+        slip = sliding.slip
+        if sliding.along is None or sliding.loss is None or slip is None:
+            drawn_in = np.full_like(sliding.angle, -1.0)
+            return np.asarray(reach * of(sliding.tensions, drawn_in, mu * sliding.angle))
+        # A slack tendon is drawn in next, whatever it was before.
+        slip = np.where(sliding.along > 0.0, slip, -1.0)
+        found = of(sliding.along, slip, sliding.loss)
+        return reach * friction.spread(friction.to_nodes, found)
 
     def by_twists(self, change: FloatArray) -> FloatArray:
         """Changes (N, J, k) by those of the twists (N, m, k), base tensions held."""

@@ -611,79 +611,84 @@ def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> N
     and is taken at fine points where it may. ``tensions`` displace tendons in sheaths.
     """
     elements, points, tendons = tables.lengths.size, tables.to_end.shape[0], tables.friction.size
-    strain, unit = np.empty(6), np.empty((points, 3))
-    last, total, bend = np.zeros((tendons, 3)), np.zeros(tendons), np.empty((points, 3))
-    rate = np.empty(points)
+    width, strain = np.empty(points), np.empty((points, 6))
+    unit, bend, rate = np.empty((points, 3)), np.empty((points, 3)), np.empty(points)
+    last, total = np.zeros((tendons, 3)), np.zeros(tendons)
     work.angle[:] = 0.0
     for e in range(elements):
         start, h = e * points, tables.lengths[e]
+        for k in range(points):
+            width[k], _, _ = _widening(tables.widens, z[start + k, 3])
+            _scaled(z[start + k], width[k], strain[k])
         for j in range(tables.active[start]):
             if tensions[start, j] == 0.0 or tables.friction[j] == 0.0:
                 continue
             for k in range(points):
-                _tangent(tables, z, tensions, start + k, j, strain, unit[k], work)
-            if tables.sharp[e]:
-                square = 0.0
-                for c in range(3):
-                    first = 0.0
-                    for k in range(points):
-                        first += tables.ends[0, k] * unit[k, c]
-                    square += (first - last[j, c]) ** 2
-                total[j] += 2.0 * np.arcsin(min(0.5 * np.sqrt(square), 1.0))
+                tendon, d_n, d_b = tables.tendons[start + k, j], 0.0, 0.0
+                if tables.compliance[j] > 0.0:
+                    yielding = tables.compliance[j] * tensions[start + k, j]
+                    lever = tables.body[start + k, LEVER]
+                    d_n, d_b = _offset(tendon, strain[k], width[k], yielding, lever)
+                    work.offsets[start + k, j, 0], work.offsets[start + k, j, 1] = d_n, d_b
+                u_t, u_n, u_b = _along(tendon, strain[k], width[k], d_n, d_b)
+                over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+                unit[k, 0], unit[k, 1], unit[k, 2] = over * u_t, over * u_n, over * u_b
+            square = 0.0
             for c in range(3):
-                last[j, c] = 0.0
+                first = end = 0.0
                 for k in range(points):
-                    last[j, c] += tables.ends[1, k] * unit[k, c]
-            for i in range(points):
-                work.angle[start + i, j] += total[j]
+                    first += tables.ends[0, k] * unit[k, c]
+                    end += tables.ends[1, k] * unit[k, c]
+                square += (first - last[j, c]) ** 2
+                last[j, c] = end
+            if tables.sharp[e]:
+                total[j] += 2.0 * np.arcsin(min(0.5 * np.sqrt(square), 1.0))
             for k in range(points):
+                p = q = r = 0.0
+                for n in range(points):
+                    slope = tables.differentiation[k, n]
+                    p += slope * unit[n, 0]
+                    q += slope * unit[n, 1]
+                    r += slope * unit[n, 2]
                 _cross(z[start + k], unit[k], bend[k])
-                square = 0.0
-                for c in range(3):
-                    slope = 0.0
-                    for n in range(points):
-                        slope += tables.differentiation[k, n] * unit[n, c]
-                    bend[k, c] += slope / h
-                    square += bend[k, c] ** 2
-                rate[k] = np.sqrt(square)
+                bend[k, 0] += p / h
+                bend[k, 1] += q / h
+                bend[k, 2] += r / h
+                rate[k] = np.sqrt(bend[k, 0] ** 2 + bend[k, 1] ** 2 + bend[k, 2] ** 2)
             along = 0.0
             for c in range(3):
                 along += bend[0, c] * bend[points - 1, c]
             if along < _ROUGH * rate[0] * rate[points - 1]:
-                for f in range(tables.to_fine.shape[0]):
-                    square = 0.0
-                    for c in range(3):
-                        value = 0.0
-                        for k in range(points):
-                            value += tables.to_fine[f, k] * bend[k, c]
-                        square += value * value
-                    size = h * np.sqrt(square)
-                    for i in range(points):
-                        work.angle[start + i, j] += tables.fine_weights[i, f] * size
-                    total[j] += tables.fine_weights[points, f] * size
-            else:
+                _turn_finely(tables, e, bend, total, work.angle[:, j], j)
+                continue
+            for i in range(points):
+                angle = 0.0
                 for k in range(points):
-                    total[j] += tables.weights[start + k] * rate[k]
-                    for i in range(points):
-                        work.angle[start + i, j] += h * tables.to_point[i, k] * rate[k]
+                    angle += tables.to_point[i, k] * rate[k]
+                work.angle[start + i, j] = total[j] + h * angle
+            for k in range(points):
+                total[j] += tables.weights[start + k] * rate[k]
 
 
 @_compiled
-def _tangent(
-    tables: Tables, z: FloatArray, tensions: FloatArray, i: int, j: int, strain: FloatArray,
-    unit: FloatArray, work: Work,
-) -> None:  # fmt: skip
-    """Unit tangent of tendon ``j`` at node ``i``."""
-    width, _, _ = _widening(tables.widens, z[i, 3])
-    _scaled(z[i], width, strain)
-    d_n = d_b = 0.0
-    if tables.compliance[j] > 0.0:
-        yielding, lever = tables.compliance[j] * tensions[i, j], tables.body[i, LEVER]
-        d_n, d_b = _offset(tables.tendons[i, j], strain, width, yielding, lever)
-        work.offsets[i, j, 0], work.offsets[i, j, 1] = d_n, d_b
-    u_t, u_n, u_b = _along(tables.tendons[i, j], strain, width, d_n, d_b)
-    over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
-    unit[0], unit[1], unit[2] = over * u_t, over * u_n, over * u_b
+def _turn_finely(
+    tables: Tables, e: int, bend: FloatArray, total: FloatArray, angle: FloatArray, j: int
+) -> None:
+    """Angles of a tendon in an element of which ``bend`` (p, 3) is the bend, at fine points."""
+    points = bend.shape[0]
+    first = total[j]
+    for i in range(points):
+        angle[e * points + i] = first
+    for f in range(tables.to_fine.shape[0]):
+        p = q = r = 0.0
+        for k in range(points):
+            p += tables.to_fine[f, k] * bend[k, 0]
+            q += tables.to_fine[f, k] * bend[k, 1]
+            r += tables.to_fine[f, k] * bend[k, 2]
+        size = tables.lengths[e] * np.sqrt(p * p + q * q + r * r)
+        for i in range(points):
+            angle[e * points + i] += tables.fine_weights[i, f] * size
+        total[j] += tables.fine_weights[points, f] * size
 
 
 # The whole arm ---------------------------------------------------------------------------------

@@ -57,12 +57,14 @@ class _Level(NamedTuple):
         equations: at both.
         integration: from values at the nodes to integrals up to the stations, (S, N).
         between: from values at the nodes to those at the stations, (S, N).
+        names: of the tendons.
     """
 
     problem: Problem
     equations: Equations
     integration: FloatArray
     between: FloatArray
+    names: tuple[str, ...]
 
 
 class Papers(Statics):
@@ -97,7 +99,8 @@ class Papers(Statics):
         own = problem.elements
         places = np.concatenate([own.s, setup.s]), np.concatenate([own.section, setup.section])
         equations = self._equations(setup.arm, *places)
-        return _Level(problem, equations, own.integration(setup.s), own.interpolation(setup.s))
+        stations = own.integration(setup.s), own.interpolation(setup.s)
+        return _Level(problem, equations, *stations, setup.arm.tendon_names)
 
     def problem(self, level: int) -> Problem:
         """See `Statics`."""
@@ -182,7 +185,8 @@ class Papers(Statics):
             z = np.ascontiguousarray(twist[:, : len(local)].T)
             found = friction.slide_along(z, tensions, before, problem.work)
             loss = tables.friction * (level.between @ found.angle)
-            at_stations = clipped(base, np.zeros_like(base) if held is None else held, loss)[0]
+            loss[0] = 0.0
+            at_stations = clipped(base, np.zeros_like(base) if held is None else held, loss)
             change = float(np.abs(found.tensions - local).max())
             local = found.tensions
             if change <= _SETTLED * float(tensions.max()):
@@ -245,7 +249,9 @@ def sensitivity(level: _Level, state: State) -> Sensitivity:
     local: FloatArray | None = None
     if problem.friction is not None:
         assert isinstance(equations, ClosedForm)
-        both = np.concatenate([state.acting.tensions, level.between @ state.acting.tensions])
+        stations = level.between @ state.acting.tensions
+        stations[0] = tensions
+        both = np.concatenate([state.acting.tensions, stations])
         stepped = both.T[:, np.newaxis] + 1j * step * own[..., np.newaxis]
         by_local = equations.local_twist(stepped).imag / step  # (4, J, N + S)
         change, local = _with_friction(level, state, by_local)
@@ -280,25 +286,29 @@ def _with_friction(
     By base tensions, E and mu, from those ``by_local`` (4, J, N + S) tensions at the same place.
 
     Raises:
-        SolveError: if there are none, see `Problem.tension_changes`.
+        SolveError: if there are none, see `friction.Changes.require`.
     """
     problem, tensions = level.problem, state.acting.tensions
     nodes, tendons = tensions.shape
     slides = problem.tension_changes(state)
-    assert slides is not None
     direct, own = np.zeros((nodes, tendons, 2 * tendons + 1)), np.arange(tendons)
-    direct[:, own, own] = slides.by_base_tension()
-    direct[:, own, tendons + 1 + own] = slides.by_friction
+    direct[:, own, own] = problem.tension_rates(state)
+    # Derivatives of the tensions by z, (N, J, 4 N).
+    by_z = np.zeros((nodes, tendons, 4 * nodes))
+    if slides is not None:
+        slides.require(level.names, state.acting.condition.tensions)
+        direct[:, own, tendons + 1 + own] = slides.by_friction
+        by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
     # Scaling E is scaling all tensions the other way.
     direct[..., tendons] = -tensions
     at_nodes = by_local[..., :nodes].transpose(2, 0, 1)
     rows = (at_nodes @ direct).reshape(4 * nodes, -1)
-    # Derivatives of the tensions by z, (N, J, 4 N).
-    by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
     coupled = (at_nodes @ by_z).reshape(4 * nodes, -1)
     z = np.linalg.solve(np.eye(4 * nodes) - coupled, rows)
     effective = direct + by_z @ z
     stations = np.tensordot(level.between, effective, 1)
+    stations[0] = np.eye(tendons, 2 * tendons + 1)  # at the base tensions are given
+    stations[0, :, tendons] = -state.acting.condition.tensions
     change = np.einsum('ajn,njc->acn', by_local, np.concatenate([effective, stations]))
     # The tensions themselves do not change with E as their effect does.
     effective[..., tendons] += tensions

@@ -7,6 +7,7 @@ element, which are integrals, and the twists there that balance them.
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,8 @@ from octo_arm_model.rod.tables import Work, force_scale, tabulate, work_arrays
 from octo_arm_model.rod.unloaded import straight_twists
 
 ADDED_POINTS = 5  # in each element
-_STEPS = 2  # of Newton's method, of every section at the stations
+# Steps of Newton's method of the sections at the stations, and the residual before the last one.
+_MOST_STEPS, _LAST_STEP = 10, 1e-7
 
 
 class Reading(NamedTuple):
@@ -56,6 +58,9 @@ class Finer:
         """``own`` has the elements of ``problem`` with `ADDED_POINTS` in each."""
         self.problem, self.own = problem, own
         self._between = problem.elements.interpolation(own.elements.s)
+        self._of_fine: FloatArray | None = None
+        if problem.friction is not None:
+            self._of_fine = problem.friction.projection(own.elements)
         self.to_nodes = own.elements.interpolation(problem.elements.s)
         self._scale = np.ones((own.elements.s.size, 2))  # as no residual is looked at
 
@@ -81,7 +86,8 @@ class Finer:
         friction, sliding = self.problem.friction, self.problem.sliding(state)
         assert friction is not None
         if sliding.along is not None:
-            return friction.spread(friction.projection(self.own.elements), sliding.along)
+            assert self._of_fine is not None
+            return friction.spread(self._of_fine, sliding.along)
         loss = self.problem.tables.friction * (self._between @ sliding.angle)
         base = state.acting.condition.tensions * self.own.tables.reach
         return np.asarray(base * np.exp(-loss))
@@ -154,12 +160,16 @@ class Readout:
 
     def _slid(self, state: State, angle: FloatArray) -> FloatArray:
         """Tensions with friction at the stations (S, J), for an ``angle`` (S, J) [rad]."""
-        friction, condition = self._problem.friction, state.acting.condition
+        condition = state.acting.condition
         base, loss = condition.tensions * self._tables.reach, self._tables.friction * angle
         if condition.before is None:
             return np.asarray(base * np.exp(-loss))
-        assert friction is not None
-        return clipped(base, friction.fine.interpolation(self._s) @ condition.before, loss)[0]
+        return clipped(base, self._of_history @ condition.before, loss)
+
+    @functools.cached_property
+    def _of_history(self) -> FloatArray:
+        """From a history of friction to the stations, (S, M)."""
+        return self._problem.elements.fine.interpolation(self._s)
 
     def twists(self, reading: Reading) -> FloatArray:
         """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""
@@ -183,9 +193,20 @@ class Readout:
         wrench[:, :3] = (inverse @ moment[..., np.newaxis])[..., 0]
         force = inverse @ between[:, strains : strains + 3, np.newaxis]
         wrench[:, 3:] = force[:, : strains - 3, 0]
-        for _ in range(_STEPS):
-            self._problem.form.section_steps(self._tables, z, tensions, wrench, work)
-            z = z + work.step
+        return self._settled(z, tensions, wrench)
+
+    def settled(self, z: FloatArray, tensions: FloatArray) -> FloatArray:
+        """Twists (S, m) near ``z`` in balance with ``tensions`` (J,) [N] without loads."""
+        local = tensions * self._tables.reach
+        self._work.scale[:] = force_scale(self._tables, local)
+        return self._settled(np.ascontiguousarray(z), local, np.zeros_like(z))
+
+    def _settled(self, z: FloatArray, tensions: FloatArray, wrench: FloatArray) -> FloatArray:
+        for _ in range(_MOST_STEPS):
+            left = self._problem.form.section_steps(self._tables, z, tensions, wrench, self._work)
+            z = z + self._work.step
+            if not left > _LAST_STEP:
+                break
         return z
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from octo_arm_model.core.errors import ConfigError, ContinuationError, Convergen
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.core.limits import MAX_NODES
 from octo_arm_model.rod import arrays
-from octo_arm_model.rod.checks import check_solution
+from octo_arm_model.rod.checks import check_solution, explain
 from octo_arm_model.rod.continuation import (
     MOST_CORRECTED,
     ON_THE_WAY,
@@ -29,7 +30,7 @@ from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.load_limits import LoadLimits
-from octo_arm_model.rod.newton import Found, settle
+from octo_arm_model.rod.newton import Found, settle, settle_sections
 from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
 from octo_arm_model.rod.resolution import position_error
 from octo_arm_model.rod.tables import tabulate
@@ -37,7 +38,12 @@ from octo_arm_model.rod.unloaded import balance_sections
 
 _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
 _WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
-_WORST_TENSION = 1e-3  # likewise of tensions with friction, in parts of them
+_WORST_TENSION = 1e-2  # likewise of tensions with friction, in parts of them
+_GENTLE = 0.1  # part of tensions with friction to begin with, where all of them are too much
+# The estimated error of positions is too small with friction: strains have kinks where tendons begin
+# to slip, and tensions are what later ones slide from.
+_OF_FRICTION = 0.01
+_PART = 0.25  # first step of continuation, where `Rod._warm` has failed with the whole way
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
 # An equilibrium that is stable by a margin is not judged again where since then the arm has turned
 # by less than this [rad] and the force on it times the square of its lever over E J has changed by
@@ -158,10 +164,13 @@ class Rod:
         spending = spending or self.spending()
         is_loaded = self.is_loaded or bool(tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            if is_loaded or self.has_friction:
-                found = self._loaded_equilibrium(wanted, start, spending)
-            else:
+            found = None
+            if not is_loaded and self.has_friction:
+                found = self._slid_equilibrium(wanted, start, spending)
+            elif not is_loaded:
                 found = self._unloaded_equilibrium(wanted)
+            if found is None:
+                found = self._loaded_equilibrium(wanted, start, spending)
             check_solution(self.problem(found.level), found.state, is_loaded)
         return found
 
@@ -213,6 +222,38 @@ class Rod:
         state = now.evaluate(now.acting(condition), z)
         return Equilibrium(state, level, None, None, start.iterations)
 
+    def _slid_equilibrium(
+        self, wanted: Condition, start: Equilibrium | None, spending: Spending
+    ) -> Equilibrium | None:
+        """The balance of every cross section, which friction makes depend on those before it.
+
+        None where that matters too much to find it so.
+        """
+        start, iterations = self._at_least(start, wanted.before), 0
+        for level in range(self._first_level(start, wanted), len(LEVELS)):
+            problem, condition = self.problem(level), self._at_level(wanted, level)
+            limit = TOLERANCE if start is None else spending.residual
+            try:
+                z = self.unloaded(problem, condition)[0] if start is None else start.state.z
+            except ConvergenceError:
+                return None
+            state, steps = settle_sections(problem, problem.acting(condition), z, limit)
+            if not state.residual <= limit:
+                return None
+            iterations += steps
+            firm = None if start is None else start.judged
+            if firm is not None and problem.turn(state.z - firm.z) <= _SAME_SHAPE:
+                return Equilibrium(state, level, None, firm, iterations)
+            if self.is_resolved(problem, state, level):
+                break
+            start = None
+        return Equilibrium(state, level, None, state, iterations)
+
+    def _first_level(self, start: Equilibrium | None, wanted: Condition) -> int:
+        if start is not None:
+            return start.level
+        return 0 if wanted.before is None else max(self._level_of(wanted.before), 0)
+
     def _unloaded_equilibrium(self, wanted: Condition) -> Equilibrium:
         """The balance of every cross section by itself, on as many nodes as it takes."""
         iterations = 0
@@ -225,6 +266,7 @@ class Rod:
             error = position_error(finer.own.elements, fine, finer.own.work.slope)
             if error <= self.setting.accuracy:
                 break
+        _require_resolved(finer.own, error, max(self.setting.accuracy, _WORST))
         z = finer.to_nodes @ fine
         acting = finer.problem.acting(wanted)
         state = State(acting, z, np.zeros_like(z), left)
@@ -236,18 +278,19 @@ class Rod:
         Nearly, where tendons have friction.
 
         Raises:
-            ConvergenceError: if there is no balance.
+            SolveError: if there is no balance.
         """
         local = np.empty((problem.elements.s.size, wanted.tensions.size))
         local[:] = wanted.tensions
+        if problem.friction is not None and wanted.tensions.any():
+            straight = arrays.initial_twists(problem.tables, local, problem.strains)
+            local = problem.first_tensions(wanted, straight)
         z = np.zeros((len(local), problem.strains))
-        given = problem.form, problem.tables, problem.work
-        found = balance_sections(*given, local, z)
-        if problem.friction is not None:
-            local = problem.first_tensions(wanted, z)
-            z = z.copy()
-            found = balance_sections(*given, local, z)
-        return z, *found
+        try:
+            left, steps = balance_sections(problem.form, problem.tables, problem.work, local, z)
+        except ConvergenceError as error:
+            raise explain(problem, local, error) from None
+        return z, left, steps
 
     def _warm(
         self, wanted: Condition, start: Equilibrium, spending: Spending
@@ -303,31 +346,46 @@ class Rod:
             problem, level = self.problem(start.level), start.level
             known, z = start.state.acting.condition, start.state.z
             wanted = self._at_level(wanted, level)
-            judged = follow(problem, known, z, wanted, spending)
+            judged = follow(problem, known, z, wanted, spending, step=_PART)
         else:
-            level = 0 if wanted.before is None else max(self._level_of(wanted.before), 0)
+            level = self._first_level(None, wanted)
             judged = self._cold(wanted, level, spending)
         found = self._equilibrium(judged, level, spending.iterations)
         assert found is not None
         return found
 
+    def _known(self, problem: Problem, wanted: Condition) -> tuple[Condition, FloatArray]:
+        """A condition without loads, under the tensions ``wanted``, and twists (N, m) in it.
+
+        Under part of the tensions where friction alone keeps more of them from crushing the arm.
+        """
+        known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
+        if problem.friction is None:
+            return known, self.unloaded(problem, known)[0]
+        for part in (1.0, _GENTLE):
+            known = known._replace(tensions=part * wanted.tensions)
+            with contextlib.suppress(ConvergenceError):
+                z = self.unloaded(problem, known)[0]
+                state, _ = settle_sections(problem, problem.acting(known), z, ON_THE_WAY)
+                if state.residual <= ON_THE_WAY:
+                    return known, state.z
+        return known, self.unloaded(problem, known)[0]
+
     def _cold(self, wanted: Condition, level: int, spending: Spending) -> Judged:
         """From the unloaded shape: by Newton's method, or followed on few nodes, or on all."""
         fine, coarse = self.problem(level), self.problem(COARSE)
         given, wanted = wanted, self._at_level(wanted, level)
-        z = self.unloaded(fine, wanted)[0]
+        known, z = self._known(fine, wanted)
         found = settle(fine, fine.acting(wanted), z, TOLERANCE)
         spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
         if found.state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
             judged = self._judged(fine, found.state)
             if judged is not None and judged.stability.is_stable:
                 return judged
-        known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
         if coarse.elements.s.size < fine.elements.s.size:
             try:
                 roughly = self._at_level(given, COARSE)
-                rough = self.unloaded(coarse, roughly)[0]
-                start = roughly._replace(tip_wrench=np.zeros(6), factor=0.0)
+                start, rough = self._known(coarse, roughly)
                 near = follow(
                     coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP, False
                 ).state
@@ -366,13 +424,11 @@ class Rod:
         problem.load_work(state)
         error = position_error(problem.elements, state.z, problem.work.slope)
         allowed = self.setting.accuracy
+        if problem.friction is not None:
+            allowed *= _OF_FRICTION
         if self._is_last(level):
             allowed = max(allowed, _WORST)
-            if not error <= allowed:
-                raise SolveError(
-                    f'{problem.elements.s.size} nodes do not resolve the strains: error of '
-                    f'positions of about {error:.1e} of the length'
-                )
+            _require_resolved(problem, error, allowed)
         if not error <= allowed:
             return False
         if problem.friction is None:
@@ -394,6 +450,19 @@ class Rod:
         )  # fmt: skip
         points = nodes.points - more + next_more
         return nodes.lengths.size // cuts * next_cuts * points > MAX_NODES
+
+
+def _require_resolved(problem: Problem, error: float, allowed: float) -> None:
+    """Refuse an ``error`` of positions over the length on the nodes of ``problem``.
+
+    Raises:
+        SolveError: if it is more than ``allowed``.
+    """
+    if not error <= allowed:
+        raise SolveError(
+            f'{problem.elements.s.size} nodes do not resolve the strains: error of '
+            f'positions of about {error:.1e} of the length'
+        )
 
 
 def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from octo_arm_model.core.hints import FloatArray
@@ -10,6 +12,8 @@ from octo_arm_model.rod.read_out import integrate_poses
 from octo_arm_model.rod.resolution import position_errors
 from octo_arm_model.rod.tables import work_arrays
 from octo_arm_model.rod.unloaded import balance_sections
+
+_BY_NODE = ('body', 'tendons', 'active', 'reach', 'least_scale')
 
 
 class Several:
@@ -23,13 +27,10 @@ class Several:
     def __init__(self, problem: Problem, arms: int) -> None:
         """Of so many ``arms``."""
         self._problem, own = problem, problem.tables
-        self.tables = own._replace(
-            body=np.concatenate([own.body] * arms),
-            tendons=np.concatenate([own.tendons] * arms),
-            active=np.concatenate([own.active] * arms),
-            reach=np.concatenate([own.reach] * arms),
-            least_scale=np.concatenate([own.least_scale] * arms),
-        )
+        tiled: dict[str, Any] = {
+            name: np.concatenate([getattr(own, name)] * arms) for name in _BY_NODE
+        }
+        self.tables = own._replace(**tiled)
         self.work = work_arrays(self.tables, problem.strains, has_jacobian=False)
 
     def balance(self, tensions: FloatArray) -> tuple[FloatArray, float, int]:

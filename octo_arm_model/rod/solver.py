@@ -140,7 +140,7 @@ class Solver:
 
     @property
     def is_compiled(self) -> bool:
-        """Whether compiled kernels solve."""
+        """Whether numba has compiled the node functions."""
         return self._statics.is_compiled
 
     def _require_loads(self) -> None:

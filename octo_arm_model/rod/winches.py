@@ -15,6 +15,8 @@ is G J^-1 C + K, and which tendons are slack follows from it; see `complementari
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,21 +25,35 @@ from numpy.typing import NDArray
 from octo_arm_model.core.budget import Spending
 from octo_arm_model.core.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.checks import check_solution
 from octo_arm_model.rod.complementarity import complementary_step
-from octo_arm_model.rod.continuation import MOST_CORRECTED, ON_THE_WAY, TOLERANCE, judge
+from octo_arm_model.rod.continuation import MOST_CORRECTED, ON_THE_WAY, growth, judge
 from octo_arm_model.rod.equilibrium import Condition, State
 from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.lengths import rest_stretches
-from octo_arm_model.rod.newton import CHORD, FIRST, MOST, PREDICTED, PROGRESS, Chord
+from octo_arm_model.rod.newton import (
+    CHORD,
+    FIRST,
+    LINEAR_PROGRESS,
+    MOST,
+    MOST_LINEAR,
+    PREDICTED,
+    PROGRESS,
+    Chord,
+)
 from octo_arm_model.rod.rod import Equilibrium, Rod, moved
 from octo_arm_model.rod.tendons import Tendons
 
+TOLERANCE = 1e-10  # residual of the balance
 MET = 1e-9  # error of displacements over the length, and of tensions over the largest
+_ROUGHLY = 3e-5  # the same of displacements on the way
 ROUNDING = 1e-13  # of displacements, over the length
-# Of continuation: the first step, the smallest, and factors on one that did well or did not.
-_FIRST_STEP, _SMALLEST_STEP, _LONGER, _SHORTER = 0.3, 1e-3, 2.0, 0.3
+# Of continuation, see `rod.continuation`: the first step, the smallest, iterations of one that may
+# grow, and factors on one that was not accepted or not found.
+_FIRST_STEP, _SMALLEST_STEP, _QUICKLY, _SHORTER, _MUCH_SHORTER = 0.3, 1e-3, 5, 0.7, 0.25
+_SMALLEST_LOAD = 0.03  # where loads begin to act
+_SERVED = 3  # steps up to which a border from nearby will do for the next search too
 _BEYOND = 0.05  # the end of a branch
-_MOST_KEPT = 20  # sets of equations
 _MOST_JUMPS = 4  # to what an arm whose branch ends turns to under tensions that are held
 _STIFFEST = 1e-6  # compliance of a held tendon over what the arm gives way, at least
 
@@ -48,17 +64,23 @@ class Aim(NamedTuple):
     Attributes:
         condition: what acts on the arm; its tensions are those of tendons that are not driven.
         displacements: reeled in [m], (J,); they count where a tendon is driven.
+        driven: whether winches hold the length of a tendon, else its tension, (J,).
     """
 
     condition: Condition
     displacements: FloatArray
+    driven: NDArray[np.bool_]
 
     def towards(self, other: Aim, part: float) -> Aim:
         """This one, moved by ``part`` of the way to ``other``."""
         if part == 1.0:
             return other
         reeled = self.displacements + part * (other.displacements - self.displacements)
-        return Aim(self.condition.towards(other.condition, part), reeled)
+        return Aim(self.condition.towards(other.condition, part), reeled, other.driven)
+
+    def begin(self, tensions: FloatArray) -> FloatArray:
+        """Those of ``tensions`` (J,) [N] that are to be found, and the given ones."""
+        return np.where(self.driven, tensions, self.condition.tensions)
 
 
 class Border(NamedTuple):
@@ -115,9 +137,9 @@ class _Found(NamedTuple):
 class Reeling:
     """The equations of one arm and its winches at the nodes of a `Problem`."""
 
-    def __init__(self, rod: Rod, level: int, driven: NDArray[np.bool_]) -> None:
-        """Of ``rod`` on the elements of a ``level``; ``driven`` (J,) are held by winches."""
-        self.problem, self._arm, self._driven = rod.problem(level), rod.arm, driven
+    def __init__(self, rod: Rod, level: int) -> None:
+        """Of ``rod`` on the elements of a ``level``."""
+        self.problem, self._arm = rod.problem(level), rod.arm
         self._weights = self.problem.elements.weights
         tables = self.problem.tables
         self._has_sheaths = bool(tables.compliance.any())
@@ -125,8 +147,9 @@ class Reeling:
         rest = rest_stretches(tables)
         self._rest = self._weights[:, np.newaxis] * rest
         self._unloaded = self._rest.sum(axis=0)
-        self._free = np.array(rod.arm.free_length or np.zeros(driven.size))
-        self._measure = np.append(self.problem.measure, np.zeros(driven.size))
+        count = self._unloaded.size
+        self._free = np.array(rod.arm.free_length or np.zeros(count))
+        self._measure = np.append(self.problem.measure, np.zeros(count))
 
     def displacement(self, state: State) -> FloatArray:
         """What winches have reeled in [m], (J,), of the state that is in `Problem.work`."""
@@ -163,7 +186,7 @@ class Reeling:
     def reached(self, aim: Aim, state: State) -> Reached:
         """What the ``state`` that is in `Problem.work` leaves of ``aim``."""
         displacement = self.displacement(state)
-        wrong = np.where(self._driven, aim.displacements - displacement, 0.0)
+        wrong = np.where(aim.driven, aim.displacements - displacement, 0.0)
         counts = (state.acting.condition.tensions > 0.0) | (wrong > 0.0)
         return Reached(state, displacement, wrong, float(np.abs(wrong * counts).max(initial=0.0)))
 
@@ -208,7 +231,8 @@ class Reeling:
 
     def _factors(self, state: State) -> Linear:
         problem, acting = self.problem, state.acting
-        if self._arm.friction or acting.force.any() or acting.couple.any():
+        is_loaded = acting.force.any() or acting.couple.any() or problem.others.loads
+        if is_loaded or self._arm.friction:
             return problem.linearise(state)
         problem.form.sections(problem.tables, state.z, acting.tensions, problem.work)
         return Blocks.of(problem.work.hessian)
@@ -231,11 +255,17 @@ class Reeling:
             far = 0.0 if predicted is None else problem.turn(now.state.z - predicted.z)
             return _Found(now, border, iterations, far, is_met)
 
+        limit, progress, again = MOST, PROGRESS, CHORD
+        if problem.others.without_tangent:
+            limit, progress, again = MOST_LINEAR, LINEAR_PROGRESS, LINEAR_PROGRESS
+        # On the way tensions need not be exact, nor lengths.
+        least, is_rough = (MET, False) if tolerance < ON_THE_WAY else (_ROUGHLY, True)
         while True:
-            is_met = now.state.residual <= tolerance and now.left <= MET * length
-            if is_met and (is_worse or expected <= MET * float(now.tensions.max(initial=0.0))):
+            is_met = now.state.residual <= tolerance and now.left <= least * length
+            is_fine = expected <= MET * float(now.tensions.max(initial=0.0))
+            if is_met and (is_rough or is_worse or is_fine):
                 return found(True)
-            if iterations >= MOST:
+            if iterations >= limit:
                 return found(is_met)
             if chord is None:
                 try:
@@ -244,12 +274,12 @@ class Reeling:
                     return found(False)
                 chord = Chord(self._measure)
             assert border is not None
-            step = chord.corrected(self._step(now, border))
+            step = chord.corrected(self._step(aim, now, border))
             moved_z, moved = step[:size].reshape(now.state.z.shape), step[size:]
             new = self.evaluate(aim, now.state.z + moved_z, np.maximum(now.tensions + moved, 0.0))
             iterations += 1
             before, after = (max(one.state.residual, one.left / length) for one in (now, new))
-            most = PROGRESS * before
+            most = progress * before
             if is_first:
                 # Residuals are measured by tensions, which a first step may raise from nothing.
                 most = max(FIRST * before, 1.0) if is_near else PREDICTED * before
@@ -264,30 +294,30 @@ class Reeling:
             expected = float(np.abs(moved).max(initial=0.0)) * after / max(before, 1e-300)
             is_worse = is_met and after > CHORD * before
             predicted = new.state if is_first else predicted
-            if after > CHORD * before and not is_met:
+            if after > again * before and not is_met:
                 chord = None
             elif ((new.tensions > 0.0) != (now.tensions > 0.0)).any():
                 chord = Chord(self._measure)
             now, is_first, is_near = new, False, False
 
-    def _step(self, now: Reached, border: Border) -> FloatArray:
+    def _step(self, aim: Aim, now: Reached, border: Border) -> FloatArray:
         """Newton's step of twists and tensions, (N m + J,)."""
         own = border.solve(-now.state.imbalance.ravel())
-        wrong = np.where(self._driven, now.wrong + border.lengths @ own, 0.0)
+        wrong = np.where(aim.driven, now.wrong + border.lengths @ own, 0.0)
         by_tension = complementary_step(
-            border.changes, wrong, now.tensions, self._driven, self._arm.length
+            border.changes, wrong, now.tensions, aim.driven, self._arm.length
         )
         return np.append(own - border.by_tension @ by_tension, by_tension)
 
-    def is_held(self, state: State, border: Border) -> bool:
-        """Whether the balance ``state``, at which ``border`` is, is stable with winches held.
+    def is_held(self, aim: Aim, state: State, border: Border) -> bool:
+        """Whether the balance ``state``, with its ``border``, is stable while ``aim`` is held.
 
         The energy then has that of the lengths of taut tendons, as stiff ones, besides.
         """
         problem = self.problem
         problem.fill_jacobian(state)
         variation = problem.variation()
-        taut = self._driven & (state.acting.condition.tensions > 0.0)
+        taut = aim.driven & (state.acting.condition.tensions > 0.0)
         give = border.changes.diagonal()
         own = give - np.einsum('jn,nj->j', border.lengths, border.by_tension)
         soft = np.maximum(own, _STIFFEST * np.abs(give))[taut]
@@ -313,7 +343,7 @@ class Winches:
     def __init__(self, rod: Rod) -> None:
         """Of ``rod``."""
         self._rod = rod
-        self._kept: dict[tuple[int, bytes], Reeling] = {}
+        self.reeling = functools.cache(lambda level: Reeling(rod, level))
 
     def solve(
         self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
@@ -328,179 +358,182 @@ class Winches:
             SolveError: if no tensions were found that hold these lengths.
             ContinuationError: if it would take more than the budget.
         """
-        rod = self._rod
-        spending = spending or rod.spending()
-        aim = Aim(
-            condition._replace(tensions=np.where(driven, 0.0, condition.tensions)),
-            np.where(driven, displacements, 0.0),
-        )
+        wanted = np.where(driven, displacements, 0.0)
+        given = condition._replace(tensions=np.where(driven, 0.0, condition.tensions))
+        search = _Search(self._rod, self.reeling, spending or self._rod.spending())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            if start is None:
-                return self._resolved(self._cold(aim, driven, spending), aim, driven, spending)
-            try:
-                held = self._from(aim, driven, start, spending)
-            except ContinuationError:
-                raise  # Its budget is spent.
-            except SolveError:
-                return self._resolved(self._cold(aim, driven, spending), aim, driven, spending)
-            if held.equilibrium.judged is start.judged is not None:
-                return held  # resolved as well as that
-            return self._resolved(held, aim, driven, spending)
+            aim = Aim(given, wanted, driven)
+            held = search.find(aim, start)
+            problem = self._rod.problem(held.equilibrium.level)
+            check_solution(problem, held.equilibrium.state, not search.is_free(aim))
+        return held
 
     def displacements(self, equilibrium: Equilibrium) -> FloatArray:
         """What winches have reeled in [m], (J,); of slack tendons what would make them taut."""
-        state = equilibrium.state
-        tensions = state.acting.condition.tensions
-        reeling = self._reeling(equilibrium.level, np.zeros(tensions.shape[-1], np.bool_))
+        reeling, state = self.reeling(equilibrium.level), equilibrium.state
         reeling.problem.load_work(state)
         return reeling.displacement(state)
 
     def changes(self, equilibrium: Equilibrium, over: FloatArray) -> FloatArray:
         """What is reeled in more over ``over`` (J,) [N] more tension, (J, J) [m/N], nearly."""
-        reeling = self._reeling(equilibrium.level, np.zeros(over.size, np.bool_))
-        return reeling.border(equilibrium.state, None, over).changes
+        return self.reeling(equilibrium.level).border(equilibrium.state, None, over).changes
 
-    def _reeling(self, level: int, driven: NDArray[np.bool_]) -> Reeling:
-        key = level, driven.tobytes()
-        if key not in self._kept:
-            if len(self._kept) > _MOST_KEPT:
-                self._kept.clear()
-            self._kept[key] = Reeling(self._rod, level, driven)
-        return self._kept[key]
 
-    def _is_free(self, aim: Aim) -> bool:
+class _Search:
+    """One search for tensions."""
+
+    def __init__(self, rod: Rod, reeling: Callable[[int], Reeling], spending: Spending) -> None:
+        """On a ``rod`` with its equations of each level."""
+        self._rod, self._reeling, self._spending = rod, reeling, spending
+
+    def find(self, aim: Aim, start: Equilibrium | None) -> Held:
+        """See `Winches.solve`."""
+        if start is not None:
+            try:
+                held = self._from(aim, start)
+            except ContinuationError:
+                raise  # Its budget is spent.
+            except SolveError:
+                pass
+            else:
+                is_known = held.equilibrium.judged is start.judged is not None
+                return held if is_known else self._resolved(held, aim)
+        return self._resolved(self._cold(aim), aim)
+
+    def is_free(self, aim: Aim) -> bool:
         """Whether nothing but tendons acts, so that there is one equilibrium."""
         condition = aim.condition
         is_loaded = condition.factor > 0.0 and self._rod.is_loaded
         return not (is_loaded or condition.tip_wrench.any())
 
-    def _from(
-        self, aim: Aim, driven: NDArray[np.bool_], start: Equilibrium, spending: Spending
-    ) -> Held:
-        """From an equilibrium nearby, in one step or by continuation."""
-        reeling, state = self._reeling(start.level, driven), start.state
-        known = state.acting.condition
-        tensions = np.where(driven, known.tensions, aim.condition.tensions)
-        border = start.factors
-        if border is not None and not isinstance(border, Border):
-            border = reeling.border(state, border)
-        found = reeling.settle(aim, state.z, tensions, spending.residual, border)
-        spending.add(found.iterations, 0.0, found.reached.state.residual, found.reached.state.z)
-        held = self._accepted(reeling, found, start, aim, spending)
-        return held or self._followed(aim, driven, start, spending)
+    def _try(
+        self, aim: Aim, last: Equilibrium, tolerance: float, part: float
+    ) -> tuple[Held | None, _Found]:
+        """What holds ``aim`` near the ``last`` equilibrium, if it is stable, and what was found.
+
+        ``part`` of the way has been followed.
+        """
+        border = last.factors if isinstance(last.factors, Border) else None
+        tensions = aim.begin(last.state.acting.condition.tensions)
+        found = self._reeling(last.level).settle(aim, last.state.z, tensions, tolerance, border)
+        state = found.reached.state
+        self._spending.add(found.iterations, part, state.residual, state.z)
+        return self._accepted(aim, last, found, tolerance), found
 
     def _accepted(
-        self, reeling: Reeling, found: _Found, start: Equilibrium, aim: Aim, spending: Spending
+        self, aim: Aim, last: Equilibrium, found: _Found, tolerance: float
     ) -> Held | None:
         """What was ``found``, if it is stable and nothing says that it left its branch."""
-        state, border, total = found.reached.state, found.border, spending.iterations
-        rod, problem, firm = self._rod, reeling.problem, start.judged
-        if not found.is_met:
+        state, border, firm = found.reached.state, found.border, last.judged
+        reeling, is_free = self._reeling(last.level), self.is_free(aim)
+        if not found.is_met or (found.corrected > MOST_CORRECTED and not is_free):
             return None
-        if self._is_free(aim):
-            return Held(Equilibrium(state, start.level, border, None, total), found.reached)
-        if found.corrected > MOST_CORRECTED:
-            return None
-        if firm is None or not rod.is_near(problem, firm, state):
+        if is_free:
+            firm = None
+        elif firm is None or not self._rod.is_near(reeling.problem, firm, state):
             try:
-                judged = judge(problem, state)
+                judged = judge(reeling.problem, state)
             except ConvergenceError:
                 return None
-            border, firm = reeling.border(state, judged.factors), None
-            if judged.stability.is_firm:
-                firm = judged.state
-            elif not (judged.stability.is_stable or reeling.is_held(state, border)):
+            is_stable = judged.stability.is_stable
+            served = tolerance < ON_THE_WAY and found.iterations <= _SERVED
+            if border is None or not (served and is_stable):
+                border = reeling.border(state, judged.factors)
+            if not (is_stable or reeling.is_held(aim, state, border)):
                 return None
-        return Held(Equilibrium(state, start.level, border, firm, total), found.reached)
+            firm = judged.state if judged.stability.is_firm else None
+        total = self._spending.iterations
+        return Held(Equilibrium(state, last.level, border, firm, total), found.reached)
 
-    def _followed(
-        self, aim: Aim, driven: NDArray[np.bool_], start: Equilibrium, spending: Spending
-    ) -> Held:
-        """By continuation from the equilibrium ``start``, whose loads are those of ``aim``."""
-        reeling, jumps = self._reeling(start.level, driven), 0
-        held = self._begun(reeling, start, aim)
-        known, done, step = self._known(held), 0.0, _FIRST_STEP
+    def _from(self, aim: Aim, start: Equilibrium) -> Held:
+        """From an equilibrium nearby, in one step or by continuation."""
+        near, factors = start, start.factors
+        if factors is not None and not isinstance(factors, Border):
+            border = self._reeling(start.level).border(start.state, factors)
+            near = start._replace(factors=border)
+        return self._try(aim, near, self._spending.residual, 0.0)[0] or self._followed(aim, start)
+
+    def _begun(self, aim: Aim, start: Equilibrium) -> tuple[Held, Aim]:
+        """Where continuation begins, and what is held there."""
+        reeling, state = self._reeling(start.level), start.state
+        reeling.problem.load_work(state)
+        held = Held(start, reeling.reached(aim, state))
+        return held, Aim(state.acting.condition, held.reached.displacement, aim.driven)
+
+    def _followed(self, aim: Aim, start: Equilibrium) -> Held:
+        """By continuation from the equilibrium ``start``, of the same loads or of none."""
+        held, known = self._begun(aim, start)
+        done, step, jumps = 0.0, _FIRST_STEP, 0
+        is_loading = known.condition.factor < aim.condition.factor
+        smallest = _SMALLEST_LOAD if is_loading else _SMALLEST_STEP
         while True:
             target = min(1.0, done + step)
-            now, last = known.towards(aim, target), held.equilibrium
-            border = last.factors if isinstance(last.factors, Border) else None
             tolerance = TOLERANCE if target == 1.0 else ON_THE_WAY
-            tensions = np.where(driven, held.reached.tensions, now.condition.tensions)
-            found = reeling.settle(now, last.state.z, tensions, tolerance, border)
-            state = found.reached.state
-            spending.add(found.iterations, done, state.residual, state.z)
-            more = self._accepted(reeling, found, last, now, spending)
+            last = held.equilibrium
+            more, found = self._try(known.towards(aim, target), last, tolerance, done)
             if more is not None:
                 if target == 1.0:
                     return more
-                held, done, step = more, target, _LONGER * (target - done)
-            elif step > _SMALLEST_STEP:
-                step = max(_SHORTER * (target - done), _SMALLEST_STEP)
+                longer = growth(found.corrected) if found.iterations <= _QUICKLY else 1.0
+                held, done, step = more, target, longer * (target - done)
+            elif step > smallest:
+                shorter = min(growth(found.corrected), _SHORTER) if found.is_met else _MUCH_SHORTER
+                step = max(shorter * (target - done), smallest)
             else:
                 jumps += 1
-                left = found.reached.left / self._rod.arm.length
-                if jumps > _MOST_JUMPS or self._is_free(aim):
-                    what = 'the displacement of the tendons'
-                    raise ConvergenceError(what, left, spending.iterations, state.z)
+                if jumps > _MOST_JUMPS or self.is_free(aim) or is_loading:
+                    raise self._error(found)
                 # The branch ends: on with what the arm turns to under the tensions there.
-                condition = known.towards(aim, min(1.0, done + _BEYOND)).condition
-                pulled = np.where(driven, held.reached.tensions, condition.tensions)
-                turned = self._rod.solve(pulled, condition.tip_wrench, last, spending)
-                reeling = self._reeling(turned.level, driven)
-                held = self._begun(reeling, turned, aim)
-                known, done, step = self._known(held), 0.0, _FIRST_STEP
+                beyond = known.towards(aim, min(1.0, done + _BEYOND))
+                pulled, wrench = beyond.begin(held.reached.tensions), beyond.condition.tip_wrench
+                turned = self._rod.solve(pulled, wrench, last, self._spending)
+                held, known = self._begun(aim, turned)
+                done, step = 0.0, _FIRST_STEP
 
-    def _begun(self, reeling: Reeling, start: Equilibrium, aim: Aim) -> Held:
-        reeling.problem.load_work(start.state)
-        return Held(start, reeling.reached(aim, start.state))
+    def _error(self, found: _Found) -> ConvergenceError:
+        left, count = found.reached.left / self._rod.arm.length, self._spending.iterations
+        what = 'the displacement of the tendons'
+        return ConvergenceError(what, left, count, found.reached.state.z)
 
-    def _known(self, held: Held) -> Aim:
-        return Aim(held.equilibrium.state.acting.condition, held.reached.displacement)
-
-    def _cold(self, aim: Aim, driven: NDArray[np.bool_], spending: Spending) -> Held:
+    def _cold(self, aim: Aim) -> Held:
         """From the arm without loads, whose winches are wound before it bears them."""
         rod, condition = self._rod, aim.condition
-        problem = rod.problem(0)
+        problem, wrench = rod.problem(0), condition.tip_wrench
         free = aim._replace(condition=condition._replace(tip_wrench=np.zeros(6), factor=0.0))
         z, _, iterations = rod.unloaded(problem, condition)
-        spending.add(iterations, 0.0, 0.0, z)
+        self._spending.add(iterations, 0.0, 0.0, z)
         state = problem.evaluate(problem.acting(free.condition), z)
-        wound = self._from(free, driven, Equilibrium(state, 0, None, None, 0), spending)
-        if self._is_free(aim):
+        wound = self._from(free, Equilibrium(state, 0, None, None, 0))
+        if self.is_free(aim):
             return wound
-        reeling = self._reeling(0, driven)
-        start, tensions = wound.equilibrium, wound.reached.tensions
-        found = reeling.settle(aim, start.state.z, tensions, TOLERANCE)
-        spending.add(found.iterations, 0.0, found.reached.state.residual, found.reached.state.z)
-        held = self._accepted(reeling, found, start, aim, spending)
+        alone = wound.equilibrium._replace(factors=None)
+        held = self._try(aim, alone, TOLERANCE, 0.0)[0]
         if held is not None:
             return held
-        try:
-            loaded = rod.solve(tensions, condition.tip_wrench, None, spending)
-            return self._from(aim, driven, loaded, spending)
-        except ContinuationError:
-            raise  # Its budget is spent.
-        except SolveError:
-            loaded = rod.solve(condition.tensions, condition.tip_wrench, None, spending)
-            return self._from(aim, driven, loaded, spending)
+        for begin in (
+            lambda: self._followed(aim, alone),
+            lambda: self._from(
+                aim, rod.solve(wound.reached.tensions, wrench, None, self._spending)
+            ),
+        ):
+            try:
+                return begin()
+            except ContinuationError:
+                raise  # Its budget is spent.
+            except SolveError:
+                pass
+        return self._from(aim, rod.solve(condition.tensions, wrench, None, self._spending))
 
-    def _resolved(
-        self, held: Held, aim: Aim, driven: NDArray[np.bool_], spending: Spending
-    ) -> Held:
+    def _resolved(self, held: Held, aim: Aim) -> Held:
         """What is ``held``, on as many nodes as it takes."""
         rod, last = self._rod, held.equilibrium
         while not rod.is_resolved(rod.problem(last.level), last.state, last.level):
-            before, level = rod.problem(last.level), last.level + 1
-            reeling = self._reeling(level, driven)
-            z = moved(last.state.z, before.elements, reeling.problem.elements)
-            found = reeling.settle(aim, z, held.reached.tensions, TOLERANCE)
-            state = found.reached.state
-            spending.add(found.iterations, 1.0, state.residual, state.z)
-            finer = self._accepted(
-                reeling, found, last._replace(level=level, judged=None), aim, spending
+            before, now = rod.problem(last.level), rod.problem(last.level + 1)
+            state = last.state._replace(z=moved(last.state.z, before.elements, now.elements))
+            finer, found = self._try(
+                aim, Equilibrium(state, last.level + 1, None, None, 0), TOLERANCE, 1.0
             )
             if finer is None:
-                what, left = 'the displacement of the tendons', found.reached.left
-                raise ConvergenceError(what, left / rod.arm.length, spending.iterations, z)
+                raise self._error(found)
             held, last = finer, finer.equilibrium
         return held

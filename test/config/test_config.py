@@ -590,9 +590,9 @@ def test_sizes_have_bounds(changes: dict[str, object], message: str) -> None:
     assert len(str(refusal.value)) < 600
 
 
-def test_many_tendons_have_fewer_intervals() -> None:
-    values = DOTTED | {'sections.tendons': [256], 'stations': 900, 'model': 'closed_form'}
-    config = Config.from_parameters(values)
-    assert config.solver().grid.s.size == 900
-    with pytest.raises(ConfigError, match=r'more than 976 intervals .* with 256 tendons'):
-        config.solver(stations=1000)
+@pytest.mark.parametrize('model', ['closed_form', 'exact'])
+def test_the_most_tendons_go_with_the_most_stations(model: str) -> None:
+    values = DOTTED | {'sections.tendons': [256], 'stations': 10_000, 'model': model}
+    solver = Config.from_parameters(values).solver()
+    shape = solver.solve(np.full(solver.arm.tension_shape, 1e-3))
+    assert shape.tendon_tensions.shape == (10_000, 256)

@@ -226,6 +226,22 @@ def test_tensions_change_with_what_they_depend_on(name: str) -> None:
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-4 * scale)
 
 
+@pytest.mark.parametrize('name', ['neo_hookean', 'shear in sheaths'])
+def test_a_slack_tendon_is_drawn_in_next(name: str) -> None:
+    problem = rubbed(name).problem(0)
+    z, pulled = jumped(problem), TENSIONS * (np.arange(6) != 3)
+    more = 1e-7 * (np.arange(6) == 3)
+    for condition in conditions(problem, z):
+        one = problem.evaluate(problem.acting(condition._replace(tensions=pulled)), z)
+        rates = problem.tension_rates(one)[:, 3]
+        other = problem.evaluate(problem.acting(condition._replace(tensions=pulled + more)), z)
+        expected = (other.acting.tensions - one.acting.tensions)[:, 3] / 1e-7
+        # After a history the tension of one that was let go follows from its end.
+        if condition.before is None:
+            np.testing.assert_allclose(rates, expected, rtol=1e-6)
+        assert 0.1 < rates[problem.tables.reach[:, 3] > 0.0].min() < 0.95
+
+
 # The truth --------------------------------------------------------------------------------------
 
 TRUE = (

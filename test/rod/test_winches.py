@@ -199,7 +199,7 @@ def test_the_border_is_the_derivative_of_what_is_reeled_in(setting: dict[str, bo
     reeling = Winches(rod)
     found = wound(rod, reeling.displacements(rod.solve(0.4 * TENSIONS, WRENCH)), None, WRENCH)
     equilibrium = found.equilibrium
-    border = reeling._reeling(equilibrium.level, np.ones(6, np.bool_)).border(equilibrium.state)
+    border = reeling.reeling(equilibrium.level).border(equilibrium.state)
 
     def reeled(tensions: FloatArray) -> FloatArray:
         return reeling.displacements(rod.solve(tensions, WRENCH, equilibrium))

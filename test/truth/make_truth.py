@@ -105,13 +105,13 @@ def case_of(name: str, given: Parameters, number: int, plan: Plan, stations: int
 
     def run(what: str, config: Config, compiled: bool | None = None) -> Answer:
         solver = config.solver(compiled=compiled)
-        places = wanted_places(config, solver)
+        places = wanted_places(config)
         try:
             return answer_of(solver, config.uncertainty, steps, places, quantities)
         except OctoArmError as error:
             raise LeftOutError(f'{what}: {type(error).__name__}: {error}') from error
 
-    places = wanted_places(config, config.solver(compiled=False))
+    places = wanted_places(config)
     try:
         numpy = run('NumPy', config, False)
     except LeftOutError as error:

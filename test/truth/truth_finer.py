@@ -8,8 +8,8 @@ import itertools
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model import Config, Profile, Solver
-from octo_arm_model.rod.stations import StationGrid
+from octo_arm_model import Config, Profile
+from octo_arm_model.rod.stations import StationGrid, panels_of
 
 DIGITS = 10  # significant ones of the largest value of a quantity that are kept
 
@@ -44,19 +44,19 @@ class Knotted(Profile):
 # Stations ---------------------------------------------------------------------------------------
 
 
-def wanted_places(config: Config, solver: Solver) -> np.ndarray:
+def wanted_places(config: Config) -> np.ndarray:
     """Ends and middles of the parts between anchorages and loads [m]."""
-    ends = [0.0, *(panel.stop for panel in solver.grid.panels)]
+    ends = [0.0, *(panel.stop for panel in panels_of(config.arm, config.loads.breaks))]
     return np.array(sorted({*ends, *(0.5 * (a + b) for a, b in itertools.pairwise(ends))}))
 
 
 def stations_for(config: Config, about: int) -> int:
     """The smallest number of stations from ``about`` on with one in the middle of every part."""
-    solver = config.solver('exact', about, compiled=False)
-    loads, panels = config.loads, len(solver.grid.panels)
+    loads = config.loads
+    panels = len(panels_of(config.arm, loads.breaks))
     for count in range(max(about, 2 * panels + 1), 40 * about):
-        grid = StationGrid.build(config.arm, count, loads.breaks, loads.knots)
-        places = wanted_places(config, solver)
+        grid = StationGrid.build(config.arm, count, loads.breaks)
+        places = wanted_places(config)
         if np.abs(grid.s[:, np.newaxis] - places).min(axis=0).max() < 1e-10 * config.arm.length:
             return count
     raise AssertionError('no such number of stations')

@@ -44,7 +44,7 @@ from octo_arm_model.rod.solver import Solver
 
 # A step of the estimator that leads where the arm is followed for longer is too long. How little
 # shapes differ between steps tells of second derivatives.
-BUDGET = Budget(iterations=30, residual=TOLERANCE)
+BUDGET = Budget(iterations=60, residual=TOLERANCE)
 
 _FORCE, _MOMENT = slice(0, 3), slice(3, 6)  # of a wrench
 _MOST = math.log(LARGEST)  # of the logarithm of a ratio of stiffnesses

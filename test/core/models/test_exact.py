@@ -274,8 +274,8 @@ def test_the_linear_law_reaches_the_same_strains_from_any_start(shear: bool) -> 
     for _ in range(25):
         start = random.normal(size=usual.shape)
         start[:, :3] *= 50.0
-        found = balance_sections(*given, tensions, np.zeros_like(usual), start)[0]
-        np.testing.assert_allclose(found, usual, rtol=1e-7, atol=1e-7)
+        balance_sections(*given, tensions, start)
+        np.testing.assert_allclose(start, usual, rtol=1e-7, atol=1e-7)
 
 
 def test_all_laws_agree_where_strains_are_small() -> None:
@@ -348,7 +348,6 @@ def test_positions_are_those_of_far_more_nodes(law: str) -> None:
         found = Solver(arm, 'exact', 41, material=law).solve(tensions)
         rod = Rod(arm, setting=Setting(law == 'neo_hookean', accuracy=1e-13))
         finest = rod.solve(tensions.ravel(), np.zeros(6))
-        assert found.equilibrium is not None and finest.level > found.equilibrium.level
         expected = rod.readout(finest.level, found.s).read(finest.state).position
         np.testing.assert_allclose(found.position, expected, rtol=0.0, atol=1e-8 * arm.length)
 

@@ -126,7 +126,6 @@ def made_up(stations, model='closed_form', seed=0):
         tip_wrench=np.zeros(6),
         residual=np.array(0.0),
         iterations=np.array(0),
-        twist=None,
     )
 
 

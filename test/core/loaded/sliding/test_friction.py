@@ -11,7 +11,6 @@ from differences import jacobian
 from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from octo_arm_model.core.models import sliding
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
@@ -37,6 +36,7 @@ from octo_arm_model import (
     find_tensions,
 )
 from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.rod.rod import Rod, Setting
 
 MODELS = ('closed_form', 'exact')
 YOUNG, RADIUS, LENGTH, OFFSET, MU = 1e5, 0.01, 0.4, 0.006, 0.3
@@ -69,9 +69,11 @@ def test_one_parallel_tendon_is_that_of_the_closed_form(pull: float, friction: f
     backbone = solver.solve([[pull]])
     slope = friction * OFFSET / BENDING
     tension = 1.0 / (1.0 / pull + slope * backbone.s)
-    np.testing.assert_allclose(backbone.tendon_tensions[:, 0], tension, rtol=1e-7)
+    # As exact as the rod has tensions (`rod._TENSION_ERROR`): 4e-7 under the largest pull and
+    # friction, 1e-7 under all others.
+    np.testing.assert_allclose(backbone.tendon_tensions[:, 0], tension, rtol=1e-6)
     per_reference_length = backbone.k * (1.0 + backbone.q)
-    np.testing.assert_allclose(per_reference_length, tension * OFFSET / BENDING, rtol=1e-7)
+    np.testing.assert_allclose(per_reference_length, tension * OFFSET / BENDING, rtol=1e-6)
     angle = math.log(1.0 + slope * pull * LENGTH) / friction
     x, y, _ = Rotation.from_quat(backbone.quaternion[-1]).apply([1.0, 0.0, 0.0])
     assert math.remainder(math.atan2(y, x) - angle, math.tau) == pytest.approx(0.0, abs=1e-6)
@@ -255,22 +257,27 @@ def test_a_loop_closes_and_encloses_something(model: str, loads: Loads) -> None:
     arm = helical(0.2)
     solver = Solver(arm, model, loads=loads)
     high, low = PULL, 0.4 * PULL
-    up, down, again = [], [], []
-    last = solver.follow(high, None)
+    loops: list[list[Backbone]] = [[], [], []]
+    first = last = solver.follow(high, None)
     np.testing.assert_allclose(last.tip, solver.solve(high).tip, atol=1e-12)
-    up.append(last)
     ways = [high + part * (low - high) for part in (0.25, 0.5, 0.75, 1.0)]
     backs = [low + part * (high - low) for part in (0.25, 0.5, 0.75, 1.0)]
-    for found in (down, again):
+    for found in loops:
         for tensions in ways + backs:
             last = solver.follow(tensions, last)
             found.append(last)
-    for one, other in zip(down, again):
-        np.testing.assert_allclose(one.position, other.position, atol=1e-7 * arm.length)
-        np.testing.assert_allclose(one.tendon_tensions, other.tendon_tensions, atol=1e-6)
-    np.testing.assert_allclose(again[-1].tip, up[0].tip, atol=1e-7 * arm.length)
+    # The first may be on fewer nodes, where a tendon begins to stick a little elsewhere.
+    for one, other, part in ((loops[0], loops[1], 5e-6), (loops[1], loops[2], 1e-7)):
+        for before, after in zip(one, other):
+            np.testing.assert_allclose(
+                before.position, after.position, rtol=0.0, atol=part * arm.length
+            )
+            np.testing.assert_allclose(
+                before.tendon_tensions, after.tendon_tensions, rtol=0.0, atol=100.0 * part
+            )
+    np.testing.assert_allclose(loops[-1][-1].tip, first.tip, atol=1e-7 * arm.length)
     # On the way down and on the way up the same tensions give another shape.
-    assert np.linalg.norm(again[1].tip - again[5].tip) > 2e-3 * arm.length
+    assert np.linalg.norm(loops[-1][1].tip - loops[-1][5].tip) > 2e-3 * arm.length
 
 
 def test_a_single_solution_knows_of_no_history() -> None:
@@ -311,16 +318,16 @@ def test_loading_under_gravity_in_one_step_is_that_in_many() -> None:
     assert np.linalg.norm(once.tip - last.tip) < 2e-3 * 0.4
 
 
-def test_where_a_tendon_begins_to_stick_is_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
-    def released() -> Backbone:
-        solver = Solver(helical(), 'exact')
-        return solver.follow(0.7 * PULL, solver.solve(PULL))
-
-    coarse = released()
-    monkeypatch.setattr(sliding, 'CUTS', (8,))
-    monkeypatch.setattr('octo_arm_model.core.models.exact.CUTS', (8,))
-    fine = released()
-    np.testing.assert_allclose(coarse.position, fine.position, atol=1e-4 * 0.4)
+def test_where_a_tendon_begins_to_stick_is_resolved() -> None:
+    solver = Solver(helical(), 'exact')
+    coarse = solver.follow(0.7 * PULL, solver.solve(PULL))
+    rod, nothing = Rod(helical(), setting=Setting(accuracy=1e-12)), np.zeros(6)
+    pulled = rod.solve(PULL.ravel(), nothing)
+    before = rod.problem(pulled.level).history(pulled.state)
+    fine = rod.solve(0.7 * PULL.ravel(), nothing, before=before)
+    assert coarse.equilibrium is not None and fine.level > coarse.equilibrium.level
+    expected = rod.readout(fine.level, coarse.s).read(fine.state).position
+    np.testing.assert_allclose(coarse.position, expected, atol=1e-6 * 0.4)
 
 
 def test_a_batch_is_its_arms_one_by_one() -> None:

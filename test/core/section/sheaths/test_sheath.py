@@ -12,8 +12,6 @@ from differences import along, jacobian
 from helical_arm import PULL, helical_arm
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from octo_arm_model.core.section.energy import SectionEnergy
-from octo_arm_model.core.section.sheaths.sheath import SheathedSections, sections_of
 from scipy.optimize import minimize
 
 from octo_arm_model import (
@@ -28,8 +26,9 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
-from octo_arm_model.core.arm.laws import LAWS
 from octo_arm_model.core.arm.sheath_stiffness import estimate_sheath_stiffness
+from octo_arm_model.rod.rod import Rod, Setting
+from octo_arm_model.rod.tendons import Stretch, tendon_stretch
 
 RUBBER = Material(1.1e5, 0.5, 1080.0)
 SHEAR_MODULUS = 1.1e5 / 3.0
@@ -100,68 +99,50 @@ def test_strains_are_those_of_least_energy_over_strains_and_places(s: float) -> 
 
 
 @pytest.mark.parametrize(
-    ('law', 'shear'),
-    [('linear', False), ('linear', True), ('neo_hookean', False), ('neo_hookean', True)],
+    ('law', 'shear'), [('linear', False), ('linear', True), ('neo_hookean', False)]
 )
 def test_what_is_left_without_the_places_are_derivatives(law: str, shear: bool) -> None:
-    nodes, section = np.array([0.05, 0.3]), np.array([2, 1])
-    energy = sections_of(HELICAL, nodes, section, LAWS[law], shear)
-    assert isinstance(energy, SheathedSections)
-    local_tensions = energy.local_tensions(PULL.reshape(1, -1))
-    at = np.array([8.0, -12.0, 20.0, 0.8, 0.02, -0.03][: energy.strains])
-    steps = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3][: energy.strains])
-    stiffness = np.array(HELICAL.sheath_stiffness)[:, np.newaxis, np.newaxis]
+    # Of the least energy over the places; of lengths by strain, which is what tensions leave
+    # unbalanced (Maxwell), and of lengths by tension.
+    rod = Rod(HELICAL, setting=Setting(law == 'neo_hookean', shear, compiled=False))
+    problem = rod.problem(0)
+    own, nodes, count = problem.strains, problem.elements.s.size, PULL.size
+    at = np.array([8.0, -12.0, 20.0, 0.8, 0.02, -0.03][:own])
+    steps = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3][:own])
+    stiffness, tables = np.array(HELICAL.sheath_stiffness), problem.tables
 
-    def at_both(x: np.ndarray) -> np.ndarray:
-        return np.tile(x[:, np.newaxis, np.newaxis], (1, 1, 2))
+    def balanced(x: np.ndarray, tensions: np.ndarray) -> Stretch:
+        problem.form.sections(tables, np.tile(x, (nodes, 1)), local(tensions), problem.work)
+        z = np.tile(x, (nodes, 1))
+        return tendon_stretch(tables, z, local(tensions), problem.work.offsets)
 
-    def least(x: np.ndarray, tensions: np.ndarray = local_tensions) -> np.ndarray:
-        place = energy.condensed(at_both(x), tensions)
-        stored = 0.5 * stiffness * np.sum(place.offset**2, axis=0)
-        return (tensions * energy.stretches(at_both(x), tensions) + stored).sum(axis=(0, 1))
+    def local(tensions: np.ndarray) -> np.ndarray:
+        return np.tile(tensions, (nodes, 1)) * tables.reach
 
-    strain = at_both(at)
-    place = energy.condensed(strain, local_tensions)
-    assert np.abs(place.offset).max() > 1e-5
-    assert not place.offset[:, 2].any() and not place.offset[:, 3:, 0, 1].any()
-    widening = energy.widening(strain[3])
-    gradient, hessian = energy.tendon_derivatives(strain, local_tensions, widening)
-    np.testing.assert_allclose(gradient[:, 0].T, jacobian(least, at, steps), rtol=1e-7, atol=1e-9)
+    def least(x: np.ndarray) -> np.ndarray:
+        """Energy of the tendons and sheaths of every section."""
+        stretch = balanced(x, PULL.ravel()).stretch
+        offset = problem.work.offsets
+        stored = 0.5 * stiffness * np.sum(offset**2, axis=-1)
+        return (local(PULL.ravel()) * stretch + stored).sum(axis=1)
 
-    alone = energy.tendon_gradient(strain, local_tensions, *widening[:2])
-    np.testing.assert_allclose(alone, gradient, rtol=1e-12, atol=1e-12)
+    def lengths(x: np.ndarray) -> np.ndarray:
+        return balanced(x, PULL.ravel()).stretch * tables.reach
 
-    def pull_of(strain: np.ndarray, tensions: np.ndarray = local_tensions) -> np.ndarray:
-        return energy.tendon_derivatives(strain, tensions, energy.widening(strain[3]))[0]
-
-    expected = jacobian(lambda x: pull_of(at_both(x)), at, steps)
-    scale = np.abs(expected[:, 0]).max(axis=(1, 2), keepdims=True)
+    found = balanced(at, PULL.ravel())
+    offset = problem.work.offsets.copy()
+    assert np.abs(offset).max() > 1e-5
+    assert not offset[:, 2].any() and not offset[tables.reach == 0.0].any()
+    pull = np.einsum('nj,njm->nm', local(PULL.ravel()), found.gradient)
+    np.testing.assert_allclose(pull, jacobian(least, at, steps), rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(
-        hessian[:, :, 0].transpose(0, 2, 1) / scale, expected[:, 0] / scale, atol=1e-7
+        found.length_by_z * tables.reach[..., np.newaxis], jacobian(lengths, at, steps), atol=1e-8
     )
-    # Lengths by strain, and what tensions leave unbalanced, are one thing (Maxwell).
-    length, by_strain = energy.lengthening(strain, local_tensions)
-    lengths = jacobian(lambda x: energy.stretches(at_both(x), local_tensions)[:, 0], at, steps)
-    acting = energy.active[:, 0]
-    np.testing.assert_allclose(
-        by_strain[:, :, 0].transpose(1, 2, 0), lengths * acting[..., np.newaxis], atol=1e-8
+    by_tension = jacobian(
+        lambda x: balanced(at, x).stretch * tables.reach, PULL.ravel(), np.full(count, 1e-3)
     )
-    for tendon in range(len(HELICAL.tendons)):
-
-        def pulled(tension: np.ndarray, tendon: int = tendon) -> np.ndarray:
-            moved = local_tensions.copy()
-            moved[tendon] += tension[0] * energy.active[tendon]
-            stretch = energy.stretches(strain, moved)[tendon]
-            return np.concatenate([pull_of(strain, moved)[:, 0], stretch])
-
-        by_tension = jacobian(pulled, [0.0], 1e-3)[..., 0]
-        np.testing.assert_allclose(by_tension[:-1], by_strain[:, tendon, 0], atol=1e-7)
-        np.testing.assert_allclose(
-            by_tension[-1],
-            energy.length_by_tension(strain, local_tensions)[tendon, 0] * acting[tendon],
-            atol=1e-9,
-        )
-    assert length.shape == local_tensions.shape
+    own_part = np.einsum('njj->nj', by_tension)
+    np.testing.assert_allclose(found.by_tension * tables.reach, own_part, atol=1e-9)
 
 
 LOADS = Loads(
@@ -256,8 +237,6 @@ def test_stiff_sheaths_come_as_near_as_one_likes_to_tendons_in_their_places() ->
 def test_rigid_sheaths_are_none() -> None:
     arm = dataclasses.replace(HELICAL, sheath_stiffness=(0.0,))
     assert arm.sheath_stiffness == ()
-    nodes, section = np.array([0.05, 0.3]), np.array([2, 1])
-    assert type(sections_of(arm, nodes, section, LAWS['linear'])) is SectionEnergy
 
 
 @settings(max_examples=15, deadline=None)
