@@ -32,7 +32,7 @@ from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.load_limits import LoadLimits
 from octo_arm_model.rod.newton import Found, settle, settle_sections
 from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
-from octo_arm_model.rod.resolution import position_error
+from octo_arm_model.rod.resolution import allowed_between, position_error
 from octo_arm_model.rod.tables import tabulate
 from octo_arm_model.rod.unloaded import balance_sections
 
@@ -40,8 +40,8 @@ _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in par
 _WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
 _WORST_TENSION = 1e-2  # likewise of tensions with friction, in parts of them
 _GENTLE = 0.1  # part of tensions with friction to begin with, where all of them are too much
-# The estimated error of positions is too small with friction: strains have kinks where tendons begin
-# to slip, and tensions are what later ones slide from.
+# The estimated error of positions is too small with friction: strains have kinks where tendons
+# begin to slip, and tensions are what later ones slide from.
 _OF_FRICTION = 0.01
 _PART = 0.25  # first step of continuation, where `Rod._warm` has failed with the whole way
 _FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
@@ -264,7 +264,7 @@ class Rod:
             iterations += steps
             finer.own.orient(fine)
             error = position_error(finer.own.elements, fine, finer.own.work.slope)
-            if error <= self.setting.accuracy:
+            if error <= allowed_between(self.setting.accuracy):
                 break
         _require_resolved(finer.own, error, max(self.setting.accuracy, _WORST))
         z = finer.to_nodes @ fine
