@@ -123,7 +123,7 @@ class Problem:
         force, couple = self.loads.at(condition.factor, condition.tip_wrench)
         last = self._last_acting
         if last is None or last.condition.tensions is not condition.tensions:
-            scale = force_scale(self.tables, tensions)
+            scale = force_scale(self.tables, condition.tensions)
         else:
             scale = last.scale
         self._last_acting = Acting(condition, tensions, force, couple, scale)

@@ -21,7 +21,7 @@ from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.lengths import lengths_of, rest_stretches
 from octo_arm_model.rod.paper_balance import Strains
 from octo_arm_model.rod.read_out import ADDED_POINTS, integrate_poses
-from octo_arm_model.rod.resolution import position_error
+from octo_arm_model.rod.resolution import allowed_between, position_error
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting, moved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
@@ -131,7 +131,7 @@ class Papers(Statics):
             z = np.ascontiguousarray(found.twist[:, :nodes].T)
             problem.form.orientations(problem.tables, z, problem.work)
             error = position_error(problem.elements, z, problem.work.slope)
-            if error <= self._setup.accuracy:
+            if error <= allowed_between(self._setup.accuracy):
                 break
         base = problem.tables.base
         position, turn = integrate_poses(problem.work, base, z, level.integration)

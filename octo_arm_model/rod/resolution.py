@@ -14,6 +14,7 @@ from octo_arm_model.rod.elements import Elements
 # Error of positions over the sums of squares, at most, where it is above 1e-10; measured for the
 # arm of Table 4 under random tensions in water and air and for the metal rod.
 _OF_BENDS, _OF_DIRECTIONS = 2e-3, 1e-4
+_BETWEEN = 10.0
 
 
 def position_error(elements: Elements, z: FloatArray, slope: FloatArray) -> float:
@@ -22,6 +23,14 @@ def position_error(elements: Elements, z: FloatArray, slope: FloatArray) -> floa
     From the twists ``z`` (N, m) and r' ``slope`` (N, 3) at the nodes.
     """
     return float(position_errors(elements, z, slope)[0])
+
+
+def allowed_between(accuracy: float) -> float:
+    """What `position_error` may be for strains between the points to be right to ``accuracy``.
+
+    Their error is of the first order of what the points leave, that of positions of the second.
+    """
+    return min(accuracy, (_BETWEEN * accuracy) ** 2)
 
 
 def position_errors(elements: Elements, z: FloatArray, slope: FloatArray) -> FloatArray:

@@ -32,7 +32,7 @@ from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.load_limits import LoadLimits
 from octo_arm_model.rod.newton import Found, settle, settle_sections
 from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
-from octo_arm_model.rod.resolution import position_error
+from octo_arm_model.rod.resolution import allowed_between, position_error
 from octo_arm_model.rod.tables import tabulate
 from octo_arm_model.rod.unloaded import balance_sections
 
@@ -264,7 +264,7 @@ class Rod:
             iterations += steps
             finer.own.orient(fine)
             error = position_error(finer.own.elements, fine, finer.own.work.slope)
-            if error <= self.setting.accuracy:
+            if error <= allowed_between(self.setting.accuracy):
                 break
         _require_resolved(finer.own, error, max(self.setting.accuracy, _WORST))
         z = finer.to_nodes @ fine

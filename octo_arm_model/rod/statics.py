@@ -18,6 +18,7 @@ from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.lengths import rest_stretches, rest_stretches_by_offset, tendon_lengths
+from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
@@ -192,7 +193,7 @@ class Statics(abc.ABC):
         position += self._setup.base[0]
         shapes.position[numbers] = position
         shapes.quaternion[numbers] = quaternion.take(XYZW, axis=2)
-        return error <= self._setup.accuracy
+        return error <= allowed_between(self._setup.accuracy)
 
     def wind(
         self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,

@@ -167,10 +167,13 @@ def tabulate(
 def force_scale(tables: Tables, tensions: FloatArray) -> FloatArray:
     """Moments and forces that a residual is measured by, (N, 2) [N m, N].
 
-    The sum of ``tensions`` (N, J) [N] of the tendons there, alone and times the lever arm, and a
-    small part of the stiffness of the section, so that rounding counts for nothing.
+    The sum of ``tensions`` (N, J) or (J,) [N] of the tendons there, alone and times the lever arm,
+    and a small part of the stiffness of the section, so that rounding counts for nothing.
     """
-    force = np.einsum('ij,ij->i', tensions, tables.reach)
+    if tensions.ndim == 1:
+        force = tables.reach @ tensions
+    else:
+        force = np.einsum('ij,ij->i', tensions, tables.reach)
     force += tables.least_scale
     scale = np.empty((force.size, 2))
     scale[:, 0], scale[:, 1] = force * tables.body[:, LEVER], force
