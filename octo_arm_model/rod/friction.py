@@ -216,8 +216,9 @@ class Changes:
         straight = np.zeros(self._tables.reach.shape, np.bool_)
         straight[:, self._pulled] = self._rate <= _STRAIGHT / length
         found = [('is straight', friction.nodes, straight & (self._tables.reach > 0.0))]
-        if sliding.along is not None:
+        if sliding.before is not None:
             acts, slip = friction.reach > 0.0, sliding.slip
+            assert slip is not None
             found.insert(0, ('slips both ways', s, acts & (slip != slip[0])))
             found.insert(0, ('sticks', s, acts & (slip == 0.0)))
         for what, places, bad in found:

@@ -48,10 +48,9 @@ MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `arrays.
 
 
 def _compiled(function: _F, inlined: bool = False) -> _F:
-    compiler = njit(
-        cache=True, error_model='numpy', fastmath={'contract', 'nsz'}, forceinline=inlined
-    )
-    return cast(_F, compiler(function))
+    fast = {'contract', 'nsz'}
+    compiled = njit(cache=True, error_model='numpy', fastmath=fast, forceinline=inlined)
+    return cast(_F, compiled(function))
 
 
 def _inlined(function: _F) -> _F:
