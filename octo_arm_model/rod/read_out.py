@@ -195,12 +195,6 @@ class Readout:
         wrench[:, 3:] = force[:, : strains - 3, 0]
         return self._settled(z, tensions, wrench)
 
-    def settled(self, z: FloatArray, tensions: FloatArray) -> FloatArray:
-        """Twists (S, m) near ``z`` in balance with ``tensions`` (J,) [N] without loads."""
-        local = tensions * self._tables.reach
-        self._work.scale[:] = force_scale(self._tables, local)
-        return self._settled(np.ascontiguousarray(z), local, np.zeros_like(z))
-
     def _settled(self, z: FloatArray, tensions: FloatArray, wrench: FloatArray) -> FloatArray:
         for _ in range(_MOST_STEPS):
             left = self._problem.form.section_steps(self._tables, z, tensions, wrench, self._work)
