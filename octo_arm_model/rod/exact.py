@@ -78,6 +78,8 @@ class Exact(Statics):
         fine = self._write(several, z, readout.integration, numbers, shapes)
         fine &= are_stretched(several.tables, z, len(tensions))
         z = readout.interpolation @ z.reshape(len(tensions), -1, self.strains)
+        for number, pull in enumerate(tensions):
+            z[number] = readout.settled(z[number], pull)
         shapes.strains[:, numbers] = strains_of(z)
         shapes.residual[numbers], shapes.iterations[numbers] = left, steps
         return fine
@@ -102,6 +104,7 @@ class Exact(Statics):
         along = None
         if found.fine is not None:
             position, quaternion, z = readout.read_unloaded(found.fine)
+            z = readout.settled(z, found.state.acting.condition.tensions)
         else:
             reading = readout.read(found.state)
             position, z = reading.position, readout.twists(reading)

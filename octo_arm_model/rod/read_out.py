@@ -126,11 +126,14 @@ class Readout:
     def read(self, state: State) -> Reading:
         """Poses at the stations, by integrals from the base."""
         (acting, z), finer = self._finer.balance(state), self._finer.own
-        work, between = finer.work, acting.tensions
-        if self._problem.friction is not None:
-            between = self.interpolation @ between
-            if state.acting.condition.tensions.ndim == 1:
-                between = self._slid(state, self._angle(acting, z))
+        work, given = finer.work, state.acting.condition.tensions
+        if given.ndim > 1:
+            between = self.interpolation @ acting.tensions
+        elif self._problem.friction is not None:
+            between = self._slid(state, self._angle(acting, z))
+        else:
+            between = np.empty((self._s.size, given.size))
+            between[:] = given
         finer.form.orientations(finer.tables, z, work)
         position, turn = integrate_poses(work, finer.tables.base, z, self.integration)
         return Reading(position[0], turn[0], work.slope, z, acting, between)
@@ -174,10 +177,6 @@ class Readout:
     def twists(self, reading: Reading) -> FloatArray:
         """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""
         acting, work, strains = reading.acting, self._work, reading.z.shape[1]
-        if self._problem.friction is None:
-            # Smooth within elements; and exactly none where there is none.
-            straight = straight_twists(strains)
-            return self.interpolation @ (reading.z - straight) + straight
         between = self.interpolation @ np.concatenate(
             [reading.z, acting.force, acting.couple], axis=1
         )
@@ -194,6 +193,12 @@ class Readout:
         force = inverse @ between[:, strains : strains + 3, np.newaxis]
         wrench[:, 3:] = force[:, : strains - 3, 0]
         return self._settled(z, tensions, wrench)
+
+    def settled(self, z: FloatArray, tensions: FloatArray) -> FloatArray:
+        """Twists (S, m) near ``z`` in balance with ``tensions`` (J,) [N] without loads."""
+        local = tensions * self._tables.reach
+        self._work.scale[:] = force_scale(self._tables, local)
+        return self._settled(np.ascontiguousarray(z), local, np.zeros_like(z))
 
     def _settled(self, z: FloatArray, tensions: FloatArray, wrench: FloatArray) -> FloatArray:
         for _ in range(_MOST_STEPS):

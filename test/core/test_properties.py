@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from strategies import MODEL_NAMES, arms, loaded_arms
 
 from octo_arm_model import Arm, Backbone, SolveError, Solver
-from octo_arm_model.rod import papers, picard, renda2012
+from octo_arm_model.rod import picard, renda2012
 
 MODEL = st.sampled_from(MODEL_NAMES)
 LOADED = loaded_arms()
@@ -19,11 +19,10 @@ LOADED = loaded_arms()
 def solve_finely(arm: Arm, tensions: np.ndarray, model: str) -> Backbone:
     """Solve on far more nodes, with more elements and sweeps almost to rounding."""
     with (
-        patch.object(papers, '_ACCURACY', 1e-13),
         patch.object(renda2012, 'ELEMENTS', (8,)),
         patch.object(picard, 'TOLERANCE', 1e-12),
     ):
-        return Solver(arm, model).solve(tensions)
+        return Solver(arm, model, accuracy=1e-12).solve(tensions)
 
 
 def solve_or_reject(solver: Solver, tensions: np.ndarray) -> Backbone:
