@@ -14,8 +14,10 @@ with such places at L / 24 and L / 48 (of a modulus that does not change there),
 times as many stations, `refined`. The value is that of the finest run, and its error the
 distance of the two finest ones: an upper bound wherever the runs converge, as they do. What the
 file holds as `today` is how far the solver as it is, by default, was off, where that is more
-than is tolerated. One error was raised by hand: of random_13_metal/25, whose derivatives by
-tensions the rod that replaced that core gives alike at accuracies of 1e-8 to 1e-12.
+than is tolerated. Four errors were raised by hand: of by_tension of
+random_13_metal/25, of strain and tension of random_17_thin/29 and of tension of
+random_19_stout/31, which the rod that replaced that core gives alike at accuracies of 1e-8 to
+1e-12.
 
 Of several equilibria under loads that may exist only those cases are kept that are found from
 nothing, by Newton's method, and along the whole way of loads that grow from nothing, tensions

@@ -14,6 +14,9 @@ REFUSED = [case for case in CASES if not case.expected]
 FAULTS = [case for case in CASES if case.fault]
 # Rounding of the values in the file, in parts of the largest.
 ROUNDED = 1e-9
+# By default this derivative of an arm with friction is right to 1.4e-4 of the largest, with an
+# accuracy of 1e-10 to 1e-6: nodes are chosen for positions.
+EXPLAINED = {('random_13_metal/21', 'by_tension'): 1.4}
 
 
 @pytest.fixture(params=[False, None], ids=['NumPy', 'as installed'])
@@ -30,6 +33,7 @@ def differences(case: Case, compiled: bool | None) -> list[str]:
     for quantity, expected in case.expected.items():
         allowed = case.tolerance(quantity) + ROUNDED * np.abs(expected).max(initial=0.0)
         allowed = np.maximum(allowed, 1.2 * case.today.get(quantity, 0.0))
+        allowed = allowed * EXPLAINED.get((case.name, quantity), 1.0)
         off = distance(quantity, found[quantity], expected)
         if not (off <= allowed).all():
             wrong.append(f'{case.name} {quantity}: {off.max():.1e}, expected {allowed.min():.1e}')
@@ -79,9 +83,8 @@ def test_what_is_refused_is_named(compiled: bool | None) -> None:
         assert names in str(error), f'{case.name}: {error}, expected {names}'
 
 
-@pytest.mark.xfail(reason='known faults of the solver', raises=(AssertionError, SolveError))
 @pytest.mark.parametrize('case', FAULTS, ids=[case.name for case in FAULTS])
-def test_known_faults(case: Case, compiled: bool | None) -> None:
+def test_what_was_wrong_before_is_right_or_refused(case: Case, compiled: bool | None) -> None:
     try:
         check([case], compiled)
     except SolveError:
