@@ -15,7 +15,7 @@ from octo_arm_model.core.budget import Spending
 from octo_arm_model.core.errors import ConfigError, ConvergenceError, SolveError
 from octo_arm_model.core.hints import FloatArray, IntArray
 from octo_arm_model.rod.closed_form import ClosedForm
-from octo_arm_model.rod.elements import LEVELS
+from octo_arm_model.rod.elements import LEVELS, Elements
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.lengths import lengths_of, rest_stretches
@@ -29,6 +29,9 @@ from octo_arm_model.rod.statics import XYZW, Setup, Shape, Shapes, Statics, stra
 from octo_arm_model.rod.tables import AXIAL
 from octo_arm_model.rod.tendons import tendon_stretch
 
+# With a history strains have kinks, by which the estimated error of positions is too small: it has
+# to be so much smaller.
+_OF_HISTORY = 1e-4
 _MOST_STEPS = 100  # of tensions with friction
 _SETTLED = 1e-13  # change of these, over the largest tension
 
@@ -116,10 +119,15 @@ class Papers(Statics):
         Raises:
             SolveError: if a cross section is compressed to nothing (1 + q <= 0).
         """
-        for number in range(len(LEVELS)):
-            level = self._at(number)
+        allowed = allowed_between(self._setup.accuracy)
+        first = 0
+        if before is not None:
+            first, allowed = self._level_of(before), _OF_HISTORY * self._setup.accuracy
+        for number in range(first, len(LEVELS)):
+            level, history = self._at(number), before
             problem, nodes = level.problem, level.problem.elements.s.size
-            history = None if before is None else self._at_fine(before, problem)
+            if before is not None and number > first:
+                history = moved(before, self._fine(first), self._fine(number))
             acting = problem.acting(Condition(tensions, tip_wrench, before=history))
             along = None
             if self._setup.arm.friction:
@@ -131,7 +139,7 @@ class Papers(Statics):
             z = np.ascontiguousarray(found.twist[:, :nodes].T)
             problem.form.orientations(problem.tables, z, problem.work)
             error = position_error(problem.elements, z, problem.work.slope)
-            if error <= allowed_between(self._setup.accuracy):
+            if error <= allowed:
                 break
         base = problem.tables.base
         position, turn = integrate_poses(problem.work, base, z, level.integration)
@@ -193,17 +201,21 @@ class Papers(Statics):
                 return Strains(twist, 0.0, steps), local, at_stations
         raise ConvergenceError('the tension of tendons with friction', change, _MOST_STEPS)
 
-    def _at_fine(self, before: FloatArray, problem: Problem) -> FloatArray:
-        """Tensions ``before`` (M, J) at the fine points of any level, at those of ``problem``.
+    def _level_of(self, before: FloatArray) -> int:
+        """The level at whose fine points tensions ``before`` (M, J) are.
 
         Raises:
             ConfigError: if they are at those of none.
         """
         for level in range(len(LEVELS)):
-            fine = self.problem(level).elements.fine
-            if fine.s.size == len(before):
-                return moved(before, fine, problem.elements.fine)
+            if len(before) == self._fine(level).s.size:
+                return level
         raise ConfigError('the backbone was solved by another solver')
+
+    def _fine(self, level: int) -> Elements:
+        friction = self.problem(level).friction
+        assert friction is not None
+        return friction.fine
 
     def _check(self, problem: Problem, stretch: FloatArray) -> None:
         """Check that no cross section is compressed to nothing.
