@@ -21,7 +21,6 @@ import numpy as np
 from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.core.arm.loads import Loads
 from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.batched_ldlt import factorise, invert
 from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.factors import Factors
 from octo_arm_model.rod.friction import Changes
@@ -374,7 +373,7 @@ class Derivatives:
         wrench = work.gradient - work.residual
         own.form.orientations(own.tables, z, work)
         # The Hessian and the offsets of twists so near are exact enough.
-        compliance = invert(factorise(work.hessian.transpose(1, 2, 0))).transpose(2, 0, 1)
+        compliance = np.linalg.inv(work.hessian)
         beyond = np.concatenate([acting.force, work.moment], axis=1)
         return _Places(
             z, acting.tensions, work.rotation.copy(), work.slope.copy(), beyond, compliance,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rods import CASES, TENSIONS, WRENCH, forms, rod_of, twists_at
+from rods import CASES, TENSIONS, WRENCH, forms, jacobian_error, rod_of, twists_at
 
 from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition, Problem
@@ -62,25 +62,8 @@ def test_gradient_and_hessian_are_derivatives_of_each_other(name: str) -> None:
 @pytest.mark.parametrize('name', CASES)
 def test_the_jacobian_is_the_derivative_of_the_residual_along_smooth_changes(name: str) -> None:
     # As exactly as nodes resolve the product of two strains: exponentially with their number.
-    rod, errors = rod_of(name), []
-    for level in (0, 2):
-        problem = rod.problem(level)
-        acting, s = problem.acting(CONDITION), problem.elements.s
-        z = twists_at(s, problem.strains)
-        problem.fill_jacobian(problem.evaluate(acting, z))
-        jacobian, worst = problem.work.jacobian.copy(), 0.0
-        for column in range(problem.strains):
-            change = np.zeros_like(z)
-            change[:, column] = np.cos(7.0 * s) * (1.0 if column < 3 else 0.1)
-            ends = [
-                problem.evaluate(acting, z + side * 1e-4 * change).imbalance
-                for side in (1.0, -1.0)
-            ]
-            expected = (ends[0] - ends[1]) / 2e-4
-            found = (jacobian @ change.ravel()).reshape(z.shape)
-            scale = np.abs(expected).max(axis=0).clip(1e-3 * np.abs(expected).max())
-            worst = max(worst, float((np.abs(found - expected) / scale).max()))
-        errors.append(worst)
+    rod = rod_of(name)
+    errors = [jacobian_error(rod.problem(level), CONDITION) for level in (0, 2)]
     assert errors[0] < 2e-4
     assert errors[1] < 2e-7
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from differences import along
-from rods import CASES, EVERYTHING, TENSIONS, WRENCH, twists_at
+from rods import CASES, EVERYTHING, TENSIONS, WRENCH, jacobian_error
 
 from octo_arm_model import Arm, ArmDefinitionError, Body, Config, LoadError, Loads
 from octo_arm_model.core.arm.loads import DeformedRod, Resultants, Tangent
@@ -157,25 +157,8 @@ def test_the_jacobian_holds_what_following_adds(name: str, compiled: bool) -> No
     if compiled:
         pytest.importorskip('numba')
     rod = Rod(arm, loads, setting=setting._replace(compiled=compiled))
-    errors = []
-    for level in (0, 2):
-        problem = rod.problem(level)
-        z = twists_at(problem.elements.s, problem.strains)
-        acting, s = problem.acting(Condition(TENSIONS, WRENCH, 0.7)), problem.elements.s
-        problem.fill_jacobian(problem.evaluate(acting, z))
-        jacobian, worst = problem.work.jacobian.copy(), 0.0
-        for column in range(problem.strains):
-            change = np.zeros_like(z)
-            change[:, column] = np.cos(7.0 * s) * (1.0 if column < 3 else 0.1)
-            ends = [
-                problem.evaluate(acting, z + side * 1e-4 * change).imbalance
-                for side in (1.0, -1.0)
-            ]
-            expected = (ends[0] - ends[1]) / 2e-4
-            found = (jacobian @ change.ravel()).reshape(z.shape)
-            scale = np.abs(expected).max(axis=0).clip(1e-3 * np.abs(expected).max())
-            worst = max(worst, float((np.abs(found - expected) / scale).max()))
-        errors.append(worst)
+    condition = Condition(TENSIONS, WRENCH, 0.7)
+    errors = [jacobian_error(rod.problem(level), condition) for level in (0, 2)]
     assert errors[0] < 2e-4
     assert errors[1] < 2e-7
 

@@ -54,8 +54,8 @@ class Arm:
             are tuples of one number for all tendons or one per tendon; stored per tendon, or empty
             where all are zero.
         free_length: length of each tendon between the base and its winch [m].
-        sheath_stiffness: k of `core.section.sheaths.sheath` [Pa], 0 for a tendon that cannot leave
-            its path in the cross section.
+        sheath_stiffness: of each tendon's sheath, per length [Pa], 0 for a tendon that cannot
+            leave its path in the cross section.
         friction: Coulomb's coefficient mu of each tendon in its guides [-], at most
             `MAX_FRICTION`.
 

@@ -72,8 +72,7 @@ def is_definite(matrix: FloatArray) -> bool:
 def eliminate_definite(matrix: FloatArray) -> None:
     """Factorise definite matrices (n, n, count) in place as L D L^T, in their lower halves.
 
-    L D is stored below the diagonal and the inverse of D on it, whereas the NumPy
-    counterpart `batched_ldlt.factorise` stores L and D.
+    L D is stored below the diagonal and the inverse of D on it.
     """
     n, factor = len(matrix), np.empty(matrix.shape[2])
     for j in range(n):
