@@ -373,7 +373,7 @@ class Derivatives:
         wrench = work.gradient - work.residual
         own.form.orientations(own.tables, z, work)
         # The Hessian and the offsets of twists so near are exact enough.
-        compliance = np.linalg.inv(work.hessian)
+        compliance = np.asarray(np.linalg.inv(work.hessian), dtype=np.float64)
         beyond = np.concatenate([acting.force, work.moment], axis=1)
         return _Places(
             z, acting.tensions, work.rotation.copy(), work.slope.copy(), beyond, compliance,

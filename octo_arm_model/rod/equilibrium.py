@@ -107,6 +107,7 @@ class Problem:
         self._last_acting: Acting | None = None
         self.friction = Friction(tables, form, elements) if tables.friction.any() else None
         self._sliding: Sliding | None = None
+        self._changes: tuple[State, Changes] | None = None
         self._held: FloatArray | None = None
         unit = np.ones((elements.s.size, strains))
         unit[:, :3] = tables.body[:, LEVER, np.newaxis]
@@ -234,7 +235,11 @@ class Problem:
         is_given = state.acting.condition.tensions.ndim > 1
         if self.friction is None or is_given:
             return None
-        return Changes(self.friction, self.tables, state.z, self.sliding(state), self.work)
+        sliding = self.sliding(state)
+        if self._changes is None or self._changes[0] is not state:
+            changes = Changes(self.friction, self.tables, state.z, sliding, self.work)
+            self._changes = state, changes
+        return self._changes[1]
 
     def tension_rates(self, state: State) -> FloatArray:
         """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
