@@ -83,8 +83,10 @@ def test_every_chord_is_no_longer_than_the_arm_between_its_ends(
     arm, tensions = case
     backbone = solve_or_reject(Solver(arm, model), tensions)
     chord = np.linalg.norm(np.diff(backbone.position, axis=0), axis=1)
-    longest = 1.0 + np.maximum(backbone.q[1:], backbone.q[:-1]).max()
-    assert (chord <= np.diff(backbone.s) * max(1.0, longest) * (1.0 + 1e-9)).all()
+    longest = max(1.0, 1.0 + backbone.q.max())
+    # Stations that nearly meet: the rounding of s and of the positions counts.
+    rounding = 1e-15 * arm.length
+    assert (chord <= np.diff(backbone.s) * longest * (1.0 + 1e-9) + rounding).all()
 
 
 @given(LOADED)
