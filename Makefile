@@ -21,7 +21,7 @@ PORT ?= 8080
 export PYTHON
 # Tests of a file run in one worker, which starts the nodes that they share once.
 PYTEST = -m pytest -n 2 --dist loadfile --no-loadscope-reorder
-NUMERIC = test/core test/rod test/truth test/analysis test/estimation test/experiment
+NUMERIC = test/arm test/rod test/truth test/analysis test/estimation test/experiment
 OLDEST = .ros/oldest
 
 .PHONY: help run touch octopus test test-all test-oldest lint bench soak docs screenshots prepare clean

@@ -11,7 +11,7 @@ import numpy as np
 from brief import IS_BRIEF, make_parser
 from tip_force_scenario import PERIOD, arm_model, is_inside, simulated, square
 
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.state.prediction import Prediction

@@ -13,7 +13,7 @@ from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
 
 from octo_arm_model import TipPosition, find_tensions, load_config
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.ros.child_processes import children
 from octo_arm_model.ros.node.main import make_executor
 from octo_arm_model.simulation.profiles.limits import tendon_limits

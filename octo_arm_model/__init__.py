@@ -12,16 +12,9 @@ from octo_arm_model.analysis.winding.displacement import solve_displacements
 from octo_arm_model.analysis.winding.sensitivity import WoundSensitivity, wound_sensitivity
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.analysis.winding.wound import Wound
-from octo_arm_model.config.config import Config, load_config
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.body import Body, ProfiledBody
-from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad
-from octo_arm_model.core.arm.material import Material
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.arm.profile import Constant, Function, Linear, Profile, Table
-from octo_arm_model.core.arm.sheath_stiffness import estimate_sheath_stiffness
-from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
-from octo_arm_model.core.errors import (
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.body import Body, ProfiledBody
+from octo_arm_model.arm.errors import (
     ArmDefinitionError,
     ConfigError,
     ConvergenceError,
@@ -31,6 +24,13 @@ from octo_arm_model.core.errors import (
     TargetError,
     TensionError,
 )
+from octo_arm_model.arm.loads import DistributedLoad, Loads, PointLoad
+from octo_arm_model.arm.material import Material
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.arm.profile import Constant, Function, Linear, Profile, Table
+from octo_arm_model.arm.sheath_stiffness import estimate_sheath_stiffness
+from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
+from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.once import solve
 from octo_arm_model.rod.sensitivity import Sensitivity, Uncertainty

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, NoReturn, TextIO
 
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.arm.errors import OctoArmError
 
 _PERIOD = 0.1  # between two states of the line on a terminal [s]
 # Extras of setup.py, which bounds their versions, by the modules that they bring.

@@ -39,7 +39,7 @@ settings.load_profile('octo_arm_model')
 # Files of the last folders are short, so that all workers end at about the same time.
 _ORDER = (
     'viewer', 'apps', 'ros', 'project', 'experiment', 'estimation', 'analysis', 'truth', 'rod',
-    'core', 'bags', 'cli', 'reproduce', 'simulation', 'config', 'wire',
+    'arm', 'bags', 'cli', 'reproduce', 'simulation', 'config', 'wire',
 )  # fmt: skip
 _HERE = Path(__file__).parent
 _MOST = 5.0  # of processor time for a test of `make test` [s]

@@ -9,7 +9,7 @@ import numpy as np
 from helical_arm import HELICAL, PULL
 
 from octo_arm_model import Arm, DistributedLoad, Loads, PointLoad
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.rod import Rod, Setting

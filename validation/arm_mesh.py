@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix
 from skfem import Basis, ElementHex1, ElementHex2, FacetBasis, MeshHex, MeshHex2
 
 from octo_arm_model import Arm
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.hints import FloatArray, IntArray
 
 # Half the side of the square that stays one, in the unit disc: its corners are clear of the rim.
 _CORE = 0.45

@@ -15,7 +15,7 @@ from cases import Case
 from elasticity import ElasticArm, Report, SolidShape
 
 from octo_arm_model import Backbone, Solver
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 
 _STATIONS = 801
 MODELS: dict[str, tuple[str, str]] = {  # name of the model and of its elastic law

@@ -14,7 +14,7 @@ from solid import Solid
 from tendon_potential import SolidTendon
 
 from octo_arm_model import Arm, SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 
 _TOLERANCE = 1e-8  # of the forces' imbalance over the tendons' forces
 _MOST_FACTORISATIONS = 15

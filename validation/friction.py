@@ -15,8 +15,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import Solver
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import load_config
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 
 HERE = Path(__file__).parent

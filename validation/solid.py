@@ -18,7 +18,7 @@ from arm_mesh import ArmMesh
 from scipy.sparse import csr_matrix
 
 from octo_arm_model import Material
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 
 _CHUNK = 400  # elements at once, for memory
 _ONE = np.eye(3)

@@ -19,7 +19,7 @@ from arm_mesh import ArmMesh
 from scipy.sparse import block_diag, bmat, csr_matrix, diags, vstack
 
 from octo_arm_model import Arm
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 
 _RIM = 8  # points of a sheath's rim
 _RINGS, _SPOKES = 6, 16  # of the points of a section

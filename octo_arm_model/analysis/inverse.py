@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, minimize
 
 from octo_arm_model.analysis.targets import Stiffness, Target
-from octo_arm_model.core.arm.validation import real_numbers
-from octo_arm_model.core.errors import SolveError, TensionError, shown
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import SolveError, TensionError, shown
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import real_numbers
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.sensitivity import Sensitivity
 from octo_arm_model.rod.solver import Solver

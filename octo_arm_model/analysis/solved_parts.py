@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.core.arm.validation import real_numbers
-from octo_arm_model.core.errors import TargetError, shown
-from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.numerics.interpolation import nearest
-from octo_arm_model.core.numerics.vectors import left_jacobian
+from octo_arm_model.arm.errors import TargetError, shown
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.validation import real_numbers
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.interpolation import nearest
 from octo_arm_model.rod.sensitivity import Change, Sensitivity
+from octo_arm_model.rod.vectors import left_jacobian
 
 _LARGEST = 1e9  # number of a target; squares of larger ones may overflow
 # Cosine of the angle between tangents that are opposite: a rotation from one to the other has any

@@ -19,10 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.analysis.solved_parts import solve_parts
+from octo_arm_model.arm.errors import ConfigError, SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError, SolveError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.rod.quaternion import Quaternions
 from octo_arm_model.rod.solver import Solver
 
 _POOL_START = 1.5  # typical time in which a pool starts [s]

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from octo_arm_model.analysis.worker_pool import Solved, on_cluster, on_cores
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError, TensionError, shown
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_SAMPLES
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, TensionError, shown
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_SAMPLES
 from octo_arm_model.rod.tendon_sums import check_tensions
 
 # Sets in a chunk: enough that calls take little of the time, and few, since a chunk with a refused

@@ -9,7 +9,7 @@ import numpy as np
 
 from octo_arm_model.analysis.geometry.arm_mesh import Drawing
 from octo_arm_model.analysis.workspace import Workspace
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.solver import Solver
 
 # Orthographic views: neighbours share an axis.

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from octo_arm_model.apps.domain import own_domain
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.config.config import load_config
 from octo_arm_model.config.presets import find_path
-from octo_arm_model.core.arm.arm import Arm
 from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile import CommandProfile

@@ -7,7 +7,7 @@ import os
 import socket
 from collections.abc import Iterator
 
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.arm.errors import ConfigError
 
 DOMAINS = 102  # beyond these the ports of DDS are among those that Linux hands out
 _VARIABLE = 'ROS_DOMAIN_ID'

@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import BagError, MessageError, TensionError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.store.records import Record
 from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import BagError, MessageError, TensionError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.wire.displacement_messages import read_displacements
 from octo_arm_model.wire.stamp import Stamp, time_of
 from octo_arm_model.wire.tension_layout import TensionLayout

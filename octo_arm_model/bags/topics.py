@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from octo_arm_model.arm.errors import BagError, listed
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.core.errors import BagError, listed
 from octo_arm_model.wire.cdr.backbone import BACKBONE_TOPICS, TENDON_LENGTHS, TENSION_ESTIMATES
 from octo_arm_model.wire.cdr.estimate import ESTIMATES
 from octo_arm_model.wire.displacement_messages import DISPLACEMENT_TYPE, DISPLACEMENTS

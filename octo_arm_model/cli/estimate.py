@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from octo_arm_model.arm.validation import finite, not_negative
 from octo_arm_model.cli.options.estimator import (
     TENSIONS,
     add_estimator,
@@ -32,7 +33,6 @@ from octo_arm_model.cli.output.estimate import as_dict, summary
 from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten, writing
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.cli.read_experiment import read_alignment
-from octo_arm_model.core.arm.validation import finite, not_negative
 from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS
 
 if TYPE_CHECKING:

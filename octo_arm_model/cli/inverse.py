@@ -10,6 +10,9 @@ import numpy as np
 
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.highest_tensions import default_highest
 from octo_arm_model.cli.options.shared import (
     add_config,
     add_highest,
@@ -19,9 +22,6 @@ from octo_arm_model.cli.options.shared import (
     read_highest,
 )
 from octo_arm_model.cli.output.solution import as_dict, millimetres
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.highest_tensions import default_highest
-from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 

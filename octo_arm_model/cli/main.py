@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import Protocol
 
+from octo_arm_model.arm.errors import OctoArmError, SolveError
 from octo_arm_model.cli import (
     compare,
     estimate,
@@ -21,7 +22,6 @@ from octo_arm_model.cli import (
     workspace,
 )
 from octo_arm_model.cli.output.files import folders_made
-from octo_arm_model.core.errors import OctoArmError, SolveError
 from octo_arm_model.logs import show_logs
 from octo_arm_model.terminal import fail, make_parser, missing, on_signals, pipe_closed
 

@@ -8,6 +8,10 @@ import sys
 
 import numpy as np
 
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError
+from octo_arm_model.arm.limits import MAX_PROFILE_ROWS
+from octo_arm_model.arm.validation import not_negative, positive
 from octo_arm_model.cli.options.shared import (
     add_config_option,
     add_flag,
@@ -19,10 +23,6 @@ from octo_arm_model.cli.options.shared import (
 )
 from octo_arm_model.cli.output.files import check_out, writing
 from octo_arm_model.config.config import Config, load_config
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.validation import not_negative, positive
-from octo_arm_model.core.errors import ArmDefinitionError, ConfigError
-from octo_arm_model.core.limits import MAX_PROFILE_ROWS
 from octo_arm_model.simulation.profiles.commands import TOPIC, find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.profiles.profile_files import write_csv

@@ -6,15 +6,15 @@ import argparse
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
+from octo_arm_model.arm.errors import ConfigError, MeasurementError, SolveError, shown
+from octo_arm_model.arm.limits import MAX_YAML_BYTES
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.arm.validation import finite, not_negative
 from octo_arm_model.cli.options.experiment import ALL
 from octo_arm_model.cli.options.shared import refuse_without_effect
 from octo_arm_model.cli.output.progress import Bar
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.yaml_files import load_yaml, read_text, reading
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.arm.validation import finite, not_negative
-from octo_arm_model.core.errors import ConfigError, MeasurementError, SolveError, shown
-from octo_arm_model.core.limits import MAX_YAML_BYTES
 from octo_arm_model.experiment.fitting.unknowns.unknown import AXIAL
 from octo_arm_model.experiment.recording.csv_recording import CsvSources
 from octo_arm_model.experiment.recording.measured_points import Measured

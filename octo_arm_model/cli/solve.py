@@ -6,6 +6,7 @@ import argparse
 import json
 
 from octo_arm_model.analysis.winding.displacement import solve_displacements
+from octo_arm_model.arm.errors import TensionError, shown
 from octo_arm_model.cli.options.shared import (
     add_config,
     add_json,
@@ -14,7 +15,6 @@ from octo_arm_model.cli.options.shared import (
     read_json,
 )
 from octo_arm_model.cli.output.solution import as_dict, summary
-from octo_arm_model.core.errors import TensionError, shown
 
 SUMMARY = 'solve an arm for one set of tensions or displacements'
 DESCRIPTION = """\

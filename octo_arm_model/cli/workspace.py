@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
+from octo_arm_model.arm.highest_tensions import default_highest
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.cli.options.shared import (
     add_config,
     add_highest,
@@ -19,8 +21,6 @@ from octo_arm_model.cli.options.shared import (
 )
 from octo_arm_model.cli.output.files import check_out, writing
 from octo_arm_model.cli.output.progress import Bar
-from octo_arm_model.core.arm.highest_tensions import default_highest
-from octo_arm_model.core.hints import FloatArray
 
 SUMMARY = 'draw where the tip can go'
 DESCRIPTION = """\

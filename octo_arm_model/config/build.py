@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from octo_arm_model.arm.arm import Arm, check_size
+from octo_arm_model.arm.body import Body, ProfiledBody
+from octo_arm_model.arm.errors import ConfigError, shown
+from octo_arm_model.arm.material import Material
+from octo_arm_model.arm.profile import Constant, Linear, Profile, Table
+from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
+from octo_arm_model.arm.validation import finite, not_negative, positive
 from octo_arm_model.config.load_cells import LoadCellCalibration
 from octo_arm_model.config.parameter import Values, check_length
-from octo_arm_model.core.arm.arm import Arm, check_size
-from octo_arm_model.core.arm.body import Body, ProfiledBody
-from octo_arm_model.core.arm.material import Material
-from octo_arm_model.core.arm.profile import Constant, Linear, Profile, Table
-from octo_arm_model.core.arm.tendon import RoutedSection, Section, Tendon
-from octo_arm_model.core.arm.validation import finite, not_negative, positive
-from octo_arm_model.core.errors import ConfigError, shown
 from octo_arm_model.rod.sensitivity import Uncertainty
 
 

@@ -8,6 +8,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.budget import Budget
+from octo_arm_model.arm.errors import (
+    ArmDefinitionError,
+    ConfigError,
+    ContinuationError,
+    shown,
+)
+from octo_arm_model.arm.laws import DEFAULT_LAW
+from octo_arm_model.arm.limits import MIN_RATE
+from octo_arm_model.arm.loads import Loads
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.config.build import (
     build_arm,
     build_limits,
@@ -21,19 +34,6 @@ from octo_arm_model.config.parameter import Parameter, refuse_unknown
 from octo_arm_model.config.parameter_files import load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.config.presets import find_path
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.laws import DEFAULT_LAW
-from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.arm.validation import not_negative
-from octo_arm_model.core.budget import Budget
-from octo_arm_model.core.errors import (
-    ArmDefinitionError,
-    ConfigError,
-    ContinuationError,
-    shown,
-)
-from octo_arm_model.core.limits import MIN_RATE
 from octo_arm_model.rod.sensitivity import Uncertainty
 from octo_arm_model.rod.solver import Solver
 

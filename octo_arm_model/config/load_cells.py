@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import TensionError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.floating_point import silenced
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import TensionError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.tendon_sums import check_tensions
 
 _ROUNDING = 1e-15  # over an offset: rounding of the sum of reading and offset
@@ -77,7 +76,7 @@ class LoadCellCalibration:
         axes = 1 if readings.shape[-1] == count else 2
         shape = readings.shape[-axes:]
         scale, offset = self._columns(shape)
-        with silenced():  # what is not finite is refused as a tension
+        with np.errstate(all='ignore'):  # what is not finite is refused as a tension
             tensions = scale * readings + offset
         band = np.maximum(self.deadband, _ROUNDING * np.abs(offset))
         return np.where(np.abs(tensions) <= band, 0.0, tensions)

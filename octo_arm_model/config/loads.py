@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from octo_arm_model.arm.limits import MAX_POINT_LOADS, MAX_TABLE_POINTS
+from octo_arm_model.arm.loads import DistributedLoad, Loads, PointLoad, Vector
 from octo_arm_model.config.parameter import TABLE_BOUND, Parameter, Values, check_length
-from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad, Vector
-from octo_arm_model.core.limits import MAX_POINT_LOADS, MAX_TABLE_POINTS
 
 LOAD_PARAMETERS = (
     Parameter('loads.gravity', float, 'acceleration of gravity in base_frame [m/s^2]',

@@ -9,7 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from octo_arm_model.core.arm.validation import (
+from octo_arm_model.arm.errors import ConfigError, listed, shown
+from octo_arm_model.arm.limits import MAX_NAME, MAX_TABLE_POINTS
+from octo_arm_model.arm.validation import (
     finite,
     is_text,
     not_negative,
@@ -17,8 +19,6 @@ from octo_arm_model.core.arm.validation import (
     whole,
     within,
 )
-from octo_arm_model.core.errors import ConfigError, listed, shown
-from octo_arm_model.core.limits import MAX_NAME, MAX_TABLE_POINTS
 
 Values = Mapping[str, Any]  # of all parameters, by their names
 

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from octo_arm_model.arm.errors import ConfigError, OctoArmError, shown
+from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.config.presets import find_path
 from octo_arm_model.config.yaml_files import (
     dump_numbers,
@@ -16,8 +18,6 @@ from octo_arm_model.config.yaml_files import (
     read_text,
     reading,
 )
-from octo_arm_model.core.errors import ConfigError, OctoArmError, shown
-from octo_arm_model.core.limits import MAX_YAML_BYTES
 
 # Names of nodes, with their namespaces, and the parameters of each by their dotted names.
 Nodes: TypeAlias = list[tuple[str, dict[str, Any]]]

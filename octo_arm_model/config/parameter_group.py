@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
+from octo_arm_model.arm.limits import MAX_TABLE_POINTS
 from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.core.limits import MAX_TABLE_POINTS
 
 Group = TypeVar('Group', bound='ParameterGroup')
 

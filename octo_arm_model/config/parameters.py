@@ -5,11 +5,8 @@ The YAML loader reads it, the node declares its ROS parameters from it and the m
 
 from __future__ import annotations
 
-from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
-from octo_arm_model.config.loads import LOAD_PARAMETERS
-from octo_arm_model.config.parameter import TABLE_BOUND, Parameter
-from octo_arm_model.core.arm.laws import DEFAULT_LAW, LAWS
-from octo_arm_model.core.limits import (
+from octo_arm_model.arm.laws import DEFAULT_LAW, LAWS
+from octo_arm_model.arm.limits import (
     MAX_FRICTION,
     MAX_INTERVALS,
     MAX_SECTIONS,
@@ -18,6 +15,9 @@ from octo_arm_model.core.limits import (
     MAX_TENDONS,
     MIN_RATE,
 )
+from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
+from octo_arm_model.config.loads import LOAD_PARAMETERS
+from octo_arm_model.config.parameter import TABLE_BOUND, Parameter
 from octo_arm_model.rod.solver import DEFAULT_MODEL, MODELS
 from octo_arm_model.rod.stations import DEFAULT_STATIONS
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from octo_arm_model.core.errors import ConfigError, shown
+from octo_arm_model.arm.errors import ConfigError, shown
 
 
 def find_path(name: str | Path) -> Path:

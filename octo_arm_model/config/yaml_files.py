@@ -17,8 +17,8 @@ from typing import Any
 
 import yaml
 
-from octo_arm_model.core.errors import OctoArmError, shown
-from octo_arm_model.core.limits import MAX_YAML_BYTES, MAX_YAML_DEPTH, MAX_YAML_VALUES
+from octo_arm_model.arm.errors import OctoArmError, shown
+from octo_arm_model.arm.limits import MAX_YAML_BYTES, MAX_YAML_DEPTH, MAX_YAML_VALUES
 
 _TAG = 'tag:yaml.org,2002:'
 _NULL = re.compile(r'^(~|null|Null|NULL|)$')

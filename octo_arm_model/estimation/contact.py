@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.state.unit_loads import facing_area
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief, solve_lower
 from octo_arm_model.estimation.beliefs.curvature import Curvature, renewed, stddev_of
 from octo_arm_model.estimation.beliefs.posterior_mean import gradient

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.gating.updated import Innovation, Updated
 from octo_arm_model.estimation.observability import Unlearnt, unlearnt
 from octo_arm_model.estimation.state.prediction import Prediction

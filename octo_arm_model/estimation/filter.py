@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.estimation.beliefs.belief import Belief
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.gating.update import update

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.core.errors import MeasurementError, SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import MeasurementError, SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import GATE, Step, check_gate, next_step
 from octo_arm_model.estimation.gating.updated import Innovation

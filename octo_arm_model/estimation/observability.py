@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 
 # Nothing was learnt where this part of the standard deviation of the prior is left.
 LEFT = 0.99

@@ -14,9 +14,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConvergenceError, MeasurementError, SolveError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.floating_point import silenced
+from octo_arm_model.arm.errors import ConvergenceError, MeasurementError, SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import (
     Belief,
     gain,
@@ -79,7 +78,9 @@ def smooth_steps(model: ArmModel, steps: Sequence[Step]) -> list[Estimate]:
     """
     if not steps:
         return []
-    with silenced():  # what is divided by zero is not finite, and no course leads there
+    with np.errstate(
+        all='ignore'
+    ):  # what is divided by zero is not finite, and no course leads there
         return _smooth_steps(model, steps)
 
 

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from octo_arm_model.core.errors import MeasurementError, SolveError
+from octo_arm_model.arm.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import GATE, Step
 from octo_arm_model.estimation.gating.consistency import Consistency, count_innovations

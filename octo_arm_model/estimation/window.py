@@ -8,7 +8,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.estimation.measurements import Measurement
 
 MAX_STEPS = 1000  # that a window holds

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.fitting.held_back import misfit_of
 from octo_arm_model.experiment.fitting.least_squares.fit import fit_alignment
 from octo_arm_model.experiment.fitting.least_squares.pairing import shape_residuals

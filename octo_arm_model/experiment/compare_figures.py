@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.interpolation import interpolated
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison
 from octo_arm_model.experiment.figure_files import TensionColours, new_figure
 from octo_arm_model.experiment.shapes.branches import LOADING, REST, UNLOADING
 from octo_arm_model.reproduce.plotting import LINES
+from octo_arm_model.rod.interpolation import interpolated
+from octo_arm_model.rod.quaternion import Quaternions
 
 _MEASURED = '0.15'
 _FRAME = '0.78'

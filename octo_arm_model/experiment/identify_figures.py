@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.pose import Pose
 from octo_arm_model.experiment.compare import StepComparison, compare
 from octo_arm_model.experiment.figure_files import TensionColours, new_figure
 from octo_arm_model.experiment.fitting.identification import Identification

@@ -6,12 +6,12 @@ import functools
 
 import numpy as np
 
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import Tensions
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.quaternion import Quaternions
 from octo_arm_model.rod.solver import Solver
 
 # Enough for a smooth drawing of the coiled tip.

@@ -10,8 +10,8 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.paper_data import Tensions
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.reproduce import cases
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import MODELS

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.body import Body
+from octo_arm_model.arm.tendon import Section
 from octo_arm_model.config.paper_data import (
     BENDING,
     FETCHING_IN_PLANE,
@@ -14,9 +17,6 @@ from octo_arm_model.config.paper_data import (
     PROTOTYPE_ERRORS,
     Tensions,
 )
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.body import Body
-from octo_arm_model.core.arm.tendon import Section
 from octo_arm_model.reproduce import cases
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import MODELS

@@ -10,8 +10,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from octo_arm_model.core.hints import ComplexArray, FloatArray, Number
-from octo_arm_model.core.numerics.quaternion import rotation_matrices
+from octo_arm_model.arm.hints import ComplexArray, FloatArray, Number
+from octo_arm_model.rod.quaternion import rotation_matrices
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,
@@ -48,7 +48,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
     """Orientation and r' of every node: q' = q (0, kappa) / 2 collocated in each element.
 
-    A quaternion is a + b j, see `core.numerics.quaternion`; the equations are linear in (a, b).
+    A quaternion is a + b j, see `quaternion`; the equations are linear in (a, b).
     """
     points, elements = tables.to_point.shape[0], tables.lengths.size
     half = 0.5 * z[:, :3].reshape(-1, elements, points, 3)

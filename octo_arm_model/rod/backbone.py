@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.rod import Equilibrium
 
 

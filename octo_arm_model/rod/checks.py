@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.core.errors import ConvergenceError, SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import ConvergenceError, SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Problem, State
 from octo_arm_model.rod.tables import ALONG_B, ALONG_N, AXIAL, SQUARED_RADIUS, Tables
 

@@ -8,9 +8,9 @@ the letters.
 
 from __future__ import annotations
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.stiffness import SectionStiffness
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.rod.paper_balance import (
     Strains,
     curvatures,

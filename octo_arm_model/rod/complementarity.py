@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.optimize import nnls
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 
 _EXCHANGES = 40  # of tendons between slack and taut in one step, at most
 _SINGULAR = 1e-10  # pivot over the largest, below which the tensions are not determined

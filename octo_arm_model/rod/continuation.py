@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.budget import Spending
-from octo_arm_model.core.errors import ConvergenceError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.budget import Spending
+from octo_arm_model.arm.errors import ConvergenceError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Factors, Stability, Variation, factorise
 from octo_arm_model.rod.newton import Found, settle

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import Loads, ScaledLoads
-from octo_arm_model.core.errors import ArmDefinitionError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ArmDefinitionError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Loads, ScaledLoads
 from octo_arm_model.rod.elements import Elements
 
 

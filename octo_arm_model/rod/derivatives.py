@@ -18,9 +18,9 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.factors import Factors
 from octo_arm_model.rod.friction import Changes

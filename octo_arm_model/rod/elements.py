@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.hints import BoolArray, FloatArray, IntArray
-from octo_arm_model.core.limits import MAX_INTERVALS, MAX_NODES
-from octo_arm_model.core.numerics.gauss import GaussRule, gauss_rule
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import BoolArray, FloatArray, IntArray
+from octo_arm_model.arm.limits import MAX_INTERVALS, MAX_NODES
+from octo_arm_model.rod.gauss import GaussRule, gauss_rule
 from octo_arm_model.rod.stations import apart
 
 # Least number of elements, and the part of the ratio of radii that each takes: an arm that tapers

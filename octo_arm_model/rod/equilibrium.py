@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Variation, factorise

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.budget import Spending
-from octo_arm_model.core.errors import ConvergenceError
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.budget import Spending
+from octo_arm_model.arm.errors import ConvergenceError
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.checks import are_stretched
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition, Problem

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.linalg.lapack import dgetrf, dgetrs, dpotrf
 
-from octo_arm_model.core.errors import ConvergenceError
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.errors import ConvergenceError
+from octo_arm_model.arm.hints import FloatArray, IntArray
 
 # Part of the stiffness of the sections that the second variation has to exceed, for an equilibrium
 # that stays stable under small changes.

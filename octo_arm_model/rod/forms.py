@@ -7,7 +7,7 @@ import importlib
 import logging
 from typing import Protocol
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.tables import Tables, Work
 

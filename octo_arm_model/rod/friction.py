@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConvergenceError, SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import ConvergenceError, SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.forms import Form

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Problem, State
 from octo_arm_model.rod.tables import SLOPE_B, SLOPE_N, Tables
 from octo_arm_model.rod.tendons import Stretch, tendon_stretch

@@ -11,11 +11,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.arm.validation import real_numbers
-from octo_arm_model.core.errors import ArmDefinitionError, LoadError, SolveError, shown
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ArmDefinitionError, LoadError, SolveError, shown
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Loads
+from octo_arm_model.arm.validation import real_numbers
 
 LARGEST_STRAIN = 100.0  # of the weakest cross section, if it were linear [-]
 

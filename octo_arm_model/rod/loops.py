@@ -23,7 +23,7 @@ from typing import TypeVar, cast
 import numpy as np
 from numba import njit
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConvergenceError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import ConvergenceError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.factors import Linear
 

@@ -6,8 +6,8 @@ import functools
 
 from numpy.typing import ArrayLike
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.pose import Pose
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import DEFAULT_MODEL, Solver
 from octo_arm_model.rod.stations import DEFAULT_STATIONS

@@ -1,4 +1,4 @@
-"""Loads of a user's own kind, `core.arm.loads.Load`, at the nodes of a rod."""
+"""Loads of a user's own kind, `arm.loads.Load`, at the nodes of a rod."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import functools
 
 import numpy as np
 
-from octo_arm_model.core.arm.loads import Load, Tangent
-from octo_arm_model.core.errors import LoadError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
+from octo_arm_model.arm.errors import LoadError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Load, Tangent
 from octo_arm_model.rod.elements import Elements
+from octo_arm_model.rod.quaternion import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.tables import Work
 
 

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.stiffness import SectionStiffness
-from octo_arm_model.core.hints import FloatArray, IntArray, Number
+from octo_arm_model.arm.hints import FloatArray, IntArray, Number
+from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.rod.tendon_sums import TendonSums
 
 

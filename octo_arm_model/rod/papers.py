@@ -9,11 +9,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.budget import Spending
-from octo_arm_model.core.errors import ConfigError, ConvergenceError, SolveError
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.budget import Spending
+from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.closed_form import ClosedForm
 from octo_arm_model.rod.elements import LEVELS, Elements
 from octo_arm_model.rod.equilibrium import Condition, Problem, State

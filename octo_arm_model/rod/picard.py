@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.core.arm.stiffness import SectionStiffness
-from octo_arm_model.core.errors import ConvergenceError
-from octo_arm_model.core.hints import FloatArray, IntArray, Number
+from octo_arm_model.arm.errors import ConvergenceError
+from octo_arm_model.arm.hints import FloatArray, IntArray, Number
+from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.rod.tendon_sums import TendonSums
 
 COLLOCATION_POINTS = 20

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.quaternion import quaternion_rates, rotation_matrices
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.friction import clipped
+from octo_arm_model.rod.quaternion import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.tables import Work, force_scale, tabulate, work_arrays
 from octo_arm_model.rod.unloaded import straight_twists
 

@@ -27,15 +27,14 @@ import itertools
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.body import Body
-from octo_arm_model.core.arm.profile import Profile
-from octo_arm_model.core.arm.stiffness import SectionStiffness
-from octo_arm_model.core.arm.tendon import Section
-from octo_arm_model.core.errors import ConfigError, ConvergenceError
-from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.numerics.chebyshev import barycentric_matrix, chebyshev_integration
-from octo_arm_model.core.numerics.vectors import runs_of, times
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.body import Body
+from octo_arm_model.arm.errors import ConfigError, ConvergenceError
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.profile import Profile
+from octo_arm_model.arm.stiffness import SectionStiffness
+from octo_arm_model.arm.tendon import Section
+from octo_arm_model.rod.chebyshev import barycentric_matrix, chebyshev_integration
 from octo_arm_model.rod.paper_balance import (
     Strains,
     added_curvature,
@@ -46,6 +45,7 @@ from octo_arm_model.rod.paper_balance import (
 from octo_arm_model.rod.picard import COLLOCATION_POINTS, Element, Sweeps
 from octo_arm_model.rod.stations import panels_of
 from octo_arm_model.rod.tendon_sums import TendonWeights, transmission
+from octo_arm_model.rod.vectors import runs_of, times
 
 _POINTS, _INTEGRALS = chebyshev_integration(COLLOCATION_POINTS)
 # How tendons 1 to 4 of a section bend it about n and about b.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.elements import Elements
 
 # Error of positions over the sums of squares, at most, where it is above 1e-10; measured for the

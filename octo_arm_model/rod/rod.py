@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.budget import Budget, Spending
-from octo_arm_model.core.errors import ConfigError, ContinuationError, ConvergenceError, SolveError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.limits import MAX_NODES
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.budget import Budget, Spending
+from octo_arm_model.arm.errors import ConfigError, ContinuationError, ConvergenceError, SolveError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_NODES
+from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.checks import check_solution, explain
 from octo_arm_model.rod.continuation import (

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+from scipy.special import gammaincinv
 
-from octo_arm_model.core.arm.validation import not_negative
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import not_negative
 
 # Derivatives of the tip's position and rotation vector by several quantities, (6, n) each; None
 # where the model has none.
@@ -167,3 +168,10 @@ class Sensitivity:
         return uncertainty.tip_covariance(
             [None if change is None else change.tip for change in changes]
         )
+
+
+@functools.lru_cache(maxsize=1024)
+def chi_square_limit(probability: float, size: int) -> float:
+    """Quantile of the chi-square distribution of ``size`` degrees of freedom [-]."""
+    # As scipy.stats.chi2.ppf, whose import takes a quarter of a second.
+    return float(2.0 * gammaincinv(0.5 * size, probability))

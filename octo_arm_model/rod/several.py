@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Problem
 from octo_arm_model.rod.read_out import integrate_poses
 from octo_arm_model.rod.resolution import position_errors

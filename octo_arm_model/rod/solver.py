@@ -11,12 +11,9 @@ from contextlib import AbstractContextManager
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.laws import DEFAULT_LAW, LAWS
-from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.budget import Allowance, Budget
-from octo_arm_model.core.errors import (
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.budget import Allowance, Budget
+from octo_arm_model.arm.errors import (
     ConfigError,
     ContinuationError,
     ConvergenceError,
@@ -24,7 +21,10 @@ from octo_arm_model.core.errors import (
     TensionError,
     shown,
 )
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.laws import DEFAULT_LAW, LAWS
+from octo_arm_model.arm.loads import Loads
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.closed_form import ClosedForm
 from octo_arm_model.rod.equilibrium import Condition

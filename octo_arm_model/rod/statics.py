@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.budget import Allowance, Spending
-from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.budget import Allowance, Spending
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.lengths import rest_stretches, rest_stretches_by_offset, tendon_lengths

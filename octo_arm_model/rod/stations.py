@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, shown
-from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.limits import MAX_STATIONS
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError, shown
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.limits import MAX_STATIONS
 
 DEFAULT_STATIONS = 101
 # Lengths with a smaller relative difference are equal up to rounding.

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import BoolArray, FloatArray, IntArray
-from octo_arm_model.core.numerics.gauss import GaussRule
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import BoolArray, FloatArray, IntArray
 from octo_arm_model.rod.elements import Elements
+from octo_arm_model.rod.gauss import GaussRule
 
 # Columns of `Tables.body`.
 AXIAL, TORSION, SQUARED_RADIUS, SHEAR, LEVER = range(5)

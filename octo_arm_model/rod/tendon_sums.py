@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.validation import real_numbers
-from octo_arm_model.core.errors import TensionError, shown
-from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.numerics.vectors import times
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import TensionError, shown
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.validation import real_numbers
+from octo_arm_model.rod.vectors import times
 
 _FEW = 64  # numbers, up to which Python takes less time than NumPy
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConvergenceError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import ConvergenceError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.tables import Tables, Work
 

@@ -22,9 +22,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.core.budget import Spending
-from octo_arm_model.core.errors import ContinuationError, ConvergenceError, SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.budget import Spending
+from octo_arm_model.arm.errors import ContinuationError, ConvergenceError, SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.checks import check_solution
 from octo_arm_model.rod.complementarity import complementary_step
 from octo_arm_model.rod.continuation import MOST_CORRECTED, ON_THE_WAY, growth, judge

@@ -13,9 +13,9 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
+from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameter_files import is_of_every_node
-from octo_arm_model.core.errors import OctoArmError
 
 Prepared = TypeVar('Prepared')
 

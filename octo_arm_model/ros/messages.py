@@ -23,9 +23,9 @@ from octo_arm_msgs.msg import SectionStrains, TendonTensions
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, LoadError, MessageError, shown
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError, LoadError, MessageError, shown
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 
 _TYPE = re.compile(r'([a-z]\w*)/msg/([A-Z]\w*)')

@@ -14,7 +14,7 @@ from rclpy.qos import QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.arm.errors import ConfigError
 
 # All of rclpy but avoid_ros_namespace_conventions, which would change the name of the topic.
 POLICIES = (

@@ -6,7 +6,7 @@ import time
 
 from rclpy.node import Node
 
-from octo_arm_model.core.errors import OctoArmError, in_short
+from octo_arm_model.arm.errors import OctoArmError, in_short
 
 WARNING_PERIOD = 1.0  # [s] between warnings of one topic
 

@@ -12,6 +12,8 @@ import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from octo_arm_model.arm.errors import ConfigError, shown
+from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.config.parameter_files import (
     Nodes,
     naming,
@@ -21,8 +23,6 @@ from octo_arm_model.config.parameter_files import (
 )
 from octo_arm_model.config.presets import find_path
 from octo_arm_model.config.yaml_files import dump_numbers, load_yaml, read_text
-from octo_arm_model.core.errors import ConfigError, shown
-from octo_arm_model.core.limits import MAX_YAML_BYTES
 
 # What to do about an error of rcl, by a part of its text.
 _HINTS = {

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import positive
 from octo_arm_model.config.parameter_group import ParameterGroup, stated
-from octo_arm_model.core.arm.validation import positive
-from octo_arm_model.core.hints import FloatArray
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MIN_RATE
+from octo_arm_model.arm.validation import positive, within
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import Parameter, refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.validation import positive, within
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.limits import MIN_RATE
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.load_cells import LoadCells

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from octo_arm_model.arm.budget import Budget
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.budget import Budget
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.measurements import Markers, Measurement
 from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from octo_arm_model.arm.highest_tensions import bending_force, default_highest
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.highest_tensions import bending_force, default_highest
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.rod.quaternion import Quaternions
 
 PERIOD = 6.0  # [s] of the push, which lasts half of it
 _PUSHED = 0.3  # of the length: how far the push moves the tip

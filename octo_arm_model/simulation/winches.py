@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from octo_arm_model.arm.errors import ArmDefinitionError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.config.parameter_group import ParameterGroup, stated
-from octo_arm_model.core.arm.validation import not_negative
-from octo_arm_model.core.errors import ArmDefinitionError
-from octo_arm_model.core.hints import FloatArray
 
 
 @dataclass(frozen=True)

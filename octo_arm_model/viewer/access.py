@@ -11,7 +11,7 @@ import ipaddress
 from collections.abc import Sequence
 from urllib.parse import SplitResult, urlsplit
 
-from octo_arm_model.core.errors import ConfigError, shown
+from octo_arm_model.arm.errors import ConfigError, shown
 
 _DEFAULT_PORTS = {'http': 80, 'https': 443}
 _THIS_MACHINE = ('localhost', '127.0.0.1', '::1')

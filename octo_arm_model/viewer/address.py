@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import viser
 
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.viewer.access import Access
 from octo_arm_model.viewer.document import Document
 from octo_arm_model.viewer.guard import Guard

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import viser
 
+from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import OctoArmError
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.viewer.guard import RefusalLog
 from octo_arm_model.viewer.options import TITLE

@@ -10,9 +10,9 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.validation import positive
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import positive
 from octo_arm_model.simulation.profiles.profile import CommandProfile, transition
 
 MOVE_TIME = 1.0  # [s] to a preset or to the first row of a profile

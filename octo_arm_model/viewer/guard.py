@@ -20,7 +20,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.viewer.access import Access
 from octo_arm_model.viewer.document import Document
 from octo_arm_model.viewer.requests import Requests

@@ -6,7 +6,7 @@ import argparse
 import contextlib
 from typing import TYPE_CHECKING
 
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.terminal import missing
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import viser
 
-from octo_arm_model.core.errors import in_short, shown
+from octo_arm_model.arm.errors import in_short, shown
 
 _FARTHEST = 1e6  # [m] of the camera or a dragged point from the origin
 _MOST_PIXELS = 100_000  # along one side of a window

@@ -13,13 +13,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from octo_arm_model.arm.errors import MeasurementError, TensionError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_NAME
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.arm.validation import LARGEST
-from octo_arm_model.core.errors import MeasurementError, TensionError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.limits import MAX_NAME
-from octo_arm_model.core.numerics.vectors import skew
 from octo_arm_model.estimation.measurements import (
     Markers,
     Measurement,
@@ -31,6 +30,7 @@ from octo_arm_model.estimation.measurements import (
 from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements.measurement import magnitudes
 from octo_arm_model.estimation.settings import SensorNoise
+from octo_arm_model.rod.vectors import skew
 from octo_arm_model.wire.displacement_messages import (
     DISPLACEMENT_TYPE,
     DISPLACEMENTS,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from octo_arm_model.core.errors import MessageError
+from octo_arm_model.arm.errors import MessageError
 
 
 class Stamp(NamedTuple):

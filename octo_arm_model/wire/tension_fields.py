@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import TensionError, listed, shown
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import TensionError, listed, shown
+from octo_arm_model.arm.hints import FloatArray
 
 NONE = '-'
 MAX_VALUES = 100_000  # of one message

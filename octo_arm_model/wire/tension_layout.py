@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.wire.cdr.layout import ENCAPSULATION, Comparison, Layout
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tension_messages import TensionMessage

@@ -12,9 +12,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import TensionError, listed
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import TensionError, listed
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.wire.cdr.layout import Layout
 from octo_arm_model.wire.tension_fields import (
     field_values,

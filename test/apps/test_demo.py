@@ -26,8 +26,8 @@ from live_nodes import DEADLINE, PERIOD, RosClient, hosting, new_domain, spinnin
 from octo_arm_model import load_config
 from octo_arm_model.apps import demo, octopus
 from octo_arm_model.apps.domain import own_domain
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.simulation.profiles.commands import find_profile

@@ -33,6 +33,7 @@ from recordings import (
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from octo_arm_model import load_config
+from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.demo.demo import add_demo
 from octo_arm_model.bags.demo.experiment import Experiment
 from octo_arm_model.bags.reader import BagReader
@@ -41,7 +42,6 @@ from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.errors import BagError
 
 if sys.version_info >= (3, 14):
     from compression import zstd

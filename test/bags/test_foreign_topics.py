@@ -15,9 +15,9 @@ from experiments import ARM, bag_of, description, nanoseconds
 from labs import MARKER_S, TIP_ERRORS, pose_array, seen, staircase_of
 from recordings import Sample, header, make, message
 
+from octo_arm_model.arm.errors import TensionError
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.main import main
-from octo_arm_model.core.errors import TensionError
 from octo_arm_model.wire.tension_fields import field_values, tensions_by_names
 
 S = ['--marker-s', *map(str, MARKER_S)]

@@ -34,11 +34,11 @@ from recordings import (
     write_bag,
 )
 
+from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.tensions import TYPES as TENSION_TYPES
 from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.bags.writer import STORAGES
-from octo_arm_model.core.errors import BagError
 
 BAG_OF_ALL = bag_of_all()
 FLIPPED = next(BAG_OF_ALL.glob('*.mcap')).read_bytes()

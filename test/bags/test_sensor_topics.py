@@ -19,6 +19,7 @@ from recordings import (
     write_bag,
 )
 
+from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.sensor_topics import (
     NONE,
@@ -29,7 +30,6 @@ from octo_arm_model.bags.sensor_topics import (
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.errors import BagError
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.wire.measurement_messages import MeasuredArm
 from octo_arm_model.wire.refusals import Refusals

@@ -23,9 +23,9 @@ from recordings import (
 )
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.writer import STORAGES, BagWriter
-from octo_arm_model.core.errors import BagError
 
 
 @pytest.mark.parametrize('storage', STORAGES)

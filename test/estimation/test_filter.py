@@ -11,7 +11,7 @@ from estimation_arms import EVERYTHING, LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
 from scipy.stats import binom, chi2
 
 from octo_arm_model import Config, Solver, Uncertainty
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import (

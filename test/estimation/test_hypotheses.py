@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from estimation_arms import TENSIONS, rubber
 
-from octo_arm_model.core.errors import MeasurementError, SolveError
+from octo_arm_model.arm.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.hypotheses import Hypotheses
 from octo_arm_model.estimation.measurements import Markers, Tensions
 from octo_arm_model.estimation.state.prediction import Prediction

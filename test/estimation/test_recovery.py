@@ -9,7 +9,7 @@ import pytest
 from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
 from octo_arm_model import Backbone, Solver
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.estimation import tracker as tracker_module
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.state.prediction import ArmModel

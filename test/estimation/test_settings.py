@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from octo_arm_model.arm.errors import ConfigError, OctoArmError
+from octo_arm_model.arm.highest_tensions import bending_force, default_highest
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.arm.highest_tensions import bending_force, default_highest
-from octo_arm_model.core.errors import ConfigError, OctoArmError
 from octo_arm_model.estimation.parameters import BENT, ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
 from octo_arm_model.estimation.state.unknowns import State

@@ -12,7 +12,7 @@ from checkout import ROOT
 from estimation_arms import TENSIONS, rubber
 from scipy.stats import chi2
 
-from octo_arm_model.core.errors import MeasurementError, SolveError
+from octo_arm_model.arm.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.smoother import smooth

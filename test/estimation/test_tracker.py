@@ -11,7 +11,7 @@ import pytest
 from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
 from octo_arm_model import Solver
-from octo_arm_model.core.errors import MeasurementError, SolveError
+from octo_arm_model.arm.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.state.prediction import ArmModel

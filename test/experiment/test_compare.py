@@ -7,7 +7,7 @@ import pytest
 from experiments import ARM, FAR, PARAMETERS, midline, one_tendon, shapes
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.core.errors import MeasurementError, SolveError
+from octo_arm_model.arm.errors import MeasurementError, SolveError
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.shapes.alignment import Alignment
 

@@ -19,9 +19,9 @@ import pytest
 from checkout import ROOT
 
 from octo_arm_model import load_config
+from octo_arm_model.arm.laws import LAWS
 from octo_arm_model.cli.main import build_parser, main
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.core.arm.laws import LAWS
 
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
 LANGUAGES = {'python', 'sh', 'yaml', 'text', 'output'}

@@ -15,7 +15,7 @@ from checkout import ROOT
 import octo_arm_model
 
 # Folders that need neither ROS nor any optional extra.
-BASE = ('core', 'config', 'analysis', 'wire')
+BASE = ('arm', 'rod', 'config', 'analysis', 'wire')
 CORE = sorted(
     module.name
     for folder in BASE

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Arm, Body, Config, Loads, Material, Section, SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.continuation import judge
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 

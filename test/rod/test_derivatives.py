@@ -24,7 +24,7 @@ from octo_arm_model import (
     RoutedSection,
     Tendon,
 )
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.lengths import tendon_lengths
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting

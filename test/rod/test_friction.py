@@ -11,7 +11,7 @@ from rods import CASES, SHEATHED, TENSIONS, WRENCH, forms, twists_at
 from truth_cases import Case, distance, read_cases
 
 from octo_arm_model import Arm, Body, ConfigError, Loads, Material, Section
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.tables import work_arrays

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rods import CASES, TENSIONS, WRENCH, forms, jacobian_error, rod_of, twists_at
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.tables import Work, work_arrays
 

@@ -10,14 +10,14 @@ from differences import along
 from rods import CASES, EVERYTHING, TENSIONS, WRENCH, jacobian_error
 
 from octo_arm_model import Arm, ArmDefinitionError, Body, Config, LoadError, Loads
-from octo_arm_model.core.arm.loads import DeformedRod, Resultants, Tangent
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.quaternion import rotation_matrices
-from octo_arm_model.core.numerics.vectors import skew
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import DeformedRod, Resultants, Tangent
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.exact import strains_of
+from octo_arm_model.rod.quaternion import rotation_matrices
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
+from octo_arm_model.rod.vectors import skew
 
 NOTHING = np.zeros(6)
 PULL = np.array([0.0, 0.1, 0.1, 0.0, 0.5, 0.0, 0.0, 0.2, 0.0, 1.0, 0.0, 0.0])

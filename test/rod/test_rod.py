@@ -18,9 +18,9 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
-from octo_arm_model.core.budget import Budget
-from octo_arm_model.core.errors import ContinuationError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.budget import Budget
+from octo_arm_model.arm.errors import ContinuationError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.continuation import judge
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 

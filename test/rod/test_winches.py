@@ -11,9 +11,9 @@ from differences import jacobian
 from rods import EVERYTHING, SHEATHED, TENSIONS, WRENCH
 
 from octo_arm_model import Arm, Body, Config, Loads, Material, Section
-from octo_arm_model.core.budget import Budget
-from octo_arm_model.core.errors import ContinuationError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.budget import Budget
+from octo_arm_model.arm.errors import ContinuationError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.complementarity import complementary_step
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 
-from octo_arm_model.core.errors import MessageError
+from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.ros import refusal_log
 from octo_arm_model.ros.refusal_log import WARNING_PERIOD, RefusalLog
 

@@ -12,13 +12,13 @@ pytest.importorskip('rosbags', reason='needs rosbags')
 from recordings import header, make, point, pose
 from scipy.spatial.transform import Rotation
 
+from octo_arm_model.arm.errors import MeasurementError, OctoArmError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.errors import MeasurementError, OctoArmError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk

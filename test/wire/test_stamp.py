@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from octo_arm_model.core.errors import MessageError
+from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.wire.stamp import Stamp, time_of
 
 

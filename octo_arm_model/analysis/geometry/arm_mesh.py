@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.numerics.interpolation import nearest
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.rod.interpolation import nearest
+from octo_arm_model.rod.quaternion import Quaternions
 
 SIDES = 12
 # More rings would not be resolved on a screen.

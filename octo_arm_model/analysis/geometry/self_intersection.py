@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 
 _LEAST = 1e-30  # [m^2] lower bound of a squared length that is divided by
 

@@ -12,12 +12,12 @@ from octo_arm_model.analysis.geometry.arm_mesh import (
     tube_triangles,
     unit_circle,
 )
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.highest_tensions import bending_force
-from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.numerics.chi_square import chi_square_limit
-from octo_arm_model.core.numerics.interpolation import interpolated
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.highest_tensions import bending_force
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.rod.interpolation import interpolated
+from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.sensitivity import chi_square_limit
 
 INSIDE = 0.95  # probability of what is drawn to hold the truth
 _ONE, _TWO, _THREE = (chi_square_limit(INSIDE, size) for size in (1, 2, 3))

@@ -22,9 +22,8 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.analysis.winding.sliding import SlidingWinding
 from octo_arm_model.analysis.winding.wound import Wound, wound_of
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.validation import LARGEST, finite
-from octo_arm_model.core.errors import (
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import (
     ArmDefinitionError,
     ContinuationError,
     SolveError,
@@ -32,6 +31,7 @@ from octo_arm_model.core.errors import (
     listed,
     shown,
 )
+from octo_arm_model.arm.validation import LARGEST, finite
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 

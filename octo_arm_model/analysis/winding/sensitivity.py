@@ -19,7 +19,7 @@ from octo_arm_model.analysis.winding.tendon_displacement import (
     displacements_by_tension,
 )
 from octo_arm_model.analysis.winding.wound import Wound
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.solver import Solver

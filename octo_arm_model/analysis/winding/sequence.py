@@ -10,9 +10,9 @@ import numpy as np
 from octo_arm_model.analysis.winding.displacement import solve_displacements
 from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
 from octo_arm_model.analysis.winding.wound import Wound
+from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.rod.sensitivity import Uncertainty

@@ -30,8 +30,8 @@ from octo_arm_model.analysis.winding.tendon_displacement import (
     displacements_of,
 )
 from octo_arm_model.analysis.winding.wound import Wound, wound_of
-from octo_arm_model.core.errors import ConvergenceError, SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import ConvergenceError, SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.rod.winches import MET, ROUNDING

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.winches import MET
 

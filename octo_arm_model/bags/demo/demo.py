@@ -9,6 +9,8 @@ import numpy as np
 from rosbags.interfaces import Connection
 from scipy.spatial.transform import Rotation
 
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import within
 from octo_arm_model.bags.demo.experiment import (
     CAMERA_POSITION,
     CAMERA_QUATERNION,
@@ -20,11 +22,9 @@ from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
 from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
-from octo_arm_model.core.arm.validation import within
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.interpolation import interpolated
-from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.interpolation import interpolated
+from octo_arm_model.rod.quaternion import Quaternions
 from octo_arm_model.wire.cdr.backbone import (
     path,
     pose_array,

@@ -11,14 +11,14 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.highest_tensions import default_highest
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_FRICTION
+from octo_arm_model.arm.validation import not_negative, positive, whole, within
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.arm.highest_tensions import default_highest
-from octo_arm_model.core.arm.validation import not_negative, positive, whole, within
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.limits import MAX_FRICTION
 from octo_arm_model.rod.backbone import Backbone
 
 PRESET = 'renda2012_prototype'

@@ -9,12 +9,12 @@ import numpy as np
 
 from octo_arm_model.analysis.solved_parts import solve_parts
 from octo_arm_model.analysis.winding.sequence import WoundSequence
+from octo_arm_model.arm.errors import OctoArmError, SolveError
+from octo_arm_model.arm.highest_tensions import default_highest
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.highest_tensions import default_highest
-from octo_arm_model.core.errors import OctoArmError, SolveError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.wire.cdr.backbone import (
     TENDON_LENGTHS,

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+from octo_arm_model.arm.errors import BagError, SolveError
 from octo_arm_model.bags.replay.answers import Answer
-from octo_arm_model.core.errors import BagError, SolveError
 from octo_arm_model.wire.refusals import Refusals
 
 _LISTED = 100  # of the messages left out of each topic; all are counted

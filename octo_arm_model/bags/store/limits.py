@@ -18,8 +18,8 @@ from rosbags.interfaces import Qos
 from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 from rosbags.rosbag2.metadata import parse_qos
 
+from octo_arm_model.arm.errors import BagError
 from octo_arm_model.config.yaml_files import load_yaml, reading
-from octo_arm_model.core.errors import BagError
 
 if sys.version_info >= (3, 14):
     from compression import zstd

@@ -8,10 +8,10 @@ from typing import Any
 
 import yaml
 
+from octo_arm_model.arm.errors import shown
+from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.bags.store.limits import check_compressed_file, check_file, checked_yaml
 from octo_arm_model.config.yaml_files import compose_yaml
-from octo_arm_model.core.errors import shown
-from octo_arm_model.core.limits import MAX_YAML_BYTES
 
 NAME = 'metadata.yaml'
 _ROOT = 'rosbag2_bagfile_information'

@@ -12,7 +12,7 @@ from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from octo_arm_model.core.errors import BagError
+from octo_arm_model.arm.errors import BagError
 
 PACKAGE = 'octo_arm_msgs'
 STRING = 'std_msgs/msg/String'

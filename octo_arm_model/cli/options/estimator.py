@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.estimation.parameters import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.state.unknowns import Unknowns
 from octo_arm_model.wire.displacement_messages import DISPLACEMENTS

@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from octo_arm_model.arm.errors import ConfigError, TensionError, shown
+from octo_arm_model.arm.laws import LAWS
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.core.arm.laws import LAWS
-from octo_arm_model.core.errors import ConfigError, TensionError, shown
 from octo_arm_model.rod.solver import MODELS
 
 _CONFIG = 'ROS parameter file of the arm, or the name of a preset'

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from octo_arm_model.core.hints import FloatArray
+    from octo_arm_model.arm.hints import FloatArray
     from octo_arm_model.experiment.estimating.history import Touch
     from octo_arm_model.experiment.estimating.run import Result
 

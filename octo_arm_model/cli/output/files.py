@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from octo_arm_model.core.errors import BagError, ConfigError
+from octo_arm_model.arm.errors import BagError, ConfigError
 
 _HIDDEN = '.octo_arm.'  # and eight letters: folders of what is being written
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm, dtrsv
 from scipy.linalg.lapack import dgeqrf
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 
 
 class Belief(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief, Gain
 from octo_arm_model.estimation.beliefs.local import Bend, Conclusion, Local, Step
 from octo_arm_model.estimation.beliefs.posterior import (

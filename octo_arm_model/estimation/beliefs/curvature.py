@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief, Gain
 from octo_arm_model.estimation.beliefs.posterior_mean import Agreement
 from octo_arm_model.estimation.measurements import Measurement, jacobians

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import ContinuationError, ConvergenceError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import ContinuationError, ConvergenceError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief, gain, normalised_square
 from octo_arm_model.estimation.beliefs.compiled_posterior import posterior_of
 from octo_arm_model.estimation.beliefs.curvature import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Gain
 from octo_arm_model.estimation.beliefs.posterior_mean import Agreement
 

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief, gain, normalised_square
 from octo_arm_model.estimation.beliefs.posterior import nearest_possible
 from octo_arm_model.estimation.measurements import (

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dposv, dpotrf
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import (
     Belief,
     gain,

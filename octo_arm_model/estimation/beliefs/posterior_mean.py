@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Gain, solve_lower
 
 _LARGEST = 5.0  # standard deviations by which one agreement may be off

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.beliefs.belief import Belief, solve_lower
 from octo_arm_model.estimation.gating.taken import (
     Nearby,
@@ -23,6 +22,7 @@ from octo_arm_model.estimation.gating.taken import (
 from octo_arm_model.estimation.gating.updated import Updated
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
+from octo_arm_model.rod.sensitivity import chi_square_limit
 
 _REDUNDANT = 1e-6  # part of its variance that others must tell of a number to contradict it
 

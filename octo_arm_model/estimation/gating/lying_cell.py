@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.chi_square import chi_square_limit
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import (
     Belief,
     lower_root,
@@ -26,6 +25,7 @@ from octo_arm_model.estimation.measurements import (
     residuals,
 )
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
+from octo_arm_model.rod.sensitivity import chi_square_limit
 
 
 def nearby(

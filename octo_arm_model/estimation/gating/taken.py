@@ -11,9 +11,8 @@ import math
 from collections.abc import Hashable, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
-from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.chi_square import chi_square_limit
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import (
     Belief,
     gain,
@@ -27,6 +26,7 @@ from octo_arm_model.estimation.beliefs.mode import most_probable
 from octo_arm_model.estimation.beliefs.posterior import nearest_possible
 from octo_arm_model.estimation.measurements import Measurement, jacobians, noise_root, residuals
 from octo_arm_model.estimation.state.prediction import Prediction
+from octo_arm_model.rod.sensitivity import chi_square_limit
 
 _FAR = 4.0  # times the gate, for a square that is not exact
 

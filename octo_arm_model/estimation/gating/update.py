@@ -8,9 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.numerics.chi_square import chi_square_limit
-from octo_arm_model.core.numerics.floating_point import silenced
+from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.estimation.beliefs.belief import Belief, lower_root
 from octo_arm_model.estimation.beliefs.curvature import Curvature
 from octo_arm_model.estimation.gating.judgement import Judged, judge
@@ -19,6 +17,7 @@ from octo_arm_model.estimation.gating.taken import Kinds, Nearby, Taken, kinds_o
 from octo_arm_model.estimation.gating.updated import Innovation, Updated
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.state.prediction import ArmModel
+from octo_arm_model.rod.sensitivity import chi_square_limit
 
 ITERATIONS = 10_000  # of Newton's method for shapes, of one update
 _MOST_KINDS = 8  # of measurements together whose curvature is kept
@@ -43,7 +42,7 @@ def update(
     near = Nearby(None, {}, gate) if last is None else Nearby(last.at, last.curvatures, gate)
     try:
         # What overflows or divides by zero is not finite in the end.
-        with silenced(), model.within(ITERATIONS) as effort:
+        with np.errstate(all='ignore'), model.within(ITERATIONS) as effort:
             judged = nearby(model, belief, measurements, last, near)
             if judged is None:
                 judged = judge(model, belief, measurements, last, near)
@@ -51,7 +50,7 @@ def update(
                 if judged.refused:
                     with contextlib.suppress(SolveError):
                         judged = without_one(model, belief, judged, last, near) or judged
-        with silenced():
+        with np.errstate(all='ignore'):
             found = _updated(belief, judged, last, gate)
     except np.linalg.LinAlgError as error:
         raise _unresolved(measurements) from error

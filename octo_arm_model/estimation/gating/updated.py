@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief
 from octo_arm_model.estimation.beliefs.curvature import Curvature
 from octo_arm_model.estimation.gating.taken import Kinds

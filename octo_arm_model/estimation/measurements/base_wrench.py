@@ -8,10 +8,10 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.interpolate import CubicSpline
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Loads
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
 from octo_arm_model.rod.dead_loads import force_per_length

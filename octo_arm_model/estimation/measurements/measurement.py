@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from octo_arm_model.core.arm.validation import LARGEST, SMALLEST, real_numbers
-from octo_arm_model.core.errors import MeasurementError, shown
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import MeasurementError, shown
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import LARGEST, SMALLEST, real_numbers
 from octo_arm_model.estimation.state.prediction import Prediction
 
 _LARGEST = 1000  # numbers in one measurement

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from octo_arm_model.core.errors import MeasurementError, shown
-from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.numerics.interpolation import nearest
+from octo_arm_model.arm.errors import MeasurementError, shown
+from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.estimation.measurements.measurement import Measurement, numbers
 from octo_arm_model.estimation.state.prediction import Prediction
+from octo_arm_model.rod.interpolation import nearest
 
 
 class _AtPlaces(Measurement):

@@ -8,8 +8,8 @@ from collections.abc import Hashable, Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.core.errors import MeasurementError, TensionError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import MeasurementError, TensionError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.measurements.measurement import Measurement
 from octo_arm_model.estimation.state.prediction import Prediction
 

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.core.errors import MeasurementError, shown
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.vectors import left_jacobian
+from octo_arm_model.arm.errors import MeasurementError, shown
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.measurements.measurement import Measurement, numbers
 from octo_arm_model.estimation.state.prediction import Prediction
+from octo_arm_model.rod.vectors import left_jacobian
 
 
 class TipPosition(Measurement):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.state.state_change import StateChange
 from octo_arm_model.estimation.state.unknowns import State
 

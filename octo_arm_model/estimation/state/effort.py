@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.arm.errors import SolveError
 
 
 class Effort:

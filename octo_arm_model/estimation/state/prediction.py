@@ -15,19 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import ZERO, Loads, ScaledLoads
-from octo_arm_model.core.arm.validation import LARGEST
-from octo_arm_model.core.budget import Budget
-from octo_arm_model.core.errors import (
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.budget import Budget
+from octo_arm_model.arm.errors import (
     ConfigError,
     ConvergenceError,
     LoadError,
     SolveError,
     TensionError,
 )
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import ZERO, Loads, ScaledLoads
+from octo_arm_model.arm.validation import LARGEST
+from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.state.curved_tip import CurvedTip
 from octo_arm_model.estimation.state.effort import Effort
 from octo_arm_model.estimation.state.state_change import Part, StateChange

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.quaternion import Quaternions, unit
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.quaternion import Quaternions, unit
 from octo_arm_model.rod.sensitivity import Change
 
 

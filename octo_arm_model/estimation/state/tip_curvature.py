@@ -26,7 +26,7 @@ from typing import TypeAlias, cast
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.hints import FloatArray, IntArray
 
 Integrate: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None]
 

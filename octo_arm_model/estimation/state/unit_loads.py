@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import trapezoid
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.loads import DistributedLoad, Loads, PointLoad
-from octo_arm_model.core.arm.profile import Constant, Linear
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.loads import DistributedLoad, Loads, PointLoad
+from octo_arm_model.arm.profile import Constant, Linear
 from octo_arm_model.estimation.state.unknowns import Unknowns
 
 _AXES: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

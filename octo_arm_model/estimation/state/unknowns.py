@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.validation import LARGEST, SMALLEST
-from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import LARGEST, SMALLEST
 
 _AXES = ('x', 'y', 'z')
 

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import MeasurementError, SolveError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.interpolation import interpolated
+from octo_arm_model.arm.errors import MeasurementError, SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.shapes.alignment import Alignment, align
 from octo_arm_model.experiment.shapes.curves import along, nearest
 from octo_arm_model.experiment.shapes.midlines import midline_errors
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.solver import Solver
 
 LONGEST = 0.1  # [s] from a frame to the next estimate

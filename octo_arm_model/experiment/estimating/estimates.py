@@ -7,8 +7,8 @@ import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from octo_arm_model.arm.errors import MeasurementError, OctoArmError, SolveError
 from octo_arm_model.bags.sensor_topics import StampedMeasurement
-from octo_arm_model.core.errors import MeasurementError, OctoArmError, SolveError
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Step, next_step
 from octo_arm_model.estimation.gating.updated import Innovation

@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.chi_square import chi_square_limit
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.contact import Contact, contact_of
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.experiment.estimating.estimates import TimedEstimate
+from octo_arm_model.rod.sensitivity import chi_square_limit
 
 SURE = 0.999  # probability of no false alarm at one time
 LEARNT = 0.5  # part of the standard deviation of the prior that is left where a force counts

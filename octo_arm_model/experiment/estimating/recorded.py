@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from octo_arm_model.arm.errors import BagError, MeasurementError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.bags.arms import describe
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.sensor_topics import (
@@ -20,9 +23,6 @@ from octo_arm_model.bags.sensor_topics import (
 )
 from octo_arm_model.bags.topics import MIDLINE, usual_topics
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.errors import BagError, MeasurementError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.parameters import PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
 from octo_arm_model.estimation.state.prediction import ArmModel

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.estimation.gating.consistency import Consistency, count_innovations
 from octo_arm_model.estimation.smoother import check_count
 from octo_arm_model.experiment.estimating.camera_check import CameraErrors

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fitting.least_squares.fit import Problem
 
 AUTO = 'auto'

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fitting.held_back import Misfit
 from octo_arm_model.experiment.fitting.uncertainty import Estimate
 from octo_arm_model.experiment.fitting.unknowns.unknown import is_of_arm

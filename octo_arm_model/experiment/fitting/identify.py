@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fitting import held_back, model_error
 from octo_arm_model.experiment.fitting.held_back import AUTO, HeldBackFit, misfit_of
 from octo_arm_model.experiment.fitting.identification import Identification

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 
 # Loads are one if no tension differs by more than this part of the highest.
 _PART = 0.02

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fitting.held_back import HeldBackFit, Misfit
 from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.least_squares.fit import Problem

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fitting.unknowns.open_directions import normalised
 from octo_arm_model.experiment.fitting.unknowns.unknown import Unknown
 from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns

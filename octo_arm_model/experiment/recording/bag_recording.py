@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.arms import describe, find_arms
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.store.records import Record
@@ -20,7 +21,6 @@ from octo_arm_model.bags.tensions import (
 )
 from octo_arm_model.bags.topics import pick_usual
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import BagError
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.csv_recording import NO_READING, CsvSources
 from octo_arm_model.experiment.recording.recording import Stamped

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import MeasurementError, TensionError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import MeasurementError, TensionError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.recording.csv_table import FORCE, CsvTable
 from octo_arm_model.experiment.recording.measured_points import (
     LENGTH_UNITS,

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.hints import FloatArray
 
 MOST_MARKERS = 1000
 LENGTH_UNITS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError, listed
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.core.errors import BagError, ConfigError, MeasurementError, listed
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.csv_recording import (
     CsvSources,

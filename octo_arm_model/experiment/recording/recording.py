@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.experiment.recording.measured_points import Frame, Measured, MeasuredPoints
 from octo_arm_model.wire.refusals import Refusals
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.vectors import left_jacobian, skew
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.rod.vectors import left_jacobian, skew
 
 # Points within so many times their noise of a line or plane, or within this part of their extent,
 # lie in it.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 
 LOADING, UNLOADING, MIXED, REST = 'loading', 'unloading', 'mixed', 'rest'
 # Changes below this part of the highest tension do not count.

@@ -13,11 +13,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.interpolation import interpolated
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.solver import Solver
 
 RANGE = 2.0  # [s] searched either way

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 from scipy.ndimage import median_filter
 
-from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.numerics.interpolation import interpolated
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.rod.interpolation import interpolated
 
 _REPEATED = 1e-9  # of the length: points nearer together are one
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.shapes.mean_midlines import FEW, FLOOR, OUTLYING, MeasuredShape
 from octo_arm_model.experiment.shapes.steady_windows import Window
 

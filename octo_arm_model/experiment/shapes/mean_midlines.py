@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.shapes.curves import resample
 from octo_arm_model.experiment.shapes.steady_windows import Window
 

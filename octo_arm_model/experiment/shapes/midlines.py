@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.shapes.curves import along, lengths_along, nearest
 
 # The spread of the tip over that of the base is at least this.

@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.interpolation import interpolated, nearest
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.clock_offset import RANGE, clock_offset
@@ -30,6 +29,7 @@ from octo_arm_model.experiment.shapes.steady_windows import (
     ramp_windows,
     steady_windows,
 )
+from octo_arm_model.rod.interpolation import interpolated, nearest
 
 _FEW_STEADY = 0.2  # of the time: steps of a staircase take more
 STEPS, RAMP, POSES = 'steady steps', 'windows of a ramp', 'poses'

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.core.arm.validation import not_negative, positive
-from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import not_negative, positive
 
 # The default tolerance: this part of the highest tension, or so many times the noise.
 _PART = 0.02

@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 
+from octo_arm_model.arm.loads import Loads
 from octo_arm_model.config.paper_data import (
     FETCHING_IN_PLANE,
     FETCHING_IN_SPACE,
@@ -15,10 +16,9 @@ from octo_arm_model.config.paper_data import (
     PROTOTYPE_ERRORS,
     PROTOTYPE_IN_FIGURE_9,
 )
-from octo_arm_model.core.arm.loads import Loads
-from octo_arm_model.core.numerics.interpolation import nearest
 from octo_arm_model.reproduce import cases
 from octo_arm_model.reproduce.claims.claim import Claim, Finding, below, claim, of_models
+from octo_arm_model.rod.interpolation import nearest
 from octo_arm_model.rod.solver import MODELS
 
 _SOFTER = 0.05  # of E

@@ -13,9 +13,9 @@ from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.parameter import Parameter, refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.ros.live_parameters import ros_parameter
 from octo_arm_model.ros.start import client_node
 

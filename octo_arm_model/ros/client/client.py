@@ -18,11 +18,11 @@ from rclpy.validate_namespace import validate_namespace
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError, MessageError, OctoArmError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parse_parameters
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError, MessageError, OctoArmError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.client.published import (
     PublishedShape,

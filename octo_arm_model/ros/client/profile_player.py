@@ -13,9 +13,9 @@ from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.command_publisher import CommandPublisher
 from octo_arm_model.ros.start import client_node
 from octo_arm_model.simulation.profiles.commands import TOPIC

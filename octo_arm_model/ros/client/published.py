@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.arm.validation import LARGEST
-from octo_arm_model.core.errors import MessageError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import MessageError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.wire.cdr.backbone import read_poses
 from octo_arm_model.wire.cdr.covariance import BackboneCovariance, read_covariance
 

@@ -6,12 +6,12 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
+from octo_arm_model.arm.errors import OctoArmError, in_short
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import OctoArmError, in_short
-from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.contact import contact_of
 from octo_arm_model.estimation.gating.consistency import Consistency
 from octo_arm_model.estimation.tracker import Tracked, Tracker
+from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.ros.node.diagnostics import make_status
 
 _BAND = 0.999  # of the chi-square distribution; innovations beyond it are too large

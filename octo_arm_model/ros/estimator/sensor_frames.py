@@ -12,8 +12,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.errors import MeasurementError, OctoArmError, in_short
+from octo_arm_model.arm.errors import MeasurementError, OctoArmError, in_short
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.experiment.recording.transform_tree import TransformTree
 from octo_arm_model.ros.node.outputs.backbone_publishers import TF_QOS, TF_TOPIC
 from octo_arm_model.ros.qos import create_subscription, is_overridden

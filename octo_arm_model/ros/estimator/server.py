@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
-from octo_arm_model.core.arm.pose import Pose
-from octo_arm_model.core.errors import MeasurementError, OctoArmError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import MeasurementError, OctoArmError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.estimation.measurements import Measurement
 from octo_arm_model.estimation.tracker import Tracked, Tracker
 from octo_arm_model.ros.estimator.estimate_status import EstimateStatus

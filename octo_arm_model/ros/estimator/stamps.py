@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.ros.node.stepped_clock import SteppedClock
 from octo_arm_model.wire.stamp import Stamp
 

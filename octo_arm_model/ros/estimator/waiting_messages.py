@@ -10,7 +10,7 @@ from typing import NamedTuple
 from rclpy.clock import Clock, ClockType
 from rclpy.timer import Timer
 
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.ros.estimator.sensor_frames import NotKnownYet, SensorFrames
 from octo_arm_model.ros.node.inputs.tension_subscription import Intake
 

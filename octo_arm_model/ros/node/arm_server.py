@@ -9,9 +9,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from octo_arm_model.analysis.winding.sequence import WoundSequence
+from octo_arm_model.arm.errors import in_short
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.core.errors import in_short
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.inputs.tension_subscription import LatestSubscription

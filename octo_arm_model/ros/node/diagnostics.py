@@ -10,8 +10,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from octo_arm_model.arm.errors import ContinuationError, OctoArmError, SolveError, in_short
 from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
-from octo_arm_model.core.errors import ContinuationError, OctoArmError, SolveError, in_short
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.rod.solver import Solver

@@ -14,7 +14,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.main import run

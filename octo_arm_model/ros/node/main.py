@@ -17,7 +17,7 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from octo_arm_model.core.errors import OctoArmError
+from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.logs import show_logs
 from octo_arm_model.ros.arguments import arguments_of_ros
 from octo_arm_model.ros.checked_node import CheckedNode

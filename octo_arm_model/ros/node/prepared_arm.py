@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.limits import MAX_YAML_BYTES
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.messages import message_class
 

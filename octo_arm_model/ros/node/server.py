@@ -8,9 +8,9 @@ from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
 
+from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.inputs.tension_inputs import TensionInputs, field_of

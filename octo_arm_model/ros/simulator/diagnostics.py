@@ -5,7 +5,7 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
-from octo_arm_model.core.errors import OctoArmError, in_short
+from octo_arm_model.arm.errors import OctoArmError, in_short
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.ros.refusal_log import RefusalLog

@@ -22,9 +22,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 
+from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
-from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import decoded, tensions_message

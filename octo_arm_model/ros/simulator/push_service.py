@@ -8,7 +8,7 @@ import numpy as np
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.simulation.sensors import Push
 
 

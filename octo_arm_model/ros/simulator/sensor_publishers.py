@@ -19,7 +19,7 @@ from geometry_msgs.msg import (
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.ros.messages import pose_message
 from octo_arm_model.ros.node.outputs.backbone_publishers import OUTPUT_QOS
 from octo_arm_model.ros.qos import create_publisher

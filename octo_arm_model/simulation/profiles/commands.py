@@ -6,8 +6,8 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ProfileError
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ProfileError
 from octo_arm_model.simulation.profiles.movements import MOVEMENTS
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.profiles.profile_files import read_profile

@@ -7,13 +7,13 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ProfileError, TensionError
+from octo_arm_model.arm.highest_tensions import default_highest
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.highest_tensions import default_highest
-from octo_arm_model.core.errors import ProfileError, TensionError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.tendon_sums import check_tensions
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 

@@ -9,17 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ProfileError
+from octo_arm_model.arm.highest_tensions import default_highest
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.config.paper_data import (
     BENDING,
     FETCHING_IN_PLANE,
     FETCHING_IN_SPACE,
     Tensions,
 )
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.highest_tensions import default_highest
-from octo_arm_model.core.arm.stiffness import SectionStiffness
-from octo_arm_model.core.errors import ProfileError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.tendon_sums import check_highest
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 

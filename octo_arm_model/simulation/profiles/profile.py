@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from octo_arm_model.core.arm.validation import real_numbers
-from octo_arm_model.core.errors import ProfileError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.limits import MAX_PROFILE_ROWS
-from octo_arm_model.core.numerics.interpolation import interpolated
+from octo_arm_model.arm.errors import ProfileError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_PROFILE_ROWS
+from octo_arm_model.arm.validation import real_numbers
+from octo_arm_model.rod.interpolation import interpolated
 
 INTERPOLATIONS = ('smooth', 'linear', 'steps')
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray
 
 
 def draw_profile(

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import viser
 
+from octo_arm_model.arm.errors import ProfileError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ProfileError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 from octo_arm_model.simulation.profiles.limits import check_profile, figures, tendon_limits
 from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import viser
 
+from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import MODELS, Solver
 from octo_arm_model.viewer.page import numbers

@@ -8,10 +8,10 @@ import numpy as np
 
 from octo_arm_model.analysis.geometry.self_intersection import Overlap
 from octo_arm_model.analysis.inverse import Inverse
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.limits import MAX_NAME
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_NAME
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.quaternion import Quaternions
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.ros.client.published import PublishedShape
 from octo_arm_model.wire.cdr.covariance import BackboneCovariance

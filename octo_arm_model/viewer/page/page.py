@@ -11,9 +11,9 @@ import viser
 
 from octo_arm_model.analysis.geometry.self_intersection import deepest_overlap
 from octo_arm_model.analysis.inverse import Inverse
+from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.ros.client.published import PublishedShape, PublishedStrains
 from octo_arm_model.simulation.profiles.limits import tendon_limits

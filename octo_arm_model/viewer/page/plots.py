@@ -5,7 +5,7 @@ from __future__ import annotations
 import viser
 from viser import uplot
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.ros.client.published import PublishedStrains
 

@@ -15,10 +15,10 @@ from octo_arm_model.analysis.geometry.arm_mesh import (
     tube_triangles,
     unit_circle,
 )
+from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.hints import FloatArray, IntArray
-from octo_arm_model.core.numerics.quaternion import Quaternions
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.quaternion import Quaternions
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.viewer.page.view import across, tangent_of
 

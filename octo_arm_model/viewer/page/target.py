@@ -10,8 +10,8 @@ import numpy as np
 
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import TipPosition
-from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.solver import Solver
 
 Answer = Inverse | OctoArmError

@@ -9,7 +9,7 @@ from octo_arm_model.analysis.geometry.uncertainty_mesh import (
     CONE_TRIANGLES,
     UncertaintyDrawing,
 )
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.viewer.page.scene import Colour, show_mesh
 from octo_arm_model.wire.cdr.covariance import BackboneCovariance

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.rod.quaternion import Quaternions
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.simulation.profiles.limits import figures
 

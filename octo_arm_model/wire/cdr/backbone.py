@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConfigError, MessageError
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.errors import ConfigError, MessageError
+from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire.cdr.layout import ENCAPSULATION, POSE, Layout, aligned, text_field
 from octo_arm_model.wire.cdr.templates import BatchTemplate, Template

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConfigError, MessageError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import ConfigError, MessageError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.wire.cdr.layout import Layout, text_field
 from octo_arm_model.wire.cdr.templates import Template
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.analysis.geometry.arm_mesh import Drawing, anchorage_stations, tension_colours
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire.cdr.layout import Layout, text_field
 from octo_arm_model.wire.cdr.templates import Template

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.contact import NO_CONTACT, Contact, contact_of
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.state.prediction import ArmModel

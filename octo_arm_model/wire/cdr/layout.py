@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.arm.errors import ConfigError
 
 ENCAPSULATION = bytes([0, 1, 0, 0])  # plain CDR, little-endian, no options
 POSE = 7  # numbers of a pose: x, y, z [m] and the quaternion x, y, z, w

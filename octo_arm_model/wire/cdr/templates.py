@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.wire.cdr.layout import ENCAPSULATION, Layout
 
 _ALIGNMENT = 8  # bytes of the largest number

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire.cdr.layout import Layout, text_field
 from octo_arm_model.wire.cdr.templates import Template

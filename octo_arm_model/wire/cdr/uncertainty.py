@@ -10,8 +10,8 @@ from octo_arm_model.analysis.geometry.uncertainty_mesh import (
     CONE_TRIANGLES,
     UncertaintyDrawing,
 )
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.hints import FloatArray, IntArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.wire.cdr.drawing import ADD, add_triangles
 from octo_arm_model.wire.cdr.layout import Layout, text_field
 from octo_arm_model.wire.cdr.templates import Template

@@ -9,7 +9,7 @@ from octo_arm_model import load_config
 from octo_arm_model.analysis.geometry.self_intersection import deepest_overlap
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.rod.quaternion import Quaternions
 
 RADIUS = 0.01
 

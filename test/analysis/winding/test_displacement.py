@@ -25,9 +25,9 @@ from octo_arm_model import (
 )
 from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
+from octo_arm_model.arm.budget import Budget
+from octo_arm_model.arm.errors import ContinuationError
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.core.budget import Budget
-from octo_arm_model.core.errors import ContinuationError
 
 TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)
 IN_AIR = Loads(gravity=(0.0, 0.0, -9.81))
@@ -329,7 +329,7 @@ def test_the_solves_of_a_winding_have_the_time_of_one_budget_together(
         table4.arm.with_density(1080.0), axial_stiffness=(2000.0,), friction=friction
     )
     clock = iter(np.arange(0.0, 1e4, 1e-3))
-    monkeypatch.setattr('octo_arm_model.core.budget.time.monotonic', lambda: next(clock))
+    monkeypatch.setattr('octo_arm_model.arm.budget.time.monotonic', lambda: next(clock))
     reeled = dict.fromkeys(arm.tendon_names, 0.05)
     # Of a clock that ticks whenever it is looked at, a budget is an exact number of looks.
     solver = Solver(arm, 'exact', loads=loads, budget=Budget(seconds=0.002))

@@ -13,7 +13,7 @@ from differences import jacobian
 from octo_arm_model import Config, Solver, Uncertainty, solve_displacements
 from octo_arm_model.analysis.winding.sequence import WoundSequence
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
-from octo_arm_model.core.errors import TensionError
+from octo_arm_model.arm.errors import TensionError
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.friction_memory import FrictionMemory
 

@@ -27,7 +27,7 @@ from octo_arm_model import (
     solve_displacements,
     wound_sensitivity,
 )
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 
 # Without a part that is free of friction the tension at the base itself stretches nothing.
 HELICAL = helical_arm(

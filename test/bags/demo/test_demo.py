@@ -29,7 +29,7 @@ from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.parameter_files import load_parameters, parse_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.numerics.quaternion import Quaternions
+from octo_arm_model.rod.quaternion import Quaternions
 from octo_arm_model.wire.displacement_messages import read_displacements
 
 PROTOTYPE = load_parameters(preset_path('renda2012_prototype'))

@@ -20,8 +20,8 @@ from recordings import (
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.store.types import types_for
-from octo_arm_model.core.errors import BagError
 
 
 def test_types_hash_as_those_the_message_package_was_built_from() -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.cli.output.files import check_out, writing
-from octo_arm_model.core.errors import ConfigError
 
 
 def test_a_pipe_is_not_opened_before_the_work(tmp_path: Path) -> None:

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from octo_arm_model.core.numerics.chi_square import chi_square_limit
 from octo_arm_model.estimation.beliefs.belief import Belief, gain, normalised_square
 from octo_arm_model.estimation.observability import unlearnt
 from octo_arm_model.estimation.state.unknowns import Walk
+from octo_arm_model.rod.sensitivity import chi_square_limit
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -10,7 +10,7 @@ import pytest
 from checkout import ROOT
 from estimation_arms import TENSIONS, rubber
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.beliefs.belief import Belief
 from octo_arm_model.estimation.beliefs.curvature import Curvature
 from octo_arm_model.estimation.beliefs.fit import Fit, fit

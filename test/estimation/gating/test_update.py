@@ -13,7 +13,7 @@ from checkout import ROOT
 from estimation_arms import LIKELY, TENSIONS, WEIGHT, rubber
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.estimation.beliefs.belief import Belief
 from octo_arm_model.estimation.beliefs.fit import Fit, fit
 from octo_arm_model.estimation.filter import Filter

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from estimation_arms import LIKELY, TENSIONS, rubber
 
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.gating import update
 from octo_arm_model.estimation.measurements import Tensions, TipPosition

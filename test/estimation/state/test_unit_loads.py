@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Config, ProfiledBody, Table
-from octo_arm_model.core.limits import MAX_TABLE_POINTS
+from octo_arm_model.arm.limits import MAX_TABLE_POINTS
 from octo_arm_model.estimation.state.unit_loads import unit_loads
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Config
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.experiment.estimating.camera_check import CameraCheck, CameraFrames
 from octo_arm_model.experiment.shapes.alignment import Alignment
 

@@ -9,9 +9,9 @@ import pytest
 from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
 from octo_arm_model import Solver
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.sensor_topics import StampedMeasurement
-from octo_arm_model.core.errors import SolveError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.settings import EstimatorSettings, SensorNoise
 from octo_arm_model.estimation.state.prediction import Prediction

@@ -12,8 +12,8 @@ from differences import jacobian
 from experiments import PARAMETERS, STEPS, TRUE, one_tendon, shapes, with_encoders
 
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.least_squares.fit import Problem
 from octo_arm_model.experiment.fitting.unknowns.readings import Readings

@@ -11,8 +11,8 @@ import pytest
 from experiments import PARAMETERS, TRUE, one_tendon, shapes, with_encoders
 
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.least_squares.solutions import followed

@@ -19,8 +19,8 @@ from experiments import (
     tips,
 )
 
+from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import SolveError
 from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.unknowns.tendon_offsets import move_tendons

@@ -10,8 +10,8 @@ import pytest
 from command_line import printed
 from labs import MARKER_S, TENSIONS, TIP_ERRORS, marker_bag, seen, staircase_of
 
+from octo_arm_model.arm import limits
 from octo_arm_model.cli.main import main
-from octo_arm_model.core import limits
 from octo_arm_model.experiment.recording.csv_recording import CsvSources
 from octo_arm_model.experiment.recording.read_recording import read_recording
 

@@ -22,9 +22,9 @@ from experiments import (
 from recordings import Sample, displacement_sample
 
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
+from octo_arm_model.arm.errors import BagError, MeasurementError
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
-from octo_arm_model.core.errors import BagError, MeasurementError
 from octo_arm_model.experiment.recording.csv_recording import CsvSources
 from octo_arm_model.experiment.recording.read_recording import read_recording
 from octo_arm_model.experiment.recording.recording import Recording

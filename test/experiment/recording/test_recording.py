@@ -18,7 +18,7 @@ from experiments import (
     tension_samples,
 )
 
-from octo_arm_model.core.errors import BagError, ConfigError
+from octo_arm_model.arm.errors import BagError, ConfigError
 from octo_arm_model.experiment.recording.measured_points import Measured
 from octo_arm_model.experiment.recording.read_recording import read_recording
 from octo_arm_model.experiment.shapes.alignment import Alignment

@@ -12,8 +12,8 @@ from labs import MARKER_S, TIP_ERRORS, seen, staircase_of, tf_message, transform
 from recordings import Sample
 from scipy.spatial.transform import Rotation
 
+from octo_arm_model.arm.errors import ConfigError, MeasurementError
 from octo_arm_model.cli.main import main
-from octo_arm_model.core.errors import ConfigError, MeasurementError
 from octo_arm_model.experiment.recording import measured_topics
 from octo_arm_model.experiment.recording.transform_tree import TransformTree
 

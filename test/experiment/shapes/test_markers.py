@@ -11,8 +11,8 @@ from differences import jacobian
 from experiments import one_tendon
 from labs import MARKER_S, STATIONS, TENSIONS, TIP_ERRORS, WAYS, marker_bag, pose_array, seen
 
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.cli.main import main
-from octo_arm_model.core.errors import MeasurementError
 from octo_arm_model.experiment.recording.measured_points import check_marker_s
 from octo_arm_model.experiment.shapes.markers import mean_markers
 from octo_arm_model.experiment.shapes.steady_windows import Window

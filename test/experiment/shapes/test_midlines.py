@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from experiments import circle
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.experiment.shapes.midlines import (
     fraction_at_start,
     is_tip_first,

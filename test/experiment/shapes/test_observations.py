@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from experiments import FAR, HELD, midline, recording
 
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.experiment.shapes.mean_midlines import POINTS
 from octo_arm_model.experiment.shapes.observations import Pairing, observe
 from octo_arm_model.experiment.shapes.steady_windows import SteadyRule

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from experiments import HELD, staircase
 
-from octo_arm_model.core.errors import ArmDefinitionError, MeasurementError
+from octo_arm_model.arm.errors import ArmDefinitionError, MeasurementError
 from octo_arm_model.experiment.shapes.steady_windows import (
     SteadyRule,
     Window,

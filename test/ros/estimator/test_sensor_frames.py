@@ -15,7 +15,7 @@ from live_nodes import spin_until
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from octo_arm_model.core.errors import ConfigError, MeasurementError
+from octo_arm_model.arm.errors import ConfigError, MeasurementError
 from octo_arm_model.ros.estimator import waiting_messages
 from octo_arm_model.ros.estimator.sensor_frames import NotKnownYet, SensorFrames
 from octo_arm_model.ros.estimator.waiting_messages import (

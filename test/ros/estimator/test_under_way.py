@@ -13,7 +13,7 @@ from octo_arm_msgs.msg import BackboneCovariance, TendonTensions
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 
-from octo_arm_model.core.errors import SolveError
+from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.estimation.tracker import Tracker
 from octo_arm_model.ros.estimator import server
 from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode

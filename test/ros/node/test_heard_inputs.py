@@ -10,9 +10,9 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from diagnostic_msgs.msg import DiagnosticArray
 
 from octo_arm_model import load_config
+from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.core.errors import MessageError
 from octo_arm_model.ros.node import heard_inputs
 from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.heard_inputs import HeardInputs

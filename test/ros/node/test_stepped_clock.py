@@ -8,7 +8,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.ros.estimator.stamps import Stamps
 from octo_arm_model.ros.node.stepped_clock import SteppedClock
 from octo_arm_model.wire.stamp import Stamp

@@ -10,7 +10,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 
 from live_nodes import DEADLINE
 
-from octo_arm_model.core.errors import TargetError
+from octo_arm_model.arm.errors import TargetError
 from octo_arm_model.ros.work.sliced_call import SlicedCall
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Config, TensionError
+from octo_arm_model.arm.errors import ProfileError
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.core.errors import ProfileError
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 
 ANY_ARM = ('ramps', 'steps', 'sweeps')

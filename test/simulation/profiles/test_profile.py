@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from octo_arm_model.core.errors import ProfileError
+from octo_arm_model.arm.errors import ProfileError
 from octo_arm_model.simulation.profiles.profile import INTERPOLATIONS, CommandProfile, transition
 
 

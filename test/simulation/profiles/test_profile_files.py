@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Config
-from octo_arm_model.core.errors import ProfileError
+from octo_arm_model.arm.errors import ProfileError
 from octo_arm_model.simulation.profiles.commands import find_profile
 from octo_arm_model.simulation.profiles.profile_files import read_profile, write_csv
 

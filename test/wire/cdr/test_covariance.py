@@ -14,7 +14,7 @@ from octo_arm_msgs.msg import BackboneCovariance
 from rclpy.serialization import deserialize_message, serialize_message
 
 from octo_arm_model import ConfigError
-from octo_arm_model.core.errors import MessageError
+from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.wire.cdr.covariance import CovarianceWriter, read_covariance
 
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'), max_size=40)

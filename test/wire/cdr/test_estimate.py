@@ -8,8 +8,8 @@ import pytest
 pytest.importorskip('rosbags', reason='needs rosbags')
 from estimation_arms import EVERYTHING, LIKELY, TENSIONS, rubber
 
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.bags.store.types import known_types
-from octo_arm_model.core.errors import ConfigError
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
 from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from octo_arm_model.core.errors import (
+from octo_arm_model.arm.errors import (
     ArmDefinitionError,
     ConvergenceError,
     SolveError,
     TensionError,
 )
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fitting.least_squares import robust_loss
 from octo_arm_model.experiment.fitting.least_squares.pairing import (
     first_alignment,

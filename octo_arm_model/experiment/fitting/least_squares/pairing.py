@@ -12,15 +12,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from octo_arm_model.core.errors import MeasurementError
-from octo_arm_model.core.hints import FloatArray
-from octo_arm_model.core.numerics.interpolation import interpolated
+from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fitting.least_squares import robust_loss
 from octo_arm_model.experiment.shapes.alignment import Alignment, align
 from octo_arm_model.experiment.shapes.curves import along, along_change, place_change
 from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
 from octo_arm_model.experiment.shapes.midlines import fraction_at_start
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.interpolation import interpolated
 
 _ROUNDS = 20
 

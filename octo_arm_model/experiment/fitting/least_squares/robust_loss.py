@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.shapes.steady_windows import MAD
 
 

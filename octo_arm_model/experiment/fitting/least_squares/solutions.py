@@ -11,7 +11,7 @@ from octo_arm_model.analysis.winding.displacement import solve_displacements
 from octo_arm_model.analysis.winding.sensitivity import unloaded_by_offset, wound_sensitivity
 from octo_arm_model.analysis.winding.tendon_displacement import displacements_of, tendon_compliance
 from octo_arm_model.analysis.winding.wound import Wound
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fitting.unknowns.unknown import (
     ALIGNMENT,
     AXIAL,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fitting.unknowns.unknown import Unknown
 from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.arm.tendon import Section
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.tendon import Section
 
 
 def move_tendons(

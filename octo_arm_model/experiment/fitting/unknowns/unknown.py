@@ -14,8 +14,8 @@ from enum import Enum, auto
 
 import numpy as np
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.experiment.shapes.alignment import Alignment
 
 AXIAL = 'axial_stiffness'

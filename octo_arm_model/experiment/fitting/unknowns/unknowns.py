@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.experiment.fitting.unknowns.readings import Readings
 from octo_arm_model.experiment.fitting.unknowns.tendon_offsets import move_tendons
 from octo_arm_model.experiment.fitting.unknowns.unknown import (

@@ -9,9 +9,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 
-from octo_arm_model.core.arm.arm import Arm
-from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.ros.messages import decoded, message_class
 from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.ros.work.work_queue import WorkQueue

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from geometry_msgs.msg import WrenchStamped
 
-from octo_arm_model.core.errors import OctoArmError
-from octo_arm_model.core.hints import FloatArray
+from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.ros.messages import decoded, wrench_from_stamped
 from octo_arm_model.ros.node.inputs.tension_subscription import Intake, LatestSubscription
 from octo_arm_model.ros.node.prepared_arm import Prepared

@@ -12,9 +12,9 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.core.errors import ConfigError
-from octo_arm_model.core.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.messages import message_class

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 from visualization_msgs.msg import Marker, MarkerArray
 
-from octo_arm_model.core.arm.arm import Arm
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.ros.node.outputs.output import Output
 from octo_arm_model.ros.work.interruption import until_shutdown

@@ -10,7 +10,7 @@ from experiments import FAR, HELD, PARAMETERS, midline, one_tendon, shapes
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import Backbone, Solver
-from octo_arm_model.core.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.experiment.fitting.least_squares.fit import fit_alignment
 
 

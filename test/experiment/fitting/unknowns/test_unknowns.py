@@ -9,7 +9,7 @@ from experiments import FAR, PARAMETERS, measured, midline, shapes, with_encoder
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from octo_arm_model.core.errors import ConfigError
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.least_squares.fit import Problem
 from octo_arm_model.experiment.fitting.unknowns.readings import Readings

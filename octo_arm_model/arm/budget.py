@@ -1,0 +1,123 @@
+"""Iterations and time that one solve of a loaded arm may take, and the residual it may leave."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from octo_arm_model.arm.errors import ConfigError, ContinuationError, shown
+
+_MOST_RESIDUAL = 1e-6  # beyond, a shape is not one of the arm's
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What one solve may take; one that would take more is refused.
+
+    Attributes:
+        iterations: of Newton's method, of one arm.
+        seconds: of one arm [s].
+        residual: that may be left of an equilibrium where it is followed from one nearby
+            [-], at most 1e-6; the position of the tip is then right to about as much
+            of the length, or to some ten times as much near a limit point. Others are found to
+            1e-11.
+
+    Raises:
+        ConfigError: if one is not positive, or the residual is larger.
+    """
+
+    iterations: int = 1000
+    seconds: float = math.inf
+    residual: float = 1e-9
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        for name, value in vars(self).items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+                raise ConfigError(f'solve budget: {name} is {shown(value)}, expected a number > 0')
+        if self.residual > _MOST_RESIDUAL:
+            raise ConfigError(
+                f'solve budget: residual is {shown(self.residual)}, expected at most '
+                f'{_MOST_RESIDUAL:g}'
+            )
+
+
+class Spending:
+    """What one solve has taken of its `Budget` so far.
+
+    Attributes:
+        iterations: made.
+        residual: that may be left, see `Budget`.
+    """
+
+    def __init__(self, budget: Budget, begin: float | None = None) -> None:
+        """Start the clock of a solve that may take ``budget``; or it runs since ``begin``."""
+        self._budget = budget
+        self._begin = time.monotonic() if begin is None else begin
+        self.residual = budget.residual
+        self.iterations = 0
+
+    def add(self, iterations: int, part: float, residual: float, iterate: object) -> None:
+        """Count ``iterations`` of Newton's method.
+
+        For the error: ``part`` is the fraction of the path followed so far [-], ``residual`` and
+        ``iterate`` are those of the last iterate.
+
+        Raises:
+            ContinuationError: if the budget is spent.
+        """
+        self.iterations += iterations
+        spent = ''
+        if self.iterations > self._budget.iterations:
+            spent = f'{self._budget.iterations} iterations'
+        elif time.monotonic() - self._begin > self._budget.seconds:
+            spent = f'{self._budget.seconds:g} s'
+        if spent:
+            raise ContinuationError(spent, part, residual, self.iterations, iterate)
+
+
+class Allowance:
+    """What the solves of one arm may take: each its budget, or several together the time of one.
+
+    Attributes:
+        budget: the budget.
+    """
+
+    def __init__(self, budget: Budget) -> None:
+        """Of this ``budget``."""
+        self.budget = budget
+        self._begin: float | None = None
+
+    @contextlib.contextmanager
+    def together(self, began: float | None = None) -> Iterator[None]:
+        """What is solved within it has the time of one budget in all, which ``began`` then or now.
+
+        ``began`` is of `time.monotonic` [s].
+        """
+        outer = self._begin
+        if outer is None:
+            self._begin = time.monotonic() if began is None else began
+        try:
+            yield
+        finally:
+            self._begin = outer
+
+    def spending(self) -> Spending:
+        """Of one solve that begins now."""
+        return Spending(self.budget, self._begin)
+
+    def check(self) -> None:
+        """Check that time is left of what is solved `together`.
+
+        Raises:
+            ContinuationError: if none is.
+        """
+        try:
+            self.spending().add(0, 0.0, math.inf, None)
+        except ContinuationError as error:
+            spent = f'{self.budget.seconds:g} s'
+            error.args = (f'solves that belong together have spent their budget of {spent}',)
+            raise

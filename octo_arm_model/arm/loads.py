@@ -1,0 +1,272 @@
+"""Loads on the arm besides its tendons.
+
+Weight, the wrench on the tip, point loads and distributed loads are dead loads: fixed in
+base_frame. A `Load` of another kind states its resultants and their derivatives by the shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from types import NoneType
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from octo_arm_model.arm.errors import ArmDefinitionError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_POINT_LOADS, MAX_TABLE_POINTS
+from octo_arm_model.arm.validation import not_negative, vector
+
+Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
+_AT_MOST_POINTS = f'at most {MAX_TABLE_POINTS}'
+
+
+class Resultants(NamedTuple):
+    """Resultants of a load on the part of a rod between each point and the tip, in base_frame.
+
+    Attributes:
+        force: (3, points) [N].
+        moment: sum of the free moments, without the moments of the forces, (3, points) [N m].
+    """
+
+    force: FloatArray
+    moment: FloatArray
+
+
+class Tangent(NamedTuple):
+    """Derivative of the resultants of a load by the rotation vector of one cross section.
+
+    The rotation vector is in base_frame.
+
+    Attributes:
+        s: arc coordinate of the cross section [m].
+        force: derivative of the force, (3, 3, points) [N].
+        moment: derivative of the free moments, (3, 3, points) [N m].
+    """
+
+    s: float
+    force: FloatArray
+    moment: FloatArray
+
+
+class DeformedRod(Protocol):
+    """The deformed rod as it is given to a `Load`."""
+
+    @property
+    def s(self) -> FloatArray:
+        """Arc coordinates of the points [m], (points,); none coincides with a break of a load."""
+
+    def rotation_at(self, s: float) -> FloatArray:
+        """Orientation (3, 3) of the cross section at ``s`` [m], columns t, n and b."""
+
+    def integrate_from_tip(self, values: FloatArray) -> FloatArray:
+        """Integral along s of ``values`` (..., points) from each point to the tip."""
+
+
+@runtime_checkable
+class Load(Protocol):
+    """A load of another kind, given as ``Loads(others=...)``."""
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Arc coordinates at which the resultants jump, or the load begins or ends [m]."""
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Other arc coordinates at which it is not smooth [m]."""
+
+    def resultants(self, rod: DeformedRod) -> Resultants:
+        """Resultants on every cross section of ``rod``.
+
+        The moments of forces follow from m' = n x u'. `LoadLimits` bound them on a straight rod.
+        """
+
+    def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...] | None:
+        """Derivatives of the resultants by the shape: () where they are fixed in base_frame.
+
+        None if they are not known: shapes under small loads are then found by fixed-point
+        iteration, and there are no derivatives and no stability check.
+        """
+
+
+@dataclass(frozen=True)
+class PointLoad:
+    """A force and a moment on one cross section.
+
+    Attributes:
+        s: arc coordinate of the cross section [m].
+        force: force in base_frame [N].
+        moment: moment in base_frame [N m].
+
+    Raises:
+        ArmDefinitionError: if a value is not finite or ``s`` is negative.
+    """
+
+    s: float
+    force: Vector
+    moment: Vector = ZERO
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        s = not_negative('loads.point.s', self.s, 'arc coordinate', 'm')
+        object.__setattr__(self, 's', s)
+        object.__setattr__(self, 'force', vector('loads.point.force', self.force, 'N'))
+        object.__setattr__(self, 'moment', vector('loads.point.moment', self.moment, 'N m'))
+
+
+@dataclass(frozen=True)
+class DistributedLoad:
+    """A force per reference length, linear between given points and zero outside them.
+
+    Attributes:
+        s: arc coordinates [m], at least two, increasing.
+        force: force per reference length at each, in base_frame [N/m].
+
+    Raises:
+        ArmDefinitionError: if a value is outside its range, or the numbers of values differ.
+    """
+
+    s: tuple[float, ...]
+    force: tuple[Vector, ...]
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        name = 'loads.distributed'
+        for values in (self.s, self.force):
+            if isinstance(values, str) or not isinstance(values, (Sequence, np.ndarray)):
+                expected = 'lists of s and of force, one force for each s'
+                raise ArmDefinitionError(name, values, expected)
+        if len(self.s) > MAX_TABLE_POINTS:
+            raise ArmDefinitionError(f'{name}: number of points', len(self.s), _AT_MOST_POINTS)
+        s = tuple(not_negative(f'{name}.s', value, 'arc coordinate', 'm') for value in self.s)
+        if len(s) < 2 or min(np.diff(s)) <= 0.0:
+            raise ArmDefinitionError(f'{name}.s', s, 'at least two, increasing [m]')
+        force = tuple(vector(f'{name}.force', value, 'N/m') for value in self.force)
+        if len(force) != len(s):
+            expected = f'{len(s)} forces, one for each s'
+            raise ArmDefinitionError(f'{name}.force', force, expected)
+        object.__setattr__(self, 's', s)
+        object.__setattr__(self, 'force', force)
+
+    def at(self, s: FloatArray) -> FloatArray:
+        """Force per reference length (3, n) at ``s`` (n,), between the first and last point."""
+        return np.stack([np.interp(s, self.s, column) for column in zip(*self.force)])
+
+
+_LISTS: dict[str, type[Any]] = {
+    'points': PointLoad, 'distributed': DistributedLoad, 'others': Load,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Loads:
+    """All loads on the arm besides its tendons.
+
+    Attributes:
+        gravity: acceleration of gravity in base_frame [m/s^2].
+        fluid_density: density of the surrounding fluid [kg/m^3], >= 0; its buoyancy is the weight
+            of the displaced fluid.
+        tip_force: force on the tip, in base_frame [N].
+        tip_moment: moment on the tip, in base_frame [N m].
+        points: loads on cross sections.
+        distributed: loads along the arm.
+        others: loads of other kinds, see `Load`.
+        scaled: further dead loads, whose magnitudes change from one solution to the next.
+
+    Raises:
+        ArmDefinitionError: if a value is not finite or outside its range.
+    """
+
+    gravity: Vector = ZERO
+    fluid_density: float = 0.0
+    tip_force: Vector = ZERO
+    tip_moment: Vector = ZERO
+    points: tuple[PointLoad, ...] = ()
+    distributed: tuple[DistributedLoad, ...] = ()
+    others: tuple[Load, ...] = ()
+    scaled: ScaledLoads | None = None
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        for name, unit in (('gravity', 'm/s^2'), ('tip_force', 'N'), ('tip_moment', 'N m')):
+            object.__setattr__(self, name, vector(f'loads.{name}', getattr(self, name), unit))
+        density = not_negative('loads.fluid_density', self.fluid_density, 'density', 'kg/m^3')
+        object.__setattr__(self, 'fluid_density', density)
+        for name, kind in _LISTS.items():
+            listed = getattr(self, name)
+            given = tuple(listed) if isinstance(listed, Iterable) else ()
+            if not isinstance(listed, Iterable) or not all(isinstance(one, kind) for one in given):
+                raise ArmDefinitionError(f'loads.{name}', listed, f'a list of {kind.__name__}')
+            if len(given) > MAX_POINT_LOADS:
+                expected = f'at most {MAX_POINT_LOADS}'
+                raise ArmDefinitionError(f'number of loads.{name}', len(given), expected)
+            object.__setattr__(self, name, given)
+        if not isinstance(self.scaled, (ScaledLoads, NoneType)):
+            raise ArmDefinitionError('loads.scaled', self.scaled, 'ScaledLoads or None')
+
+    @property
+    def any(self) -> bool:
+        """Whether any load may differ from zero."""
+        vectors = (self.gravity, self.tip_force, self.tip_moment)
+        more = self.points, self.distributed, self.others, self.scaled
+        return bool(np.any(vectors) or any(more))
+
+    @property
+    def tip_wrench(self) -> FloatArray:
+        """Force and moment on the tip in base_frame [N, N m], (6,)."""
+        return np.array([*self.tip_force, *self.tip_moment])
+
+    def check_inside(self, length: float) -> None:
+        """Check that all loads lie on an arm of ``length`` [m].
+
+        Raises:
+            ArmDefinitionError: if one is beyond its tip.
+        """
+        for s in self.breaks:
+            if s > length:
+                expected = f'at most the length of the arm, {length} [m]'
+                raise ArmDefinitionError('loads: s', s, expected)
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Arc coordinates at which a load begins or ends, or is concentrated [m]."""
+        found = [load.s for load in self.points]
+        for load in self.distributed:
+            found += [load.s[0], load.s[-1]]
+        for other in self._more:
+            found += other.breaks
+        return tuple(found)
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Other arc coordinates at which a load is not smooth [m]."""
+        found = [s for load in self.distributed for s in load.s[1:-1]]
+        return (*found, *(s for other in self._more for s in other.knots))
+
+    @property
+    def _more(self) -> tuple[Load | Loads, ...]:
+        """Loads that state breaks and knots of their own."""
+        return (*self.others, *(self.scaled.loads if self.scaled is not None else ()))
+
+
+class ScaledLoads:
+    """Dead loads, each multiplied by a magnitude that the caller sets before every solve.
+
+    Attributes:
+        loads: the k loads at unit magnitude: dead loads without a wrench on the tip.
+        magnitudes: factor of each of ``loads`` [-], (k,), initially zero.
+    """
+
+    def __init__(self, loads: Sequence[Loads]) -> None:
+        """Scale each of ``loads``.
+
+        Raises:
+            ArmDefinitionError: if one is not dead, or has a wrench on the tip.
+        """
+        self.loads = tuple(loads)
+        for load in self.loads:
+            if not isinstance(load, Loads) or load.tip_wrench.any() or load.others or load.scaled:
+                raise ArmDefinitionError('scaled loads', load, 'dead Loads without a tip wrench')
+        self.magnitudes = np.zeros(len(self.loads))

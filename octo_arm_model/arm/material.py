@@ -1,0 +1,86 @@
+"""The material of the arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from octo_arm_model.arm.errors import ArmDefinitionError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.profile import Profile, as_profile
+from octo_arm_model.arm.validation import finite, not_negative, positive
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic, elastic material (eq. 3), constant over every cross section.
+
+    Attributes:
+        youngs_modulus: E [Pa], > 0, or its `Profile` along s.
+        poisson_ratio: nu [-], in (-1, 0.5], or its `Profile`; 0.5 is incompressible.
+        density: mass per volume [kg/m^3], >= 0; used under gravity only.
+
+    Raises:
+        ArmDefinitionError: if a value is outside its range; profiles are checked by `Arm`.
+    """
+
+    youngs_modulus: float | Profile
+    poisson_ratio: float | Profile = 0.5
+    density: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if not isinstance(self.youngs_modulus, Profile):
+            modulus = positive('material.youngs_modulus', self.youngs_modulus, 'Pa')
+            object.__setattr__(self, 'youngs_modulus', modulus)
+        if not isinstance(self.poisson_ratio, Profile):
+            expected = 'a number in (-1, 0.5] [-]'
+            ratio = finite('material.poisson_ratio', self.poisson_ratio, expected)
+            if not -1.0 < ratio <= 0.5:
+                raise ArmDefinitionError('material.poisson_ratio', self.poisson_ratio, expected)
+            object.__setattr__(self, 'poisson_ratio', ratio)
+        density = not_negative('material.density', self.density, 'density', 'kg/m^3')
+        object.__setattr__(self, 'density', density)
+
+    @classmethod
+    def from_moduli(
+        cls, youngs_modulus: float, shear_modulus: float, density: float = 0.0
+    ) -> Material:
+        """Material of given E and G [Pa].
+
+        Raises:
+            ArmDefinitionError: if no isotropic material has these moduli.
+        """
+        young = positive('material.youngs_modulus', youngs_modulus, 'Pa')
+        shear = positive('material.shear_modulus', shear_modulus, 'Pa')
+        ratio = young / (2.0 * shear) - 1.0
+        if ratio > 0.5:
+            # Rounded moduli of an incompressible material are accepted.
+            if ratio > 0.5 + 1e-9:
+                expected = f'at least E / 3 = {young / 3.0:.6g} [Pa]'
+                raise ArmDefinitionError('material.shear_modulus', shear_modulus, expected)
+            ratio = 0.5
+        return cls(young, ratio, density)
+
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus G = E / (2 (1 + nu)) [Pa] at the base."""
+        return float(self.shear_modulus_at(0.0))
+
+    def youngs_modulus_at(self, s: ArrayLike) -> FloatArray:
+        """E at arc coordinate ``s`` [Pa]."""
+        return as_profile(self.youngs_modulus).value(s)
+
+    def poisson_ratio_at(self, s: ArrayLike) -> FloatArray:
+        """Poisson's ratio nu at arc coordinate ``s`` [-]."""
+        return as_profile(self.poisson_ratio).value(s)
+
+    def shear_modulus_at(self, s: ArrayLike) -> FloatArray:
+        """G = E / (2 (1 + nu)) at arc coordinate ``s`` [Pa]."""
+        return self.youngs_modulus_at(s) / (2.0 * (1.0 + self.poisson_ratio_at(s)))
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Arc coordinates at which E or nu is not smooth [m]."""
+        return as_profile(self.youngs_modulus).knots + as_profile(self.poisson_ratio).knots

@@ -1,0 +1,221 @@
+"""Profiles of a quantity along the arm: a radius, a modulus, a tendon's offset or angle."""
+
+from __future__ import annotations
+
+import functools
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
+
+from octo_arm_model.arm.errors import ArmDefinitionError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_TABLE_POINTS
+from octo_arm_model.arm.validation import positive, real_numbers
+
+# Spacing of the five points of the difference formula, over the length of the profile: its
+# truncation error, of fourth order, and rounding are both about 1e-12.
+_FUNCTION_STEP = 1e-3
+
+
+class Profile(ABC):
+    """A smooth function of the arc coordinate s [m]."""
+
+    @abstractmethod
+    def value(self, s: ArrayLike) -> FloatArray:
+        """Value at ``s``, of the shape of ``s``."""
+
+    @abstractmethod
+    def slope(self, s: ArrayLike) -> FloatArray:
+        """Derivative with respect to s at ``s`` [per metre], of the shape of ``s``."""
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Arc coordinates at which the profile is not smooth [m]; intervals end there."""
+        return ()
+
+    @property
+    def reach(self) -> float:
+        """Largest arc coordinate at which it has a value [m]."""
+        return math.inf
+
+    def cover(self, name: str, stop: float) -> None:
+        """Check that the profile has a value from the base to s = ``stop`` [m].
+
+        Raises:
+            ArmDefinitionError: if it ends before; the message quotes its ``name``.
+        """
+        if self.reach < stop:
+            expected = f'at least {stop} [m], as far as it is needed'
+            raise ArmDefinitionError(f'last s of {name}', self.reach, expected)
+
+
+@dataclass(frozen=True)
+class Linear(Profile):
+    """Linear in s, from one value at the base to another at s = ``length``.
+
+    Attributes:
+        start: value at s = 0.
+        stop: value at s = ``length``.
+        length: arc coordinate of ``stop`` [m].
+    """
+
+    start: float
+    stop: float
+    length: float
+
+    def value(self, s: ArrayLike) -> FloatArray:
+        """Value at ``s``."""
+        # Interpolated from the nearer end: exact at both ends, and between two values >= 0 never
+        # negative by rounding.
+        part = np.asarray(s, dtype=np.float64) / self.length
+        change = self.stop - self.start
+        return np.where(part <= 0.5, self.start + change * part, self.stop - change * (1.0 - part))
+
+    def slope(self, s: ArrayLike) -> FloatArray:
+        """Derivative at ``s``."""
+        return np.full(np.shape(s), (self.stop - self.start) / self.length)
+
+
+@dataclass(frozen=True)
+class Constant(Profile):
+    """Constant in s.
+
+    Attributes:
+        level: the value.
+    """
+
+    level: float
+
+    def value(self, s: ArrayLike) -> FloatArray:
+        """Value at ``s``."""
+        return np.full(np.shape(s), self.level)
+
+    def slope(self, s: ArrayLike) -> FloatArray:
+        """Zero."""
+        return np.zeros(np.shape(s))
+
+
+@dataclass(frozen=True)
+class Table(Profile):
+    """Monotone cubic interpolation of given points (PCHIP, Fritsch and Butland 1984).
+
+    Linear for two points.
+
+    Attributes:
+        s: arc coordinates [m], at least two and at most `MAX_TABLE_POINTS`, the first 0,
+            increasing.
+        values: the value at each.
+        name: its name in errors.
+
+    Raises:
+        ArmDefinitionError: if the points are not as described.
+    """
+
+    s: tuple[float, ...]
+    values: tuple[float, ...]
+    name: str = 'table'
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        for field in ('s', 'values'):
+            given = getattr(self, field)
+            column = real_numbers(given)
+            if column is None or column.ndim != 1 or not np.isfinite(column).all():
+                raise ArmDefinitionError(f'{self.name}.{field}', given, 'finite numbers')
+            if column.size > MAX_TABLE_POINTS:
+                expected = f'at most {MAX_TABLE_POINTS} values, not {column.size}'
+                raise ArmDefinitionError(f'{self.name}.{field}', given, expected)
+            object.__setattr__(self, field, tuple(column.tolist()))
+        if len(self.s) < 2 or self.s[0] != 0.0 or min(np.diff(self.s)) <= 0.0:
+            expected = 'at least two arc coordinates from 0.0 on, increasing [m]'
+            raise ArmDefinitionError(f'{self.name}.s', self.s, expected)
+        if len(self.values) != len(self.s):
+            expected = f'{len(self.s)} values, one for each s'
+            raise ArmDefinitionError(f'{self.name}.values', self.values, expected)
+
+    @functools.cached_property
+    def _interpolant(self) -> PchipInterpolator:
+        return PchipInterpolator(self.s, self.values)
+
+    @functools.cached_property
+    def _derivative(self) -> PchipInterpolator:
+        return self._interpolant.derivative()
+
+    def value(self, s: ArrayLike) -> FloatArray:
+        """Value at ``s``."""
+        # Values exceed those of the points by rounding only.
+        return np.clip(self._interpolant(s), min(self.values), max(self.values))
+
+    def slope(self, s: ArrayLike) -> FloatArray:
+        """Derivative at ``s``."""
+        return np.asarray(self._derivative(s), dtype=np.float64)
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """The given s between the first and the last [m]."""
+        return self.s[1:-1]
+
+    @property
+    def reach(self) -> float:
+        """The last given s [m]."""
+        return self.s[-1]
+
+
+@dataclass(frozen=True)
+class Function(Profile):
+    """A Python function of an array of s [m].
+
+    Attributes:
+        of_s: from an array of arc coordinates within [0, ``length``] [m] to the values there.
+        length: largest arc coordinate at which it can be called [m].
+        slope_of_s: likewise its derivative; None for finite differences.
+
+    Raises:
+        ArmDefinitionError: if the length is not positive.
+    """
+
+    of_s: Callable[[FloatArray], FloatArray]
+    length: float
+    slope_of_s: Callable[[FloatArray], FloatArray] | None = None
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        object.__setattr__(self, 'length', positive('function.length', self.length, 'm'))
+
+    def value(self, s: ArrayLike) -> FloatArray:
+        """Value at ``s``."""
+        s = np.asarray(s, dtype=np.float64)
+        return np.broadcast_to(np.asarray(self.of_s(s), dtype=np.float64), s.shape)
+
+    def slope(self, s: ArrayLike) -> FloatArray:
+        """Derivative at ``s``."""
+        s = np.asarray(s, dtype=np.float64)
+        if self.slope_of_s is not None:
+            return np.broadcast_to(np.asarray(self.slope_of_s(s), dtype=np.float64), s.shape)
+        # Derivative of the quartic through five points, one-sided near the ends.
+        h = _FUNCTION_STEP * self.length
+        centre = np.clip(s, 2.0 * h, self.length - 2.0 * h)
+        offsets = np.arange(-2.0, 3.0)
+        x = (s - centre) / h
+        slope = np.zeros(s.shape)
+        for j in offsets:
+            others = offsets[offsets != j]
+            numerator = np.polynomial.Polynomial.fromroots(others)
+            basis = numerator.deriv()(x) / numerator(j)
+            slope = slope + basis * self.value(centre + j * h)
+        return slope / h
+
+    @property
+    def reach(self) -> float:
+        """``length`` [m]."""
+        return self.length
+
+
+def as_profile(value: float | Profile) -> Profile:
+    """Return ``value`` as a profile, a number as a `Constant`."""
+    return value if isinstance(value, Profile) else Constant(value)

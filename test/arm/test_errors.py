@@ -1,0 +1,43 @@
+"""Messages of errors: on one line, bounded, and nothing in them that a terminal obeys."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from octo_arm_model import TargetError, TensionError, TipPose, load_config
+from octo_arm_model.analysis.winding.displacement import check_displacements
+from octo_arm_model.arm.errors import in_short, listed, shown
+from octo_arm_model.config.presets import preset_path
+from octo_arm_model.wire.tension_fields import values_by_name
+
+# Clears the screen, goes on in another line, and writes from right to left.
+HOSTILE = 'tendon\x1b[2J\n\u2028\u202e\x07'
+
+
+def test_names_from_outside_do_not_reach_a_terminal_as_they_are() -> None:
+    error = TensionError(HOSTILE * 100)
+    for text in (shown(HOSTILE), listed([HOSTILE, 'tendon']), in_short(error)):
+        assert text.isprintable()
+        assert 'tendon' in text
+    assert len(in_short(error)) <= 300
+
+
+def test_arrays_are_shown_as_lists() -> None:
+    assert shown(np.array([[0.5, np.nan], [1.0, 2.0]])) == '[[0.5, nan], [1.0, 2.0]]'
+    assert shown([np.float64(0.5), (np.int64(3), 'x')]) == "[0.5, (3, 'x')]"
+    assert len(shown(np.zeros(1000))) == 203
+    with pytest.raises(TargetError, match=r'tip quaternion is \[0.0, 0.0, 0.0, 2.0\], expected'):
+        TipPose(np.zeros(3), np.array([0.0, 0.0, 0.0, 2.0]))
+
+
+def test_what_refuses_a_name_shows_it_printable() -> None:
+    arm = load_config(preset_path('renda2012_prototype')).arm
+    with pytest.raises(TensionError, match='more than once: tendon') as caught:
+        values_by_name([HOSTILE, HOSTILE], [1.0, 2.0], 'tension')
+    assert str(caught.value).isprintable()
+    with pytest.raises(TensionError, match="more than once: ''"):
+        values_by_name(['', ''], [1.0, 2.0], 'tension')
+    with pytest.raises(TensionError, match='unknown tendon tendon') as caught:
+        check_displacements(arm, {HOSTILE: 0.1}, {})
+    assert str(caught.value).isprintable()

@@ -1,0 +1,456 @@
+"""Analytic first derivatives of the shape against finite differences, and what they must obey."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from differences import along
+from helical_arm import CONE, HELICES
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model import (
+    Arm,
+    Backbone,
+    Body,
+    Config,
+    ConfigError,
+    Constant,
+    DistributedLoad,
+    Linear,
+    Loads,
+    Material,
+    PointLoad,
+    RoutedSection,
+    Section,
+    Solver,
+    Tendon,
+)
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
+
+THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
+# Away from nu = 0.5, beyond which there is no material.
+RUBBER = Material(1.1e5, 0.4, 1080.0)
+STRAIGHT = (Section(0.4, 0.008, 0.004), Section(0.25, 0.01, 0.007))
+RAOS = tuple(Section(anchorage, 0.01, 0.01, angles=THIRDS) for anchorage in (0.4, 0.2))
+HELICAL_TENSIONS = ((0.3, 0.6, 0.1), (1.0, 0.4, 1.5))
+STRAIGHT_TENSIONS = ((0.4, 0.6, 0.1, 0.2), (1.0, 0.4, 1.5, 0.3))
+EVERYTHING = Loads(
+    gravity=(0.0, 2.0, -3.0),
+    fluid_density=400.0,
+    tip_force=(0.005, 0.01, -0.005),
+    tip_moment=(1e-4, -2e-4, 1e-4),
+    points=(PointLoad(0.15, (0.0, 0.02, 0.01), (1e-4, 0.0, 2e-4)),),
+    distributed=(DistributedLoad((0.1, 0.2, 0.3), ((0, 0, 0), (0, 0.1, 0.2), (0, 0, 0.1))),),
+)
+
+
+class Case(NamedTuple):
+    """An arm under tensions and loads."""
+
+    sections: tuple[Section, ...]
+    tensions: tuple[tuple[float, ...], ...]
+    law: str
+    shear: bool = False
+    loads: Loads = Loads()
+    body: Body = CONE
+    material: Material = RUBBER
+    friction: tuple[float, ...] = ()
+
+    def solver(
+        self,
+        young: float = 0.0,
+        poisson: float = 0.0,
+        farther: np.ndarray | None = None,
+        rougher: np.ndarray | None = None,
+        compiled: bool | None = False,
+    ) -> Solver:
+        """The arm with E and nu changed, each tendon ``farther`` from the midline and rougher."""
+        friction = self.friction if rougher is None else tuple(self.friction + rougher)
+        material = dataclasses.replace(
+            self.material,
+            youngs_modulus=self.material.youngs_modulus * (1.0 + young),
+            poisson_ratio=self.material.poisson_ratio + poisson,
+        )
+        moves = iter(np.zeros(99) if farther is None else farther)
+        sections = []
+        for section in self.sections:
+            tendons = []
+            for angle, twist in zip(section.angles, section.twist or 99 * (0.0,)):
+                move = next(moves)
+                tendons.append(
+                    Tendon(
+                        Linear(
+                            section.offset_base + move,
+                            section.offset_anchorage + move,
+                            section.anchorage,
+                        ),
+                        Linear(angle, angle + twist, section.anchorage)
+                        if twist
+                        else Constant(angle),
+                    )
+                )
+            sections.append(RoutedSection(section.anchorage, tuple(tendons)))
+        return Solver(
+            Arm(material, self.body, tuple(sections), friction=friction),
+            'exact',
+            41,
+            material=self.law,
+            shear=self.shear,
+            loads=self.loads,
+            compiled=compiled,
+        )
+
+
+ROD = Case(
+    RAOS,
+    ((3.0, 0.0, 1.0), (0.0, 4.0, 0.5)),
+    'linear',
+    loads=Loads(tip_force=(0.0, 0.05, 0.1)),
+    body=Body(0.4, 0.0007, 0.0007, disc_radius=0.011),
+    material=Material.from_moduli(54e9, 54e9 / 2.6, 6450.0),
+)
+CASES = {
+    'rubber': Case(STRAIGHT, STRAIGHT_TENSIONS, 'neo_hookean'),
+    'helical rubber': Case(HELICES, HELICAL_TENSIONS, 'neo_hookean'),
+    'helical': Case(HELICES, HELICAL_TENSIONS, 'linear'),
+    'helical with shear': Case(HELICES, HELICAL_TENSIONS, 'linear', True),
+    'loaded rubber': Case(STRAIGHT, STRAIGHT_TENSIONS, 'neo_hookean', loads=EVERYTHING),
+    'loaded helical rubber': Case(HELICES, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING),
+    'loaded with shear': Case(HELICES, HELICAL_TENSIONS, 'linear', True, EVERYTHING),
+    'loaded rod': ROD,
+}
+
+
+# With friction, whose equations derive from no energy.
+SMOOTH = np.random.default_rng(3).uniform(0.05, 0.4, 8)
+SLIDING = {
+    f'sliding {name}': CASES[name]._replace(
+        friction=tuple(SMOOTH[: np.size(CASES[name].tensions)].tolist())
+    )
+    for name in ('rubber', 'helical rubber', 'helical with shear', 'loaded helical rubber',
+                 'loaded with shear', 'loaded rod')
+}  # fmt: skip
+
+
+class Solved(NamedTuple):
+    """A case, solved and differentiated once for all tests."""
+
+    case: Case
+    solver: Solver
+    backbone: Backbone
+    sensitivity: Sensitivity
+
+
+@pytest.fixture(scope='module', params=(CASES | SLIDING).values(), ids=CASES | SLIDING)
+def solved(request: pytest.FixtureRequest) -> Solved:
+    case = request.param
+    solver = case.solver()
+    backbone = solver.solve(case.tensions)
+    return Solved(case, solver, backbone, solver.sensitivity(backbone))
+
+
+def outcome(solver: Solver, backbone: Backbone, at: Backbone) -> FloatArray:
+    """Poses and strains at a station in the middle and at the tip, and tendons' lengths."""
+    parts = []
+    for i in (backbone.s.size // 2, -1):
+        turn = (
+            Rotation.from_quat(backbone.quaternion[i]) * Rotation.from_quat(at.quaternion[i]).inv()
+        )
+        strains = backbone.tau[i], backbone.xi[i], backbone.k[i], backbone.q[i]
+        parts += [*backbone.position[i], *turn.as_rotvec(), *strains]
+    return np.array([*parts, *np.ravel(solver.tendon_lengths(backbone))])
+
+
+def arrays_of(change: Change) -> tuple[FloatArray, ...]:
+    """What it has of tendons without friction."""
+    return change.pose, change.strain, change.tendon_length
+
+
+def given(change: Change) -> FloatArray:
+    """The same derivatives from `Change`."""
+    parts = []
+    for i in (change.pose.shape[0] // 2, -1):
+        parts += [change.pose[i], change.strain[i]]
+    return np.concatenate([*parts, change.tendon_length])
+
+
+def assert_derivative(
+    solved: Solved, change: Change, function: Callable[[np.ndarray], Solver], at: np.ndarray,
+    steps: np.ndarray, solve: Callable[[Solver, np.ndarray], Backbone],
+) -> None:  # fmt: skip
+    def moved(x: np.ndarray) -> FloatArray:
+        solver = function(x)
+        return outcome(solver, solve(solver, x), solved.backbone)
+
+    # All components at once, each by another part of its step.
+    random = np.random.default_rng(4)
+    direction = steps * random.uniform(0.4, 1.0, at.size) * random.choice([-1.0, 1.0], at.size)
+    expected = along(moved, at, direction)
+    columns = given(change)
+    found, sizes = columns @ direction, np.abs(columns) @ np.abs(direction)
+    assert found.shape == expected.shape
+    # Positions, angles, curvatures, strains and lengths, each by its largest.
+    kinds = np.array([*2 * (*3 * (0,), *3 * (1,), *3 * (2,), 3), *(len(found) - 20) * (4,)])
+    for kind in range(5):
+        rows = kinds == kind
+        # Not of what is left where components cancel each other.
+        scale = sizes[rows].max()
+        # Strains of derivatives are interpolated, see `RESOLVED`.
+        np.testing.assert_allclose(found[rows], expected[rows], atol=2e-5 * scale, rtol=0)
+
+
+def test_by_tension(solved: Solved) -> None:
+    shape = np.shape(solved.case.tensions)
+    flat = np.ravel(solved.case.tensions)
+    # Four steps fit between a tendon's tension and none, where it has any; a slack one has its
+    # derivative from above alone.
+    pulled = flat > 0.0
+    change = solved.sensitivity.by_tension
+
+    def solve(solver: Solver, x: np.ndarray) -> Backbone:
+        tensions = flat.copy()
+        tensions[pulled] = x
+        return solver.solve(tensions.reshape(shape), start=solved.backbone)
+
+    part = Change(*(columns[..., pulled] for columns in arrays_of(change)))
+    at = flat[pulled]
+    assert_derivative(solved, part, lambda x: solved.solver, at, 0.02 * at, solve)
+
+
+def test_by_tension_from_slack() -> None:
+    solver = ROD.solver()
+    backbone = solver.solve(ROD.tensions)
+    change = solver.sensitivity(backbone).by_tension.tip
+    step = 1e-4
+    for index in ((0, 1), (1, 0)):
+        pulls = []
+        for count in (1, 2):
+            tensions = np.array(ROD.tensions)
+            tensions[index] += count * step
+            pulls.append(solver.solve(tensions, start=backbone).tip)
+        expected = (4 * pulls[0] - pulls[1] - 3 * backbone.tip) / (2 * step)
+        column = np.ravel_multi_index(index, (2, 3))
+        np.testing.assert_allclose(
+            change[:3, column], expected, atol=1e-5 * np.abs(expected).max()
+        )
+
+
+def test_by_the_wrench_on_the_tip(solved: Solved) -> None:
+    case = solved.case
+    radius = (case.body.radius_base + case.body.radius_tip) / 2
+    bending = float(case.material.youngs_modulus) * math.pi * radius**4 / 4
+    moment = 0.01 * bending / case.body.length
+    steps = np.array(3 * [moment / case.body.length] + 3 * [moment])
+
+    def solve(solver: Solver, x: np.ndarray) -> Backbone:
+        # The default: besides the wrench of the loads.
+        return solver.solve(case.tensions, x, start=solved.backbone)
+
+    assert_derivative(
+        solved,
+        solved.sensitivity.by_tip_wrench,
+        lambda x: solved.solver,
+        np.zeros(6),
+        steps,
+        solve,
+    )
+
+
+def test_by_stiffness_and_poissons_ratio(solved: Solved) -> None:
+    change = Change(*(
+        np.concatenate(columns, axis=-1)
+        for columns in zip(
+            arrays_of(solved.sensitivity.by_youngs_modulus),
+            arrays_of(solved.sensitivity.by_poisson_ratio),
+        )
+    ))  # fmt: skip
+    assert change.pose.shape[-1] == 2
+    assert_derivative(
+        solved, change, lambda x: solved.case.solver(*x), np.zeros(2), np.array([1e-2, 1e-2]),
+        lambda solver, x: solver.solve(solved.case.tensions, start=solved.backbone),
+    )  # fmt: skip
+
+
+def test_by_the_distance_of_each_tendon(solved: Solved) -> None:
+    count = np.size(solved.case.tensions)
+    steps = np.full(count, 1e-4)
+    assert_derivative(
+        solved, solved.sensitivity.by_offset,
+        lambda x: solved.case.solver(farther=x), np.zeros(count), steps,
+        lambda solver, x: solver.solve(solved.case.tensions, start=solved.backbone),
+    )  # fmt: skip
+
+
+def test_by_the_friction_of_each_tendon(solved: Solved) -> None:
+    count = np.size(solved.case.tensions)
+    if not solved.case.friction:
+        assert solved.sensitivity.by_friction is None
+        return
+    assert_derivative(
+        solved, solved.sensitivity.by_friction,
+        lambda x: solved.case.solver(rougher=x), np.zeros(count), np.full(count, 0.01),
+        lambda solver, x: solver.solve(solved.case.tensions, start=solved.backbone),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize('is_compiled', [False, True])
+def test_without_offsets_all_else_is_the_same(solved: Solved, is_compiled: bool) -> None:
+    if is_compiled:
+        pytest.importorskip('numba')
+    solver = solved.case.solver(compiled=is_compiled)
+    backbone = solver.solve(solved.case.tensions)
+    whole, some = (solver.sensitivity(backbone, by_offsets=wanted) for wanted in (True, False))
+    if not solved.case.friction:
+        assert some.by_offset is None
+    for name, change in vars(some).items():
+        if change is not None:
+            one, other = arrays_of(change), arrays_of(getattr(whole, name))
+            for found, expected in zip(one, other, strict=True):
+                atol = 1e-9 * np.abs(expected).max(initial=0.0)
+                np.testing.assert_allclose(found, expected, rtol=0.0, atol=atol)
+    assert some.by_tip_wrench is not None
+    assert some.by_poisson_ratio is not None
+
+
+def test_at_the_base_nothing_moves(solved: Solved) -> None:
+    for change in filter(None, vars(solved.sensitivity).values()):
+        np.testing.assert_array_equal(change.pose[0], 0.0)
+        np.testing.assert_array_equal(change.tip, change.pose[-1])
+        assert np.isfinite(change.strain).all()
+
+
+def test_e_and_tensions_and_loads_in_proportion_change_nothing() -> None:
+    loads = Loads(tip_force=(0.005, 0.01, -0.005), tip_moment=(1e-4, -2e-4, 1e-4))
+    solver = CASES['helical rubber']._replace(loads=loads).solver()
+    backbone = solver.solve(HELICAL_TENSIONS)
+    by = solver.sensitivity(backbone)
+    along = by.by_tension.tip @ np.ravel(HELICAL_TENSIONS)
+    along = along + by.by_tip_wrench.tip @ backbone.tip_wrench
+    stiffer = by.by_youngs_modulus.tip[:, 0]
+    np.testing.assert_allclose(stiffer, -along, atol=1e-7 * np.abs(stiffer).max())
+
+
+# Reciprocity (Maxwell): all of it derives from one energy ---------------------------------------
+
+
+def conservative(case: Case) -> Case:
+    loads = case.loads
+    points = tuple(PointLoad(load.s, load.force) for load in loads.points)
+    return case._replace(
+        loads=dataclasses.replace(loads, tip_moment=(0.0, 0.0, 0.0), points=points)
+    )
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_without_dead_moments_the_compliance_is_symmetric(name: str) -> None:
+    case = conservative(CASES[name])
+    solver = case.solver()
+    compliance = solver.sensitivity(solver.solve(case.tensions)).compliance
+    # In units in which all are of one size.
+    unit = np.array(3 * [1.0] + 3 * [case.body.length])
+    compliance = compliance * unit[:, np.newaxis] * unit
+    np.testing.assert_allclose(compliance, compliance.T, atol=1e-7 * np.abs(compliance).max())
+    assert np.linalg.eigvalsh((compliance + compliance.T) / 2).min() > 0.0
+
+
+def test_with_a_dead_moment_it_is_not() -> None:
+    case = CASES['loaded helical rubber']._replace(loads=Loads(tip_moment=(1e-3, -2e-3, 1e-3)))
+    solver = case.solver()
+    compliance = solver.sensitivity(solver.solve(case.tensions)).compliance
+    # The work of a dead moment M depends on the way: M x / 2 is the odd part of the stiffness.
+    stiffness = np.linalg.inv(compliance)[3:, 3:]
+    x, y, z = case.loads.tip_moment
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    odd = (stiffness - stiffness.T) / 2
+    np.testing.assert_allclose(odd, -skew / 2, atol=1e-6 * np.abs(skew).max())
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_tendons_and_tip_answer_each_other_alike(name: str) -> None:
+    case = conservative(CASES[name])
+    solver = case.solver()
+    by = solver.sensitivity(solver.solve(case.tensions))
+    lengths = by.by_tension.tendon_length
+    np.testing.assert_allclose(lengths, lengths.T, atol=1e-7 * np.abs(lengths).max())
+    # A tendon that pulls gets shorter.
+    assert np.linalg.eigvalsh((lengths + lengths.T) / 2).max() < 1e-9 * np.abs(lengths).max()
+    unit = np.array(3 * [1.0] + 3 * [case.body.length])
+    expected = -by.by_tension.tip * unit[:, np.newaxis]
+    found = (by.by_tip_wrench.tendon_length * unit).T
+    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+
+
+# Uncertainty -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('count', 'near'), [(60, 0.4), pytest.param(400, 0.2, marks=pytest.mark.endurance)]
+)
+def test_the_tips_covariance_is_that_of_many_samples_to_first_order(
+    count: int, near: float
+) -> None:
+    case = CASES['loaded rubber']
+    solver = case.solver()
+    backbone = solver.solve(case.tensions)
+    deviation = Uncertainty(0.002, 0.005, 0.01, 2e-5)
+    covariance = solver.sensitivity(backbone).tip_covariance(deviation)
+    np.testing.assert_allclose(covariance, covariance.T, rtol=1e-12, atol=1e-18)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12 * np.trace(covariance)
+    random = np.random.default_rng(0)
+    samples = []
+    for _ in range(count):
+        moved = case.solver(
+            deviation.youngs_modulus * random.normal(),
+            deviation.poisson_ratio * random.normal(),
+            deviation.offset * random.normal(size=8),
+        )
+        tensions = case.tensions + deviation.tension * random.normal(size=(2, 4))
+        samples.append(moved.solve(tensions, start=backbone).tip)
+    spread = np.cov(np.array(samples).T)
+    # Of 60 samples a variance is known to 18 %, of 400 to 7 %.
+    np.testing.assert_allclose(spread, covariance[:3, :3], atol=near * np.abs(spread).max())
+
+
+@pytest.mark.parametrize('quantity', ['tension', 'youngs_modulus', 'poisson_ratio', 'offset'])
+@pytest.mark.parametrize('name', CASES)
+def test_the_tip_alone_is_that_of_the_whole_arm(name: str, quantity: str) -> None:
+    case = conservative(CASES[name])
+    for compiled in (False, None):
+        solver = case.solver(compiled=compiled)
+        backbone = solver.solve(case.tensions)
+        assert_covariance(solver, backbone, Uncertainty(**{quantity: 0.01}))
+
+
+def test_the_tip_alone_where_nothing_is_reciprocal(solved: Solved) -> None:
+    # Dead moments and friction have no energy.
+    assert_covariance(solved.solver, solved.backbone, Uncertainty(0.01, 0.02, 0.03, 1e-4))
+
+
+def assert_covariance(solver: Solver, backbone: Backbone, uncertainty: Uncertainty) -> None:
+    expected = solver.sensitivity(backbone).tip_covariance(uncertainty)
+    found = solver.tip_covariance(backbone, uncertainty)
+    # In units in which all are of one size.
+    unit = np.array(3 * [1.0] + 3 * [solver.arm.length])
+    expected, found = (part * unit[:, np.newaxis] * unit for part in (expected, found))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+
+
+def test_no_uncertainty_is_none() -> None:
+    solver = ROD.solver()
+    sensitivity = solver.sensitivity(solver.solve(ROD.tensions))
+    np.testing.assert_array_equal(sensitivity.tip_covariance(Uncertainty()), np.zeros((6, 6)))
+
+
+# What is refused -------------------------------------------------------------------------------
+
+
+def test_a_batch_has_no_sensitivity(table4: Config) -> None:
+    solver = Solver(table4.arm, 'exact')
+    with pytest.raises(ConfigError, match='expected a single solution'):
+        solver.sensitivity(solver.solve(np.zeros((2, 3, 4))))

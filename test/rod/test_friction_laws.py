@@ -1,0 +1,462 @@
+"""Friction of the tendons: Capstan's law in closed form, balance, hysteresis and refusals."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from differences import jacobian
+from helical_arm import PULL, helical_arm
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+from strategies import fractions, loaded_arms
+
+from octo_arm_model import (
+    Arm,
+    ArmDefinitionError,
+    Backbone,
+    Body,
+    Config,
+    ConfigError,
+    Constant,
+    Linear,
+    Loads,
+    Material,
+    RoutedSection,
+    Section,
+    SolveError,
+    Solver,
+    Tendon,
+    TipPosition,
+    find_tensions,
+)
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.rod import Rod, Setting
+
+MODELS = ('closed_form', 'exact')
+YOUNG, RADIUS, LENGTH, OFFSET, MU = 1e5, 0.01, 0.4, 0.006, 0.3
+BENDING = YOUNG * math.pi * RADIUS**4 / 4
+GRAVITY = Loads(gravity=(0.0, 0.0, -9.81))
+
+
+def uniform(angles: tuple[float, ...] = (0.0,), friction: float = MU) -> Arm:
+    """Parallel tendons at ``angles`` in a cylinder."""
+    return Arm(
+        Material(YOUNG, 0.5, 1080.0),
+        Body(LENGTH, RADIUS, RADIUS),
+        (Section(LENGTH, OFFSET, OFFSET, angles=angles),),
+        friction=len(angles) * (friction,),
+    )
+
+
+def helical(friction: float | tuple[float, ...] = MU) -> Arm:
+    """Converging helices that end in two sections of a cone, which jump at the anchorage."""
+    return helical_arm(friction=friction if isinstance(friction, tuple) else 6 * (friction,))
+
+
+# The law in closed form -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('pull', [0.01, 0.3, 3.0])
+@pytest.mark.parametrize('friction', [0.05, 0.3, 1.0])
+def test_one_parallel_tendon_is_that_of_the_closed_form(pull: float, friction: float) -> None:
+    solver = Solver(uniform(friction=friction), 'exact', material='linear')
+    backbone = solver.solve([[pull]])
+    slope = friction * OFFSET / BENDING
+    tension = 1.0 / (1.0 / pull + slope * backbone.s)
+    # As exact as the rod has tensions (`rod._TENSION_ERROR`): 4e-7 under the largest pull and
+    # friction, 1e-7 under all others.
+    np.testing.assert_allclose(backbone.tendon_tensions[:, 0], tension, rtol=1e-6)
+    per_reference_length = backbone.k * (1.0 + backbone.q)
+    np.testing.assert_allclose(per_reference_length, tension * OFFSET / BENDING, rtol=1e-6)
+    angle = math.log(1.0 + slope * pull * LENGTH) / friction
+    x, y, _ = Rotation.from_quat(backbone.quaternion[-1]).apply([1.0, 0.0, 0.0])
+    assert math.remainder(math.atan2(y, x) - angle, math.tau) == pytest.approx(0.0, abs=1e-6)
+    left = pull * math.exp(-friction * angle)
+    assert backbone.tendon_tensions[-1, 0] == pytest.approx(left, rel=1e-8)
+
+
+def test_in_the_closed_form_model_tension_obeys_its_differential_equation() -> None:
+    def slope(s: float, tension: np.ndarray) -> np.ndarray:
+        bend = tension * OFFSET / (BENDING + tension * OFFSET**2)
+        stretch = 1.0 + (bend * tension * OFFSET - tension) / (YOUNG * math.pi * RADIUS**2)
+        return -MU * tension * bend * stretch
+
+    backbone = Solver(uniform(), 'closed_form').solve([[1.0]])
+    expected = solve_ivp(slope, (0.0, LENGTH), [1.0], t_eval=backbone.s, rtol=1e-11, atol=1e-13).y[
+        0
+    ]
+    np.testing.assert_allclose(backbone.tendon_tensions[:, 0], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_without_friction_nothing_changes(model: str) -> None:
+    without, zero = helical(()), helical(0.0)
+    assert zero == without
+    assert zero.friction == ()
+    plain = Solver(without, model).solve(PULL)
+    again = Solver(zero, model).solve(PULL)
+    np.testing.assert_allclose(again.position, plain.position, rtol=0.0, atol=1e-12)
+    little = Solver(helical(1e-11), model).solve(PULL)
+    np.testing.assert_allclose(little.position, plain.position, atol=2e-10)
+    np.testing.assert_allclose(little.tendon_tensions, plain.tendon_tensions, atol=1e-10)
+    # Its tension is that of the base up to the anchorage.
+    inside = plain.s[:, np.newaxis] <= np.repeat([0.4, 0.25], 3)
+    np.testing.assert_array_equal(plain.tendon_tensions, PULL.ravel() * inside)
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_opposite_tendons_of_equal_tension_lose_none(model: str) -> None:
+    backbone = Solver(uniform((0.0, math.pi)), model).solve([[2.0, 2.0]])
+    np.testing.assert_allclose(backbone.position[:, 1:], 0.0, atol=1e-12)
+    np.testing.assert_allclose(backbone.tendon_tensions, 2.0, rtol=1e-11)
+
+
+def test_a_converging_tendon_loses_tension_where_another_ends() -> None:
+    # Straight, but compressed more up to the anchorage of the ring at 0.2 m: there the slopes of
+    # the long tendons in the plane through the midline jump.
+    ring = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
+    sections = (Section(0.4, 0.008, 0.002, ring), Section(0.2, 0.005, 0.005, ring))
+    arm = Arm(Material(YOUNG, 0.5), Body(0.4, 0.01, 0.01), sections, friction=8 * (MU,))
+    solver = Solver(arm, 'exact', material='linear')
+    backbone = solver.solve(np.repeat([[0.5], [2.0]], 4, axis=1))
+    stretch = 1.0 + backbone.q[backbone.s != 0.2][[0, -1]]
+    before, after = np.arctan(0.015 / stretch)
+    expected = 0.5 * math.exp(-MU * (before - after))
+    assert before - after > 1e-3
+    np.testing.assert_allclose(backbone.tendon_tensions[-1, :4], expected, rtol=1e-6)
+
+
+# Balance, from positions alone ------------------------------------------------------------------
+
+
+def spatial_path(arm: Arm, backbone: Backbone, tendon: int, widening: FloatArray) -> FloatArray:
+    """Positions of a tendon at the stations."""
+    along_n, along_b = arm.tendon_offsets(backbone.s)
+    offset = np.stack([0.0 * widening, along_n[tendon] * widening, along_b[tendon] * widening])
+    return backbone.position + Rotation.from_quat(backbone.quaternion).apply(offset.T)
+
+
+@pytest.mark.parametrize('loaded', [False, True])
+def test_forces_balance_at_every_station_and_friction_is_mu_times_the_normal_one(
+    loaded: bool,
+) -> None:
+    loads = Loads(tip_force=(0.02, 0.03, -0.01)) if loaded else Loads()
+    arm = helical()
+    solver = Solver(arm, 'exact', 2001, material='linear', loads=loads)
+    backbone = solver.solve(PULL)
+    s = backbone.s
+    turn = Rotation.from_quat(backbone.quaternion)
+    for part in (s <= 0.25, s >= 0.25):
+        edge = np.flatnonzero(part)
+        inner = slice(20, -20)
+        force, moment = np.zeros((edge.size, 3)), np.zeros((edge.size, 3))
+        for j in range(6):
+            path = spatial_path(arm, backbone, j, np.ones_like(s))[part]
+            # At the anchorage itself strains are those towards the base.
+            tension = backbone.tendon_tensions[part, j]
+            if not tension[inner].any():
+                continue
+            slope = CubicSpline(s[part][1:-1], path[1:-1])(s[part], 1)
+            tangent = slope / np.linalg.norm(slope, axis=1)[:, np.newaxis]
+            pull = tension[:, np.newaxis] * tangent
+            force += pull
+            moment += np.cross(path - backbone.position[part], pull)
+            contact = -CubicSpline(s[part][5:-5], pull[5:-5])(s[part], 1)
+            along = np.einsum('ni,ni->n', contact, tangent)
+            across = np.linalg.norm(contact - along[:, np.newaxis] * tangent, axis=1)
+            # Where a tendon hardly turns the angle has next to a kink.
+            near = 3e-3 * across[inner].max()
+            np.testing.assert_allclose(along[inner], MU * across[inner], atol=near)
+        local = turn[edge]
+        radius = arm.body.radius(s[part])
+        young = float(arm.material.youngs_modulus)
+        area, second = math.pi * radius**2, math.pi * radius**4 / 4
+        stretch = 1.0 + backbone.q[part]
+        bent = [
+            young / 2.9 * 2.0 * second * backbone.tau[part],
+            young * second * backbone.xi[part],
+            young * second * backbone.k[part],
+        ]
+        elastic = local.apply(stretch[:, np.newaxis] * np.stack(bent, axis=1))
+        outer = backbone.tip_wrench[:3]
+        lever = backbone.position[-1] - backbone.position[part]
+        expected = np.cross(lever, outer) - moment
+        scale = np.abs(moment).max()
+        np.testing.assert_allclose(elastic[inner], expected[inner], atol=2e-5 * scale)
+        axial = np.einsum('ni,ni->n', local.apply([1.0, 0.0, 0.0]), outer - force)
+        scale = np.abs(force).max()
+        np.testing.assert_allclose(
+            (young * area * (stretch - 1.0))[inner], axial[inner], atol=2e-5 * scale
+        )
+
+
+@settings(max_examples=20, deadline=None)
+@given(loaded_arms(3), fractions(0.01, 0.6), st.sampled_from(MODELS))
+def test_tension_falls_by_the_angle_that_a_tendon_turns_by(
+    case: tuple[Arm, np.ndarray], friction: float, model: str
+) -> None:
+    arm, tensions = case
+    rough = dataclasses.replace(arm, friction=(friction,))
+    try:
+        backbone = Solver(rough, model, 801, material='linear').solve(tensions)
+    except SolveError:
+        assume(False)
+    along = backbone.tendon_tensions
+    assert (np.diff(along, axis=0) <= 1e-9 * np.maximum(tensions.ravel(), 1e-3)).all()
+    for j, pull in enumerate(tensions.ravel()):
+        inside = along[:, j] > 0.0
+        inside[1:] &= np.diff(backbone.s) > 1e-9  # An anchorage may be next to the tip.
+        if not pull or np.count_nonzero(inside) < 10:
+            continue
+        chords = np.diff(spatial_path(arm, backbone, j, np.ones_like(backbone.s))[inside], axis=0)
+        chords /= np.linalg.norm(chords, axis=1)[:, np.newaxis]
+        # From the middle of the first interval to that of the last.
+        turned = np.linalg.norm(np.diff(chords, axis=0), axis=1).sum()
+        ends = along[inside, j]
+        middle = 0.5 * (ends[:-1] + ends[1:])
+        lost = math.log(middle[0] / middle[-1])
+        assert lost == pytest.approx(friction * turned, rel=0.02, abs=2e-3)
+
+
+# History ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_unloading_a_little_changes_the_arm_near_its_base_alone(model: str) -> None:
+    solver = Solver(uniform(), model, 401)
+    pulled = solver.solve([[1.0]])
+    part = 0.05
+    released = solver.follow([[1.0 - part]], pulled)
+    before, after = pulled.tendon_tensions[:, 0], released.tendon_tensions[:, 0]
+    # It slips back over the angle in which its tension can rise to what it was.
+    angle = np.log(1.0 / before) / MU
+    holds = -math.log(1.0 - part) / (2.0 * MU)
+    sticks = angle > 1.1 * holds
+    assert 0.5 < np.count_nonzero(sticks) / sticks.size < 0.99
+    np.testing.assert_allclose(after[sticks], before[sticks], rtol=3e-3)
+    np.testing.assert_allclose(released.k[sticks], pulled.k[sticks], rtol=3e-3)
+    slips = angle < 0.9 * holds
+    turned = np.cumsum([0.0, *(0.5 * (released.k[1:] + released.k[:-1]) * np.diff(released.s))])
+    assert (after[slips] < before[slips]).all()
+    if model == 'exact':
+        return  # A tangent along the stretched arm turns by k (1 + q).
+    np.testing.assert_allclose(after[slips], (1.0 - part) * np.exp(MU * turned[slips]), rtol=5e-3)
+
+
+@pytest.mark.parametrize('loads', [Loads(), GRAVITY], ids=['free', 'under gravity'])
+@pytest.mark.parametrize('model', MODELS)
+def test_a_loop_closes_and_encloses_something(model: str, loads: Loads) -> None:
+    if loads.any and model == 'closed_form':
+        pytest.skip('no loads')
+    arm = helical(0.2)
+    solver = Solver(arm, model, loads=loads)
+    high, low = PULL, 0.4 * PULL
+    loops: list[list[Backbone]] = [[], [], []]
+    first = last = solver.follow(high, None)
+    np.testing.assert_allclose(last.tip, solver.solve(high).tip, atol=1e-12)
+    ways = [high + part * (low - high) for part in (0.25, 0.5, 0.75, 1.0)]
+    backs = [low + part * (high - low) for part in (0.25, 0.5, 0.75, 1.0)]
+    for found in loops:
+        for tensions in ways + backs:
+            last = solver.follow(tensions, last)
+            found.append(last)
+    # The first may be on fewer nodes, where a tendon begins to stick a little elsewhere.
+    for one, other, part in ((loops[0], loops[1], 5e-6), (loops[1], loops[2], 1e-7)):
+        for before, after in zip(one, other):
+            np.testing.assert_allclose(
+                before.position, after.position, rtol=0.0, atol=part * arm.length
+            )
+            np.testing.assert_allclose(
+                before.tendon_tensions, after.tendon_tensions, rtol=0.0, atol=100.0 * part
+            )
+    np.testing.assert_allclose(loops[-1][-1].tip, first.tip, atol=1e-7 * arm.length)
+    # On the way down and on the way up the same tensions give another shape.
+    assert np.linalg.norm(loops[-1][1].tip - loops[-1][5].tip) > 2e-3 * arm.length
+
+
+def test_a_single_solution_knows_of_no_history() -> None:
+    solver = Solver(uniform(), 'exact')
+    fresh = solver.solve([[0.6]])
+    released = solver.follow([[0.6]], solver.solve([[1.0]]))
+    np.testing.assert_allclose(solver.solve([[0.6]]).position, fresh.position, rtol=0, atol=1e-12)
+    assert np.linalg.norm(released.tip - fresh.tip) > 0.01
+    started = solver.solve([[0.6]], start=solver.solve([[1.0]]))
+    np.testing.assert_allclose(started.position, fresh.position, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize('loads', [Loads(), Loads(tip_force=(0.01, 0.0, 0.0))])
+def test_a_history_of_another_arm_is_refused(loads: Loads) -> None:
+    """Whose points are others, so that it says nothing of the tendons here."""
+    solver = Solver(uniform(), 'exact', loads=loads)
+    last = solver.solve([[1.0]])
+    other = dataclasses.replace(last, point_tensions=np.ones((1, 7)))
+    with pytest.raises(ConfigError, match='by another solver'):
+        solver.follow([[0.9]], other)
+
+
+def test_a_released_tendon_is_slack_all_along() -> None:
+    solver = Solver(uniform(), 'exact')
+    released = solver.follow([[0.0]], solver.solve([[1.0]]))
+    np.testing.assert_array_equal(released.tendon_tensions, 0.0)
+    np.testing.assert_allclose(released.tip, [LENGTH, 0.0, 0.0], atol=1e-12)
+
+
+def test_loading_under_gravity_in_one_step_is_that_in_many() -> None:
+    solver = Solver(helical(0.2), 'exact', loads=GRAVITY)
+    last = None
+    for part in np.linspace(0.0, 1.0, 9):
+        last = solver.follow(part * PULL, last)
+    assert last is not None
+    # Not to rounding: on the way a tendon may turn less where it has turned before.
+    once = solver.solve(PULL)
+    assert np.linalg.norm(once.tip - last.tip) < 2e-3 * 0.4
+
+
+def test_where_a_tendon_begins_to_stick_is_resolved() -> None:
+    solver = Solver(helical(), 'exact')
+    coarse = solver.follow(0.7 * PULL, solver.solve(PULL))
+    rod, nothing = Rod(helical(), setting=Setting(accuracy=1e-12)), np.zeros(6)
+    pulled = rod.solve(PULL.ravel(), nothing)
+    before = rod.problem(pulled.level).history(pulled.state)
+    fine = rod.solve(0.7 * PULL.ravel(), nothing, before=before)
+    assert coarse.equilibrium is not None and fine.level > coarse.equilibrium.level
+    expected = rod.readout(fine.level, coarse.s).read(fine.state).position
+    np.testing.assert_allclose(coarse.position, expected, atol=1e-6 * 0.4)
+
+
+def test_a_batch_is_its_arms_one_by_one() -> None:
+    for model, loads in (('closed_form', Loads()), ('exact', Loads()), ('exact', GRAVITY)):
+        solver = Solver(helical(), model, loads=loads)
+        several = np.stack([PULL, 0.1 * PULL, 0.0 * PULL])
+        batch = solver.solve(several)
+        last = solver.solve(1.2 * PULL)
+        followed = solver.follow(several, last)
+        assert batch.tendon_tensions.shape == (3, batch.s.size, 6)
+        for number, tensions in enumerate(several):
+            for found, one in (
+                (batch, solver.solve(tensions)), (followed, solver.follow(tensions, last))
+            ):  # fmt: skip
+                np.testing.assert_allclose(found.position[number], one.position, atol=1e-10)
+                np.testing.assert_allclose(
+                    found.tendon_tensions[number], one.tendon_tensions, atol=1e-9
+                )
+
+
+def test_a_batch_may_be_empty() -> None:
+    for model, loads in (('closed_form', Loads()), ('exact', Loads()), ('exact', GRAVITY)):
+        solver = Solver(helical(), model, loads=loads)
+        found = solver.solve(np.stack([PULL])[:0])
+        assert found.tendon_tensions.shape == (0, solver.solve(PULL).s.size, 6)
+
+
+# Derivatives ------------------------------------------------------------------------------------
+
+
+def test_derivatives_of_the_closed_form() -> None:
+    arm = helical(tuple(np.linspace(0.05, 0.4, 6).tolist()))
+    solver = Solver(arm, 'closed_form', 41)
+    backbone = solver.solve(PULL)
+
+    def outcome(backbone: Backbone) -> FloatArray:
+        strains = [getattr(backbone, name)[::5] for name in ('tau', 'xi', 'k', 'q')]
+        return np.concatenate([
+            backbone.position[::5].ravel(), *strains, solver.tendon_lengths(backbone).ravel()
+        ])  # fmt: skip
+
+    def stiffer(x: FloatArray) -> Solver:
+        young = float(arm.material.youngs_modulus) * (1.0 + x.item())
+        material = dataclasses.replace(arm.material, youngs_modulus=young)
+        return Solver(dataclasses.replace(arm, material=material), 'closed_form', 41)
+
+    def rougher(x: FloatArray) -> Solver:
+        return Solver(dataclasses.replace(arm, friction=tuple(x)), 'closed_form', 41)
+
+    by = solver.sensitivity(backbone)
+    assert by.by_friction is not None
+    for change, function, at, step in (
+        (by.by_tension, lambda x: solver.solve(x.reshape(2, 3)), PULL.ravel(), 5e-3),
+        (by.by_youngs_modulus, lambda x: stiffer(x).solve(PULL), np.zeros(1), 1e-3),
+        (by.by_friction, lambda x: rougher(x).solve(PULL), np.array(arm.friction), 5e-3),
+    ):
+        expected = jacobian(lambda x: outcome(function(x)), at, step)
+        got = np.concatenate([
+            change.pose[::5, :3].reshape(-1, at.size),
+            *change.strain[::5].transpose(1, 0, 2),
+            change.tendon_length,
+        ])  # fmt: skip
+        np.testing.assert_allclose(got, expected, rtol=1e-5, atol=2e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_derivatives_where_every_tendon_is_let_out(model: str) -> None:
+    solver = Solver(helical(0.03), model, 41)
+    pulled = solver.solve(2.0 * PULL)
+    released = solver.follow(PULL, pulled)
+    assert (np.diff(released.tendon_tensions[released.s < 0.25], axis=0) >= -1e-12).all()
+    got = solver.sensitivity(released).by_tension.tip[:3]
+    expected = jacobian(lambda x: solver.follow(x.reshape(2, 3), pulled).tip, PULL.ravel(), 2e-3)
+    np.testing.assert_allclose(got, expected, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_where_there_is_no_derivative_it_is_refused(model: str) -> None:
+    solver = Solver(uniform(), model)
+    part = solver.follow([[0.9]], solver.solve([[1.0]]))
+    with pytest.raises(SolveError, match=r'friction, tendon_1_1 of 0\.9 N sticks'):
+        solver.sensitivity(part)
+    both = Solver(uniform((0.0, math.pi)), model)
+    with pytest.raises(SolveError, match='tendon_1_1 of 2 N is straight'):
+        both.sensitivity(both.solve([[2.0, 2.0]]))
+    # Slack ones do not matter.
+    assert np.isfinite(both.sensitivity(both.solve([[0.0, 0.0]])).by_tension.tip).all()
+
+
+# What is refused --------------------------------------------------------------------------------
+
+
+def test_the_papers_model_has_no_friction(table4: Config) -> None:
+    arm = dataclasses.replace(table4.arm, friction=12 * (0.1,))
+    with pytest.raises(ConfigError, match=r'renda2012.*does not cover friction.*closed_form'):
+        Solver(arm, 'renda2012')
+
+
+@pytest.mark.parametrize('friction', [(-0.1,), (math.nan,), (math.inf,), (0.1, 0.2)])
+def test_friction_is_one_number_or_one_for_each_tendon(friction: tuple[float, ...]) -> None:
+    with pytest.raises(ArmDefinitionError, match=r'tendons\.friction'):
+        helical(friction)
+
+
+def test_each_tendon_may_have_its_own() -> None:
+    arm = helical((0.0, 0.3, 0.0, 0.0, 0.0, 0.0))
+    tensions = Solver(arm, 'exact').solve(PULL).tendon_tensions[5]
+    lost = PULL.ravel() - tensions
+    assert lost[1] > 1e-4
+    np.testing.assert_allclose(np.delete(lost, 1), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_the_inverse_finds_tensions_with_friction(model: str) -> None:
+    solver = Solver(uniform((0.0, 2.0, 4.0), 0.2), model, 31)
+    goal = solver.solve([[0.5, 0.3, 0.0]]).tip
+    found = find_tensions(solver, TipPosition(tuple(goal)), 2.0)
+    np.testing.assert_allclose(solver.solve(found.backbone.tensions).tip, goal, atol=1e-6)
+
+
+def test_a_tendon_along_the_midline_of_a_bent_arm_turns_with_it() -> None:
+    paths = (
+        Tendon(Constant(OFFSET), Constant(0.0)),
+        Tendon(Constant(0.0), Constant(0.0)),
+        Tendon(Linear(0.0, 0.0, LENGTH), Constant(1.0)),
+    )
+    arm = Arm(
+        Material(YOUNG, 0.5), Body(LENGTH, RADIUS, RADIUS), (RoutedSection(LENGTH, paths),),
+        friction=3 * (MU,),
+    )  # fmt: skip
+    left = Solver(arm, 'exact', material='linear').solve([[1.0, 0.1, 0.1]]).tendon_tensions[-1]
+    np.testing.assert_allclose(left / left[0], [1.0, 0.1, 0.1], rtol=1e-9)

@@ -1,0 +1,892 @@
+"""The loaded arm: textbook answers, balance, and the same physics solved by other means."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import reference_exact as reference
+from differences import jacobian
+from helical_arm import CONE, HELICAL, RUBBER
+from scipy.integrate import quad
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
+
+from octo_arm_model import (
+    Arm,
+    ArmDefinitionError,
+    Backbone,
+    Body,
+    Config,
+    ConfigError,
+    ConvergenceError,
+    DistributedLoad,
+    LoadError,
+    Loads,
+    Material,
+    PointLoad,
+    Pose,
+    ProfiledBody,
+    Section,
+    SolveError,
+    Solver,
+    Table,
+)
+from octo_arm_model.arm.budget import Budget
+from octo_arm_model.arm.errors import ContinuationError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import ScaledLoads
+from octo_arm_model.rod import continuation
+from octo_arm_model.rod.stations import panels_of
+
+LAWS = ('linear', 'neo_hookean')
+THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
+GRAVITY = (0.0, 0.0, -9.81)
+# The metal rod of Rao et al. 2021: nickel-titanium, tendons in spacer discs.
+ROD = Arm(
+    Material.from_moduli(54e9, 54e9 / 2.6, 6450.0),
+    Body(0.4, 0.0007, 0.0007, disc_radius=0.011),
+    tuple(Section(anchorage, 0.01, 0.01, angles=THIRDS) for anchorage in (0.4, 0.2)),
+)
+HELICAL_TENSIONS = np.array([[0.5, 1.0, 0.0], [2.0, 0.5, 3.0]])
+ROD_TENSIONS = np.array([[3.0, 0.0, 1.0], [0.0, 4.0, 0.0]])
+EVERYTHING = Loads(
+    gravity=(0.0, 3.0, -5.0),
+    fluid_density=400.0,
+    tip_force=(0.01, 0.02, -0.01),
+    tip_moment=(1e-4, -2e-4, 1e-4),
+    points=(PointLoad(0.15, (0.0, 0.05, 0.02), (1e-4, 0.0, 2e-4)), PointLoad(0.25, (0.02, 0, 0))),
+    distributed=(DistributedLoad((0.1, 0.2, 0.3), ((0, 0, 0), (0, 0.3, 0.2), (0, 0, 0.1))),),
+)
+# Of random tensions: some for every change, and many.
+FAMILY = pytest.mark.parametrize('sets', [20, pytest.param(1000, marks=pytest.mark.endurance)])
+
+
+def rod_of(length: float, radius: float, tip: float | None = None, young: float = 1e9) -> Arm:
+    """An arm with a tendon that nobody pulls."""
+    section = Section(length, 0.0, 0.0, angles=(0.0,))
+    return Arm(Material(young, 0.3, 1200.0), Body(length, radius, tip or radius), (section,))
+
+
+def with_density(arm: Arm, density: float = 1080.0) -> Arm:
+    return dataclasses.replace(arm, material=dataclasses.replace(arm.material, density=density))
+
+
+def assert_same(found: Backbone, expected: Backbone, atol: float) -> None:
+    np.testing.assert_allclose(found.position, expected.position, atol=atol)
+    overlap = np.abs((found.quaternion * expected.quaternion).sum(axis=-1))
+    np.testing.assert_allclose(overlap, 1.0, atol=atol)
+    for name in ('tau', 'xi', 'k', 'q'):
+        a, b = getattr(found, name), getattr(expected, name)
+        np.testing.assert_allclose(a, b, atol=100 * atol * (np.abs(b).max() + 1.0))
+
+
+# What loads nothing ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize(
+    'loads',
+    [
+        Loads(tip_force=(0.0, 0.0, 0.0)),
+        Loads(gravity=GRAVITY, fluid_density=1080.0),
+        Loads(distributed=(DistributedLoad((0.0, 0.4), ((0, 0, 0), (0, 0, 0))),)),
+    ],
+    ids=['nothing', 'floating', 'no force'],
+)
+def test_loads_of_nothing_leave_the_unloaded_shape(law: str, loads: Loads) -> None:
+    expected = Solver(HELICAL, 'exact', material=law).solve(HELICAL_TENSIONS)
+    solver = Solver(HELICAL, 'exact', material=law, loads=loads)
+    for found in (
+        solver.solve(HELICAL_TENSIONS),
+        solver.solve(HELICAL_TENSIONS, np.zeros(6)),
+        solver.solve(HELICAL_TENSIONS, start=expected),
+    ):
+        for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q'):
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-12)
+
+
+def test_a_load_at_the_base_is_felt_by_nothing() -> None:
+    loads = Loads(points=(PointLoad(0.0, (1.0, 2.0, 3.0), (1.0, 0.0, 0.0)),))
+    expected = Solver(HELICAL, 'exact').solve(HELICAL_TENSIONS)
+    found = Solver(HELICAL, 'exact', loads=loads).solve(HELICAL_TENSIONS)
+    assert_same(found, expected, 1e-10)
+
+
+# Textbooks -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('tip_radius', [0.01, 0.004])
+def test_a_small_force_bends_a_cantilever_by_the_integral_of_its_compliance(
+    law: str, tip_radius: float
+) -> None:
+    arm, force = rod_of(0.5, 0.01, tip_radius, 1e6), 1e-6
+    found = Solver(arm, 'exact', material=law).solve(
+        [[0.0]], (0.0, 0.6 * force, 0.8 * force, *3 * [0.0])
+    )
+
+    def compliance(s: float) -> float:
+        return (0.5 - s) ** 2 / (1e6 * math.pi * float(arm.body.radius(s)) ** 4 / 4.0)
+
+    expected = force * quad(compliance, 0.0, 0.5, epsrel=1e-12)[0]
+    if tip_radius == 0.01:
+        assert expected == pytest.approx(force * 0.5**3 / (3 * 1e6 * math.pi * 1e-8 / 4))
+    np.testing.assert_allclose(found.tip[1:], expected * np.array([0.6, 0.8]), rtol=2e-6)
+
+
+def test_shear_adds_its_part_to_the_deflection() -> None:
+    arm, force = rod_of(0.1, 0.01, young=1e6), 1e-5
+    found = Solver(arm, 'exact', material='linear', shear=True).solve(
+        [[0.0]], (0.0, force, 0.0, 0.0, 0.0, 0.0)
+    )
+    area = math.pi * 1e-4
+    expected = force * (0.1**3 / (3 * 1e6 * area * 1e-4 / 4) + 0.1 / (1e6 / 2.6 * area))
+    assert found.tip[1] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize('end_angle', [0.1, 0.6, 1.0, 1.3, 1.5])
+def test_a_large_force_bends_it_into_the_elastica(end_angle: float) -> None:
+    # Bisshopp and Drucker 1945. A rod this thin hardly stretches.
+    arm = rod_of(1.0, 1e-4)
+    bending = 1e9 * math.pi * 1e-16 / 4.0
+    m = (1.0 + math.sin(end_angle)) / 2.0
+    start = math.asin(math.sqrt(0.5 / m))
+    alpha = ellipk(m) - ellipkinc(start, m)
+    force = alpha**2 * bending
+    found = Solver(arm, 'exact', material='linear').solve(
+        [[0.0]], (0.0, 0.0, force, 0.0, 0.0, 0.0)
+    )
+    across = 1.0 - 2.0 / alpha * (ellipe(m) - ellipeinc(start, m))
+    along = math.sqrt(2.0 * math.sin(end_angle)) / alpha
+    np.testing.assert_allclose(found.tip, [along, 0.0, across], atol=1e-6)
+    tangent = Rotation.from_quat(found.quaternion[-1]).apply([1.0, 0.0, 0.0])
+    assert math.atan2(tangent[2], tangent[0]) == pytest.approx(end_angle, abs=1e-6)
+
+
+@pytest.mark.parametrize('turns', [0.01, 0.4, 1.3])
+def test_a_moment_bends_a_uniform_rod_into_an_arc(turns: float) -> None:
+    arm, curvature = rod_of(0.5, 0.005), 2.0 * math.pi * turns / 0.5
+    moment = curvature * 1e9 * math.pi * 0.005**4 / 4.0
+    found = Solver(arm, 'exact', material='linear', loads=Loads(tip_moment=(0, 0, moment))).solve(
+        [[0.0]]
+    )
+    angle = curvature * found.s
+    expected = np.stack([np.sin(angle), 1 - np.cos(angle), 0 * angle], axis=1) / curvature
+    np.testing.assert_allclose(found.position, expected, atol=1e-8)
+    np.testing.assert_allclose(found.k, curvature, rtol=1e-9)
+
+
+def test_a_moment_along_the_arm_twists_it() -> None:
+    found = Solver(rod_of(0.5, 0.005), 'exact', material='linear').solve(
+        [[0.0]], (0.0, 0.0, 0.0, 0.2, 0.0, 0.0)
+    )
+    np.testing.assert_allclose(found.tau, 0.2 / (1e9 / 2.6 * math.pi * 0.005**4 / 2), rtol=1e-9)
+    np.testing.assert_allclose(found.position[:, 1:], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize('law', LAWS)
+# Upwards not so much that it would buckle.
+@pytest.mark.parametrize('gravity', [9.81, -0.5])
+def test_a_hanging_arm_stretches_and_a_standing_one_shrinks_by_its_weight(
+    law: str, gravity: float
+) -> None:
+    # Short enough to stand: it would buckle under its weight at about twice this length.
+    length = 0.15
+    arm = rod_of(length, 0.02, 0.012, 1e5)
+    loads = Loads(gravity=(gravity, 0.0, 0.0), fluid_density=200.0)
+    found = Solver(arm, 'exact', 11, material=law, loads=loads).solve([[0.0]])
+
+    def stretch(s: float) -> float:
+        radius, tip = float(arm.body.radius(s)), 0.012
+        # A frustum hangs on the cross section.
+        weight = 1000 * gravity * math.pi * (length - s) / 3 * (radius**2 + radius * tip + tip**2)
+        stress = weight / (1e5 * math.pi * radius**2)
+        if law == 'linear':
+            return 1.0 + stress
+        return brentq(lambda x: (x - x**-2) / 3.0 - stress, 0.5, 2.0, xtol=1e-14)
+
+    for s, position, q in zip(found.s, found.position, found.q):
+        assert q == pytest.approx(stretch(s) - 1.0, abs=1e-9)
+        assert position[0] == pytest.approx(quad(stretch, 0.0, s, epsabs=1e-12)[0], abs=1e-9)
+    if law == 'linear':
+        uniform = Solver(rod_of(length, 0.02, young=1e5), 'exact', material='linear', loads=loads)
+        longer = 1000 * gravity * length**2 / (2 * 1e5)
+        assert uniform.solve([[0.0]]).tip[0] == pytest.approx(length + longer, abs=1e-10)
+
+
+def test_below_eulers_load_a_column_stays_straight() -> None:
+    arm = rod_of(1.0, 0.002)
+    euler = math.pi**2 * 1e9 * math.pi * 0.002**4 / 4.0 / 4.0
+    solver = Solver(arm, 'exact', material='linear')
+    found = solver.solve([[0.0]], (-0.9 * euler, 0.0, 0.0, 0.0, 0.0, 0.0))
+    np.testing.assert_allclose(found.position[:, 1:], 0.0, atol=1e-12)
+    # The deflection by a small force across grows as the load nears Euler's.
+    small = 1e-4 * euler
+    found = solver.solve([[0.0]], (-0.9 * euler, small, 0.0, 0.0, 0.0, 0.0))
+    u = math.pi / 2 * math.sqrt(0.9)
+    assert found.tip[1] == pytest.approx(1e-4 / 0.9 * (math.tan(u) / u - 1.0), rel=1e-4)
+
+
+def test_a_column_beyond_eulers_load_leans_where_it_is_pushed_and_as_far_as_the_elastica() -> None:
+    arm = rod_of(1.0, 1e-4)
+    bending = 1e9 * math.pi * 1e-16 / 4.0
+    # End angle 60 degrees: m = sin^2(30 degrees), K(m) = L sqrt(P / E J).
+    m = math.sin(math.pi / 6.0) ** 2
+    push = float(ellipk(m)) ** 2 * bending
+    solver = Solver(arm, 'exact', material='linear')
+    leaning = solver.solve([[0.0]], (-push, 0.05 * push, 0.0, 0.0, 0.0, 0.0))
+    found = solver.solve([[0.0]], (-push, 0.0, 0.0, 0.0, 0.0, 0.0), start=leaning)
+    across = 2.0 * math.sqrt(m) / ellipk(m)
+    along = 2.0 * ellipe(m) / ellipk(m) - 1.0
+    np.testing.assert_allclose(found.tip, [along, across, 0.0], atol=1e-6)
+
+
+# Loads that are others -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_a_fluid_of_twice_the_density_is_gravity_upside_down(law: str) -> None:
+    sinking, rising = (
+        Solver(HELICAL, 'exact', material=law, loads=loads).solve(HELICAL_TENSIONS)
+        for loads in (
+            Loads(gravity=(0.0, 0.0, 9.81)),
+            Loads(gravity=(0.0, 0.0, -9.81), fluid_density=2 * 1080.0),
+        )
+    )
+    assert_same(rising, sinking, 1e-10)
+
+
+@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('anchorage', [0.25, 0.2])
+def test_a_point_load_is_a_tip_load_of_the_arm_cut_there(law: str, anchorage: float) -> None:
+    section = Section(anchorage, 0.01, 0.008, angles=THIRDS)
+    force, moment, tensions = (0.02, 0.1, -0.05), (1e-3, -5e-4, 1e-3), [[1.0, 2.0, 0.0]]
+    whole = Solver(
+        Arm(RUBBER, CONE, (section,)),
+        'exact',
+        81,
+        material=law,
+        loads=Loads(points=(PointLoad(0.25, force, moment),)),
+    ).solve(tensions)
+    body = Body(0.25, 0.015, float(CONE.radius(0.25)))
+    cut = Solver(Arm(RUBBER, body, (section,)), 'exact', 51, material=law).solve(
+        tensions, (*force, *moment)
+    )
+    at = np.flatnonzero(np.isin(np.round(whole.s, 12), np.round(cut.s, 12)))
+    same = np.flatnonzero(np.isin(np.round(cut.s, 12), np.round(whole.s, 12)))
+    assert at.size > 10
+    np.testing.assert_allclose(whole.position[at], cut.position[same], atol=1e-8)
+    np.testing.assert_allclose(whole.q[at], cut.q[same], atol=1e-8)
+    np.testing.assert_allclose(whole.k[at], cut.k[same], atol=1e-6)
+    # Nothing acts beyond.
+    beyond = whole.position[whole.s > 0.25] - cut.tip
+    tangent = Rotation.from_quat(cut.quaternion[-1]).apply([1.0, 0.0, 0.0])
+    expected = np.outer(whole.s[whole.s > 0.25] - 0.25, tangent)
+    np.testing.assert_allclose(beyond, expected, atol=1e-7)
+
+
+def test_a_point_load_on_the_tip_is_a_tip_load_however_it_is_given() -> None:
+    force, moment = (0.01, 0.03, -0.02), (1e-4, -2e-4, 3e-4)
+    given = Loads(tip_force=force, tip_moment=moment)
+    expected = Solver(HELICAL, 'exact', loads=given).solve(HELICAL_TENSIONS)
+    point = Loads(points=(PointLoad(0.4, force, moment),))
+    assert_same(Solver(HELICAL, 'exact', loads=point).solve(HELICAL_TENSIONS), expected, 1e-9)
+    later = Solver(HELICAL, 'exact').solve(HELICAL_TENSIONS, (*force, *moment))
+    assert_same(later, expected, 1e-10)
+    half = Loads(tip_force=tuple(0.5 * f for f in force))
+    rest = (*(0.5 * f for f in force), *moment)
+    both = Solver(HELICAL, 'exact', loads=half).solve(HELICAL_TENSIONS, rest)
+    assert_same(both, expected, 1e-10)
+    np.testing.assert_allclose(both.tip_wrench, (*force, *moment), rtol=1e-12)
+
+
+def test_a_distributed_load_of_its_weight_is_gravity() -> None:
+    body = Body(0.4, 0.012, 0.012)
+    arm = Arm(RUBBER, body, (Section(0.3, 0.01, 0.005),))
+    tensions = [[0.5, 2.0, 0.0, 0.3]]
+    weight = 1080.0 * math.pi * 0.012**2 * np.array(GRAVITY)
+    expected = Solver(arm, 'exact', 81, loads=Loads(gravity=GRAVITY)).solve(tensions)
+    whole = DistributedLoad((0.0, 0.4), (tuple(weight), tuple(weight)))
+    found = Solver(arm, 'exact', 81, loads=Loads(distributed=(whole,))).solve(tensions)
+    assert_same(found, expected, 1e-9)
+    # The same from a ramp up and a ramp down that overlap, with a corner between stations.
+    ramps = (
+        DistributedLoad((0.0, 0.17, 0.4), ((0, 0, 0), tuple(weight), tuple(weight))),
+        DistributedLoad((0.0, 0.17), (tuple(weight), (0, 0, 0))),
+    )
+    found = Solver(arm, 'exact', 81, loads=Loads(distributed=ramps)).solve(tensions)
+    np.testing.assert_allclose(found.tip, expected.tip, atol=1e-8)
+
+
+@pytest.mark.parametrize('places', [(0.1, 0.3), (0.3, 0.1), (0.2, 0.2)])
+def test_where_arm_and_loads_are_not_smooth_may_come_in_any_order(
+    places: tuple[float, float],
+) -> None:
+    of_arm, of_load = places
+    radius = Table((0.0, of_arm, 0.4), (0.015, 0.012, 0.006))
+    section = Section(0.4, 0.008, 0.004)
+    arm = Arm(Material(1.1e5, 0.45), ProfiledBody(0.4, radius), (section,))
+    ends = (0.0, of_load, 0.4)
+    peak = DistributedLoad(ends, ((0, 0, 0), (0, 0.3, -0.6), (0, 0, 0)))
+    begins, goes_on = (DistributedLoad(ends[i : i + 2], peak.force[i : i + 2]) for i in range(2))
+    # A border of panels cuts the elements too, wherever the arm is not smooth.
+    expected, found = (
+        Solver(arm, 'exact', 41, loads=Loads(distributed=loads)).solve([[0.1, 0.3, 0.0, 0.0]])
+        for loads in ((begins, goes_on), (peak,))
+    )
+    np.testing.assert_allclose(found.tip, expected.tip, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize('place', [0.06, float(np.nextafter(0.06, 1.0)), 0.15, 3 * 0.05])
+def test_a_load_may_lie_beside_a_point_of_a_table_by_rounding(place: float) -> None:
+    radius = Table((0.0, 0.06, 0.15, 0.45), (0.015, 0.012, 0.01, 0.008))
+    sections = Section(0.45, 0.006, 0.004), Section(0.3, 0.006, 0.006)
+    arm = Arm(Material(1.1e5, 0.45), ProfiledBody(0.45, radius), sections)
+    near, at = (Loads(points=(PointLoad(s, (0.0, 0.0, -0.1)),)) for s in (place, round(place, 9)))
+    found, expected = (Solver(arm, 'exact', loads=loads) for loads in (near, at))
+    rest = np.zeros((2, 4))
+    assert len(panels_of(arm, near.breaks)) == len(panels_of(arm, at.breaks))
+    np.testing.assert_allclose(found.solve(rest).tip, expected.solve(rest).tip, atol=1e-12)
+
+
+@pytest.mark.parametrize('compiled', [False, None], ids=['numpy', 'compiled where it can be'])
+def test_scaled_loads_are_loads_of_their_magnitude(compiled: bool | None) -> None:
+    point = PointLoad(0.15, (0.0, 0.01, 0.005), (1e-4, 0.0, 2e-4))
+    along = DistributedLoad((0.05, 0.25), ((0.0, 0.05, 0.0), (0.0, 0.0, -0.1)))
+    arm = with_density(HELICAL)
+    unit = Loads(points=(point,)), Loads(distributed=(along,))
+    scaled, weight = ScaledLoads(unit), Loads(gravity=GRAVITY, fluid_density=1000.0)
+    loads = dataclasses.replace(weight, scaled=scaled)
+    solver = Solver(arm, 'exact', 21, loads=loads, compiled=compiled)
+    for first, second in ((0.7, -1.2), (-0.3, 0.4)):
+        scaled.magnitudes[:] = first, second
+        turned = (first * np.array(point.force), first * np.array(point.moment))
+        same = dataclasses.replace(
+            weight,
+            points=(PointLoad(point.s, *(tuple(part.tolist()) for part in turned)),),
+            distributed=(
+                DistributedLoad(along.s, tuple(map(tuple, second * np.array(along.force)))),
+            ),
+        )
+        alone = Solver(arm, 'exact', 21, loads=same)
+        found, expected = solver.solve(HELICAL_TENSIONS), alone.solve(HELICAL_TENSIONS)
+        assert_same(found, expected, 1e-9)
+        changes = [
+            one.sensitivity_to_loads(shape, unit).pose
+            for one, shape in ((solver, found), (alone, expected))
+        ]
+        np.testing.assert_allclose(*changes, atol=1e-6 * np.abs(changes[1]).max())
+    with pytest.raises(ConfigError, match=r'loads\.scaled have no derivatives'):
+        solver.sensitivity_to_loads(found, [loads])
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_turning_base_and_loads_turns_the_shape(law: str) -> None:
+    turn = Rotation.from_euler('xyz', [0.3, -1.1, 2.0])
+    base = Pose((1e3, -0.2, 0.3), tuple(turn.as_quat()))
+
+    def turned(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+        x, y, z = turn.apply(vector)
+        return x, y, z
+
+    loads = dataclasses.replace(
+        EVERYTHING,
+        gravity=turned(EVERYTHING.gravity),
+        tip_force=turned(EVERYTHING.tip_force),
+        tip_moment=turned(EVERYTHING.tip_moment),
+        points=tuple(
+            PointLoad(load.s, turned(load.force), turned(load.moment))
+            for load in EVERYTHING.points
+        ),
+        distributed=tuple(
+            DistributedLoad(load.s, tuple(turned(force) for force in load.force))
+            for load in EVERYTHING.distributed
+        ),
+    )
+    before = Solver(HELICAL, 'exact', material=law, loads=EVERYTHING).solve(HELICAL_TENSIONS)
+    after = Solver(HELICAL, 'exact', base=base, material=law, loads=loads).solve(HELICAL_TENSIONS)
+    expected = turn.apply(before.position.copy()) + base.position
+    np.testing.assert_allclose(after.position, expected, atol=1e-9)
+    np.testing.assert_allclose(after.k, before.k, atol=1e-7)
+
+
+# Balance ---------------------------------------------------------------------------------------
+
+
+def left_over(
+    arm: Arm, tensions: np.ndarray, law: str, loads: Loads, backbone: Backbone
+) -> FloatArray:
+    """Largest imbalance at any station, relative, from the shape that came out."""
+    # Where gravity acts along the arm, from the shape between its stations.
+    curve = None
+    if any(loads.gravity):
+        curve = CubicSpline(backbone.s, backbone.position)
+    worst = 0.0
+    axes = Rotation.from_quat(backbone.quaternion).as_matrix()
+    points = [*loads.points, PointLoad(arm.length, loads.tip_force, loads.tip_moment)]
+    for i, s in enumerate(backbone.s):
+        force, moment = np.zeros(3), np.zeros(3)
+        for load in points:
+            if load.s >= s:
+                node = int(np.abs(backbone.s - load.s).argmin())
+                arm_to = backbone.position[node] - backbone.position[i]
+                force += load.force
+                moment += np.cross(arm_to, load.force) + load.moment
+        if curve is not None:
+            nodes, weights = np.polynomial.legendre.leggauss(40)
+            where = s + (arm.length - s) * (nodes + 1) / 2
+            weights = weights * (arm.length - s) / 2
+            area = np.pi * arm.body.radius(where) ** 2
+            density = (arm.material.density - loads.fluid_density) * area
+            weight = (weights * density)[:, np.newaxis] * loads.gravity
+            force += weight.sum(axis=0)
+            moment += np.cross(curve(where) - backbone.position[i], weight).sum(axis=0)
+        active = int(backbone.section[i])
+        cut = reference.Cut(arm, s, active, tensions, law, reference.FINE_DISC)
+        stretch = 1.0 + backbone.q[i]
+        omega = np.array([backbone.tau[i], backbone.xi[i], backbone.k[i]])
+        answer = cut.resultants(np.append(stretch * omega, stretch)[:, np.newaxis])[:, 0]
+        of_moment, of_force = cut.scale
+        moment_left = np.abs(axes[i].T @ moment - answer[:3]).max()
+        force_left = abs(axes[i][:, 0] @ force - answer[3])
+        worst = max(
+            worst,
+            moment_left / (of_moment[0] + np.abs(moment).max()),
+            force_left / (of_force[0] + np.abs(force).max()),
+        )
+    return worst
+
+
+@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('stations', [12, 101])
+def test_forces_and_moments_balance_at_every_station_across_anchorages(
+    law: str, stations: int
+) -> None:
+    loads = dataclasses.replace(EVERYTHING, gravity=(0, 0, 0), distributed=())
+    solver = Solver(HELICAL, 'exact', stations, material=law, loads=loads)
+    backbone = solver.solve(HELICAL_TENSIONS)
+    assert left_over(HELICAL, HELICAL_TENSIONS, law, loads, backbone) < 1e-9
+
+
+def test_they_do_for_the_metal_rod() -> None:
+    loads = Loads(tip_force=(0.0, 0.05, 0.1), points=(PointLoad(0.1, (0.3, 0.2, 0.0)),))
+    backbone = Solver(ROD, 'exact', material='linear', loads=loads).solve(ROD_TENSIONS)
+    assert left_over(ROD, ROD_TENSIONS, 'linear', loads, backbone) < 1e-9
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_they_do_under_weight(law: str) -> None:
+    # Without anchorages on the way the shape is smooth between stations.
+    arm = Arm(RUBBER, CONE, (Section(0.4, 0.01, 0.005),))
+    tensions = np.array([[1.0, 0.5, 0.0, 0.2]])
+    loads = Loads(gravity=(2.0, 3.0, -9.0), fluid_density=300.0)
+    backbone = Solver(arm, 'exact', 201, material=law, loads=loads).solve(tensions)
+    assert left_over(arm, tensions, law, loads, backbone) < 1e-8
+
+
+# By other means --------------------------------------------------------------------------------
+
+
+def test_the_metal_rod_is_that_of_a_boundary_value_solver() -> None:
+    loads = Loads(tip_force=(0.0, 0.0, 0.1))
+    found = Solver(ROD, 'exact', 21, material='linear', loads=loads).solve(ROD_TENSIONS)
+    expected = reference.loaded_bvp(ROD, ROD_TENSIONS, found.s, loads, tol=1e-7)
+    np.testing.assert_allclose(found.position, expected.position, atol=1e-6 * 0.4)
+    rotation = Rotation.from_quat(found.quaternion).as_matrix()
+    np.testing.assert_allclose(rotation, expected.rotation, atol=1e-5)
+    assert np.linalg.norm(found.tip - Solver(ROD, 'exact', material='linear').solve(
+        ROD_TENSIONS).tip) > 0.05  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    'law', ['neo_hookean', pytest.param('linear', marks=pytest.mark.endurance)]
+)
+def test_the_arm_of_table_4_in_water_is_too(table4: Config, law: str) -> None:
+    arm, loads = with_density(table4.arm), Loads(gravity=GRAVITY, fluid_density=1000.0)
+    tensions = np.array([[0.1, 0.0, 0.05, 0.0], [0.0, 1.5, 0.0, 0.5], [2.0, 0.0, 0.0, 3.0]])
+    found = Solver(arm, 'exact', 21, table4.base, material=law, loads=loads).solve(tensions)
+    expected = reference.loaded_bvp(arm, tensions, found.s, loads, law, base=table4.base, tol=1e-5)
+    np.testing.assert_allclose(found.position, expected.position, atol=1e-6 * arm.length)
+
+
+@pytest.mark.parametrize('shear', [True, pytest.param(False, marks=pytest.mark.endurance)])
+def test_so_is_a_helical_arm_under_every_load(shear: bool) -> None:
+    # Not all of the loads: they would fold the arm, and another method might find another shape.
+    loads = eased(EVERYTHING, 0.3)
+    solver = Solver(HELICAL, 'exact', 21, material='linear', shear=shear, loads=loads)
+    found = solver.solve(HELICAL_TENSIONS)
+    expected = reference.loaded_bvp(
+        HELICAL, HELICAL_TENSIONS, found.s, loads, shear=shear, tol=1e-5
+    )
+    np.testing.assert_allclose(found.position, expected.position, atol=1e-6 * 0.4)
+
+
+@pytest.mark.parametrize(
+    ('arm', 'tensions', 'loads', 'law'),
+    [
+        (ROD, ROD_TENSIONS, Loads(tip_force=(0.0, 0.0, 0.1)), 'linear'),
+        (HELICAL, HELICAL_TENSIONS, Loads(gravity=GRAVITY), 'neo_hookean'),
+        (HELICAL, HELICAL_TENSIONS, Loads(GRAVITY, 1000.0, (0.0, 0.02, 0.01)), 'linear'),
+    ],
+    ids=['rod', 'heavy', 'in water'],
+)
+def test_the_energy_of_the_whole_arm_is_least(
+    arm: Arm, tensions: np.ndarray, loads: Loads, law: str
+) -> None:
+    found = Solver(arm, 'exact', 21, material=law, loads=loads).solve(tensions)
+    coarse, fine = (
+        reference.least_energy(arm, tensions, elements, loads, law)[-1] for elements in (8, 16)
+    )
+    # Constant strains converge with the square of their length.
+    errors = [np.linalg.norm(tip - found.tip) for tip in (coarse, fine)]
+    assert errors[0] < 0.02 * arm.length
+    assert errors[1] < 0.3 * errors[0]
+    np.testing.assert_allclose(fine + (fine - coarse) / 3, found.tip, atol=5e-4 * arm.length)
+
+
+# Solving ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_a_start_changes_how_long_it_takes_and_nothing_else(law: str) -> None:
+    solver = Solver(HELICAL, 'exact', material=law, loads=EVERYTHING)
+    cold = solver.solve(HELICAL_TENSIONS)
+    for factor, wrench in ((0.9, None), (1.2, (0.01, 0.0, 0.0, 0.0, 0.0, 0.0)), (0.0, None)):
+        start = solver.solve(factor * HELICAL_TENSIONS, wrench)
+        warm = solver.solve(HELICAL_TENSIONS, start=start)
+        assert_same(warm, cold, 2e-8)  # Some from a start on finer elements.
+
+
+def test_a_start_of_another_solver_is_refused() -> None:
+    solver = Solver(HELICAL, 'exact', material='linear', loads=EVERYTHING)
+    for other in (
+        Solver(HELICAL, 'exact', 51, material='linear', loads=EVERYTHING),
+        Solver(HELICAL, 'exact', material='linear', shear=True, loads=EVERYTHING),
+    ):
+        with pytest.raises(ConfigError, match='another solver'):
+            solver.solve(HELICAL_TENSIONS, start=other.solve(HELICAL_TENSIONS))
+
+
+def eased(loads: Loads, part: float) -> Loads:
+    """``part`` of all ``loads``."""
+
+    def of(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+        x, y, z = vector
+        return part * x, part * y, part * z
+
+    return Loads(
+        of(loads.gravity),
+        loads.fluid_density,
+        of(loads.tip_force),
+        of(loads.tip_moment),
+        tuple(PointLoad(load.s, of(load.force), of(load.moment)) for load in loads.points),
+        tuple(
+            DistributedLoad(load.s, tuple(of(force) for force in load.force))
+            for load in loads.distributed
+        ),
+    )
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_the_shape_is_the_one_that_slow_loading_leads_to(law: str) -> None:
+    # There are others in balance, which no arm would stay in.
+    slowly = None
+    for part in np.linspace(0.0, 1.0, 26)[1:]:
+        solver = Solver(HELICAL, 'exact', material=law, loads=eased(EVERYTHING, part))
+        slowly = solver.solve(HELICAL_TENSIONS, start=slowly)
+    assert slowly is not None
+    assert_same(solver.solve(HELICAL_TENSIONS), slowly, 1e-9)
+
+
+@pytest.mark.parametrize('force', [0.999, 1.001])
+def test_a_rod_buckles_at_the_load_of_euler(force: float) -> None:
+    arm = rod_of(0.5, 0.001, young=1e9)
+    critical = math.pi**2 * 1e9 * math.pi * 0.001**4 / 4.0 / (4.0 * 0.5**2)
+    found = Solver(arm, 'exact', material='linear').solve(
+        [[0.0]], (-force * critical, 0, 0, 0, 0, 0)
+    )
+    aside = float(np.hypot(*found.tip[1:]))
+    assert found.residual < 1e-10
+    if force < 1.0:
+        assert aside < 1e-9
+    else:
+        # The elastica: 8 / pi^2 sin(a / 2) of the length, P / P_c = (2 K(sin a / 2) / pi)^2.
+        assert 0.03 < aside / 0.5 < 0.09
+
+
+def test_an_arm_that_stands_too_tall_falls_over_and_stays_balanced(table4: Config) -> None:
+    solver = Solver(with_density(table4.arm), 'exact', loads=Loads(gravity=(-9.81, 0.0, 0.0)))
+    found = solver.solve(np.zeros((3, 4)))
+    assert found.residual < 1e-10
+    assert found.tip[0] < 0.0
+    # Nudged by a force that decides, it falls to that side.
+    aside = solver.solve(np.zeros((3, 4)), (0, 0, 1e-4, 0, 0, 0))
+    assert aside.tip[2] > 0.1
+
+
+def test_a_failed_balance_and_a_failed_continuation_say_so_each(
+    table4: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm, loads = with_density(table4.arm), Loads(gravity=(-9.81, 0.0, 0.0))
+    for budget, spent in (
+        (Budget(4), '4 iterations'),
+        (Budget(seconds=1e-9), '1e-09 s'),
+    ):
+        solver = Solver(arm, 'exact', 31, loads=loads, budget=budget)
+        with pytest.raises(ContinuationError, match=rf'budget of {spent} at .* % of the') as error:
+            solver.solve(np.zeros((3, 4)))
+        assert 0.0 <= error.value.part < 1.0
+    with pytest.raises(ConfigError, match='seconds is 0'):
+        Budget(seconds=0)
+    with pytest.raises(ConfigError, match='residual is 1, expected at most'):
+        Budget(residual=1)
+    solver = Solver(arm, 'exact', 31, loads=loads)
+    monkeypatch.setattr(continuation, '_MOST_DESCENT', 1)
+    with pytest.raises(ConvergenceError, match='balance under load did not converge: residual'):
+        solver.solve(np.zeros((3, 4)))
+
+
+@pytest.mark.parametrize('friction', [(), (0.1,)], ids=['smooth', 'rough'])
+@pytest.mark.parametrize('compiled', [False, None], ids=['numpy', 'compiled where it can be'])
+def test_arms_of_a_batch_that_are_not_loaded_are_solved_as_alone(
+    table4: Config, compiled: bool | None, friction: tuple[float, ...]
+) -> None:
+    arm = dataclasses.replace(table4.arm, friction=friction)
+    solver = Solver(arm, 'exact', compiled=compiled)
+    tensions = 0.05 * np.arange(48.0).reshape(4, 3, 4)
+    wrenches = np.zeros((4, 6))
+    wrenches[[1, 2], 2] = 0.002, -0.001
+    together = solver.solve(tensions, wrenches)
+    for number, (given, wrench) in enumerate(zip(tensions, wrenches, strict=True)):
+        alone = solver.solve(given, wrench)
+        for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q', 'slid_tensions'):
+            found, expected = getattr(together, name), getattr(alone, name)
+            if expected is not None:
+                scale = np.abs(expected).max()
+                tolerance = (1e-12 if name in ('position', 'quaternion') else 1e-10) * scale
+                np.testing.assert_allclose(found[number], expected, rtol=0.0, atol=tolerance)
+    tensions[2, 1, 1] = 1e5
+    with pytest.raises(SolveError, match=r'in set 2$'):
+        solver.solve(tensions, wrenches)
+
+
+def test_a_batch_under_loads_is_its_sets_one_by_one() -> None:
+    solver = Solver(HELICAL, 'exact', 31, loads=EVERYTHING)
+    tensions = HELICAL_TENSIONS * np.linspace(0.0, 1.0, 3).reshape(3, 1, 1)
+    wrenches = 0.01 * np.random.default_rng(0).normal(size=(2, 1, 6)) * ([1.0] * 3 + [0.01] * 3)
+    together = solver.solve(tensions, wrenches)
+    assert together.position.shape == (2, 3, 31, 3)
+    assert together.tip_wrench.shape == (2, 3, 6)
+    assert (together.residual < 1e-10).all()
+    for i in range(2):
+        for j in range(3):
+            alone = solver.solve(tensions[j], wrenches[i, 0])
+            np.testing.assert_allclose(together.position[i, j], alone.position, atol=1e-9)
+
+
+@pytest.mark.parametrize('stations', [7, 23, 201])
+def test_the_tip_under_loads_does_not_depend_on_the_number_of_stations(stations: int) -> None:
+    tips = [
+        Solver(HELICAL, 'exact', n, loads=EVERYTHING).solve(HELICAL_TENSIONS).tip
+        for n in (stations, 801)
+    ]
+    np.testing.assert_allclose(tips[0], tips[1], atol=1e-6 * 0.4)
+
+
+@pytest.mark.parametrize(
+    ('make', 'error', 'message'),
+    [
+        (lambda: PointLoad(-0.1, (0, 0, 1)), ArmDefinitionError, 'loads.point.s is -0.1'),
+        (lambda: PointLoad(0.1, (0, math.nan, 1)), ArmDefinitionError, 'three finite numbers'),
+        (lambda: Loads(gravity=(0, 1)), ArmDefinitionError, 'loads.gravity'),
+        (lambda: Loads(fluid_density=-1.0), ArmDefinitionError, 'loads.fluid_density is -1.0'),
+        (
+            lambda: DistributedLoad((0.1, 0.1), ((0, 0, 0), (0, 0, 1))),
+            ArmDefinitionError,
+            'at least two, increasing',
+        ),
+        (
+            lambda: DistributedLoad((0.1, 0.2), ((0, 0, 0),)),
+            ArmDefinitionError,
+            'expected 2 forces, one for each s',
+        ),
+        (
+            lambda: Solver(HELICAL, 'exact', loads=Loads(points=(PointLoad(0.5, (0, 0, 1)),))),
+            ArmDefinitionError,
+            'at most the length of the arm, 0.4',
+        ),
+        (
+            lambda: Solver(with_density(HELICAL, 0.0), 'exact', loads=Loads(gravity=GRAVITY)),
+            ArmDefinitionError,
+            'material.density',
+        ),
+        (
+            lambda: Solver(HELICAL, 'exact').solve(HELICAL_TENSIONS, (0, 0, 1)),
+            LoadError,
+            'tip_wrench',
+        ),
+        (
+            lambda: Solver(HELICAL, 'exact').solve(HELICAL_TENSIONS, (0, 0, math.inf, 0, 0, 0)),
+            LoadError,
+            'tip_wrench',
+        ),
+        (
+            lambda: Solver(HELICAL, 'exact').solve([HELICAL_TENSIONS] * 2, np.zeros((3, 6))),
+            LoadError,
+            r'tip_wrench has leading axes \(3,\), expected those of the tensions, \(2,\), or none',
+        ),
+    ],
+)
+def test_what_is_no_load_is_refused(make: object, error: type[Exception], message: str) -> None:
+    assert callable(make)
+    with pytest.raises(error, match=message):
+        make()
+
+
+def limits_of(arm: Arm) -> tuple[float, float]:
+    """A hundred times E A of the thinnest cross section, and of the root of E A E I."""
+    radius = float(np.min(arm.body.radius(np.linspace(0.0, arm.length, 2001))))
+    area, second = math.pi * radius**2, math.pi * radius**4 / 4.0
+    young = float(arm.material.youngs_modulus)
+    return 100.0 * young * area, 100.0 * young * math.sqrt(area * second)
+
+
+# The node nearest to the tip is not quite at it.
+@pytest.mark.parametrize('factor', [0.98, 1.02])
+@pytest.mark.parametrize('way', [(1.0, 0.0, 0.0), (0.6, 0.0, -0.8)])
+def test_loads_are_bounded_wherever_they_enter(
+    table4: Config, factor: float, way: tuple[float, float, float]
+) -> None:
+    arm = table4.arm.with_density(1000.0)
+    largest_force, largest_moment = limits_of(arm)
+    force = tuple(factor * largest_force * x for x in way)
+    moment = tuple(factor * largest_moment * x for x in way)
+    zero = (0.0, 0.0, 0.0)
+    solver = Solver(arm, 'exact')
+    enter: list[Callable[[], object]] = [
+        lambda: solver.check_tip_wrench((*force, *zero)),
+        lambda: solver.check_tip_wrench((*zero, *moment)),
+        lambda: solver.check_tip_wrench([(0.0,) * 6, (*force, *moment)]),
+        lambda: Solver(arm, 'exact', loads=Loads(tip_force=force)),
+        lambda: Solver(arm, 'exact', loads=Loads(tip_moment=moment)),
+        lambda: Solver(arm, 'exact', loads=Loads(points=(PointLoad(0.2, force),))),
+        lambda: Solver(arm, 'exact', loads=Loads(points=(PointLoad(0.2, zero, moment),))),
+    ]
+    for make in enter:
+        if factor < 1.0:
+            make()
+        else:
+            with pytest.raises((LoadError, ArmDefinitionError), match='expected at most'):
+                make()
+
+
+@pytest.mark.parametrize('size', [1e9, 1e300, 1.7e308])
+def test_enormous_loads_are_refused_before_anything_is_solved(table4: Config, size: float) -> None:
+    arm = table4.arm.with_density(1000.0)
+    vector = (0.0, size, -size)
+    for make in (
+        lambda: Loads(gravity=vector),
+        lambda: Loads(tip_force=vector),
+        lambda: Loads(distributed=(DistributedLoad((0.1, 0.2), (vector, vector)),)),
+        lambda: Loads(fluid_density=size, gravity=(0.0, 0.0, -9.81)),
+    ):
+        with pytest.raises(ArmDefinitionError, match=r'expected .*at most'):
+            Solver(arm, 'exact', loads=make())
+    solver = Solver(arm, 'exact')
+    with pytest.raises(LoadError, match=r'force on the tip is .* N, expected at most'):
+        solver.solve(np.zeros((3, 4)), (*vector, 0.0, 0.0, 0.0))
+    with pytest.raises(LoadError, match=r'moment on the tip is .* N m, expected at most'):
+        solver.solve(np.zeros((3, 4)), (0.0, 0.0, 0.0, *vector))
+
+
+def test_the_papers_models_know_no_loads(table4: Config, papers_model: str) -> None:
+    tensions = np.zeros((3, 4))
+    with pytest.raises(ConfigError, match='choose exact'):
+        Solver(table4.arm, papers_model, loads=Loads(tip_force=(0, 0, 1)))
+    with pytest.raises(ConfigError, match='choose exact'):
+        Solver(table4.arm, papers_model).solve(tensions, (0, 0, 1, 0, 0, 0))
+    Solver(table4.arm, papers_model).solve(tensions, np.zeros(6))
+
+
+# Families --------------------------------------------------------------------------------------
+
+
+def softest(solver: Solver, backbone: Backbone) -> float:
+    """Least work of a small wrench on the tip, in units of one size: negative if unstable."""
+    unit = np.array(3 * [1.0] + 3 * [solver.arm.length])
+    compliance = solver.sensitivity(backbone).compliance * unit[:, np.newaxis] * unit
+    return float(np.linalg.eigvalsh((compliance + compliance.T) / 2.0).min())
+
+
+def assert_all_balance(solver: Solver, family: list[np.ndarray]) -> None:
+    failed = []
+    for number, tensions in enumerate(family):
+        try:
+            backbone = solver.solve(tensions)
+        except SolveError as error:
+            failed.append((number, str(error)))
+            continue
+        if not backbone.residual < 1e-10:
+            failed.append((number, f'residual {backbone.residual}'))
+        elif not softest(solver, backbone) > 0.0:
+            failed.append((number, 'unstable: no real arm would stay there'))
+    assert not failed, f'{len(failed)} of {len(family)}: {failed[:5]}'
+
+
+@FAMILY
+@pytest.mark.parametrize(
+    'force', [(0, 0, 0), (0, 0, 0.1), (0, -0.1, 0.0)], ids=['free', 'along b', 'along -n']
+)
+def test_the_metal_rod_finds_its_balance_under_any_tensions(
+    force: tuple[float, float, float], sets: int
+) -> None:
+    random = np.random.default_rng(2021)
+    family = list(random.uniform(0.0, 6.0, (sets, 2, 3)))
+    solver = Solver(ROD, 'exact', material='linear', loads=Loads(tip_force=force))
+    assert_all_balance(solver, family)
+
+
+@FAMILY
+@pytest.mark.parametrize('fluid', [1000.0, 0.0], ids=['water', 'air'])
+@pytest.mark.parametrize('law', LAWS)
+def test_the_arm_of_table_4_finds_its_balance_under_its_weight(
+    table4: Config, law: str, fluid: float, sets: int
+) -> None:
+    random = np.random.default_rng(2012)
+    largest = np.array([0.5, 4.0, 13.0])[:, np.newaxis]
+    family = []
+    for _ in range(sets):
+        shares = random.uniform(size=(3, 4)) * random.integers(0, 2, (3, 4))
+        family.append(largest * shares / np.maximum(1.0, shares.sum(axis=1, keepdims=True)))
+    loads = Loads(gravity=GRAVITY, fluid_density=fluid)
+    solver = Solver(with_density(table4.arm), 'exact', 101, material=law, loads=loads)
+    assert_all_balance(solver, family)
+
+
+# An arm that coils ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('turns', [1, 2, 5])
+def test_a_slender_arm_that_coils_is_resolved_however_even_its_curvature(turns: int) -> None:
+    # Its twist is that of a circle, which a single point would resolve; its midline is not.
+    tensions = np.array([[16.0 * turns, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    solver, step = Solver(ROD, 'exact', 41), 1e-4 * tensions[0, 0]
+    unloaded = Solver(ROD, 'exact', 1601)
+    coiled = unloaded.solve(tensions)
+    found = solver.solve(tensions, tip_wrench=[0.0, 0.0, 1e-12, 0.0, 0.0, 0.0])
+    turned = np.sum(np.diff(coiled.s) * np.hypot(coiled.xi, coiled.k)[1:])
+    assert turned > 0.9 * math.tau * turns
+    error = np.abs(found.position - coiled.position[::40]).max()
+    assert error < 2e-7 * ROD.length
+    expected = jacobian(
+        lambda first: unloaded.solve([[first[0], 0.0, 0.0], [0.0, 0.0, 0.0]]).tip,
+        [tensions[0, 0]], step,
+    )  # fmt: skip
+    by_tension = solver.sensitivity(solver.solve(tensions)).by_tension.pose[-1, :3, :1]
+    np.testing.assert_allclose(by_tension, expected, rtol=0.0, atol=2e-5 * abs(expected).max())

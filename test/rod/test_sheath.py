@@ -1,0 +1,352 @@
+"""Tendons that stand off their paths, against minimisation over strains and places at once."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import strategies
+from differences import along, jacobian
+from helical_arm import PULL, helical_arm
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from octo_arm_model import (
+    Arm,
+    ArmDefinitionError,
+    Body,
+    Config,
+    ConfigError,
+    Loads,
+    Material,
+    Section,
+    SolveError,
+    Solver,
+)
+from octo_arm_model.arm.sheath_stiffness import estimate_sheath_stiffness
+from octo_arm_model.rod.rod import Rod, Setting
+from octo_arm_model.rod.tendons import Stretch, tendon_stretch
+
+RUBBER = Material(1.1e5, 0.5, 1080.0)
+SHEAR_MODULUS = 1.1e5 / 3.0
+# One keeps its place.
+HELICAL = helical_arm(RUBBER, sheath_stiffness=(3e5, 5e5, 0.0, 4e5, 2e5, 6e5))
+
+
+def with_sheath(arm: Arm, stiffness: float) -> Arm:
+    return dataclasses.replace(arm, sheath_stiffness=(stiffness,))
+
+
+def energy_of(
+    arm: Arm, s: float, tensions: np.ndarray, strain: np.ndarray, offset: np.ndarray
+) -> float:
+    """Energy psi of one cross section of rubber, term by term as the manual has it.
+
+    For tau, xi, k about t, n, b per reference length, the stretch, and (n, b) of every tendon that
+    passes; the body by quadrature over the circle.
+    """
+    (t, n, b, stretch), radius = strain, float(arm.body.radius(s))
+    shape = np.sqrt(1.0 / stretch)
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    r = radius * np.sqrt(0.5 * (nodes + 1.0))[:, np.newaxis]
+    angle = 2.0 * np.pi * np.arange(48) / 48
+    y, z = r * np.cos(angle), r * np.sin(angle)
+    fibre = stretch + shape * (n * z - b * y)
+    area = math.pi * radius**2
+    mean = float(np.sum(0.5 * weights[:, np.newaxis] * (fibre**2 + 2.0 / fibre - 3.0)) / 48)
+    torsion = SHEAR_MODULUS * area * radius**2 / 2.0
+    total = 0.5 * SHEAR_MODULUS * area * mean + 0.5 * torsion * (shape * t) ** 2
+    x, y = (table[:, 0] for table in arm.tendon_offsets(np.array([s])))
+    dx, dy = (table[:, 0] for table in arm.tendon_slopes(np.array([s])))
+    for j in range(len(arm.tendons)):
+        if arm.sections[arm.tendon_section[j] - 1].anchorage < s:
+            continue
+        place = shape * np.array([0.0, x[j] + offset[2 * j], y[j] + offset[2 * j + 1]])
+        tangent = np.array([stretch, shape * dx[j], shape * dy[j]])
+        tangent += np.cross([t, n, b], place)
+        total += tensions[j] * float(np.linalg.norm(tangent))
+        place_off = offset[2 * j : 2 * j + 2]
+        total += 0.5 * arm.sheath_stiffness[j] * float(place_off @ place_off)
+    return total
+
+
+@pytest.mark.parametrize('s', [0.1, 0.3])
+def test_strains_are_those_of_least_energy_over_strains_and_places(s: float) -> None:
+    """A general optimiser of all unknowns at once finds no less."""
+    # Sheaths of equal stiffness: the optimiser moves none that is rigid.
+    arm = with_sheath(HELICAL, 3e5)
+    backbone = Solver(arm, 'exact', 41).solve(PULL)
+    i = int(np.argmin(np.abs(backbone.s - s)))
+    stretch = 1.0 + backbone.q[i]
+    found = np.array([backbone.tau[i], backbone.xi[i], backbone.k[i]]) * stretch
+    units = np.concatenate([[10.0, 10.0, 10.0, 0.1], np.full(12, 1e-3)])
+
+    def scaled(x: np.ndarray) -> float:
+        # The energy at rest is some 1e-1 N, its changes by rounding far less.
+        tensions = PULL.ravel()
+        return energy_of(arm, float(backbone.s[i]), tensions, (units * x)[:4], (units * x)[4:])
+
+    start = np.zeros(16)
+    start[3] = 10.0
+    best = minimize(scaled, start, method='BFGS', options={'gtol': 1e-9, 'maxiter': 2000})
+    reached = (units * best.x)[:4]
+    np.testing.assert_allclose(reached[:3], found, atol=2e-4 * np.abs(found).max())
+    assert reached[3] == pytest.approx(stretch, abs=2e-5)
+    assert np.abs(best.x[4:]).max() > 0.01  # and tendons moved by more than 10 micrometres
+
+
+@pytest.mark.parametrize(
+    ('law', 'shear'), [('linear', False), ('linear', True), ('neo_hookean', False)]
+)
+def test_what_is_left_without_the_places_are_derivatives(law: str, shear: bool) -> None:
+    # Of the least energy over the places; of lengths by strain, which is what tensions leave
+    # unbalanced (Maxwell), and of lengths by tension.
+    rod = Rod(HELICAL, setting=Setting(law == 'neo_hookean', shear, compiled=False))
+    problem = rod.problem(0)
+    own, nodes, count = problem.strains, problem.elements.s.size, PULL.size
+    at = np.array([8.0, -12.0, 20.0, 0.8, 0.02, -0.03][:own])
+    steps = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3][:own])
+    stiffness, tables = np.array(HELICAL.sheath_stiffness), problem.tables
+
+    def balanced(x: np.ndarray, tensions: np.ndarray) -> Stretch:
+        problem.form.sections(tables, np.tile(x, (nodes, 1)), local(tensions), problem.work)
+        z = np.tile(x, (nodes, 1))
+        return tendon_stretch(tables, z, local(tensions), problem.work.offsets)
+
+    def local(tensions: np.ndarray) -> np.ndarray:
+        return np.tile(tensions, (nodes, 1)) * tables.reach
+
+    def least(x: np.ndarray) -> np.ndarray:
+        """Energy of the tendons and sheaths of every section."""
+        stretch = balanced(x, PULL.ravel()).stretch
+        offset = problem.work.offsets
+        stored = 0.5 * stiffness * np.sum(offset**2, axis=-1)
+        return (local(PULL.ravel()) * stretch + stored).sum(axis=1)
+
+    def lengths(x: np.ndarray) -> np.ndarray:
+        return balanced(x, PULL.ravel()).stretch * tables.reach
+
+    found = balanced(at, PULL.ravel())
+    offset = problem.work.offsets.copy()
+    assert np.abs(offset).max() > 1e-5
+    assert not offset[:, 2].any() and not offset[tables.reach == 0.0].any()
+    pull = np.einsum('nj,njm->nm', local(PULL.ravel()), found.gradient)
+    np.testing.assert_allclose(pull, jacobian(least, at, steps), rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(
+        found.length_by_z * tables.reach[..., np.newaxis], jacobian(lengths, at, steps), atol=1e-8
+    )
+    by_tension = jacobian(
+        lambda x: balanced(at, x).stretch * tables.reach, PULL.ravel(), np.full(count, 1e-3)
+    )
+    own_part = np.einsum('njj->nj', by_tension)
+    np.testing.assert_allclose(found.by_tension * tables.reach, own_part, atol=1e-9)
+
+
+LOADS = Loads(
+    gravity=(0.0, 2.0, -3.0), fluid_density=400.0, tip_force=(0.005, 0.01, -0.005),
+    tip_moment=(1e-4, -2e-4, 1e-4),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize('loads', [Loads(), LOADS], ids=['free', 'loaded'])
+@pytest.mark.parametrize('law', ['neo_hookean', 'linear'])
+def test_sensitivities_are_those_by_differences(law: str, loads: Loads) -> None:
+    base = np.array(HELICAL.sheath_stiffness)
+    soft = np.flatnonzero(base)
+
+    def solver(stiffness: np.ndarray = base, young: float = 0.0) -> Solver:
+        material = Material(1.1e5 * (1.0 + young), 0.5, 1080.0)
+        arm = dataclasses.replace(
+            HELICAL, material=material, sheath_stiffness=tuple(stiffness.tolist())
+        )
+        return Solver(arm, 'exact', 41, material=law, loads=loads)
+
+    def measured(solver: Solver, tensions: np.ndarray = PULL) -> np.ndarray:
+        backbone = solver.solve(tensions)
+        lengths = solver.tendon_lengths(backbone).ravel()
+        return np.concatenate([backbone.tip, lengths])
+
+    def by_sheath(x: np.ndarray) -> np.ndarray:
+        stiffness = base.copy()
+        stiffness[soft] = x
+        return measured(solver(stiffness))
+
+    usual = solver()
+    found = usual.sensitivity(usual.solve(PULL))
+    assert found.by_sheath_stiffness is not None
+    # All tendons at once, each by another part of its own.
+    part = np.random.default_rng(5).uniform(-1.0, 1.0, 6)
+    for change, at, direction, function in (
+        (found.by_tension, PULL.ravel(), 2e-3 * part,
+         lambda x: measured(usual, x.reshape(2, 3))),
+        (found.by_youngs_modulus, np.zeros(1), np.array([1e-3]),
+         lambda x: measured(solver(young=x[0]))),
+        (found.by_sheath_stiffness, base[soft], 1e3 * part[soft], by_sheath),
+    ):  # fmt: skip
+        columns = slice(None) if change is not found.by_sheath_stiffness else soft
+        derivative = np.concatenate([change.tip[:3, columns], change.tendon_length[:, columns]])
+        expected = along(function, at, direction)
+        np.testing.assert_allclose(
+            derivative @ direction, expected, atol=2e-6 * np.abs(expected).max()
+        )
+    rigid = np.flatnonzero(base == 0.0)
+    assert not found.by_sheath_stiffness.pose[..., rigid].any()
+    if not loads.any:  # a moment that keeps its direction has no energy
+        by_tension = found.by_tension.tendon_length
+        np.testing.assert_allclose(  # Maxwell's reciprocity
+            by_tension, by_tension.T, atol=2e-6 * np.abs(by_tension).max()
+        )
+
+
+def test_by_offset_counts_how_places_follow() -> None:
+    tensions = np.array([[0.4, 0.6, 0.1, 0.2]])
+
+    def solver(farther: float) -> Solver:
+        sections = (Section(0.4, 0.008 + farther, 0.004 + farther),)
+        arm = Arm(RUBBER, HELICAL.body, sections, sheath_stiffness=(2e5,))
+        return Solver(arm, 'exact', 41)
+
+    found = solver(0.0).sensitivity(solver(0.0).solve(tensions))
+    assert found.by_offset is not None
+
+    def measured(x: np.ndarray) -> np.ndarray:
+        one = solver(x[0])
+        backbone = one.solve(tensions)
+        return np.concatenate([backbone.tip, one.tendon_lengths(backbone).ravel()])
+
+    expected = jacobian(measured, [0.0], 1e-5)[:, 0]
+    derivative = np.concatenate([
+        found.by_offset.tip[:3].sum(axis=1), found.by_offset.tendon_length.sum(axis=1)
+    ])  # fmt: skip
+    np.testing.assert_allclose(derivative, expected, atol=2e-6 * np.abs(expected).max())
+
+
+def test_stiff_sheaths_come_as_near_as_one_likes_to_tendons_in_their_places() -> None:
+    arm = dataclasses.replace(HELICAL, sheath_stiffness=())
+    rigid = Solver(arm, 'exact').solve(PULL)
+    apart = [
+        float(np.linalg.norm(Solver(with_sheath(arm, k), 'exact').solve(PULL).tip - rigid.tip))
+        for k in (1e7, 1e8, 1e9)
+    ]
+    np.testing.assert_allclose(np.divide(apart[:-1], apart[1:]), 10.0, rtol=0.02)
+
+
+def test_rigid_sheaths_are_none() -> None:
+    arm = dataclasses.replace(HELICAL, sheath_stiffness=(0.0,))
+    assert arm.sheath_stiffness == ()
+
+
+@settings(max_examples=15, deadline=None)
+@given(loaded=strategies.loaded_arms(2), scale=st.floats(0.2, 5.0))
+def test_lengths_and_tensions_in_proportion_scale_the_shape(
+    loaded: tuple[Arm, np.ndarray], scale: float
+) -> None:
+    """As k is a modulus: lengths times c, tensions times c^2, the same k."""
+    arm, tensions = loaded
+    stiffness = 20.0 * float(arm.material.youngs_modulus)
+    small, large = (with_sheath(one, stiffness) for one in (arm, strategies.scaled(arm, scale)))
+    before = Solver(small, 'exact', 31).solve(0.5 * tensions)
+    after = Solver(large, 'exact', 31).solve(0.5 * scale**2 * tensions)
+    np.testing.assert_allclose(
+        after.position, scale * before.position, atol=1e-8 * scale * arm.length
+    )
+
+
+@settings(max_examples=15, deadline=None)
+@given(loaded=strategies.loaded_arms(1))
+def test_a_pulled_arm_bends_more_where_tendons_dig_in(loaded: tuple[Arm, np.ndarray]) -> None:
+    """One tendon: planar without torsion, and farther from the midline on the inside."""
+    arm, tensions = loaded
+    tensions[0, 1:] = 0.0
+    tensions *= 0.5
+    rigid = Solver(arm, 'exact', 31).solve(tensions)
+    soft = Solver(with_sheath(arm, 20.0 * float(arm.material.youngs_modulus)), 'exact', 31)
+    found = soft.solve(tensions)
+    assert max(np.abs(found.tau).max(), np.abs(found.xi).max()) <= 1e-12 * np.abs(found.k).max()
+    bend = np.abs(found.k) - np.abs(rigid.k)
+    assert (bend >= -1e-9 * np.abs(rigid.k).max()).all()
+
+
+@pytest.mark.parametrize('loads', [Loads(), LOADS], ids=['free', 'loaded'])
+def test_machine_code_has_the_same_shapes(loads: Loads) -> None:
+    pytest.importorskip('numba')
+    compiled, plain = (
+        Solver(HELICAL, 'exact', 41, loads=loads, compiled=how) for how in (True, False)
+    )
+    assert compiled.is_compiled
+    found, expected = compiled.solve(PULL), plain.solve(PULL)
+    np.testing.assert_allclose(found.position, expected.position, atol=1e-9)
+    np.testing.assert_allclose(found.tau, expected.tau, atol=1e-6 * np.abs(expected.k).max())
+    with pytest.raises(SolveError):
+        compiled.solve(40.0 * PULL)
+
+
+@pytest.mark.parametrize('model', ['closed_form', 'renda2012'])
+def test_the_papers_models_refuse_sheaths(table4: Config, model: str) -> None:
+    with pytest.raises(ConfigError, match=r'tendons.sheath_stiffness goes with model exact'):
+        Solver(with_sheath(table4.arm, 1e5), model)
+
+
+def test_what_sheaths_cannot_hold_is_refused(table4: Config) -> None:
+    arm = Arm(RUBBER, Body(0.27, 0.015, 0.0074), (Section(0.27, 0.005, 0.0025),))
+    soft = Solver(with_sheath(arm, 0.5 * SHEAR_MODULUS), 'exact')
+    assert soft.solve([[0.5, 0, 0, 0]]).residual < 1e-10
+    with pytest.raises(SolveError):
+        soft.solve([[3.0, 0, 0, 0]])
+
+
+@pytest.mark.parametrize('compiled', [False, True])
+def test_what_they_cannot_hold_is_refused_along_a_loaded_path_too(
+    prototype: Config, compiled: bool
+) -> None:
+    """In machine code a balance nearby is found and read in one call, and judged after it."""
+    if compiled:
+        pytest.importorskip('numba')
+    arm = with_sheath(prototype.arm, 0.5 * SHEAR_MODULUS)
+    solver = Solver(arm, 'exact', 41, compiled=compiled)
+    found = solver.solve([[1.7, 0, 0, 0]], (0.002, 0, 0, 0, 0, 0))
+    found = solver.follow([[1.8, 0, 0, 0]], found, found.tip_wrench)
+    assert found.residual < 1e-9
+    with pytest.raises(SolveError, match='tensions press a tendon out of the body'):
+        solver.follow([[2.0, 0, 0, 0]], found, found.tip_wrench)
+
+
+def test_the_estimate_is_that_of_plane_elasticity() -> None:
+    """Kelvin's line force in a disc, its displacements averaged by quadrature."""
+    radius, thread = 0.011, 0.001
+    angle = 2.0 * np.pi * (np.arange(400) + 0.5) / 400
+
+    def along_force(at: np.ndarray, sources: np.ndarray) -> np.ndarray:
+        """Displacement along a force of 1 N/m spread over ``sources``, times 4 pi G."""
+        away = at[:, :, np.newaxis] - sources[:, np.newaxis]
+        square = np.sum(away**2, axis=0)
+        return np.mean(-0.5 * np.log(square) + away[0] ** 2 / square, axis=-1)
+
+    ring = thread * np.stack([np.cos(angle), np.sin(angle)])
+    between = thread * np.stack([np.cos(angle + np.pi / 400), np.sin(angle + np.pi / 400)])
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    r = radius * np.sqrt(0.5 * (nodes + 1.0))
+    whole = sum(
+        0.5 * w * along_force(size * np.stack([np.cos(angle), np.sin(angle)]), ring).mean()
+        for w, size in zip(weights, r)
+    )
+    gives = (along_force(between, ring).mean() - whole) / (4.0 * np.pi * SHEAR_MODULUS)
+    estimate = estimate_sheath_stiffness(thread, radius, SHEAR_MODULUS)
+    assert estimate == pytest.approx(1.0 / gives, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ('given', 'problem'),
+    [
+        ((0.0, 0.01, 1e5), 'thread_radius is 0.0, expected a finite number > 0'),
+        ((0.006, 0.01, 1e5), 'thread_radius is 0.006, expected at most 0.5 of the radius'),
+    ],
+)
+def test_an_estimate_out_of_range_is_refused(
+    given: tuple[float, float, float], problem: str
+) -> None:
+    with pytest.raises(ArmDefinitionError, match=problem):
+        estimate_sheath_stiffness(*given)

@@ -1,0 +1,402 @@
+"""Physics of every model, and the contract of `Solver`."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+import pickle
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model import (
+    MODELS,
+    Arm,
+    Body,
+    Config,
+    ConfigError,
+    ConvergenceError,
+    LoadError,
+    Loads,
+    Material,
+    OctoArmError,
+    PointLoad,
+    Pose,
+    Section,
+    SolveError,
+    Solver,
+    load_config,
+    solve,
+)
+from octo_arm_model.analysis.inverse import find_tensions
+from octo_arm_model.analysis.targets import Stiffness, TipPosition
+from octo_arm_model.arm.highest_tensions import default_highest
+from octo_arm_model.arm.limits import MAX_STATIONS
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.presets import preset_path
+
+# Different in every tendon; no two sections bend in one plane.
+MIXED = np.array([[0.1, 0.3, 0.0, 0.05], [1.0, 0.2, 0.0, 2.0], [0.0, 5.0, 1.0, 2.0]])
+# Where tendons 1 to 4 lie, in the axes of a base that is the frame itself: x = t, y = n, z = b.
+SIDES = np.array([[0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 0, -1]], dtype=float)
+SHORT = Arm(
+    Material(1.1e5),
+    Body(0.45, 0.015, 0.004),
+    (Section(0.3, 0.0075, 0.002), Section(0.15, 0.006, 0.006)),
+)
+
+
+def identity_solver(config: Config, model: str, stations: int = 101) -> Solver:
+    return Solver(config.arm, model, stations)
+
+
+def pull(shape: tuple[int, int], section: int, tendon: int, newton: float) -> np.ndarray:
+    tensions = np.zeros(shape)
+    tensions[section, tendon] = newton
+    return tensions
+
+
+# Facts of section 5 of the model's description -------------------------------------------------
+
+
+@pytest.mark.parametrize('tendon', range(4))
+@pytest.mark.parametrize('section', range(3))
+def test_one_tendon_bends_the_arm_in_its_plane_to_its_side(
+    table2: Config, model: str, section: int, tendon: int
+) -> None:
+    tensions = pull((3, 4), section, tendon, 0.5)
+    backbone = identity_solver(table2, model).solve(tensions)
+    side, across = SIDES[tendon], np.cross([1.0, 0.0, 0.0], SIDES[tendon])
+    assert backbone.tip @ side > 0.02 * table2.arm.length
+    assert (np.diff(backbone.position @ side) > 0.0).all()
+    np.testing.assert_allclose(backbone.position @ across, 0.0, atol=1e-12)
+    largest = np.hypot(backbone.xi, backbone.k).max()
+    np.testing.assert_allclose(backbone.tau, 0.0, atol=1e-12 * largest)
+
+
+def test_four_equal_tendons_shorten_the_arm_and_keep_it_straight(
+    preset: Config, papers_model: str
+) -> None:
+    rows, columns = preset.arm.tension_shape
+    tensions = np.full((rows, columns), 0.05)
+    backbone = identity_solver(preset, papers_model).solve(tensions)
+    np.testing.assert_allclose(backbone.position[:, 1:], 0.0, atol=1e-12)
+    assert 0.0 < backbone.tip[0] < preset.arm.length
+    # Each section alone: N = -4 T, so the arm shortens by the integral of 4 T / EA.
+    body, young = preset.arm.body, preset.arm.material.youngs_modulus
+    shorter = sum(
+        0.2 * section.anchorage
+        / (young * math.pi * body.radius_base * float(body.radius(section.anchorage)))
+        for section in preset.arm.sections
+    )  # fmt: skip
+    assert preset.arm.length - backbone.tip[0] == pytest.approx(shorter, rel=1e-6)
+
+
+def test_passing_the_tensions_on_to_the_next_tendon_turns_the_shape_by_90_degrees(
+    table4: Config, model: str
+) -> None:
+    solver = identity_solver(table4, model)
+    before, after = solver.solve(MIXED), solver.solve(np.roll(MIXED, 1, axis=1))
+    x, y, z = before.position.T
+    np.testing.assert_allclose(after.position, np.stack([x, -z, y], axis=1), atol=1e-8)
+    np.testing.assert_allclose(after.tau, before.tau, atol=1e-6)
+    np.testing.assert_allclose(after.q, before.q, atol=1e-9)
+
+
+@pytest.mark.parametrize('panel', BENDING)
+def test_the_bending_plane_obeys_the_papers_law(table2: Config, model: str, panel: str) -> None:
+    t1, t2, t3, t4 = BENDING[panel][0]
+    law = math.degrees(math.atan2(t3 - t1, t2 - t4))
+    tip = table2.solver(model).solve(BENDING[panel]).tip
+    # The paper's base: n = (0, -1, 0) and b = (0, 0, -1), so -n is y and b is -z.
+    assert math.degrees(math.atan2(tip[1], -tip[2])) == pytest.approx(law, abs=0.3)
+
+
+def test_the_planes_of_figure_11_are_135_minus_30_and_60_degrees() -> None:
+    planes = [math.atan2(t[2] - t[0], t[1] - t[3]) for (t, *_) in BENDING.values()]
+    np.testing.assert_allclose(np.degrees(planes), [135.0, -30.0, 60.0])
+
+
+def test_fetching_in_space_brings_the_tip_nearer_than_in_the_plane(
+    table4: Config, model: str
+) -> None:
+    solver = table4.solver(model)
+    in_plane, in_space = (
+        np.linalg.norm(solver.solve(tensions).tip)
+        for tensions in (FETCHING_IN_PLANE, FETCHING_IN_SPACE)
+    )
+    assert in_space < 0.95 * in_plane
+
+
+@pytest.mark.parametrize('c', [0.1, 3.0, 100.0])
+def test_a_larger_arm_takes_the_same_shape_under_tensions_of_the_square(
+    table4: Config, model: str, c: float
+) -> None:
+    arm = table4.arm
+    body = Body(c * arm.length, c * arm.body.radius_base, c * arm.body.radius_tip)
+    sections = tuple(
+        Section(c * part.anchorage, c * part.offset_base, c * part.offset_anchorage)
+        for part in arm.sections
+    )
+    small = Solver(arm, model).solve(MIXED)
+    large = Solver(Arm(arm.material, body, sections), model).solve(c**2 * MIXED)
+    np.testing.assert_allclose(large.position / c, small.position, atol=1e-8 * arm.length)
+    np.testing.assert_allclose(large.q, small.q, atol=1e-9)
+    for name in ('tau', 'xi', 'k'):
+        np.testing.assert_allclose(getattr(large, name) * c, getattr(small, name), atol=1e-5)
+
+
+def test_a_stiffer_arm_takes_the_same_shape_under_as_much_more_tension(
+    table4: Config, model: str
+) -> None:
+    stiff = dataclasses.replace(table4.arm, material=Material(3.3e5))
+    weak, strong = Solver(table4.arm, model), Solver(stiff, model)
+    np.testing.assert_allclose(
+        strong.solve(3 * MIXED).position, weak.solve(MIXED).position, atol=1e-9
+    )
+
+
+# The straight arm, and what lies beyond the last anchorage -------------------------------------
+
+
+def test_no_tension_leaves_the_arm_exactly_as_it_was(preset: Config, model: str) -> None:
+    solver = identity_solver(preset, model)
+    backbone = solver.solve(np.zeros(preset.arm.tension_shape))
+    for strain in (backbone.tau, backbone.xi, backbone.k, backbone.q):
+        np.testing.assert_array_equal(strain, 0.0)
+    np.testing.assert_allclose(backbone.position[:, 0], backbone.s, rtol=1e-12)
+    np.testing.assert_array_equal(backbone.position[:, 1:], 0.0)
+    np.testing.assert_array_equal(backbone.quaternion, np.tile([0, 0, 0, 1.0], (101, 1)))
+
+
+def test_beyond_the_last_anchorage_the_arm_is_straight_and_unstrained(model: str) -> None:
+    backbone = Solver(SHORT, model).solve([[0.3, 0.1, 0, 0], [0, 0, 2.0, 1.0]])
+    beyond = backbone.section == 0
+    np.testing.assert_array_equal(beyond, backbone.s > 0.3)
+    for strain in (backbone.tau, backbone.xi, backbone.k, backbone.q):
+        np.testing.assert_array_equal(strain[beyond], 0.0)
+    start = np.flatnonzero(beyond)[0] - 1
+    tangent = Rotation.from_quat(backbone.quaternion[start]).apply([1.0, 0.0, 0.0])
+    expected = backbone.position[start] + np.outer(backbone.s[beyond] - 0.3, tangent)
+    np.testing.assert_allclose(backbone.position[beyond], expected, atol=1e-12)
+
+
+def test_an_anchorage_has_the_strains_of_the_side_of_the_base(papers_model: str) -> None:
+    backbone = Solver(SHORT, papers_model).solve([[0.3, 0, 0, 0], [0, 0, 0, 0]])
+    anchorage = np.flatnonzero(backbone.s == 0.3).item()
+    # By hand at the anchorage: k = b T / (EJ + b^2 T), q = -T (1 - b k) / EA.
+    radius = 0.015 - 0.011 * 0.3 / 0.45
+    area, pulled, b = math.pi * radius**2, 0.3, 0.002
+    k = b * pulled / (1.1e5 * area * radius**2 / 4 + b**2 * pulled)
+    assert backbone.section[anchorage] == 1
+    assert backbone.k[anchorage] == pytest.approx(k)
+    assert backbone.q[anchorage] == pytest.approx(-pulled * (1 - b * k) / (1.1e5 * area))
+
+
+def test_a_section_is_strained_only_up_to_its_anchorage(table4: Config, model: str) -> None:
+    backbone = table4.solver(model).solve(pull((3, 4), 2, 1, 5.0))
+    np.testing.assert_array_equal(backbone.q < 0.0, backbone.s <= 0.135)
+    np.testing.assert_array_equal(backbone.xi != 0.0, backbone.s <= 0.135)
+
+
+# Base, batches, stations -----------------------------------------------------------------------
+
+
+def test_the_base_pose_moves_the_shape_rigidly(table4: Config, model: str) -> None:
+    turn = Rotation.from_euler('xyz', [0.3, -1.1, 2.0])
+    base = Pose((0.1, -0.2, 0.3), tuple(turn.as_quat()))
+    still, moved = Solver(table4.arm, model), Solver(table4.arm, model, base=base)
+    before, after = still.solve(MIXED), moved.solve(MIXED)
+    expected = before.position @ turn.as_matrix().T + base.position
+    np.testing.assert_allclose(after.position, expected, atol=1e-12)
+    turned = turn * Rotation.from_quat(before.quaternion)
+    np.testing.assert_allclose(
+        Rotation.from_quat(after.quaternion).as_matrix(), turned.as_matrix(), atol=1e-12
+    )
+    np.testing.assert_allclose(after.k, before.k, atol=1e-12)
+
+
+def test_the_presets_start_like_section_6_of_the_paper(preset: Config) -> None:
+    backbone = preset.solver().solve(np.zeros(preset.arm.tension_shape))
+    np.testing.assert_array_equal(backbone.position[0], 0.0)
+    t, n, b = Rotation.from_quat(backbone.quaternion[0]).as_matrix().T
+    np.testing.assert_allclose([t, n, b], [[1, 0, 0], [0, -1, 0], [0, 0, -1]], atol=1e-12)
+
+
+@pytest.mark.parametrize('lead', [(1,), (7,), (2, 3), (2, 1, 2), (200,)])
+def test_a_batch_equals_its_sets_solved_one_by_one(
+    table4: Config, model: str, lead: tuple[int, ...]
+) -> None:
+    solver = table4.solver(model)
+    tensions = MIXED * np.random.default_rng(1).uniform(0.0, 1.0, (*lead, 3, 4))
+    together = solver.solve(tensions)
+    assert together.position.shape == (*lead, 101, 3)
+    assert together.quaternion.shape == (*lead, 101, 4)
+    assert together.tip.shape == (*lead, 3)
+    assert together.tau.shape == together.q.shape == (*lead, 101)
+    for index in np.ndindex(lead):
+        alone = solver.solve(tensions[index])
+        np.testing.assert_allclose(together.position[index], alone.position, atol=2e-8)
+        np.testing.assert_allclose(together.quaternion[index], alone.quaternion, atol=1e-6)
+        np.testing.assert_allclose(together.k[index], alone.k, rtol=1e-6, atol=1e-5)
+
+
+@pytest.mark.parametrize('lead', [(0,), (3, 0), (0, 2)])
+def test_an_empty_batch_is_an_empty_result(
+    table4: Config, model: str, lead: tuple[int, ...]
+) -> None:
+    backbone = table4.solver(model).solve(np.zeros((*lead, 3, 4)))
+    assert backbone.position.shape == (*lead, 101, 3)
+    assert backbone.q.shape == (*lead, 101)
+
+
+@pytest.mark.parametrize('stations', [4, 5, 37, 101, 500])
+def test_the_tip_does_not_depend_on_the_number_of_stations(
+    table4: Config, model: str, stations: int
+) -> None:
+    backbone = table4.solver(model, stations).solve(FETCHING_IN_SPACE)
+    assert backbone.s.size == stations
+    assert {0.0, 0.135, 0.315, 0.45} <= set(backbone.s.tolist())
+    finest = table4.solver(model, 1601).solve(FETCHING_IN_SPACE)
+    np.testing.assert_allclose(backbone.tip, finest.tip, atol=1e-6 * table4.arm.length)
+
+
+def test_the_result_is_read_only(table4: Config, model: str) -> None:
+    backbone = table4.solver(model).solve(MIXED)
+    for value in vars(backbone).values():
+        if isinstance(value, np.ndarray):
+            with pytest.raises(ValueError, match='read-only'):
+                value[...] = 0
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        backbone.s = 0  # type: ignore[misc]
+
+
+def test_solving_again_changes_neither_result_nor_tensions(table4: Config, model: str) -> None:
+    solver, tensions = table4.solver(model), MIXED.copy()
+    first = solver.solve(tensions)
+    kept = first.position.copy()
+    solver.solve(2 * MIXED)
+    np.testing.assert_array_equal(first.position, kept)
+    np.testing.assert_array_equal(tensions, MIXED)
+    np.testing.assert_allclose(solver.solve(tensions).position, kept, atol=1e-12)
+
+
+def test_solve_is_a_solver_in_one_call(table4: Config, model: str) -> None:
+    backbone = solve(table4.arm, MIXED, model, 51, table4.base)
+    assert backbone.model == model
+    expected = table4.solver(model, 51).solve(MIXED)
+    np.testing.assert_allclose(backbone.position, expected.position, atol=1e-12)
+
+
+def test_a_copy_and_a_pickled_solver_solve_as_it_does_from_what_it_solved(
+    table4: Config, model: str
+) -> None:
+    solver = table4.solver(model, 51)
+    before = solver.solve(MIXED)
+    expected = solver.solve(1.01 * MIXED, start=before)
+    for own in (copy.deepcopy(solver), pickle.loads(pickle.dumps(solver))):
+        assert own is not solver
+        start = pickle.loads(pickle.dumps(before))
+        found = own.solve(1.01 * MIXED, start=start)
+        np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-12)
+
+
+# What is refused -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('tension', [1e300, 1e308, 1e200])
+def test_absurd_tensions_are_an_error_not_a_shape(
+    table4: Config, model: str, tension: float
+) -> None:
+    for tensions in (pull((3, 4), 0, 1, tension), np.full((3, 4), tension), tension * (MIXED / 5)):
+        with pytest.raises(SolveError):
+            table4.solver(model).solve(tensions)
+
+
+def test_an_arm_compressed_to_nothing_is_an_error_that_says_where(
+    prototype: Config, papers_model: str
+) -> None:
+    # Four equal tensions: q = -4 T / EA, largest at the tip, where EA = 18.92 N.
+    axial = 1.1e5 * math.pi * 0.0074**2
+    with pytest.raises(SolveError, match=r'at s = 0.27 m \(q = -1.01, must be > -1\)$'):
+        prototype.solver(papers_model).solve(np.full((1, 4), 1.01 * axial / 4))
+    assert prototype.solver(papers_model).solve(np.full((1, 4), 0.99 * axial / 4)).q.min() > -1.0
+
+
+def test_a_bad_set_in_a_batch_is_named(prototype: Config, papers_model: str) -> None:
+    tensions = np.zeros((150, 1, 4))
+    tensions[120] = 30.0
+    with pytest.raises(SolveError, match=r'in set 120$'):
+        prototype.solver(papers_model).solve(tensions)
+
+
+def test_an_unknown_model_is_refused_with_those_there_are(table4: Config) -> None:
+    with pytest.raises(ConfigError, match="model is 'best', expected one of renda2012, closed_f"):
+        Solver(table4.arm, 'best')
+    assert set(MODELS) == {'renda2012', 'closed_form', 'exact'}
+
+
+@pytest.mark.parametrize('count', [2, 7, 150])
+def test_an_arm_comes_out_the_same_alone_and_among_others(preset, papers_model, count):
+    solver = preset.solver(papers_model)
+    highest = default_highest(preset.arm, 0.1)
+    tensions = np.random.default_rng(count).random((count, *highest.shape)) * highest
+    tensions[::3, 0] = 0.0  # for different numbers of sweeps
+    together = solver.solve(tensions)
+    for number in range(0, count, 11):
+        alone = solver.solve(tensions[number])
+        for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q'):
+            expected = getattr(together, name)[number]
+            np.testing.assert_allclose(getattr(alone, name), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_where_following_leads_nowhere_the_arm_begins_anew(monkeypatch):
+    solver = load_config(preset_path('renda2012_prototype')).solver()
+    solve, started = solver._solve, []
+
+    def fails_when_followed(tensions, tip_wrench, start, before):
+        started.append(start is not None)
+        if start is not None:
+            raise ConvergenceError('it', 1.0, 1)
+        return solve(tensions, tip_wrench, start, before)
+
+    monkeypatch.setattr(solver, '_solve', fails_when_followed)
+    first = solver.follow([[1.0, 0.0, 0.0, 0.0]], None)
+    again = solver.follow([[1.0, 0.0, 0.0, 0.0]], first)
+    np.testing.assert_allclose(first.position, again.position, atol=1e-12)
+    assert started == [False, True, False]
+
+
+# Sizes and booleans ----------------------------------------------------------------------------
+
+
+def test_booleans_are_no_numbers(table4: Config) -> None:
+    solver = table4.solver('exact', 11)
+    tensions = np.zeros((3, 4))
+    for wrench in ([True, 0, 0, 0, 0, 0], [0.0, 0, 0, 0, 0, np.True_], np.ones(6, bool)):
+        with pytest.raises(LoadError, match=r'tip_wrench is .*, expected force and moment'):
+            solver.solve(tensions, wrench)
+    for build in (
+        lambda: Pose((True, 0.0, 0.0)),
+        lambda: Loads(gravity=(0.0, False, 0.0)),
+        lambda: PointLoad(0.1, (True, 0.0, 0.0)),
+        lambda: TipPosition([0.1, True, 0.0]),
+        lambda: Stiffness(np.array([1.0, 0.0, 0.0]), True),
+        lambda: Stiffness([True, 0.0, 0.0], 1.0),
+        lambda: find_tensions(solver, TipPosition([0.4, 0.0, 0.0]), True),
+    ):
+        with pytest.raises(OctoArmError, match=r'is .*True|is .*False'):
+            build()
+
+
+def test_the_most_stations_are_solved(table4: Config, model: str) -> None:
+    # A table of stations times intervals would not fit into memory.
+    coarse, fine = (table4.solver(model, n) for n in (101, MAX_STATIONS))
+    tensions = np.array(FETCHING_IN_SPACE)
+    np.testing.assert_allclose(
+        fine.solve(tensions).tip, coarse.solve(tensions).tip, atol=1e-6 * table4.arm.length
+    )
+    with pytest.raises(ConfigError, match='stations is 10001, expected at most 10000'):
+        table4.solver(model, MAX_STATIONS + 1)
