@@ -1,4 +1,4 @@
-"""Settings of all tests, and fixtures of the core's; nothing of ROS."""
+"""Settings of all tests, and fixtures of the solvers; nothing of ROS."""
 
 from __future__ import annotations
 

@@ -1,1 +1,4 @@
-"""Description of an arm: material, body, tendons and loads. Imports numerics."""
+"""What is described: material, body, tendons and loads; errors, budgets and bounds of all input.
+
+Imports nothing of the project.
+"""

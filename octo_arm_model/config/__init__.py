@@ -1,4 +1,4 @@
 """An arm from a parameter file: the table of parameters, the YAML reader, presets, paper data.
 
-Imports rod and core.
+Imports rod and arm.
 """

@@ -1,4 +1,4 @@
 """The arm as a sensor: shape, external force and their covariance from whatever is measured.
 
-May import config, rod and core.
+May import config, rod and arm.
 """

@@ -51,5 +51,5 @@ A new effect is a term of these. It changes no signature:
 * An unknown of a cross section: condensed within it, as the offset of a tendon in its sheath.
 * An unknown of the whole arm: a row and a column around `Factors.solve`, as in `winches`.
 
-May import core.
+May import arm.
 """

@@ -1,4 +1,4 @@
 """Commanded tensions over time, and winches, load cells and relaxation that act on them.
 
-May import wire, analysis, estimation, config and core; nothing of ROS.
+May import wire, analysis, estimation, config and arm; nothing of ROS.
 """

@@ -1,4 +1,4 @@
 """Messages as bytes, as tensions and as measurements.
 
-May import analysis, estimation, config and core; nothing of ROS.
+May import analysis, estimation, config and arm; nothing of ROS.
 """

@@ -1,4 +1,4 @@
 """The node of an arm: subscriptions, publishers, services and diagnostics around a solver.
 
-Imports core, config, analysis, wire and the modules of ros beside it.
+Imports arm, config, analysis, wire and the modules of ros beside it.
 """

@@ -1,7 +1,7 @@
 """End callbacks of a node at a signal: the solver may be seconds away from its result.
 
 Python runs signal handlers between its instructions, so an exception raised by the handler ends a
-solve after the NumPy call in progress, less than a second at the largest sizes of `core.limits`.
+solve after the NumPy call in progress, less than a second at the largest sizes of `arm.limits`.
 It is raised within callbacks only, and caught there: executors log what callbacks raise. Where
 numba compiles, LLVM calls Python back and loses what that raises: the signal then comes again.
 """
