@@ -87,12 +87,11 @@ class LoadedBvp:
     def _twist(self, s: np.ndarray, section: int, wrench: np.ndarray) -> np.ndarray:
         """Twists (4, n) at ``s`` (n,) in a panel, in balance with the ``wrench`` (4, n)."""
         panel = next(one for one in self._panels if one.section == section)
-        # At its start as within it, where only tendons that reach farther act.
-        inside = np.clip(s, panel.start + 1e-9 * self._arm.length, panel.stop)
-        tables = tabulate(
-            self._arm, self._elements, np.array([1.0, 0.0, 0.0, 0.0]), widens=self._law.widens,
-            s=inside,
-        )  # fmt: skip
+        within = self._elements._replace(
+            s=np.minimum(s, panel.stop), section=np.full(s.size, section)
+        )
+        base = np.array([1.0, 0.0, 0.0, 0.0])
+        tables = tabulate(self._arm, within, base, widens=self._law.widens)
         work = work_arrays(tables, 4, has_jacobian=False)
         pulls = np.broadcast_to(self._tensions, (s.size, self._tensions.size)).copy()
         work.scale[:] = force_scale(tables, pulls)

@@ -77,9 +77,7 @@ class Exact(Statics):
             return np.zeros(len(tensions), np.bool_)
         fine = self._write(several, z, readout.integration, numbers, shapes)
         fine &= are_stretched(several.tables, z, len(tensions))
-        z = readout.interpolation @ z.reshape(len(tensions), -1, self.strains)
-        for number, pull in enumerate(tensions):
-            z[number] = readout.settled(z[number], pull)
+        z = readout.twists(z.reshape(len(tensions), -1, self.strains))
         shapes.strains[:, numbers] = strains_of(z)
         shapes.residual[numbers], shapes.iterations[numbers] = left, steps
         return fine
@@ -100,21 +98,12 @@ class Exact(Statics):
 
     def shape(self, found: Equilibrium) -> Shape:
         """An equilibrium at the stations."""
-        readout = self._readout(found.level)
-        along = None
-        if found.fine is not None:
-            position, quaternion, z = readout.read_unloaded(found.fine)
-            z = readout.settled(z, found.state.acting.condition.tensions)
-        else:
-            reading = readout.read(found.state)
-            position, z = reading.position, readout.twists(reading)
-            quaternion = reading.quaternion
-            along = reading.tensions if self._setup.arm.friction else None
+        reading = self._readout(found.level).read(found.state, found.fine)
         return Shape(
-            position + self._setup.base[0],
-            quaternion.take(XYZW, axis=1),
-            strains_of(z),
-            along,
+            reading.position + self._setup.base[0],
+            reading.quaternion.take(XYZW, axis=1),
+            strains_of(reading.twist),
+            reading.tensions,
             found,
         )
 

@@ -2,7 +2,8 @@
 
 At the ends of elements integrals of a collocated solution are far more exact than within. They
 are as exact everywhere after one more step (iterated collocation): moments at more points of each
-element, which are integrals, and the twists there that balance them.
+element, which are integrals, and the twists there that balance them. Stations are reached from
+these by integrals and interpolation.
 """
 
 from __future__ import annotations
@@ -12,38 +13,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.friction import clipped
-from octo_arm_model.rod.quaternion import quaternion_rates, rotation_matrices
-from octo_arm_model.rod.tables import Work, force_scale, tabulate, work_arrays
+from octo_arm_model.rod.quaternion import quaternion_rates
+from octo_arm_model.rod.tables import Work
 from octo_arm_model.rod.unloaded import straight_twists
 
 ADDED_POINTS = 5  # in each element
-# Steps of Newton's method of the sections at the stations, and the residual before the last one.
-_MOST_STEPS, _LAST_STEP = 10, 1e-7
 
 
 class Reading(NamedTuple):
-    """Poses of the cross sections at the stations.
+    """Cross sections at S stations.
 
     Attributes:
         position: (S, 3) [m], from the base.
         quaternion: w, x, y, z, (S, 4).
-        slope: r' at the nodes of the finer problem until it reads again, (n, 3).
-        z: twists at the nodes of the finer problem, (n, m).
-        acting: what acts at these.
-        tensions: of tendons with friction at the stations [N], (S, J).
+        twist: (S, m) [1/m and -].
+        tensions: of tendons with friction [N], (S, J), also beyond their anchorages; None without
+            friction.
     """
 
     position: FloatArray
     quaternion: FloatArray
-    slope: FloatArray
-    z: FloatArray
-    acting: Acting
-    tensions: FloatArray
+    twist: FloatArray
+    tensions: FloatArray | None
 
 
 class Finer:
@@ -111,44 +106,38 @@ class Readout:
 
     Attributes:
         integration: from values at the finer points to integrals up to the stations, (S, n).
-        interpolation: from values at the finer points to those at the stations, (S, n).
     """
 
-    def __init__(self, finer: Finer, arm: Arm, s: FloatArray) -> None:
-        """At arc coordinates ``s`` (S,) [m] of ``arm``."""
+    def __init__(self, finer: Finer, s: FloatArray) -> None:
+        """At arc coordinates ``s`` (S,) [m]."""
         self._problem, self._finer, self._s = finer.problem, finer, s
-        elements, own = finer.own.elements, finer.own.tables
-        self.integration, self.interpolation = elements.integration(s), elements.interpolation(s)
-        self._fine = elements.fine.integration(s)
-        self._tables = tabulate(arm, elements, own.base, widens=own.widens, s=s)
-        self._work = work_arrays(self._tables, finer.problem.strains, has_jacobian=False)
+        elements = finer.own.elements
+        self.integration, self._interpolation = elements.integration(s), elements.interpolation(s)
+        self._straight = straight_twists(finer.own.strains)
 
-    def read(self, state: State) -> Reading:
-        """Poses at the stations, by integrals from the base."""
-        (acting, z), finer = self._finer.balance(state), self._finer.own
-        work, given = finer.work, state.acting.condition.tensions
-        if given.ndim > 1:
-            between = self.interpolation @ acting.tensions
-        elif self._problem.friction is not None:
-            between = self._slid(state, self._angle(acting, z))
-        else:
-            between = np.empty((self._s.size, given.size))
-            between[:] = given
-        finer.form.orientations(finer.tables, z, work)
-        position, turn = integrate_poses(work, finer.tables.base, z, self.integration)
-        return Reading(position[0], turn[0], work.slope, z, acting, between)
-
-    def read_unloaded(self, fine: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions, quaternions w, x, y, z and twists at the stations, of an arm without loads.
-
-        From its twists (n, m) at the finer points.
-        """
-        finer = self._finer.own
+    def read(self, state: State, fine: FloatArray | None = None) -> Reading:
+        """The cross sections in ``state``, whose twists at the finer points may be known."""
+        finer, along = self._finer.own, None
+        if fine is None:
+            acting, fine = self._finer.balance(state)
+            along = self._tensions(state, acting, fine)
         finer.orient(fine)
         position, turn = integrate_poses(finer.work, finer.tables.base, fine, self.integration)
+        return Reading(position[0], turn[0], self.twists(fine), along)
+
+    def twists(self, fine: FloatArray) -> FloatArray:
+        """Twists (..., S, m) at the stations, from those (..., n, m) at the finer points."""
         # So that there is exactly no strain where there is none.
-        z = self.interpolation @ (fine - straight_twists(fine.shape[1]))
-        return position[0], turn[0], z + straight_twists(fine.shape[1])
+        strained = self._interpolation @ (fine - self._straight)
+        return np.asarray(strained + self._straight)
+
+    def _tensions(self, state: State, acting: Acting, z: FloatArray) -> FloatArray | None:
+        """See `Reading`; ``acting`` and twists ``z`` (n, m) are those of the finer points."""
+        if state.acting.condition.tensions.ndim > 1:
+            return np.asarray(self._interpolation @ acting.tensions)
+        if self._problem.friction is None:
+            return None
+        return self._slid(state, self._angle(acting, z))
 
     def _angle(self, acting: Acting, z: FloatArray) -> FloatArray:
         """Angle by which tendons have turned up to the stations [rad], (S, J)."""
@@ -156,57 +145,28 @@ class Readout:
         bends = Bends(tables, z, acting.tensions, self._finer.own.work)
         fine = tables.to_fine @ bends.bend.reshape(3, elements.lengths.size, elements.points, -1)
         rate = np.sqrt((fine * fine).sum(axis=0)).reshape(-1, fine.shape[3])
-        found = np.zeros(self._tables.reach.shape)
+        found = np.zeros((self._s.size, tables.friction.size))
         kinks = bends.kink_angles.cumsum(axis=0)[elements.element_at(self._s)]
-        found[:, bends.tendons.pulled] = self._fine @ rate + kinks
+        found[:, bends.tendons.pulled] = self._turned @ rate + kinks
         return found
 
     def _slid(self, state: State, angle: FloatArray) -> FloatArray:
         """Tensions with friction at the stations (S, J), for an ``angle`` (S, J) [rad]."""
         condition = state.acting.condition
-        base, loss = condition.tensions * self._tables.reach, self._tables.friction * angle
+        base, loss = condition.tensions, self._problem.tables.friction * angle
         if condition.before is None:
             return np.asarray(base * np.exp(-loss))
         return clipped(base, self._of_history @ condition.before, loss)
 
     @functools.cached_property
+    def _turned(self) -> FloatArray:
+        """From rates at the fine points to integrals up to the stations, (S, M)."""
+        return self._finer.own.elements.fine.integration(self._s)
+
+    @functools.cached_property
     def _of_history(self) -> FloatArray:
         """From a history of friction to the stations, (S, M)."""
         return self._problem.elements.fine.interpolation(self._s)
-
-    def twists(self, reading: Reading) -> FloatArray:
-        """Twists (S, m) at the stations, each in balance with the wrench of the loads there."""
-        acting, work, strains = reading.acting, self._work, reading.z.shape[1]
-        between = self.interpolation @ np.concatenate(
-            [reading.z, acting.force, acting.couple], axis=1
-        )
-        z = np.ascontiguousarray(between[:, :strains])
-        tensions = reading.tensions
-        work.scale[:] = force_scale(self._tables, tensions)
-        # What acts beyond a station: the moment at the base less what is carried up to there.
-        carried = np.cross(reading.slope, acting.force)
-        moment = self._finer.own.elements.weights @ carried - self.integration @ carried
-        moment += between[:, strains + 3 : strains + 6]
-        inverse = rotation_matrices(np.ascontiguousarray(reading.quaternion.T)).transpose(2, 1, 0)
-        wrench = np.empty_like(z)
-        wrench[:, :3] = (inverse @ moment[..., np.newaxis])[..., 0]
-        force = inverse @ between[:, strains : strains + 3, np.newaxis]
-        wrench[:, 3:] = force[:, : strains - 3, 0]
-        return self._settled(z, tensions, wrench)
-
-    def settled(self, z: FloatArray, tensions: FloatArray) -> FloatArray:
-        """Twists (S, m) near ``z`` in balance with ``tensions`` (J,) [N] without loads."""
-        local = tensions * self._tables.reach
-        self._work.scale[:] = force_scale(self._tables, local)
-        return self._settled(np.ascontiguousarray(z), local, np.zeros_like(z))
-
-    def _settled(self, z: FloatArray, tensions: FloatArray, wrench: FloatArray) -> FloatArray:
-        for _ in range(_MOST_STEPS):
-            left = self._problem.form.section_steps(self._tables, z, tensions, wrench, self._work)
-            z = z + self._work.step
-            if not left > _LAST_STEP:
-                break
-        return z
 
 
 def integrate_poses(

@@ -18,7 +18,6 @@ from octo_arm_model.rod.gauss import GaussRule
 AXIAL, TORSION, SQUARED_RADIUS, SHEAR, LEVER = range(5)
 # Columns of `Tables.tendons`.
 ALONG_N, ALONG_B, SLOPE_N, SLOPE_B = range(4)
-_ROUNDING = 1e-12  # of the length
 _LEAST_SCALE = 1e-4  # of E A: forces below a part of it are rounding
 
 
@@ -125,18 +124,13 @@ def work_arrays(tables: Tables, strains: int, *, has_jacobian: bool = True) -> W
     )
 
 
-def tabulate(
-    arm: Arm, elements: Elements, base: FloatArray, *, widens: bool, s: FloatArray | None = None
-) -> Tables:
-    """Tables of ``arm`` at the nodes of ``elements``, or at other places ``s`` (n,) [m].
+def tabulate(arm: Arm, elements: Elements, base: FloatArray, *, widens: bool) -> Tables:
+    """Tables of ``arm`` at the nodes of ``elements``.
 
-    At other places an anchorage belongs to the section towards the base. ``base`` is the
-    orientation of the base, a quaternion w, x, y, z.
+    ``base`` is the orientation of the base, a quaternion w, x, y, z.
     """
-    rule = elements.rule
-    section = elements.section if s is None else _section_at(arm, s)
-    s = elements.s if s is None else s
-    acts = arm.tendon_section[np.newaxis] <= section[:, np.newaxis]
+    rule, s = elements.rule, elements.s
+    acts = arm.tendon_section[np.newaxis] <= elements.section[:, np.newaxis]
     columns = np.stack([*arm.tendon_offsets(s), *arm.tendon_slopes(s)], axis=-1)
     tendons = columns.swapaxes(0, 1) * acts[..., np.newaxis]
     sheaths = np.array(arm.sheath_stiffness or np.zeros(len(arm.tendons)))
@@ -178,13 +172,6 @@ def force_scale(tables: Tables, tensions: FloatArray) -> FloatArray:
     scale = np.empty((force.size, 2))
     scale[:, 0], scale[:, 1] = force * tables.body[:, LEVER], force
     return scale
-
-
-def _section_at(arm: Arm, s: FloatArray) -> IntArray:
-    anchorages = np.array([section.anchorage for section in arm.sections])
-    slack = _ROUNDING * arm.length
-    found: IntArray = (anchorages[np.newaxis] >= s[:, np.newaxis] - slack).sum(axis=1)
-    return found
 
 
 def _twice(rule: GaussRule) -> FloatArray:

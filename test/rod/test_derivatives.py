@@ -122,7 +122,7 @@ class Solved(NamedTuple):
         found = rod.solve(tensions, wrench, self.found)
         readout = rod.readout(found.level, STATIONS)
         reading = readout.read(found.state)
-        z = readout.twists(reading)
+        z = reading.twist
         turn = Rotation.from_quat(np.roll(reading.quaternion, -1, axis=1)) * self.turned.inv()
         strain = z[:, :4].copy()
         strain[:, :3] /= z[:, 3:4]

@@ -75,7 +75,7 @@ def test_one_tendon_bends_a_uniform_arm_less_and_less(compiled: bool) -> None:
     over = 0.3 * 0.006 / (1e5 * np.pi * 0.01**4 / 4.0)
     expected = 1.0 / (1.0 / pull + over * s)
     np.testing.assert_allclose(reading.tensions[:, 0], expected, rtol=1e-9)
-    bend = np.abs(readout.twists(reading)[:, 2])
+    bend = np.abs(reading.twist[:, 2])
     np.testing.assert_allclose(bend, expected * over / 0.3, rtol=1e-8)
 
 

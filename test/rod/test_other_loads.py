@@ -214,7 +214,7 @@ def test_derivatives_are_those_of_loads_that_follow(s: float) -> None:
         moved = rod.solve(tensions + step, WRENCH, found)
         readout = rod.readout(moved.level, stations)
         reading = readout.read(moved.state)
-        return np.concatenate([reading.position.ravel(), strains_of(readout.twists(reading))[2]])
+        return np.concatenate([reading.position.ravel(), strains_of(reading.twist)[2]])
 
     direction = 0.02 * tensions
     expected = along(outcome, np.zeros(6), direction)

@@ -73,7 +73,7 @@ def test_it_is_the_arm_of_the_solver(compiled: bool, law: str, is_loaded: bool) 
     found = rod.solve(tensions, wrench)
     readout = rod.readout(found.level, expected.s)
     reading = readout.read(found.state)
-    twist = readout.twists(reading)
+    twist = reading.twist
     atol = 1e-7 if is_loaded else 1e-6  # of the solver, at its stations
     np.testing.assert_allclose(reading.position, expected.position, rtol=0.0, atol=atol * 0.4)
     np.testing.assert_allclose(twist[:, 2] / twist[:, 3], expected.k, rtol=0.0, atol=1e-4)
