@@ -15,7 +15,7 @@ from octo_arm_model.arm.laws import LAWS
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.elements import build_elements
 from octo_arm_model.rod.stations import panels_of
-from octo_arm_model.rod.tables import force_scale, tabulate, work_arrays
+from octo_arm_model.rod.tables import tabulate, work_arrays
 
 
 class LoadedBvp:
@@ -94,20 +94,14 @@ class LoadedBvp:
         tables = tabulate(self._arm, within, base, widens=self._law.widens)
         work = work_arrays(tables, 4, has_jacobian=False)
         pulls = np.broadcast_to(self._tensions, (s.size, self._tensions.size)).copy()
-        work.scale[:] = force_scale(tables, pulls)
         start = self._unloaded
         twist = np.empty((s.size, 4))
         q = np.interp(s, start.s, start.q)
         for row, name in enumerate(('tau', 'xi', 'k')):
             twist[:, row] = (1 + q) * np.interp(s, start.s, getattr(start, name))
         twist[:, 3] = 1 + q
-        for _ in range(30):
-            arrays.section_steps(
-                tables, twist, pulls, np.ascontiguousarray(wrench.reshape(4, -1).T), work
-            )
-            twist += work.step
-            if np.abs(work.step).max() < 1e-9 * np.abs(twist).max():
-                break
+        own = np.ascontiguousarray(wrench.reshape(4, -1).T)
+        arrays.balance(tables, twist, pulls, own, 1e-12, work)
         return twist.T
 
     def _ends(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:

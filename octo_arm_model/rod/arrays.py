@@ -389,25 +389,6 @@ def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) ->
     work.hessian[:] = h
 
 
-def section_steps(
-    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, work: Work
-) -> float:
-    """Newton's step of every cross section alone to the balance with ``wrench``, see `loops`."""
-    _fill_steps(tables, z, tensions, wrench, work)
-    return _relative(wrench, work.scale, work)
-
-
-def _fill_steps(
-    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, work: Work
-) -> None:
-    sections(tables, z, tensions, work)
-    np.subtract(work.gradient, wrench, out=work.residual)
-    try:
-        work.step[:] = -np.linalg.solve(work.hessian, work.residual[..., np.newaxis])[..., 0]
-    except np.linalg.LinAlgError:
-        work.step[:] = np.nan
-
-
 def balance(
     tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, tolerance: float,
     work: Work,
@@ -419,10 +400,11 @@ def balance(
     step, slope, left = np.zeros_like(z), np.zeros(len(z)), np.inf
     kinds = np.arange(z.shape[1]) // 3
     for steps in range(1, _MOST_BALANCE + 1):
-        _fill_steps(tables, z, tensions, wrench, work)
+        sections(tables, z, tensions, work)
+        np.subtract(work.gradient, wrench, out=work.residual)
         left = _relative(wrench, scale, work)
         if left <= tolerance:
-            z += work.step
+            z += _section_steps(work)
             return left, steps
         if not left <= _ROUNDING and steps > 1:
             along = (work.residual * step).sum(axis=1)
@@ -433,10 +415,18 @@ def balance(
                 slope = np.where(fine, slope, _SHORTENED * slope)
                 z -= np.where(fine[:, np.newaxis], 0.0, step)
                 continue
-        step = work.step.copy()
+        step = _section_steps(work)
         slope = -(work.residual * step).sum(axis=1)
         z += step
     return left, _MOST_BALANCE
+
+
+def _section_steps(work: Work) -> FloatArray:
+    """Newton's step of every cross section alone, (n, m)."""
+    try:
+        return np.asarray(np.linalg.solve(work.hessian, -work.residual[..., np.newaxis])[..., 0])
+    except np.linalg.LinAlgError:
+        return np.full_like(work.residual, np.nan)
 
 
 def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatArray:

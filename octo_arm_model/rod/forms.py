@@ -26,11 +26,6 @@ class Form(Protocol):
     def sections(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
         """Gradient and Hessian of the energy of every cross section."""
 
-    def section_steps(
-        self, tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, work: Work
-    ) -> float:
-        """Newton's step of every cross section alone."""
-
     def balance(
         self, tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray,
         tolerance: float, work: Work,

@@ -452,30 +452,6 @@ def _unscale(
 
 
 @_compiled
-def section_steps(
-    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, work: Work
-) -> float:
-    """Newton's step of every cross section alone to the balance with ``wrench`` (N, m).
-
-    ``wrench`` is moment and force in the axes of the section. Fills in residual, Hessian and step.
-
-    Returns:
-        Largest residual over its scale [-].
-    """
-    sections(tables, z, tensions, work)
-    count = z.shape[1]
-    factors = np.empty((count, count))
-    for i in range(z.shape[0]):
-        for c in range(count):
-            work.residual[i, c] = work.gradient[i, c] - wrench[i, c]
-            work.step[i, c] = -work.residual[i, c]
-            for a in range(c + 1):
-                factors[c, a] = work.hessian[i, c, a]
-        _solve_ldl(factors, work.step[i])
-    return _relative(wrench, work)
-
-
-@_compiled
 def balance(
     tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, tolerance: float,
     work: Work,
@@ -698,7 +674,7 @@ def residual(
     tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
     work: Work,
 ) -> float:  # fmt: skip
-    """Imbalance of every cross section; fills in all but Hessian, step and Jacobian.
+    """Imbalance of every cross section; fills in all but Hessian and Jacobian.
 
     ``work.scale`` is given, see `tables.force_scale`.
 

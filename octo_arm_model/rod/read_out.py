@@ -22,6 +22,7 @@ from octo_arm_model.rod.tables import Work
 from octo_arm_model.rod.unloaded import straight_twists
 
 ADDED_POINTS = 5  # in each element
+_ONE_STEP = 1e300  # residual before the last step to the balance of sections
 
 
 class Reading(NamedTuple):
@@ -74,8 +75,9 @@ class Finer:
         force, couple = own.loads.at(condition.factor, condition.tip_wrench)
         acting = own.evaluate(Acting(condition, tensions, force, couple, self._scale), z).acting
         wrench = work.gradient - work.residual
-        own.form.section_steps(own.tables, z, acting.tensions, wrench, work)
-        return acting, z + work.step
+        z = z.copy()  # Orientations of the other one are known.
+        own.form.balance(own.tables, z, acting.tensions, wrench, _ONE_STEP, work)
+        return acting, z
 
     def _slid(self, state: State) -> FloatArray:
         friction, sliding = self.problem.friction, self.problem.sliding(state)

@@ -84,7 +84,6 @@ class Work(NamedTuple):
         hessian: of the energy by the twist, (N, m, m).
         residual: gradient less the wrench of the loads in the axes of the section, (N, m).
         scale: size of forces and moments by which a residual is measured, (N, 2) [N m, N].
-        step: of the cross sections alone, see `section_steps`, (N, m).
         offsets: of tendons in sheaths, (N, J, 2) [m].
         angle: by which tendons with friction have turned since the base [rad], (N, J).
         jacobian: d residual / d z, (N m, N m), rows and columns node by node.
@@ -98,7 +97,6 @@ class Work(NamedTuple):
     hessian: FloatArray
     residual: FloatArray
     scale: FloatArray
-    step: FloatArray
     offsets: FloatArray
     angle: FloatArray
     jacobian: FloatArray
@@ -117,7 +115,6 @@ def work_arrays(tables: Tables, strains: int, *, has_jacobian: bool = True) -> W
         np.zeros((nodes, strains, strains)),
         np.zeros((nodes, strains)),
         np.zeros((nodes, 2)),
-        np.zeros((nodes, strains)),
         np.zeros((nodes, tendons, 2)),
         np.zeros((nodes, tendons)),
         np.zeros((size, size)),

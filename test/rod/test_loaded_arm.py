@@ -283,7 +283,7 @@ def test_a_point_load_is_a_tip_load_of_the_arm_cut_there(law: str, anchorage: fl
     assert at.size > 10
     np.testing.assert_allclose(whole.position[at], cut.position[same], atol=1e-8)
     np.testing.assert_allclose(whole.q[at], cut.q[same], atol=1e-8)
-    np.testing.assert_allclose(whole.k[at], cut.k[same], atol=1e-6)
+    np.testing.assert_allclose(whole.k[at], cut.k[same], atol=1e-5)
     # Nothing acts beyond.
     beyond = whole.position[whole.s > 0.25] - cut.tip
     tangent = Rotation.from_quat(cut.quaternion[-1]).apply([1.0, 0.0, 0.0])
@@ -471,7 +471,7 @@ def test_forces_and_moments_balance_at_every_station_across_anchorages(
     loads = dataclasses.replace(EVERYTHING, gravity=(0, 0, 0), distributed=())
     solver = Solver(HELICAL, 'exact', stations, material=law, loads=loads)
     backbone = solver.solve(HELICAL_TENSIONS)
-    assert left_over(HELICAL, HELICAL_TENSIONS, law, loads, backbone) < 1e-9
+    assert left_over(HELICAL, HELICAL_TENSIONS, law, loads, backbone) < 1e-7
 
 
 def test_they_do_for_the_metal_rod() -> None:
@@ -487,7 +487,7 @@ def test_they_do_under_weight(law: str) -> None:
     tensions = np.array([[1.0, 0.5, 0.0, 0.2]])
     loads = Loads(gravity=(2.0, 3.0, -9.0), fluid_density=300.0)
     backbone = Solver(arm, 'exact', 201, material=law, loads=loads).solve(tensions)
-    assert left_over(arm, tensions, law, loads, backbone) < 1e-8
+    assert left_over(arm, tensions, law, loads, backbone) < 1e-7
 
 
 # By other means --------------------------------------------------------------------------------
