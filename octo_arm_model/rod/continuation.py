@@ -16,7 +16,7 @@ from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.factors import Factors, Stability, Variation, factorise
+from octo_arm_model.rod.factors import Stability, Variation, factorise
 from octo_arm_model.rod.newton import Found, settle
 
 TOLERANCE = 1e-11
@@ -48,33 +48,30 @@ class Judged(NamedTuple):
 
     Attributes:
         state: the equilibrium.
-        factors: of the Jacobian there.
         stability: of the equilibrium.
         variation: the second variation of the energy there.
     """
 
     state: State
-    factors: Factors
     stability: Stability
     variation: Variation
 
 
 def judge(problem: Problem, state: State) -> Judged:
-    """Linearise ``problem`` about an equilibrium and judge its stability.
+    """Judge the stability of an equilibrium of ``problem`` by its Jacobian there.
 
     Where a load states no tangent stiffness nothing tells of it, and it counts as stable.
 
     Raises:
-        ConvergenceError: if the system is singular.
+        ConvergenceError: if the Jacobian is singular and decides.
     """
     problem.fill_jacobian(state)
     variation = problem.variation()
     is_known = not problem.others.without_tangent
     stability = variation.stability() if is_known else Stability(True, False)
-    factors = factorise(problem.work.jacobian.copy())
     if not stability.is_stable and not problem.has_energy(state.acting.condition):
-        stability = Stability(factors.sign > 0, False)
-    return Judged(state, factors, stability, variation)
+        stability = Stability(factorise(problem.work.jacobian.copy()).sign > 0, False)
+    return Judged(state, stability, variation)
 
 
 def follow(
@@ -94,7 +91,7 @@ def follow(
         ConvergenceError: if none was found; it carries the last iterate.
         ContinuationError: if it would take more than the budget of ``spending``.
     """
-    done, factors = 0.0, None
+    done = 0.0
     last: tuple[FloatArray, float] | None = None
     reached: Judged | None = None
     while True:
@@ -104,7 +101,7 @@ def follow(
         guess = z
         if last is not None:
             guess = z + (target - done) / last[1] * (z - last[0])
-        found = settle(problem, acting, guess, limit, factors)
+        found = settle(problem, acting, guess, limit)
         spending.add(found.iterations, done, found.state.residual, found.state.z)
         is_found = found.state.residual <= limit
         judged = None
@@ -133,7 +130,7 @@ def follow(
         if judged is not None:
             if target == 1.0:
                 return judged
-            done, z, factors, reached = target, judged.state.z, judged.factors, judged
+            done, z, reached = target, judged.state.z, judged
         else:
             # A converged step is shortened by how large its correction was, another by a factor.
             shorter = min(growth(found.corrected), 0.7) if is_found else 0.25
@@ -146,8 +143,7 @@ def _closer(problem: Problem, found: Found, judged: Judged | None) -> tuple[Foun
     None in place of the latter where it is not, or not near what was found.
     """
     rough = found.state
-    factors = None if judged is None else judged.factors
-    closer = settle(problem, rough.acting, rough.z, _CLOSER, factors)
+    closer = settle(problem, rough.acting, rough.z, _CLOSER, found.factors)
     closer = closer._replace(corrected=found.corrected + problem.turn(closer.state.z - rough.z))
     if closer.corrected > MOST_CORRECTED:
         return closer, None

@@ -122,25 +122,13 @@ class Variation:
 
         ``weights`` (N,) are those of the integral along the arm.
         """
-        nodes, strains = hessian.shape[:2]
-        rows = np.repeat(weights, strains)
-        own = hessian[:, np.arange(strains), np.arange(strains)].ravel() * rows
-        self._is_soft = not (own > 0.0).all()
-        with np.errstate(invalid='ignore', divide='ignore'):
-            self._scale = 1.0 / np.sqrt(own)
-        form = jacobian * (rows * self._scale)[:, np.newaxis]
-        form *= self._scale
-        self.form = 0.5 * (form + form.T)
-        self._blocks = np.arange(nodes)
-        scale = self._scale.reshape(nodes, strains)
-        self._sections = (
-            hessian * weights[:, np.newaxis, np.newaxis] * scale[:, np.newaxis]
-            * scale[..., np.newaxis]
-        )  # fmt: skip
+        half = jacobian * (0.5 * np.repeat(weights, hessian.shape[1]))[:, np.newaxis]
+        self.form = half + half.T
+        self._sections = hessian * weights[:, np.newaxis, np.newaxis]
+        self._is_soft = not (np.diagonal(hessian, axis1=1, axis2=2) > 0.0).all()
 
     def add(self, rows: FloatArray) -> None:
         """Add the squares of ``rows`` (k, N m) of the twists: of springs of stiffness one."""
-        rows = rows * self._scale
         self.form += rows.T @ rows
 
     def stability(self) -> Stability:
@@ -156,31 +144,29 @@ class Variation:
         return not self._is_soft and self._exceeds(0.0)
 
     def softest(self) -> tuple[float, FloatArray]:
-        """Least eigenvalue [-], in parts of the sections' stiffness, and its twists (N m,)."""
-        size = len(self.form)
-        if self._is_soft:
-            raise ConvergenceError('the balance of a cross section', np.inf, 0)
+        """Least eigenvalue [-], in parts of the sections' stiffness, and its twists (N m,).
+
+        Raises:
+            ConvergenceError: if a section has no stiffness.
+        """
+        sections = np.zeros_like(self.form)
+        _diagonal(sections, self._sections)[...] = self._sections
         try:
-            values, vectors = eigh(self.form, self._matrix_of_sections(), subset_by_index=[0, 0])
+            values, vectors = eigh(self.form, sections, subset_by_index=[0, 0])
         except np.linalg.LinAlgError as error:
             raise ConvergenceError('the balance of a cross section', np.inf, 0) from error
-        return float(values[0]), np.asarray(vectors[:, 0] * self._scale).reshape(size)
+        return float(values[0]), np.asarray(vectors[:, 0])
 
     def _exceeds(self, part: float) -> bool:
         """Whether it exceeds ``part`` of the form of the sections alone."""
         form = self.form.copy()
-        self._diagonal(form)[...] -= part * self._sections
+        _diagonal(form, self._sections)[...] -= part * self._sections
         _, problem = dpotrf(form.T, overwrite_a=1, clean=0)
         return problem == 0
 
-    def _matrix_of_sections(self) -> FloatArray:
-        matrix = np.zeros_like(self.form)
-        self._diagonal(matrix)[...] = self._sections
-        return matrix
 
-    def _diagonal(self, form: FloatArray) -> FloatArray:
-        """View (N, m, m) of the blocks on the diagonal."""
-        nodes, strains = self._sections.shape[:2]
-        blocks = form.reshape(nodes, strains, nodes, strains)
-        view: FloatArray = np.einsum('iaic->iac', blocks)
-        return view
+def _diagonal(form: FloatArray, blocks: FloatArray) -> FloatArray:
+    """View of the ``blocks`` (N, m, m) on the diagonal of a ``form`` (N m, N m)."""
+    nodes, strains = blocks.shape[:2]
+    view: FloatArray = np.einsum('iaic->iac', form.reshape(nodes, strains, nodes, strains))
+    return view
