@@ -5,8 +5,8 @@ balances, J dz = - d res/dp. With it, at nodes and stations, in base_frame,
 
     rotation phi = int R d kappa,    displacement d r = int phi x r' + R d v
 
-and the change of what acts beyond a cross section, int (d r' x F + r' x dF) to the tip. Strains at
-the stations are those that balance it there, and so as exact as these integrals.
+where int is the integral from the base. Stations are reached from the nodes by integrals and
+interpolation.
 """
 
 from __future__ import annotations
@@ -112,42 +112,18 @@ class _Linear(NamedTuple):
         factors: of the Jacobian.
         slides: how tensions with friction change; None where none do.
         rates: derivatives of local tensions by those at the base at fixed twists, (N, J).
-        quaternion: with the following, as in `Work`.
+        sections: the cross sections.
+        rotation: as in `Work`.
+        slope: likewise.
     """
 
     state: State
     factors: Factors
     slides: Changes | None
     rates: FloatArray
-    quaternion: FloatArray
+    sections: _Sections
     rotation: FloatArray
     slope: FloatArray
-    gradient: FloatArray
-    offsets: FloatArray
-
-
-class _Places(NamedTuple):
-    """An equilibrium at more points than the nodes.
-
-    Attributes:
-        z: twists, (n, m).
-        tensions: local, (n, J) [N].
-        rotation: (n, 3, 3).
-        slope: r', (n, 3).
-        wrench: force and moment of all that acts beyond, (n, 6) [N, N m].
-        compliance: of the sections, inverse of their Hessian, (n, m, m).
-        gradient: of the energy by the twist, (n, m).
-        offsets: as in `Work`.
-    """
-
-    z: FloatArray
-    tensions: FloatArray
-    rotation: FloatArray
-    slope: FloatArray
-    wrench: FloatArray
-    compliance: FloatArray
-    gradient: FloatArray
-    offsets: FloatArray
 
 
 class Derivatives:
@@ -158,26 +134,11 @@ class Derivatives:
         self._arm, self._problem = rod.arm, rod.problem(level)
         elements, own = self._problem.elements, self._problem.tables
         self._to_nodes = elements.integration(elements.s)
+        self._to_stations, self._at_stations = elements.integration(s), elements.interpolation(s)
         self._rest = rest_stretches(own)
         self._rest_lengths = elements.weights @ self._rest
         self._outwards = _outwards(rod.arm, elements.s, own)
-        self._more = rod.finer(level)
-        finer, others = self._more.own.elements, self._more.own.tables
-        self._to_finer = elements.integration(finer.s)
-        self._between = elements.interpolation(finer.s)
-        self._along_finer = finer.integration(finer.s)
-        self._to_stations, self._at_stations = finer.integration(s), finer.interpolation(s)
-        self._to_stations[s == 0.0] = 0.0  # not by rounding only
-        # Of the nodes and, behind these, the finer points.
-        self._all_tables = own._replace(
-            body=np.concatenate([own.body, others.body]),
-            tendons=np.concatenate([own.tendons, others.tendons]),
-            reach=np.concatenate([own.reach, others.reach]),
-        )
-        outwards = _outwards(rod.arm, finer.s, others)
-        self._all_outwards = np.concatenate([self._outwards, outwards], axis=1)
         self._kept: _Linear | None = None
-        self._kept_places: tuple[_Linear, _Places, _Sections] | None = None
 
     def sensitivity(self, state: State, by_offsets: bool = True) -> Sensitivity:
         """Of the equilibrium ``state`` by all quantities of `Sensitivity`.
@@ -230,10 +191,7 @@ class Derivatives:
         turn = weights[:, np.newaxis, np.newaxis] * inverse
         tip[:, 3:, :3], tip[:, :3, 3:] = turn[:, : tip.shape[1] - 3], turn
         by_residual = linear.factors.solve_transposed(-tip.reshape(-1, 6)).reshape(tip.shape)
-        sections = _Sections(
-            problem.tables, self._outwards, state.z, state.acting.tensions, linear.gradient,
-            linear.offsets,
-        )  # fmt: skip
+        sections = linear.sections
         found = []
         for name in uncertainty.quantities:
             if name == 'tension':
@@ -256,67 +214,48 @@ class Derivatives:
             factors, slides = problem.linearise(state), problem.tension_changes(state)
             if slides is not None:
                 slides.require(self._arm.tendon_names, state.acting.condition.tensions)
-            rates = problem.tension_rates(state)
-            copies = [getattr(problem.work, name).copy() for name in _Linear._fields[4:]]
-            kept = self._kept = _Linear(state, factors, slides, rates, *copies)
+            work, rates = problem.work, problem.tension_rates(state)
+            sections = _Sections(
+                problem.tables, self._outwards, state.z, state.acting.tensions,
+                work.gradient.copy(), work.offsets.copy(),
+            )  # fmt: skip
+            kept = self._kept = _Linear(
+                state, factors, slides, rates, sections, work.rotation.copy(), work.slope.copy()
+            )
         return kept
 
     def _change(self, state: State, columns: _Columns, wrenches: FloatArray) -> Change:
         """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
         weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
-        linear, nodes, loads = self._linearised(state), len(state.z), columns['tip_wrench']
-        slides, (finer, sections) = linear.slides, self._places(linear)
-        stretch = sections.stretch
+        linear = self._linearised(state)
+        slides, sections, strains = linear.slides, linear.sections, state.z.shape[1]
+        stretch, has_friction = sections.stretch, self._problem.friction is not None
         by_local = stretch.length_by_z.swapaxes(1, 2)
         push = sections.imbalance(columns, total)
         local = self._local_changes(linear, columns, total)
-        has_friction = self._problem.friction is not None
         if has_friction:
-            push[:nodes] += by_local[:nodes] @ local
+            push += by_local @ local
         elif 'tension' in columns:
             push[..., columns['tension']] += by_local
         beyond = wrenches.copy()
         beyond[:, 3:] += _along(weights - self._to_nodes, _skew(linear.slope) @ wrenches[:, :3])
-        push[:nodes, :, loads] -= _turned(linear.rotation, beyond, state.z.shape[1])
-        z = linear.factors.solve(-push[:nodes].reshape(-1, total)).reshape(nodes, -1, total)
+        push[..., columns['tip_wrench']] -= _turned(linear.rotation, beyond, strains)
+        z = linear.factors.solve(-push.reshape(-1, total)).reshape(push.shape)
         if slides is not None:
             local += slides.by_twists(z)
-        if has_friction:
-            push[nodes:] += by_local[nodes:] @ _along(self._between, local)
-        if self._problem.others.loads:
-            # Those that follow the shape change in all columns.
-            given, loads = wrenches, slice(None)
-            wrenches = self._problem.others.changes(
-                1.0, linear.quaternion, state.z, linear.rotation @ z[:, :3]
-            )
-            wrenches[..., columns['tip_wrench']] += given
-        pose, strain = self._read(linear, finer, z, push[nodes:], (loads, wrenches))
-        by_z = weights[:, np.newaxis, np.newaxis] * stretch.length_by_z[:nodes]
+        by_z = weights[:, np.newaxis, np.newaxis] * stretch.length_by_z
         length = np.tensordot(by_z, z, axes=([0, 2], [0, 1]))
         if sections.tendons.has_sheaths:
-            length += np.einsum('i,ij,ijc->jc', weights, stretch.by_tension[:nodes], local)
+            length += np.einsum('i,ij,ijc->jc', weights, stretch.by_tension, local)
         own = np.arange(len(length))
         for name in set(_PATHS).intersection(columns):
-            moved = getattr(sections, f'by_{name}').stretch[:nodes]
+            moved = getattr(sections, f'by_{name}').stretch
             length[own, columns[name].start + own] += weights @ moved
         mean = None
         if has_friction:
             mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
             mean /= self._rest_lengths[:, np.newaxis]
-        return Change(pose, strain, length, mean)
-
-    def _places(self, linear: _Linear) -> tuple[_Places, _Sections]:
-        """The finer points, and sections at the nodes and, behind these, at them; kept as well."""
-        if self._kept_places is None or self._kept_places[0] is not linear:
-            finer, state = self._finer(linear), linear.state
-            sections = _Sections(
-                self._all_tables, self._all_outwards, np.concatenate([state.z, finer.z]),
-                np.concatenate([state.acting.tensions, finer.tensions]),
-                np.concatenate([linear.gradient, finer.gradient]),
-                np.concatenate([linear.offsets, finer.offsets]),
-            )  # fmt: skip
-            self._kept_places = linear, finer, sections
-        return self._kept_places[1:]
+        return Change(*self._read(linear, z), length, mean)
 
     def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, total)."""
@@ -331,54 +270,22 @@ class Derivatives:
             found[:, own, columns[name].start + own] = parts[name]
         return found
 
-    def _read(
-        self, linear: _Linear, finer: _Places, z: FloatArray, push: FloatArray,
-        wrenches: tuple[slice, FloatArray],
-    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    def _read(self, linear: _Linear, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Changes of poses (S, 6, columns) and strains (S, 4, columns) at the stations.
 
-        Of the twists ``z`` (N, m, columns) and, in some columns, the ``wrenches`` (N, 6, loads)
-        beyond, at the nodes; ``push`` (n, m, columns) is the imbalance at the finer points at
-        fixed loads. As in `read_out`, what integrals say is balanced at these, from which stations
-        are reached.
+        Of changes ``z`` (N, m, columns) of the twists at the nodes.
         """
-        force, (loads, given) = linear.state.acting.force, wrenches
-        rates = np.empty((len(z), 6, z.shape[2]))  # of rotation and carried moment
-        spin, carried = rates[:, :3], rates[:, 3:]
-        np.matmul(linear.rotation, z[:, :3], out=spin)
-        turn = _along(self._to_nodes, spin)
-        np.matmul(-_skew(force), _moved(linear.rotation, linear.slope, turn, z), out=carried)
-        carried[..., loads] += _skew(linear.slope) @ given[:, :3]
-        found = _along(self._to_finer, rates)
-        # Force and moment beyond the finer points.
-        beyond = _skew(finer.wrench.reshape(-1, 3)).reshape(-1, 6, 3) @ found[:, :3]
-        beyond[:, 3:] += self._problem.elements.weights @ carried.swapaxes(0, 1) - found[:, 3:]
-        beyond[..., loads] += _along(self._between, given)
-        z = finer.compliance @ (_turned(finer.rotation, beyond, z.shape[1]) - push)
         rates = np.empty((len(z), 6, z.shape[2]))  # of displacement and rotation
-        np.matmul(finer.rotation, z[:, :3], out=rates[:, 3:])
-        turn = _along(self._along_finer, rates[:, 3:])
-        rates[:, :3] = _moved(finer.rotation, finer.slope, turn, z)
+        np.matmul(linear.rotation, z[:, :3], out=rates[:, 3:])
+        turn = _along(self._to_nodes, rates[:, 3:])
+        np.matmul(linear.rotation[..., : z.shape[1] - 3], z[:, 3:], out=rates[:, :3])
+        rates[:, :3] -= _skew(linear.slope) @ turn
         # tau, xi, k are curvatures over the stretch.
-        over = 1.0 / finer.z[:, 3:4, np.newaxis]
-        strain = z[:, :4] * over
-        strain[:, :3] -= (finer.z[:, :3, np.newaxis] * over) * strain[:, 3:]
-        strain[:, 3] = z[:, 3]
+        twist = linear.state.z[..., np.newaxis]
+        strain = z[:, :4].copy()
+        strain[:, :3] -= (twist[:, :3] / twist[:, 3:4]) * z[:, 3:4]
+        strain[:, :3] /= twist[:, 3:4]
         return _along(self._to_stations, rates), _along(self._at_stations, strain)
-
-    def _finer(self, linear: _Linear) -> _Places:
-        """The equilibrium at more points."""
-        own, (acting, z) = self._more.own, self._more.balance(linear.state)
-        work = own.work
-        wrench = work.gradient - work.residual
-        own.form.orientations(own.tables, z, work)
-        # The Hessian and the offsets of twists so near are exact enough.
-        compliance = np.asarray(np.linalg.inv(work.hessian), dtype=np.float64)
-        beyond = np.concatenate([acting.force, work.moment], axis=1)
-        return _Places(
-            z, acting.tensions, work.rotation.copy(), work.slope.copy(), beyond, compliance,
-            wrench, work.offsets,
-        )  # fmt: skip
 
 
 def _part(change: Change, where: slice) -> Change:
@@ -399,13 +306,6 @@ def _along(matrix: FloatArray, values: FloatArray) -> FloatArray:
     """``matrix`` (n, N) times ``values`` (N, k, columns)."""
     product = matrix @ values.reshape(len(values), -1)
     return product.reshape(-1, *values.shape[1:])
-
-
-def _moved(rotation: FloatArray, slope: FloatArray, turn: FloatArray, z: FloatArray) -> FloatArray:
-    """Rates of displacement (n, 3, columns) by a ``turn`` (n, 3, columns) and by twists ``z``."""
-    found = rotation[..., : z.shape[1] - 3] @ z[:, 3:]
-    found -= _skew(slope) @ turn
-    return np.asarray(found)
 
 
 def _turned(rotation: FloatArray, wrench: FloatArray, strains: int) -> FloatArray:

@@ -89,22 +89,6 @@ class OtherLoads:
             for tangent in load.tangents(rod) or ():
                 self._add_tangent(factor, tangent, z.shape[1], work)
 
-    def changes(
-        self, factor: float, quaternion: FloatArray, z: FloatArray, spin: FloatArray
-    ) -> FloatArray:
-        """Changes of force and free moment beyond the nodes, (N, 6, k), of ``factor`` times them.
-
-        On a rod of orientations ``quaternion`` (N, 4), w, x, y, z, and twists ``z`` (N, m), by
-        rates of rotation ``spin`` (N, 3, k).
-        """
-        rod, found = NodeRod(self, quaternion, z), np.zeros((len(z), 6, spin.shape[2]))
-        for load in self.loads:
-            for tangent in load.tangents(rod) or ():
-                turn = np.tensordot(self.up_to(tangent.s), spin, axes=1)
-                parts = np.concatenate([np.asarray(tangent.force), np.asarray(tangent.moment)])
-                found += factor * np.moveaxis(parts, 2, 0) @ turn
-        return found
-
     def _add_tangent(self, factor: float, tangent: Tangent, strains: int, work: Work) -> None:
         # Nodes, component, and that of the rotation vector of the cross section.
         force = factor * np.moveaxis(np.asarray(tangent.force), 2, 0)

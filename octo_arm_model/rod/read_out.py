@@ -3,7 +3,8 @@
 At the ends of elements integrals of a collocated solution are far more exact than within. They
 are as exact everywhere after one more step (iterated collocation): moments at more points of each
 element, which are integrals, and the twists there that balance them. Stations are reached from
-these by integrals and interpolation.
+these by integrals and interpolation. Where tendons with friction slip, tensions and so strains
+have kinks between the points, but wrenches have none: there they are interpolated, and balanced.
 """
 
 from __future__ import annotations
@@ -13,16 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.quaternion import quaternion_rates
-from octo_arm_model.rod.tables import Work
+from octo_arm_model.rod.tables import Work, tabulate, work_arrays
 from octo_arm_model.rod.unloaded import straight_twists
 
 ADDED_POINTS = 5  # in each element
-_ONE_STEP = 1e300  # residual before the last step to the balance of sections
+ONE_STEP = 1e300  # residual before the last step to the balance of sections
 
 
 class Reading(NamedTuple):
@@ -60,8 +62,11 @@ class Finer:
         self.to_nodes = own.elements.interpolation(problem.elements.s)
         self._scale = np.ones((own.elements.s.size, 2))  # as no residual is looked at
 
-    def balance(self, state: State) -> tuple[Acting, FloatArray]:
-        """What acts there in ``state``, and the twists (n, m) that balance it."""
+    def balance(self, state: State) -> tuple[Acting, FloatArray, FloatArray]:
+        """What acts there in ``state``, twists (n, m) that balance it, and wrenches (n, m).
+
+        The latter are moment and force of all beyond a point, in the axes of its section.
+        """
         own, condition = self.own, state.acting.condition
         if condition.tensions.ndim > 1:
             # Given at the nodes.
@@ -76,8 +81,8 @@ class Finer:
         acting = own.evaluate(Acting(condition, tensions, force, couple, self._scale), z).acting
         wrench = work.gradient - work.residual
         z = z.copy()  # Orientations of the other one are known.
-        own.form.balance(own.tables, z, acting.tensions, wrench, _ONE_STEP, work)
-        return acting, z
+        own.form.balance(own.tables, z, acting.tensions, wrench, ONE_STEP, work)
+        return acting, z, wrench
 
     def _slid(self, state: State) -> FloatArray:
         friction, sliding = self.problem.friction, self.problem.sliding(state)
@@ -91,7 +96,7 @@ class Finer:
 
     def friction_error(self, state: State) -> float:
         """Estimated error of tensions with friction, in parts of them."""
-        (acting, z), own = self.balance(state), self.own
+        (acting, z, _), own = self.balance(state), self.own
         own.form.angles(own.tables, z, acting.tensions, own.work)
         means = []
         for one, angle in (
@@ -110,22 +115,33 @@ class Readout:
         integration: from values at the finer points to integrals up to the stations, (S, n).
     """
 
-    def __init__(self, finer: Finer, s: FloatArray) -> None:
-        """At arc coordinates ``s`` (S,) [m]."""
+    def __init__(self, finer: Finer, arm: Arm, s: FloatArray) -> None:
+        """At arc coordinates ``s`` (S,) [m] of ``arm``."""
         self._problem, self._finer, self._s = finer.problem, finer, s
-        elements = finer.own.elements
+        elements, own = finer.own.elements, finer.own
         self.integration, self._interpolation = elements.integration(s), elements.interpolation(s)
-        self._straight = straight_twists(finer.own.strains)
+        self._straight = straight_twists(own.strains)
+        if finer.problem.friction is not None:
+            section = elements.section[elements.element_at(s) * elements.points]
+            at_stations = elements._replace(s=s, section=section)
+            self._tables = tabulate(arm, at_stations, own.tables.base, widens=own.tables.widens)
+            self._work = work_arrays(self._tables, own.strains, has_jacobian=False)
 
     def read(self, state: State, fine: FloatArray | None = None) -> Reading:
         """The cross sections in ``state``, whose twists at the finer points may be known."""
         finer, along = self._finer.own, None
-        if fine is None:
-            acting, fine = self._finer.balance(state)
-            along = self._tensions(state, acting, fine)
+        if fine is not None:
+            twist = self.twists(fine)
+        else:
+            acting, fine, wrench = self._finer.balance(state)
+            twist = self.twists(fine)
+            if finer.friction is not None:
+                along = self._tensions(state, acting, fine)
+                form, wrench = finer.form, self._interpolation @ wrench
+                form.balance(self._tables, twist, along, wrench, ONE_STEP, self._work)
         finer.orient(fine)
         position, turn = integrate_poses(finer.work, finer.tables.base, fine, self.integration)
-        return Reading(position[0], turn[0], self.twists(fine), along)
+        return Reading(position[0], turn[0], twist, along)
 
     def twists(self, fine: FloatArray) -> FloatArray:
         """Twists (..., S, m) at the stations, from those (..., n, m) at the finer points."""
@@ -133,12 +149,10 @@ class Readout:
         strained = self._interpolation @ (fine - self._straight)
         return np.asarray(strained + self._straight)
 
-    def _tensions(self, state: State, acting: Acting, z: FloatArray) -> FloatArray | None:
+    def _tensions(self, state: State, acting: Acting, z: FloatArray) -> FloatArray:
         """See `Reading`; ``acting`` and twists ``z`` (n, m) are those of the finer points."""
         if state.acting.condition.tensions.ndim > 1:
             return np.asarray(self._interpolation @ acting.tensions)
-        if self._problem.friction is None:
-            return None
         return self._slid(state, self._angle(acting, z))
 
     def _angle(self, acting: Acting, z: FloatArray) -> FloatArray:

@@ -141,7 +141,7 @@ class Rod:
 
     def readout(self, level: int, s: FloatArray) -> Readout:
         """Reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
-        return Readout(self.finer(level), s)
+        return Readout(self.finer(level), self.arm, s)
 
     def spending(self) -> Spending:
         """Of one solve that begins now."""

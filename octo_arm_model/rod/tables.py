@@ -122,7 +122,7 @@ def work_arrays(tables: Tables, strains: int, *, has_jacobian: bool = True) -> W
 
 
 def tabulate(arm: Arm, elements: Elements, base: FloatArray, *, widens: bool) -> Tables:
-    """Tables of ``arm`` at the nodes of ``elements``.
+    """Tables of ``arm`` at the nodes of ``elements``, or what else these have as s and section.
 
     ``base`` is the orientation of the base, a quaternion w, x, y, z.
     """

@@ -220,4 +220,4 @@ def test_derivatives_are_those_of_loads_that_follow(s: float) -> None:
     expected = along(outcome, np.zeros(6), direction)
     position, bend = (change.pose[:, :3] @ direction).ravel(), change.strain[:, 2] @ direction
     assert np.abs(position - expected[:12]).max() <= 1e-5 * np.abs(expected[:12]).max()
-    assert np.abs(bend - expected[12:]).max() <= 1e-5 * np.abs(expected[12:]).max()
+    assert np.abs(bend - expected[12:]).max() <= 1e-4 * np.abs(expected[12:]).max()
