@@ -149,6 +149,8 @@ class Variation:
         Raises:
             ConvergenceError: if a section has no stiffness.
         """
+        if self._is_soft:
+            raise ConvergenceError('the balance of a cross section', np.inf, 0)
         sections = np.zeros_like(self.form)
         _diagonal(sections, self._sections)[...] = self._sections
         try:
