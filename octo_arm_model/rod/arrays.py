@@ -11,7 +11,8 @@ from typing import TypeAlias
 import numpy as np
 
 from octo_arm_model.arm.hints import ComplexArray, FloatArray, Number
-from octo_arm_model.rod.quaternion import rotation_matrices
+from octo_arm_model.rod.quaternion import quaternion_rates, rotation_matrices
+from octo_arm_model.rod.resolution import position_errors
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,
@@ -20,6 +21,8 @@ from octo_arm_model.rod.tables import (
     SHEAR,
     SQUARED_RADIUS,
     TORSION,
+    PaperTables,
+    Places,
     Tables,
     Work,
     force_scale,
@@ -33,6 +36,8 @@ _MOST_BALANCE = 200  # steps to the balance of a section
 _ROUNDING = 1e-6  # residual below which steps are taken as they are
 _SHORTENED = 0.5  # factor of a step that is too long
 _OVERSHOOT = 0.9  # of the slope along a step, that may be left with the other sign at its end
+_XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z
+MOST_PAPER_SWEEPS = 60  # of an element in equation (10)
 # Indices for a cross product by one multiplication of permuted components.
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
@@ -118,6 +123,39 @@ def _orient(first: ComplexArray, inside: ComplexArray, z: FloatArray, work: Work
     work.slope[:] = work.rotation[:, :, 0] * z[:, 3, np.newaxis]
     if z.shape[1] == 6:
         work.slope[:] += (work.rotation[:, :, 1:] @ z[:, 4:, np.newaxis])[..., 0]
+
+
+# Poses -----------------------------------------------------------------------------------------
+
+
+def poses(
+    tables: Tables, z: FloatArray, places: Places, work: Work
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions and orientations at places, and estimated errors of positions, see `loops`."""
+    orientations(tables, z, work)
+    error = position_errors(places.tail, tables.lengths, z, work.slope)
+    position, turn = integrate_poses(work, tables.base, z, places.integration)
+    return position, turn.take(_XYZW, axis=2), error
+
+
+def integrate_poses(
+    work: Work, base: FloatArray, z: FloatArray, integration: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (A, S, 3) [m] from the base and quaternions w, x, y, z (A, S, 4) at stations.
+
+    Of A arms from twists ``z`` (A N, m) whose orientations are in ``work``, by the matrix
+    ``integration`` (S, N) from values at the nodes to integrals up to the stations. ``base`` is
+    the orientation of the base.
+    """
+    rates = np.empty((7, len(z)))
+    rates[:3] = work.slope.T
+    quaternion_rates(work.quaternion, z[:, :3], rates[3:].T)
+    found = rates.reshape(-1, integration.shape[1]) @ integration.T
+    found = found.reshape(7, -1, len(integration))
+    turn = found[3:]
+    turn += base[:, np.newaxis, np.newaxis]
+    turn /= np.sqrt((turn * turn).sum(axis=0))
+    return np.ascontiguousarray(found[:3].transpose(1, 2, 0)), turn.transpose(1, 2, 0)
 
 
 # Cross sections --------------------------------------------------------------------------------
@@ -638,3 +676,122 @@ def jacobian(
         elements, points * strains, points * strains
     )
     assert whole_size == len(work.jacobian)
+
+
+# The paper's models ----------------------------------------------------------------------------
+
+
+def paper_twists(
+    tables: PaperTables, sums: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Twists (A, P, 4) in the paper's balance, and how equation (10) was solved, see `loops`.
+
+    ``sums`` may be complex.
+    """
+    axial, torsion, bending = tables.stiffness
+    pull, n, b, nn, bb, mixed, torque = sums.swapaxes(0, 1)
+    outcome = np.full((len(sums), 3), (0.0, 0.0, -1.0))
+    moment_t, moment_n, moment_b = -torque, -b, n
+    if tables.swept:
+        imbalance, outcome = _imbalances(tables, sums, tolerance)
+        moment_t, moment_n, moment_b = np.stack([moment_t, moment_n, moment_b]) + imbalance
+    about_n, about_b = bending + bb, bending + nn
+    over = 1.0 / (about_n * about_b - mixed * mixed)
+    xi = (about_b * moment_n + mixed * moment_b) * over
+    k = (about_n * moment_b + mixed * moment_n) * over
+    twist = np.empty((*pull.shape, 4), pull.dtype)
+    stretch = twist[..., 3] = (k * n - xi * b - pull) / axial + 1.0
+    twist[..., 0] = moment_t / (torsion + (nn + bb)) * stretch
+    twist[..., 1], twist[..., 2] = xi * stretch, k * stretch
+    return twist, outcome
+
+
+def _imbalances(
+    tables: PaperTables, sums: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Imbalance p (3, A, P) [N m] at nodes and stations, and how it was found, (A, 3)."""
+    (stations, nodes), points = tables.stations.between.shape, tables.backwards.shape[1]
+    p = np.zeros((3, len(sums), sums.shape[2]), sums.dtype)
+    residual, sweeps, stuck = outcome = np.zeros((3, len(sums)))
+    stuck[:] = -1.0
+    largest = np.abs(sums[:, 1:3, :nodes]).max(axis=(1, 2), initial=1e-300)
+    end = np.zeros((3, len(sums)), sums.dtype)
+    for e in range(tables.swept - 1, -1, -1):
+        own, at = slice(e * points, (e + 1) * points), tables.anchorage[e]
+        if at >= 0:
+            end = _jumped(tables.stiffness[1:, at], sums[..., at], sums[..., at + 1], end)
+        coefficients = _slope_coefficients(tables.stiffness[1:, own], sums[..., own])
+        backwards = -tables.lengths[e] * tables.backwards.T
+        found, change, count = _sweep(coefficients, backwards, end, tolerance * largest)
+        stuck[(stuck < 0.0) & ~(change <= tolerance * largest)] = e
+        np.maximum(residual, change / largest, out=residual)
+        np.maximum(sweeps, count, out=sweeps)
+        p[..., own], end = found[..., :points], found[..., points]
+    p[..., nodes : nodes + stations] = p[..., :nodes] @ tables.stations.between.T
+    return p, outcome.T
+
+
+def _moments(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """F and the diagonal of D, (3, ...), of ``sums`` (A, 7, ...), see `paper_equations`."""
+    _, n, b, nn, bb = sums.swapaxes(0, 1)[:5]
+    return np.stack([np.zeros_like(n), -b, n]), np.stack([nn + bb, bb, nn])
+
+
+def _jumped(
+    stiffness: FloatArray, base: FloatArray, tip: FloatArray, p: FloatArray
+) -> FloatArray:
+    """Imbalance (3, A) at the side of an anchorage to the base by (11), from ``p`` at the other.
+
+    From sums (A, 7) at both sides.
+    """
+    torsion, bending = stiffness
+    k = np.array([[torsion], [bending], [bending]])
+    (f, d), (f_tip, d_tip) = _moments(base), _moments(tip)
+    omega = (f_tip + p) / (k + d_tip) + (f - f_tip) / (k + (d - d_tip))
+    return np.asarray(omega * (k + d) - f)
+
+
+def _slope_coefficients(
+    stiffness: FloatArray, sums: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Coefficients of p' in an element: xi_0, k_0, that of p_n p_b, and of p_n' and p_b'.
+
+    Of the last two each has a row: c times k_0 and xi_0, and what is multiplied by p_b and p_n.
+    """
+    torsion, bending = stiffness
+    (_, f_n, f_b), (polar, bb, nn) = _moments(sums)
+    c_t, c_n, c_b = 1.0 / (torsion + polar), 1.0 / (bending + bb), 1.0 / (bending + nn)
+    xi, k, c = c_n * f_n, c_b * f_b, (bending + polar) * c_t
+    aside = np.stack([-c * k, c * xi]), np.stack([-bb * c_t * c_b, nn * c_t * c_n])
+    return xi, k, (bb - nn) * c_n * c_b, *aside
+
+
+def _sweep(
+    coefficients: tuple[FloatArray, ...], backwards: FloatArray, end: FloatArray,
+    allowed: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    """Imbalance (3, A, p + 1) at the points and the start of an element from that at its ``end``.
+
+    Returns:
+        It, its last change [N m] and the number of sweeps of each arm, (A,).
+    """
+    xi, k, product, linear, aside = coefficients
+    count = np.zeros(len(allowed))
+    end = end[..., np.newaxis]
+    p = np.repeat(end, len(backwards) + 1, axis=2)
+    change = np.full(len(allowed), np.inf)
+    for _ in range(MOST_PAPER_SWEEPS):
+        n, b = p[1, :, :-1], p[2, :, :-1]
+        now = np.empty_like(p)
+        now[0] = ((product * b + k) * n - xi * b) @ backwards
+        now[0] += end[0]
+        now[1:] = ((aside * p[:0:-1, :, :-1] + linear) * now[0, :, :-1]) @ backwards
+        now[1:] += end[1:]
+        # A converged arm is swept no further, so that it does not depend on the others.
+        left = ~(change <= allowed)
+        np.copyto(change, np.abs(now - p).max(axis=(0, 2)), where=left)
+        np.copyto(p, now, where=left[:, np.newaxis])
+        count += left
+        if (change <= allowed).all():
+            break
+    return p, change, count

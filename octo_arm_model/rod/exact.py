@@ -19,6 +19,7 @@ from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import XYZW, Setup, Shape, Shapes, Statics, strains_of
+from octo_arm_model.rod.tables import places_at
 from octo_arm_model.rod.winches import Winches
 
 
@@ -45,6 +46,9 @@ class Exact(Statics):
         self.is_compiled = self.rod.is_compiled
         self._winches = Winches(self.rod)
         self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
+        self._places = functools.cache(
+            lambda level: places_at(self.rod.finer(level).own.elements, setup.s)
+        )
         self._several = functools.lru_cache(8)(
             lambda level, arms: Several(self.rod.finer(level).own, arms)
         )
@@ -75,7 +79,7 @@ class Exact(Statics):
             z, left, steps = several.balance(tensions)
         except ConvergenceError:
             return np.zeros(len(tensions), np.bool_)
-        fine = self._write(several, z, readout.integration, numbers, shapes)
+        fine = self._write(several, z, self._places(level), numbers, shapes)
         fine &= are_stretched(several.tables, z, len(tensions))
         z = readout.twists(z.reshape(len(tensions), -1, self.strains))
         shapes.strains[:, numbers] = strains_of(z)

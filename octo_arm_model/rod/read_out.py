@@ -14,11 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.arrays import Bends
+from octo_arm_model.rod.arrays import Bends, integrate_poses
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.friction import clipped
-from octo_arm_model.rod.quaternion import quaternion_rates
-from octo_arm_model.rod.tables import Work
 from octo_arm_model.rod.unloaded import straight_twists
 
 ADDED_POINTS = 5  # in each element
@@ -169,23 +167,3 @@ class Readout:
     def _of_history(self) -> FloatArray:
         """From a history of friction to the stations, (S, M)."""
         return self._problem.elements.fine.interpolation(self._s)
-
-
-def integrate_poses(
-    work: Work, base: FloatArray, z: FloatArray, integration: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Positions (A, S, 3) [m] from the base and quaternions w, x, y, z (A, S, 4) at stations.
-
-    Of A arms from twists ``z`` (A N, m) whose orientations are in ``work``, by the matrix
-    ``integration`` (S, N) from values at the nodes to integrals up to the stations. ``base`` is
-    the orientation of the base.
-    """
-    rates = np.empty((7, len(z)))
-    rates[:3] = work.slope.T
-    quaternion_rates(work.quaternion, z[:, :3], rates[3:].T)
-    found = rates.reshape(-1, integration.shape[1]) @ integration.T
-    found = found.reshape(7, -1, len(integration))
-    turn = found[3:]
-    turn += base[:, np.newaxis, np.newaxis]
-    turn /= np.sqrt((turn * turn).sum(axis=0))
-    return np.ascontiguousarray(found[:3].transpose(1, 2, 0)), turn.transpose(1, 2, 0)

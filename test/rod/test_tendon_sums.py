@@ -11,7 +11,7 @@ from hypothesis import given
 from strategies import loaded_arms
 
 from octo_arm_model import Arm, Config, TensionError
-from octo_arm_model.rod.tendon_sums import TendonWeights, check_tensions
+from octo_arm_model.rod.tensions import TendonWeights, check_tensions
 
 GOOD = [[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 0, 13, 0]]
 
