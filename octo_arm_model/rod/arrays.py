@@ -36,8 +36,9 @@ _MOST_BALANCE = 200  # steps to the balance of a section
 _ROUNDING = 1e-6  # residual below which steps are taken as they are
 _SHORTENED = 0.5  # factor of a step that is too long
 _OVERSHOOT = 0.9  # of the slope along a step, that may be left with the other sign at its end
-_XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z
+XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z
 MOST_PAPER_SWEEPS = 60  # of an element in equation (10)
+SWEEPS_A_CHECK = 2  # of these, as a check takes as long as a sweep
 # Indices for a cross product by one multiplication of permuted components.
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
@@ -56,17 +57,20 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
     A quaternion is a + b j, see `quaternion`; the equations are linear in (a, b).
     """
     points, elements = tables.to_point.shape[0], tables.lengths.size
-    half = 0.5 * z[:, :3].reshape(-1, elements, points, 3)
-    half *= tables.lengths[:, np.newaxis, np.newaxis]
+    half = z[:, :3].reshape(-1, elements, points, 3) * (0.5 * tables.lengths)[:, None, None]
     arms = len(half)
     half = half.reshape(-1, points, 3)
-    # Rate of (a, b) of an element of length one by its row of [[i t, -c*], [c, -i t]].
-    rate = np.empty((len(half), points, 2, 2), np.complex128)
-    t, c = 1j * half[..., 0], half[..., 1] + 1j * half[..., 2]
-    rate[..., 0, 0], rate[..., 0, 1], rate[..., 1, 0], rate[..., 1, 1] = t, -c.conj(), c, -t
-    inside = (_solved if arms == 1 else _swept)(tables, half, rate)
+    # Rate of (a, b) of an element of length one by its row of [[i t, -c*], [c, -i t]], where c is
+    # n + i b: real and imaginary parts.
+    rate = np.zeros((len(half), 2, 2, points, 2))
+    rate[:, 0, 0, :, 1] = half[..., 0]
+    rate[:, 1, 1, :, 1] = -half[..., 0]
+    rate[:, 1, 0] = rate[:, 0, 1] = half[..., 1:]
+    rate[:, 0, 1, :, 0] *= -1.0
+    factors = rate.view(np.complex128)[..., 0]
+    inside = (_solved if arms == 1 else _swept)(tables, half, factors)
     weights = tables.weights[:points] / tables.lengths[0]
-    last = np.einsum('k,ekab,ekb->ea', weights, rate, inside)
+    last = (factors * inside[:, np.newaxis]).sum(axis=2) @ weights
     last[:, 0] += 1.0
     last /= np.sqrt((last.real**2 + last.imag**2).sum(axis=1, keepdims=True))
     first = np.empty((elements, 2, arms), np.complex128)
@@ -79,16 +83,14 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
 
 
 def _solved(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray:
-    """(a, b) at the points of elements from their starts, (e, p, 2): the quickest for few."""
+    """(a, b) at the points of elements from their starts, (e, 2, p): the quickest for few."""
     points = len(tables.to_point)
-    system = np.multiply(
-        -tables.to_point[:, np.newaxis, :, np.newaxis], rate.swapaxes(1, 2)[:, np.newaxis]
-    ).reshape(-1, 2 * points, 2 * points)
-    diagonal = np.arange(2 * points)
-    system[:, diagonal, diagonal] += 1.0
-    one = np.tile([1.0 + 0.0j, 0.0], points)[np.newaxis, :, np.newaxis]
-    found = np.linalg.solve(system, np.broadcast_to(one, (len(rate), 2 * points, 1)))
-    return np.asarray(found).reshape(-1, points, 2)
+    system = np.multiply(-tables.to_point[:, np.newaxis], rate[:, :, np.newaxis], order='C')
+    system.reshape(len(rate), -1)[:, :: 2 * points + 1] += 1.0
+    one = np.zeros((len(rate), 2 * points, 1), np.complex128)
+    one[:, :points] = 1.0
+    found = np.linalg.solve(system.reshape(-1, 2 * points, 2 * points), one)
+    return np.asarray(found).reshape(-1, 2, points)
 
 
 def _swept(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray:
@@ -99,7 +101,7 @@ def _swept(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray
     turn *= np.sin(angle) / angle
     found = np.empty((len(half[0]), 2, len(half)), np.complex128)
     found[:, 0], found[:, 1] = np.cos(angle) + 1j * turn[0], turn[1] + 1j * turn[2]
-    factors = np.ascontiguousarray(rate.transpose(1, 3, 2, 0))
+    factors = np.ascontiguousarray(rate.transpose(3, 2, 1, 0))
     for _ in range(_MOST_SWEEPS):
         rates = (found[:, :, np.newaxis] * factors).sum(axis=1)
         now = tables.to_point @ rates.view(np.float64).reshape(len(found), -1)
@@ -108,13 +110,13 @@ def _swept(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray
         change, found = np.abs((now - found).view(np.float64)).max(), now
         if not change > _SWEPT:
             break
-    return found.transpose(2, 0, 1)
+    return found.transpose(2, 1, 0)
 
 
 def _orient(first: ComplexArray, inside: ComplexArray, z: FloatArray, work: Work) -> None:
     """Fill in orientations, from those of the starts of elements and within them."""
     a, b = first[:, np.newaxis, 0], first[:, np.newaxis, 1]
-    c, d = inside[..., 0], inside[..., 1]
+    c, d = inside[:, 0], inside[:, 1]
     whole = np.stack([a * c - b * d.conj(), a * d + b * c.conj()], axis=-1).reshape(len(z), 2)
     parts = whole.view(np.float64)
     parts /= np.sqrt((parts * parts).sum(axis=1, keepdims=True))
@@ -135,7 +137,7 @@ def poses(
     orientations(tables, z, work)
     error = position_errors(places.tail, tables.lengths, z, work.slope)
     position, turn = integrate_poses(work, tables.base, z, places.integration)
-    return position, turn.take(_XYZW, axis=2), error
+    return position, turn.take(XYZW, axis=2), error
 
 
 def integrate_poses(
@@ -737,9 +739,7 @@ def _moments(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.stack([np.zeros_like(n), -b, n]), np.stack([nn + bb, bb, nn])
 
 
-def _jumped(
-    stiffness: FloatArray, base: FloatArray, tip: FloatArray, p: FloatArray
-) -> FloatArray:
+def _jumped(stiffness: FloatArray, base: FloatArray, tip: FloatArray, p: FloatArray) -> FloatArray:
     """Imbalance (3, A) at the side of an anchorage to the base by (11), from ``p`` at the other.
 
     From sums (A, 7) at both sides.
@@ -776,22 +776,26 @@ def _sweep(
         It, its last change [N m] and the number of sweeps of each arm, (A,).
     """
     xi, k, product, linear, aside = coefficients
-    count = np.zeros(len(allowed))
     end = end[..., np.newaxis]
     p = np.repeat(end, len(backwards) + 1, axis=2)
-    change = np.full(len(allowed), np.inf)
-    for _ in range(MOST_PAPER_SWEEPS):
-        n, b = p[1, :, :-1], p[2, :, :-1]
-        now = np.empty_like(p)
-        now[0] = ((product * b + k) * n - xi * b) @ backwards
-        now[0] += end[0]
-        now[1:] = ((aside * p[:0:-1, :, :-1] + linear) * now[0, :, :-1]) @ backwards
-        now[1:] += end[1:]
-        # A converged arm is swept no further, so that it does not depend on the others.
-        left = ~(change <= allowed)
-        np.copyto(change, np.abs(now - p).max(axis=(0, 2)), where=left)
-        np.copyto(p, now, where=left[:, np.newaxis])
-        count += left
-        if (change <= allowed).all():
+    n, b, others = p[1, :, :-1], p[2, :, :-1], p[:0:-1, :, :-1]
+    settled: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    for count in range(1, MOST_PAPER_SWEEPS + 1):
+        last = p.copy() if count % SWEEPS_A_CHECK == 0 else None
+        np.add(((product * b + k) * n - xi * b) @ backwards, end[0], out=p[0])
+        np.add(((aside * others + linear) * p[0, :, :-1]) @ backwards, end[1:], out=p[1:])
+        if last is None:
+            continue
+        change = np.abs(last - p).max(axis=(0, 2))
+        if settled is None:
+            settled = p.copy(), change, np.full(len(change), float(count))
+        else:
+            # A converged arm is swept no further, so that it does not depend on the others.
+            left = ~(settled[1] <= allowed)
+            np.copyto(settled[0], p, where=left[:, np.newaxis])
+            np.copyto(settled[1], change, where=left)
+            settled[2][left] = count
+        if (settled[1] <= allowed).all():
             break
-    return p, change, count
+    assert settled is not None
+    return settled

@@ -12,13 +12,14 @@ from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
+from octo_arm_model.rod.arrays import XYZW
 from octo_arm_model.rod.checks import are_stretched
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
-from octo_arm_model.rod.statics import XYZW, Setup, Shape, Shapes, Statics, strains_of
+from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import places_at
 from octo_arm_model.rod.winches import Winches
 

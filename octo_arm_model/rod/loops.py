@@ -47,7 +47,7 @@ _ROUNDING = 2e-13  # change by a sweep, which leaves a thirtieth of it
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
 _ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see `angles`
 _SETTLED = 1e-14  # change of an offset, over the lever
-MOST_PAPER_SWEEPS = 60  # see `arrays`
+MOST_PAPER_SWEEPS, SWEEPS_A_CHECK = 60, 2  # see `arrays`
 MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `arrays.balance`
 
 
@@ -1087,7 +1087,7 @@ def _sweep(
     for c in range(3):
         p[c] = end[c]
     change, count = np.inf, 0
-    while not change <= allowed and count < MOST_PAPER_SWEEPS:
+    while not (change <= allowed and count % SWEEPS_A_CHECK == 0) and count < MOST_PAPER_SWEEPS:
         count += 1
         for i in range(points):
             n, b = p[1, i], p[2, i]

@@ -164,7 +164,7 @@ def tabulate_paper(
     section = np.concatenate([elements.section, section[stations.element], sides])
     rule = elements.rule
     return PaperTables(
-        _tendon_moments(arm, places, section),
+        tendon_moments(arm, places, section),
         np.stack(SectionStiffness.at(arm, places)),
         elements.lengths,
         np.concatenate([rule.to_end, rule.weights[np.newaxis]]),
@@ -174,7 +174,7 @@ def tabulate_paper(
     )
 
 
-def _tendon_moments(arm: Arm, s: FloatArray, section: IntArray) -> FloatArray:
+def tendon_moments(arm: Arm, s: FloatArray, section: IntArray) -> FloatArray:
     """From tensions to their sums at ``s`` (P,) [m], each in its ``section`` (P,): (J, 7, P).
 
     In the section numbered i from the tip the tendons of sections 1 to i act.

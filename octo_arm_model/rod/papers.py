@@ -13,11 +13,11 @@ from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
-from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
 from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.lengths import lengths_of, rest_stretches
 from octo_arm_model.rod.paper_equations import Equations, MakesEquations, Strains
+from octo_arm_model.rod.read_out import ADDED_POINTS
 from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import WORST, Equilibrium, Rod, Setting, require_resolved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
@@ -26,8 +26,6 @@ from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL, Places, places_at
 from octo_arm_model.rod.tendons import tendon_stretch
 
-# Strains are also wanted between the nodes: so many points more in each element.
-ADDED_POINTS = 3
 # With a history strains have kinks, by which the estimated error of positions is too small: it has
 # to be so much smaller.
 _OF_HISTORY = 1e-4
@@ -158,9 +156,7 @@ class Papers(Statics):
         shapes.residual[numbers], shapes.iterations[numbers] = found[1:]
         return fine & (twist[..., 3].min(axis=1) > 0.0)
 
-    def _slide(
-        self, level: _Level, wanted: Condition
-    ) -> tuple[Strains, FloatArray, FloatArray]:
+    def _slide(self, level: _Level, wanted: Condition) -> tuple[Strains, FloatArray, FloatArray]:
         """Strains, and tensions along tendons with friction at nodes and stations, (n, J) [N].
 
         What bends the arm at a node depends on how it is bent before it, so that iterating both
@@ -248,9 +244,7 @@ def sensitivity(level: _Level, state: State, names: Sequence[str]) -> Sensitivit
     pose, strains = _poses(level, change[:nodes]), change[nodes:].copy()
     z = stepped[0, nodes : nodes + len(strains), :, np.newaxis].real
     strains[:, :3] = (strains[:, :3] - z[:, :3] / z[:, 3:] * strains[:, 3:]) / z[:, 3:]
-    stretch = tendon_stretch(
-        problem.tables, state.z, state.acting.tensions, problem.work.offsets
-    )
+    stretch = tendon_stretch(problem.tables, state.z, state.acting.tensions, problem.work.offsets)
     length = np.einsum('jnm,nmc->jc', lengths_of(problem, stretch).by_z, change[:nodes])
     parts = [
         Change(*(part[..., where] for part in (pose, strains, length)),
@@ -263,10 +257,13 @@ def sensitivity(level: _Level, state: State, names: Sequence[str]) -> Sensitivit
 def _with_friction(
     level: _Level, state: State, by_local: FloatArray, names: Sequence[str]
 ) -> tuple[FloatArray, FloatArray]:
-    """How local tensions change with those at the base, E and mu, (N + S, J, 2 J + 1) and (N, ...).
+    """How local tensions change with those at the base, E and mu.
 
-    From changes of z ``by_local`` (N, 4, J) tensions at the same node. The first are by what is
-    felt, so that all tensions fall as E rises; the second are of the tensions themselves.
+    From changes of z ``by_local`` (N, 4, J) tensions at the same node.
+
+    Returns:
+        Changes at nodes and stations (N + S, J, 2 J + 1), as if tensions fell where E rises, which
+        bends the arm as much less, and those of the tensions themselves at the nodes (N, J, ...).
 
     Raises:
         SolveError: if there are none, see `friction.Changes.require`.

@@ -37,8 +37,6 @@ class Several:
         z = np.zeros((len(local), self._problem.strains))
         return z, *balance_sections(self._problem.form, self.tables, self.work, local, z)
 
-    def poses(
-        self, z: FloatArray, places: Places
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def poses(self, z: FloatArray, places: Places) -> tuple[FloatArray, FloatArray, FloatArray]:
         """See `loops.poses`."""
         return self._problem.form.poses(self.tables, z, places, self.work)

@@ -24,7 +24,6 @@ from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.tables import Places
 
-XYZW = np.array([1, 2, 3, 0])  # the order of messages, of a quaternion w, x, y, z
 AT_ONCE = 64  # arms, for which tables have room in the processor's cache
 _LEVELS_AT_ONCE = 3
 

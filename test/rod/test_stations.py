@@ -12,6 +12,7 @@ import pytest
 import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from paper_strains import closed_form_strains
 from scipy.linalg import expm
 from strategies import arms, scaled
 
@@ -30,7 +31,6 @@ from octo_arm_model import (
     Tendon,
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.rod.closed_form import ClosedForm
 from octo_arm_model.rod.stations import StationGrid, _share_intervals, panels_of
 
 STATION_COUNTS = st.integers(6, 150)
@@ -108,9 +108,7 @@ def resolved(arm: Arm, tensions: np.ndarray, s: np.ndarray) -> np.ndarray:
         active = sum(section.anchorage > 0.5 * (start + stop) for section in arm.sections)
 
         def strains(at: float, active: int = active) -> np.ndarray:
-            closed = ClosedForm(arm, np.array([at]), np.array([active]))
-            twist = closed.solve(tensions.ravel()).twist[:, 0]
-            return np.append(twist[:3] / twist[3], twist[3] - 1.0)
+            return closed_form_strains(arm, tensions, at, active)
 
         panels.append((start, stop, strains))
     return reference.integrate_kinematics(panels, np.union1d(s, edges)).position
