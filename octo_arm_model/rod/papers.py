@@ -213,7 +213,7 @@ class Papers(Statics):
         raise NotImplementedError
 
 
-def sensitivity(level: _Level, state: State, names: Sequence[str]) -> Sensitivity:
+def sensitivity(level: _Level, state: State, names: tuple[str, ...]) -> Sensitivity:
     """By tensions, E and friction, of the ``state`` on a ``level``; ``names`` of the tendons.
 
     With one tension perturbed by a small imaginary step, the imaginary part of the strains over
@@ -246,16 +246,15 @@ def sensitivity(level: _Level, state: State, names: Sequence[str]) -> Sensitivit
     strains[:, :3] = (strains[:, :3] - z[:, :3] / z[:, 3:] * strains[:, 3:]) / z[:, 3:]
     stretch = tendon_stretch(problem.tables, state.z, state.acting.tensions, problem.work.offsets)
     length = np.einsum('jnm,nmc->jc', lengths_of(problem, stretch).by_z, change[:nodes])
-    parts = [
-        Change(*(part[..., where] for part in (pose, strains, length)),
-               None if mean is None else mean[:, where])
-        for where in (slice(tendons), slice(tendons, tendons + 1), slice(tendons + 1, None))
-    ]  # fmt: skip
-    return Sensitivity(*parts[:2], by_friction=None if mean is None else parts[2])
+    parts = []
+    for where in (slice(tendons), slice(tendons, tendons + 1), slice(tendons + 1, None)):
+        some = None if mean is None else mean[:, where]
+        parts.append(Change(pose[..., where], strains[..., where], length[..., where], some))
+    return Sensitivity(parts[0], parts[1], by_friction=None if mean is None else parts[2])
 
 
 def _with_friction(
-    level: _Level, state: State, by_local: FloatArray, names: Sequence[str]
+    level: _Level, state: State, by_local: FloatArray, names: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray]:
     """How local tensions change with those at the base, E and mu.
 
