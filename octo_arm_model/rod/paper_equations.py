@@ -122,7 +122,7 @@ class ClosedForm:
         form, tolerance = (self._form, TOLERANCE) if is_real else (arrays, _OF_DERIVATIVES)
         twist, outcome = form.paper_twists(self.tables, sums, tolerance)
         residual, sweeps, stuck = outcome.T
-        if self.tables.swept and stuck.max() >= 0.0:
+        if self.is_published and stuck.max() >= 0.0:
             worst = int(stuck.argmax())
             section = self._sections[int(stuck[worst])]
             error = f'equation (10) in section {section}'

@@ -41,12 +41,14 @@ class _Level(NamedTuple):
         equations: at both.
         places: the stations.
         unloaded: forces, free moments and scales at the nodes, see `Acting`.
+        balanced: no imbalance, see `State`.
     """
 
     problem: Problem
     equations: Equations
     places: Places
     unloaded: tuple[FloatArray, FloatArray, FloatArray]
+    balanced: FloatArray
 
 
 class Papers(Statics):
@@ -79,7 +81,7 @@ class Papers(Statics):
         nodes, places = problem.elements.s.size, places_at(problem.elements, setup.s)
         equations = self._equations(setup.arm, problem.elements, setup.s, problem.form)
         nothing = np.zeros((nodes, 3)), np.zeros((nodes, 3)), np.ones((nodes, 2))
-        return _Level(problem, equations, places, nothing)
+        return _Level(problem, equations, places, nothing, np.zeros((nodes, 4)))
 
     def problem(self, level: int) -> Problem:
         """See `Statics`."""
@@ -117,7 +119,7 @@ class Papers(Statics):
     def _shape(self, number: int, wanted: Condition) -> tuple[Shape, float]:
         """The arm on a level, and the estimated error of positions over its length."""
         level = self._at(number)
-        problem, nodes, along = level.problem, len(level.unloaded[0]), None
+        problem, nodes, along = level.problem, len(level.balanced), None
         if problem.friction is None:
             found = level.equations.solve(wanted.tensions[np.newaxis])
             local = np.empty((nodes, wanted.tensions.size))
@@ -132,11 +134,11 @@ class Papers(Statics):
             problem.tables, z, level.places, problem.work
         )
         acting = Acting(wanted, local, *level.unloaded)
-        state = State(acting, z, np.zeros_like(z), float(found.residual[0]))
+        state = State(acting, z, level.balanced, float(found.residual[0]))
         equilibrium = Equilibrium(state, number, None, None, int(found.iterations[0]))
         strains = strains_of(twist[nodes : nodes + len(level.places.element)])
-        at = position[0] + self._setup.base[0]
-        return Shape(at, quaternion[0], strains, along, equilibrium), float(error[0])
+        position += self._setup.base[0]
+        return Shape(position[0], quaternion[0], strains, along, equilibrium), float(error[0])
 
     @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def _solve_at_once(
@@ -148,7 +150,7 @@ class Papers(Statics):
             found = own.equations.solve(tensions)
         except ConvergenceError:
             return np.zeros(len(tensions), np.bool_)
-        nodes = len(own.unloaded[0])
+        nodes = len(own.balanced)
         twist = found.twist[:, : nodes + self._setup.s.size]
         z = twist[:, :nodes].reshape(-1, 4)
         fine = self._write(self._several(level, len(tensions)), z, own.places, numbers, shapes)
