@@ -32,8 +32,8 @@ from the base to the tip and have the node as first axis.
 `derivatives`    first derivatives of an equilibrium; `sensitivity`: what they are given as
 
 `statics`        what every model gives; `exact` does by all of the above
-`papers`         the paper's models on the same nodes: `closed_form`, and `renda2012` by `picard`;
-                 `paper_balance` and `tendon_sums` have their formulas
+`papers`         the paper's models on the same nodes; `paper_equations` has their mathematics
+`tensions`       checks of tensions as they are given
 `solver`         `Solver`: checks of input, one arm or a batch, quantities of solutions
 `backbone`       `Backbone`: the result; `stations`: where it is known
 `once`           one shape in one call

@@ -11,7 +11,8 @@ from typing import TypeAlias
 import numpy as np
 
 from octo_arm_model.arm.hints import ComplexArray, FloatArray, Number
-from octo_arm_model.rod.quaternion import rotation_matrices
+from octo_arm_model.rod.quaternion import quaternion_rates, rotation_matrices
+from octo_arm_model.rod.resolution import position_errors
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,
@@ -20,6 +21,8 @@ from octo_arm_model.rod.tables import (
     SHEAR,
     SQUARED_RADIUS,
     TORSION,
+    PaperTables,
+    Places,
     Tables,
     Work,
     force_scale,
@@ -33,6 +36,9 @@ _MOST_BALANCE = 200  # steps to the balance of a section
 _ROUNDING = 1e-6  # residual below which steps are taken as they are
 _SHORTENED = 0.5  # factor of a step that is too long
 _OVERSHOOT = 0.9  # of the slope along a step, that may be left with the other sign at its end
+XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z
+MOST_PAPER_SWEEPS = 60  # of an element in equation (10)
+SWEEPS_A_CHECK = 2  # of these, as a check takes as long as a sweep
 # Indices for a cross product by one multiplication of permuted components.
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
@@ -51,17 +57,20 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
     A quaternion is a + b j, see `quaternion`; the equations are linear in (a, b).
     """
     points, elements = tables.to_point.shape[0], tables.lengths.size
-    half = 0.5 * z[:, :3].reshape(-1, elements, points, 3)
-    half *= tables.lengths[:, np.newaxis, np.newaxis]
+    half = z[:, :3].reshape(-1, elements, points, 3) * (0.5 * tables.lengths)[:, None, None]
     arms = len(half)
     half = half.reshape(-1, points, 3)
-    # Rate of (a, b) of an element of length one by its row of [[i t, -c*], [c, -i t]].
-    rate = np.empty((len(half), points, 2, 2), np.complex128)
-    t, c = 1j * half[..., 0], half[..., 1] + 1j * half[..., 2]
-    rate[..., 0, 0], rate[..., 0, 1], rate[..., 1, 0], rate[..., 1, 1] = t, -c.conj(), c, -t
-    inside = (_solved if arms == 1 else _swept)(tables, half, rate)
+    # Rate of (a, b) of an element of length one by its row of [[i t, -c*], [c, -i t]], where c is
+    # n + i b: real and imaginary parts.
+    rate = np.zeros((len(half), 2, 2, points, 2))
+    rate[:, 0, 0, :, 1] = half[..., 0]
+    rate[:, 1, 1, :, 1] = -half[..., 0]
+    rate[:, 1, 0] = rate[:, 0, 1] = half[..., 1:]
+    rate[:, 0, 1, :, 0] *= -1.0
+    factors = rate.view(np.complex128)[..., 0]
+    inside = (_solved if arms == 1 else _swept)(tables, half, factors)
     weights = tables.weights[:points] / tables.lengths[0]
-    last = np.einsum('k,ekab,ekb->ea', weights, rate, inside)
+    last = (factors * inside[:, np.newaxis]).sum(axis=2) @ weights
     last[:, 0] += 1.0
     last /= np.sqrt((last.real**2 + last.imag**2).sum(axis=1, keepdims=True))
     first = np.empty((elements, 2, arms), np.complex128)
@@ -74,16 +83,14 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
 
 
 def _solved(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray:
-    """(a, b) at the points of elements from their starts, (e, p, 2): the quickest for few."""
+    """(a, b) at the points of elements from their starts, (e, 2, p): the quickest for few."""
     points = len(tables.to_point)
-    system = np.multiply(
-        -tables.to_point[:, np.newaxis, :, np.newaxis], rate.swapaxes(1, 2)[:, np.newaxis]
-    ).reshape(-1, 2 * points, 2 * points)
-    diagonal = np.arange(2 * points)
-    system[:, diagonal, diagonal] += 1.0
-    one = np.tile([1.0 + 0.0j, 0.0], points)[np.newaxis, :, np.newaxis]
-    found = np.linalg.solve(system, np.broadcast_to(one, (len(rate), 2 * points, 1)))
-    return np.asarray(found).reshape(-1, points, 2)
+    system = np.multiply(-tables.to_point[:, np.newaxis], rate[:, :, np.newaxis], order='C')
+    system.reshape(len(rate), -1)[:, :: 2 * points + 1] += 1.0
+    one = np.zeros((len(rate), 2 * points, 1), np.complex128)
+    one[:, :points] = 1.0
+    found = np.linalg.solve(system.reshape(-1, 2 * points, 2 * points), one)
+    return np.asarray(found).reshape(-1, 2, points)
 
 
 def _swept(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray:
@@ -94,7 +101,7 @@ def _swept(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray
     turn *= np.sin(angle) / angle
     found = np.empty((len(half[0]), 2, len(half)), np.complex128)
     found[:, 0], found[:, 1] = np.cos(angle) + 1j * turn[0], turn[1] + 1j * turn[2]
-    factors = np.ascontiguousarray(rate.transpose(1, 3, 2, 0))
+    factors = np.ascontiguousarray(rate.transpose(3, 2, 1, 0))
     for _ in range(_MOST_SWEEPS):
         rates = (found[:, :, np.newaxis] * factors).sum(axis=1)
         now = tables.to_point @ rates.view(np.float64).reshape(len(found), -1)
@@ -103,13 +110,13 @@ def _swept(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray
         change, found = np.abs((now - found).view(np.float64)).max(), now
         if not change > _SWEPT:
             break
-    return found.transpose(2, 0, 1)
+    return found.transpose(2, 1, 0)
 
 
 def _orient(first: ComplexArray, inside: ComplexArray, z: FloatArray, work: Work) -> None:
     """Fill in orientations, from those of the starts of elements and within them."""
     a, b = first[:, np.newaxis, 0], first[:, np.newaxis, 1]
-    c, d = inside[..., 0], inside[..., 1]
+    c, d = inside[:, 0], inside[:, 1]
     whole = np.stack([a * c - b * d.conj(), a * d + b * c.conj()], axis=-1).reshape(len(z), 2)
     parts = whole.view(np.float64)
     parts /= np.sqrt((parts * parts).sum(axis=1, keepdims=True))
@@ -118,6 +125,26 @@ def _orient(first: ComplexArray, inside: ComplexArray, z: FloatArray, work: Work
     work.slope[:] = work.rotation[:, :, 0] * z[:, 3, np.newaxis]
     if z.shape[1] == 6:
         work.slope[:] += (work.rotation[:, :, 1:] @ z[:, 4:, np.newaxis])[..., 0]
+
+
+# Poses -----------------------------------------------------------------------------------------
+
+
+def poses(
+    tables: Tables, z: FloatArray, places: Places, work: Work
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions and orientations at places, and estimated errors of positions, see `loops`."""
+    rates = np.empty((7, len(z)))
+    rates[:3] = work.slope.T
+    quaternion_rates(work.quaternion, z[:, :3], rates[3:].T)
+    found = rates.reshape(-1, places.integration.shape[1]) @ places.integration.T
+    found = found.reshape(7, -1, len(places.integration))
+    turn = found[3:]
+    turn += tables.base[:, np.newaxis, np.newaxis]
+    turn /= np.sqrt((turn * turn).sum(axis=0))
+    position = np.ascontiguousarray(found[:3].transpose(1, 2, 0))
+    error = position_errors(places.tail, tables.lengths, z, work.slope)
+    return position, turn.transpose(1, 2, 0).take(XYZW, axis=2), error
 
 
 # Cross sections --------------------------------------------------------------------------------
@@ -638,3 +665,124 @@ def jacobian(
         elements, points * strains, points * strains
     )
     assert whole_size == len(work.jacobian)
+
+
+# The paper's models ----------------------------------------------------------------------------
+
+
+def paper_twists(
+    tables: PaperTables, sums: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Twists (A, P, 4) in the paper's balance, and how equation (10) was solved, see `loops`.
+
+    ``sums`` may be complex.
+    """
+    axial, torsion, bending = tables.stiffness
+    pull, n, b, nn, bb, mixed, torque = sums.swapaxes(0, 1)
+    outcome = np.full((len(sums), 3), (0.0, 0.0, -1.0))
+    moment_t, moment_n, moment_b = -torque, -b, n
+    if tables.swept:
+        imbalance, outcome = _imbalances(tables, sums, tolerance)
+        moment_t, moment_n, moment_b = np.stack([moment_t, moment_n, moment_b]) + imbalance
+    about_n, about_b = bending + bb, bending + nn
+    over = 1.0 / (about_n * about_b - mixed * mixed)
+    xi = (about_b * moment_n + mixed * moment_b) * over
+    k = (about_n * moment_b + mixed * moment_n) * over
+    twist = np.empty((*pull.shape, 4), pull.dtype)
+    stretch = twist[..., 3] = (k * n - xi * b - pull) / axial + 1.0
+    twist[..., 0] = moment_t / (torsion + (nn + bb)) * stretch
+    twist[..., 1], twist[..., 2] = xi * stretch, k * stretch
+    return twist, outcome
+
+
+def _imbalances(
+    tables: PaperTables, sums: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Imbalance p (3, A, P) [N m] at nodes and stations, and how it was found, (A, 3)."""
+    (stations, nodes), points = tables.stations.between.shape, tables.backwards.shape[1]
+    p = np.zeros((3, len(sums), sums.shape[2]), sums.dtype)
+    residual, sweeps, stuck = outcome = np.zeros((3, len(sums)))
+    stuck[:] = -1.0
+    largest = np.abs(sums[:, 1:3, :nodes]).max(axis=(1, 2), initial=1e-300)
+    end = np.zeros((3, len(sums)), sums.dtype)
+    for e in range(tables.swept - 1, -1, -1):
+        own, at = slice(e * points, (e + 1) * points), tables.anchorage[e]
+        if at >= 0:
+            end = _jumped(tables.stiffness[1:, at], sums[..., at], sums[..., at + 1], end)
+        coefficients = _slope_coefficients(tables.stiffness[1:, own], sums[..., own])
+        backwards = -tables.lengths[e] * tables.backwards.T
+        found, change, count = _sweep(coefficients, backwards, end, tolerance * largest)
+        stuck[(stuck < 0.0) & ~(change <= tolerance * largest)] = e
+        np.maximum(residual, change / largest, out=residual)
+        np.maximum(sweeps, count, out=sweeps)
+        p[..., own], end = found[..., :points], found[..., points]
+    p[..., nodes : nodes + stations] = p[..., :nodes] @ tables.stations.between.T
+    return p, outcome.T
+
+
+def _moments(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """F and the diagonal of D, (3, ...), of ``sums`` (A, 7, ...), see `paper_equations`."""
+    _, n, b, nn, bb = sums.swapaxes(0, 1)[:5]
+    return np.stack([np.zeros_like(n), -b, n]), np.stack([nn + bb, bb, nn])
+
+
+def _jumped(stiffness: FloatArray, base: FloatArray, tip: FloatArray, p: FloatArray) -> FloatArray:
+    """Imbalance (3, A) at the side of an anchorage to the base by (11), from ``p`` at the other.
+
+    From sums (A, 7) at both sides.
+    """
+    torsion, bending = stiffness
+    k = np.array([[torsion], [bending], [bending]])
+    (f, d), (f_tip, d_tip) = _moments(base), _moments(tip)
+    omega = (f_tip + p) / (k + d_tip) + (f - f_tip) / (k + (d - d_tip))
+    return np.asarray(omega * (k + d) - f)
+
+
+def _slope_coefficients(
+    stiffness: FloatArray, sums: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Coefficients of p' in an element: xi_0, k_0, that of p_n p_b, and of p_n' and p_b'.
+
+    Of the last two each has a row: c times k_0 and xi_0, and what is multiplied by p_b and p_n.
+    """
+    torsion, bending = stiffness
+    (_, f_n, f_b), (polar, bb, nn) = _moments(sums)
+    c_t, c_n, c_b = 1.0 / (torsion + polar), 1.0 / (bending + bb), 1.0 / (bending + nn)
+    xi, k, c = c_n * f_n, c_b * f_b, (bending + polar) * c_t
+    aside = np.stack([-c * k, c * xi]), np.stack([-bb * c_t * c_b, nn * c_t * c_n])
+    return xi, k, (bb - nn) * c_n * c_b, *aside
+
+
+def _sweep(
+    coefficients: tuple[FloatArray, ...], backwards: FloatArray, end: FloatArray,
+    allowed: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    """Imbalance (3, A, p + 1) at the points and the start of an element from that at its ``end``.
+
+    Returns:
+        It, its last change [N m] and the number of sweeps of each arm, (A,).
+    """
+    xi, k, product, linear, aside = coefficients
+    end = end[..., np.newaxis]
+    p = np.repeat(end, len(backwards) + 1, axis=2)
+    n, b, others = p[1, :, :-1], p[2, :, :-1], p[:0:-1, :, :-1]
+    settled: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    for count in range(1, MOST_PAPER_SWEEPS + 1):
+        last = p.copy() if count % SWEEPS_A_CHECK == 0 else None
+        np.add(((product * b + k) * n - xi * b) @ backwards, end[0], out=p[0])
+        np.add(((aside * others + linear) * p[0, :, :-1]) @ backwards, end[1:], out=p[1:])
+        if last is None:
+            continue
+        change = np.abs(last - p).max(axis=(0, 2))
+        if settled is None:
+            settled = p.copy(), change, np.full(len(change), float(count))
+        else:
+            # A converged arm is swept no further, so that it does not depend on the others.
+            left = ~(settled[1] <= allowed)
+            np.copyto(settled[0], p, where=left[:, np.newaxis])
+            np.copyto(settled[1], change, where=left)
+            settled[2][left] = count
+        if (settled[1] <= allowed).all():
+            break
+    assert settled is not None
+    return settled

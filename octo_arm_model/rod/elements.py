@@ -27,6 +27,7 @@ _TAPER = 1.5
 # Elements and points of each level of refinement: how many parts every element is cut into, and
 # how many points more than `_points` has.
 LEVELS = ((1, 0), (1, 3), (2, 3), (4, 3), (8, 3))
+MOST_TURNS = 1.0  # of a tendon about the midline in an element, so that its nodes show all of them
 COARSE = -1  # level of few nodes, to follow arms on
 _COARSE_POINTS = 4
 # Parts of each element, and points of each part, where tendons slide: tensions have kinks.
@@ -129,19 +130,17 @@ def build_elements(
     s, coordinate = _graded(arm, edges)
     at_edges = np.interp(edges, s, coordinate)
     each = _share(arm, edges, at_edges)
+    stops = _stops(edges, at_edges, each, s, coordinate)
+    turns = np.minimum(np.ceil(_turns(arm, stops) / MOST_TURNS), MAX_NODES)
+    first = np.append(0, np.cumsum(each)[:-1])
+    each *= np.maximum(np.maximum.reduceat(turns, first), 1.0).astype(np.int64)
     points = _points(int(each.sum())) + more if level >= 0 else _COARSE_POINTS
     if (fewest := int(each.sum()) * _points(int(each.sum()))) > MAX_NODES:
         raise ConfigError(
             f'this arm takes {fewest} nodes, at most {MAX_NODES} are allowed: it has too many '
-            'sections, loads or tabulated points'
+            'sections, loads, tabulated points or turns of tendons'
         )
-    inside = [
-        np.linspace(first, last, count * cuts + 1)[:-1]
-        for first, last, count in zip(at_edges[:-1], at_edges[1:], each)
-    ]
-    stops = np.interp(np.append(np.concatenate(inside), at_edges[-1]), coordinate, s)
-    # Not by rounding only: tendons end exactly there.
-    stops[np.append(0, np.cumsum(each * cuts))] = edges
+    stops = _stops(edges, at_edges, each * cuts, s, coordinate)
     rule, lengths = gauss_rule(points + added), np.diff(stops)
     places = stops[:-1, np.newaxis] + lengths[:, np.newaxis] * rule.points
     middles = 0.5 * (stops[:-1] + stops[1:])
@@ -204,6 +203,31 @@ def _share(arm: Arm, edges: FloatArray, at_edges: FloatArray) -> IntArray:
     total = max(float(_FEWEST), taper + 1.0)
     parts = np.diff(at_edges) / at_edges[-1]
     return np.maximum(np.round(total * parts), 1.0).astype(np.int64)
+
+
+def _stops(
+    edges: FloatArray, at_edges: FloatArray, each: IntArray, s: FloatArray, coordinate: FloatArray
+) -> FloatArray:
+    """Ends of elements [m]: ``each`` equal parts of the ``coordinate`` between ``edges``."""
+    inside = [
+        np.linspace(first, last, count + 1)[:-1]
+        for first, last, count in zip(at_edges[:-1], at_edges[1:], each)
+    ]
+    stops = np.interp(np.append(np.concatenate(inside), at_edges[-1]), coordinate, s)
+    # Not by rounding only: tendons end exactly there.
+    stops[np.append(0, np.cumsum(each))] = edges
+    return np.asarray(stops)
+
+
+def _turns(arm: Arm, stops: FloatArray) -> FloatArray:
+    """Turns about the midline, in each element, of the tendon that winds most there, (E,)."""
+    s = np.unique(np.concatenate([stops, np.linspace(0.0, arm.length, 513)]))
+    wound = np.zeros((len(arm.tendons), s.size))
+    for row, tendon, number in zip(wound, arm.tendons, arm.tendon_section.tolist(), strict=True):
+        until = np.minimum(s, arm.sections[number - 1].anchorage)
+        row[1:] = np.abs(np.diff(tendon.angle.value(until))).cumsum()
+    between = np.diff(wound[:, np.searchsorted(s, stops)])
+    return np.asarray(between.max(axis=0) / (2.0 * math.pi))
 
 
 def _points(elements: int) -> int:

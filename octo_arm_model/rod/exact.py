@@ -18,7 +18,7 @@ from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
-from octo_arm_model.rod.statics import XYZW, Setup, Shape, Shapes, Statics, strains_of
+from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.winches import Winches
 
 
@@ -75,7 +75,7 @@ class Exact(Statics):
             z, left, steps = several.balance(tensions)
         except ConvergenceError:
             return np.zeros(len(tensions), np.bool_)
-        fine = self._write(several, z, readout.integration, numbers, shapes)
+        fine = self._write(several, z, readout.places, numbers, shapes)
         fine &= are_stretched(several.tables, z, len(tensions))
         z = readout.twists(z.reshape(len(tensions), -1, self.strains))
         shapes.strains[:, numbers] = strains_of(z)
@@ -101,7 +101,7 @@ class Exact(Statics):
         reading = self._readout(found.level).read(found.state, found.fine)
         return Shape(
             reading.position + self._setup.base[0],
-            reading.quaternion.take(XYZW, axis=1),
+            reading.quaternion,
             strains_of(reading.twist),
             reading.tensions,
             found,

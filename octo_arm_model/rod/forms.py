@@ -9,7 +9,7 @@ from typing import Protocol
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod import arrays
-from octo_arm_model.rod.tables import Tables, Work
+from octo_arm_model.rod.tables import PaperTables, Places, Tables, Work
 
 _LOG = logging.getLogger(__name__)
 
@@ -19,6 +19,11 @@ class Form(Protocol):
 
     def orientations(self, tables: Tables, z: FloatArray, work: Work) -> None:
         """Orientation and r' of every node."""
+
+    def poses(
+        self, tables: Tables, z: FloatArray, places: Places, work: Work
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions and orientations at places, and estimated errors of positions."""
 
     def angles(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
         """Angle by which every tendon has turned between the base and every node."""
@@ -42,6 +47,11 @@ class Form(Protocol):
         self, tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, work: Work
     ) -> None:
         """Derivative of the residual by the twist of all nodes."""
+
+    def paper_twists(
+        self, tables: PaperTables, sums: FloatArray, tolerance: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Twists of cross sections that balance their tendons as in the paper."""
 
 
 @functools.cache

@@ -24,6 +24,7 @@ import numpy as np
 from numba import njit
 
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.resolution import OF_BENDS, OF_DIRECTIONS
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,
@@ -34,6 +35,8 @@ from octo_arm_model.rod.tables import (
     SLOPE_N,
     SQUARED_RADIUS,
     TORSION,
+    PaperTables,
+    Places,
     Tables,
     Work,
 )
@@ -44,6 +47,7 @@ _ROUNDING = 2e-13  # change by a sweep, which leaves a thirtieth of it
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
 _ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see `angles`
 _SETTLED = 1e-14  # change of an offset, over the lever
+MOST_PAPER_SWEEPS, SWEEPS_A_CHECK = 60, 2  # see `arrays`
 MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `arrays.balance`
 
 
@@ -169,6 +173,85 @@ def _orient(quaternion: FloatArray, z: FloatArray, i: int, work: Work) -> None:
         if z.size == 6:
             slope += r[c, 1] * z[4] + r[c, 2] * z[5]
         work.slope[i, c] = slope
+
+
+# Poses -----------------------------------------------------------------------------------------
+
+
+@_compiled
+def poses(
+    tables: Tables, z: FloatArray, places: Places, work: Work
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where places are, by integrals of r' and q' from the base, and how well this is resolved.
+
+    After `orientations` of the same z.
+
+    Returns:
+        Positions from the base (A, S, 3) [m], orientations x, y, z, w (A, S, 4) and the estimated
+        error of positions over the length of the arm (A,), see `resolution`, of A arms.
+    """
+    points, elements = tables.to_point.shape[0], tables.lengths.size
+    nodes, stations = elements * points, places.element.size
+    arms = z.shape[0] // nodes
+    position, quaternion = np.empty((arms, stations, 3)), np.empty((arms, stations, 4))
+    error, turn, reached = np.empty(arms), np.empty((nodes, 4)), np.empty((elements + 1, 7))
+    now = np.empty(7)
+    for arm in range(arms):
+        first = arm * nodes
+        slope, own = work.slope[first : first + nodes], z[first : first + nodes]
+        _rates(work.quaternion[first : first + nodes], own, 0.5, turn)
+        reached[0, :3], reached[0, 3:] = 0.0, tables.base
+        for e in range(elements):
+            now[:] = reached[e]
+            for i in range(e * points, (e + 1) * points):
+                _advance(tables.weights[i], slope[i], turn[i], now)
+            reached[e + 1] = now
+        for at in range(stations):
+            e = places.element[at]
+            now[:] = reached[e]
+            for i in range(e * points, (e + 1) * points):
+                _advance(places.integration[at, i], slope[i], turn[i], now)
+            over = 1.0 / np.sqrt(now[3] ** 2 + now[4] ** 2 + now[5] ** 2 + now[6] ** 2)
+            for c in range(3):
+                position[arm, at, c], quaternion[arm, at, c] = now[c], now[4 + c] * over
+            quaternion[arm, at, 3] = now[3] * over
+        error[arm] = _position_error(tables.lengths, places.tail, own, slope)
+    return position, quaternion, error
+
+
+@_inlined
+def _advance(weight: float, slope: FloatArray, turn: FloatArray, now: FloatArray) -> None:
+    """Add the rates of position and quaternion of a node, times its ``weight``."""
+    for c in range(3):
+        now[c] += weight * slope[c]
+    for c in range(4):
+        now[3 + c] += weight * turn[c]
+
+
+@_compiled
+def _position_error(
+    lengths: FloatArray, tail: FloatArray, z: FloatArray, slope: FloatArray
+) -> float:
+    """See `resolution.position_errors`, of one arm."""
+    points, error, whole = tail.shape[1], 0.0, 0.0
+    for length in lengths:
+        whole += length
+    for e in range(lengths.size):
+        bend = direction = 0.0
+        for row in range(2):
+            for c in range(3):
+                of_bend = of_direction = 0.0
+                for k in range(points):
+                    of_bend += tail[row, k] * z[e * points + k, c]
+                    of_direction += tail[row, k] * slope[e * points + k, c]
+                # As `max` does not, these keep what is no number.
+                if not of_bend * of_bend <= bend:
+                    bend = of_bend * of_bend
+                if not of_direction * of_direction <= direction:
+                    direction = of_direction * of_direction
+        error += OF_BENDS * lengths[e] ** 2 * bend
+        error += OF_DIRECTIONS * lengths[e] / whole * direction
+    return error
 
 
 # Cross sections --------------------------------------------------------------------------------
@@ -876,3 +959,162 @@ def _own_element(
                 work.jacobian[(start + i) * strains + a, (start + i) * strains + c] += (
                     work.hessian[start + i, a, c]
                 )
+
+
+# The paper's models ----------------------------------------------------------------------------
+
+
+@_compiled
+def paper_twists(
+    tables: PaperTables, sums: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Twists of cross sections that balance their tendons as in the paper, see `paper_equations`.
+
+    From ``sums`` (A, 7, P) over the tendons of A arms at P places. Where moments are not in
+    balance, equation (10) is swept until its solution changes by less than ``tolerance`` times
+    the largest moment in the arm.
+
+    Returns:
+        Twists (A, P, 4), and of each arm that change, the most sweeps in an element, and the
+        element that did not converge, or -1, (A, 3).
+    """
+    arms, places = sums.shape[0], sums.shape[2]
+    twist, outcome, p = np.empty((arms, places, 4)), np.zeros((arms, 3)), np.zeros((3, places))
+    stiffness = tables.stiffness
+    for arm in range(arms):
+        outcome[arm, 2] = -1.0
+        own = sums[arm]
+        if tables.swept:
+            _imbalances(tables, own, tolerance, p, outcome[arm])
+        for i in range(places):
+            n, b, nn, bb, mixed = own[1, i], own[2, i], own[3, i], own[4, i], own[5, i]
+            about_n, about_b = stiffness[2, i] + bb, stiffness[2, i] + nn
+            moment_n, moment_b = p[1, i] - b, p[2, i] + n
+            over = 1.0 / (about_n * about_b - mixed * mixed)
+            xi = (about_b * moment_n + mixed * moment_b) * over
+            k = (about_n * moment_b + mixed * moment_n) * over
+            stretch = (k * n - xi * b - own[0, i]) / stiffness[0, i] + 1.0
+            tau = (p[0, i] - own[6, i]) / (stiffness[1, i] + (nn + bb))
+            twist[arm, i, 0], twist[arm, i, 1] = tau * stretch, xi * stretch
+            twist[arm, i, 2], twist[arm, i, 3] = k * stretch, stretch
+    return twist, outcome
+
+
+@_compiled
+def _imbalances(
+    tables: PaperTables, sums: FloatArray, tolerance: float, p: FloatArray, outcome: FloatArray
+) -> None:
+    """Fill in the imbalance p (3, P) [N m] of one arm at nodes and stations."""
+    points, stations = tables.backwards.shape[1], tables.stations
+    largest = 1e-300
+    for i in range(stations.between.shape[1]):
+        largest = max(largest, abs(sums[1, i]), abs(sums[2, i]))
+    end, room, slopes = np.zeros(3), np.empty((3, points + 1)), np.empty((7, points))
+    for e in range(tables.swept - 1, -1, -1):
+        at, first = tables.anchorage[e], e * points
+        if at >= 0:
+            _jump(tables.stiffness[:, at], sums[:, at], sums[:, at + 1], end)
+        _slope_coefficients(tables.stiffness, sums, first, slopes)
+        change, count = _sweep(tables, e, slopes, tolerance * largest, end, room)
+        if outcome[2] < 0.0 and not change <= tolerance * largest:
+            outcome[2] = e
+        if not change / largest <= outcome[0]:
+            outcome[0] = change / largest
+        outcome[1] = max(outcome[1], count)
+        for c in range(3):
+            for i in range(points):
+                p[c, first + i] = room[c, i]
+            end[c] = room[c, points]
+    nodes = stations.between.shape[1]
+    for at in range(stations.element.size):
+        first = stations.element[at] * points
+        for c in range(3):
+            value = 0.0
+            if first < tables.swept * points:
+                for i in range(first, first + points):
+                    value += stations.between[at, i] * p[c, i]
+            p[c, nodes + at] = value
+
+
+@_inlined
+def _jump(stiffness: FloatArray, base: FloatArray, tip: FloatArray, p: FloatArray) -> None:
+    """Imbalance at the side of an anchorage to the base by (11), from that at the other."""
+    for c in range(3):
+        k = stiffness[1] if c == 0 else stiffness[2]
+        f, d = _moment(base, c)
+        f_tip, d_tip = _moment(tip, c)
+        omega = (f_tip + p[c]) / (k + d_tip) + (f - f_tip) / (k + (d - d_tip))
+        p[c] = omega * (k + d) - f
+
+
+@_inlined
+def _moment(sums: FloatArray, c: int) -> tuple[float, float]:
+    """Component ``c`` of F and of the diagonal of D, see `paper_equations`."""
+    if c == 0:
+        return 0.0, sums[3] + sums[4]
+    return (-sums[2], sums[4]) if c == 1 else (sums[1], sums[3])
+
+
+@_compiled
+def _slope_coefficients(
+    stiffness: FloatArray, sums: FloatArray, first: int, out: FloatArray
+) -> None:
+    """Coefficients (7, p) of p' in the element of nodes from ``first`` on."""
+    for i in range(out.shape[1]):
+        torsion, bending = stiffness[1, first + i], stiffness[2, first + i]
+        n, b = sums[1, first + i], sums[2, first + i]
+        nn, bb = sums[3, first + i], sums[4, first + i]
+        c_t, c_n, c_b = 1.0 / (torsion + (nn + bb)), 1.0 / (bending + bb), 1.0 / (bending + nn)
+        xi, k, c = -c_n * b, c_b * n, (bending + (nn + bb)) * c_t
+        out[0, i], out[1, i], out[2, i] = xi, k, (bb - nn) * c_n * c_b
+        out[3, i], out[4, i] = -c * k, c * xi
+        out[5, i], out[6, i] = -bb * c_t * c_b, nn * c_t * c_n
+
+
+@_compiled
+def _sweep(
+    tables: PaperTables, e: int, slopes: FloatArray, allowed: float, end: FloatArray,
+    p: FloatArray,
+) -> tuple[float, int]:  # fmt: skip
+    """Imbalance p (3, p + 1) at the points and the start of an element, from that at its end.
+
+    Returns:
+        Its last change [N m] and the number of sweeps.
+    """
+    points = slopes.shape[1]
+    rate, aside = np.empty(points), np.empty((2, points))
+    for c in range(3):
+        p[c] = end[c]
+    change, count = np.inf, 0
+    while not (change <= allowed and count % SWEEPS_A_CHECK == 0) and count < MOST_PAPER_SWEEPS:
+        count += 1
+        for i in range(points):
+            n, b = p[1, i], p[2, i]
+            rate[i] = (slopes[2, i] * b + slopes[1, i]) * n - slopes[0, i] * b
+        change = _integrate_back(tables, e, rate, end[0], p[0])
+        for i in range(points):
+            aside[0, i] = (slopes[5, i] * p[2, i] + slopes[3, i]) * p[0, i]
+            aside[1, i] = (slopes[6, i] * p[1, i] + slopes[4, i]) * p[0, i]
+        for c in range(2):
+            moved = _integrate_back(tables, e, aside[c], end[1 + c], p[1 + c])
+            if not moved <= change:
+                change = moved
+    return change, count
+
+
+@_inlined
+def _integrate_back(
+    tables: PaperTables, e: int, rate: FloatArray, end: float, p: FloatArray
+) -> float:
+    """``p`` (p + 1,) from its ``rate`` at the points of an element and its ``end``; the change."""
+    change = 0.0
+    for i in range(p.size):
+        value = 0.0
+        for k in range(rate.size):
+            value += tables.backwards[i, k] * rate[k]
+        value = end - tables.lengths[e] * value
+        moved = abs(value - p[i])
+        if not moved <= change:
+            change = moved
+        p[i] = value
+    return change

@@ -19,8 +19,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.friction import clipped
-from octo_arm_model.rod.quaternion import quaternion_rates
-from octo_arm_model.rod.tables import Work, tabulate, work_arrays
+from octo_arm_model.rod.tables import places_at, tabulate, work_arrays
 from octo_arm_model.rod.unloaded import straight_twists
 
 ADDED_POINTS = 5  # in each element
@@ -32,7 +31,7 @@ class Reading(NamedTuple):
 
     Attributes:
         position: (S, 3) [m], from the base.
-        quaternion: w, x, y, z, (S, 4).
+        quaternion: x, y, z, w, (S, 4).
         twist: (S, m) [1/m and -].
         tensions: of tendons with friction [N], (S, J), also beyond their anchorages; None without
             friction.
@@ -112,17 +111,17 @@ class Readout:
     """Reads equilibria of a `Problem` at stations.
 
     Attributes:
-        integration: from values at the finer points to integrals up to the stations, (S, n).
+        places: the stations among the finer points.
     """
 
     def __init__(self, finer: Finer, arm: Arm, s: FloatArray) -> None:
         """At arc coordinates ``s`` (S,) [m] of ``arm``."""
         self._problem, self._finer, self._s = finer.problem, finer, s
         elements, own = finer.own.elements, finer.own
-        self.integration, self._interpolation = elements.integration(s), elements.interpolation(s)
+        self.places = places_at(elements, s)
         self._straight = straight_twists(own.strains)
         if finer.problem.friction is not None:
-            section = elements.section[elements.element_at(s) * elements.points]
+            section = elements.section[self.places.element * elements.points]
             at_stations = elements._replace(s=s, section=section)
             self._tables = tabulate(arm, at_stations, own.tables.base, widens=own.tables.widens)
             self._work = work_arrays(self._tables, own.strains, has_jacobian=False)
@@ -137,22 +136,22 @@ class Readout:
             twist = self.twists(fine)
             if finer.friction is not None:
                 along = self._tensions(state, acting, fine)
-                form, wrench = finer.form, self._interpolation @ wrench
+                form, wrench = finer.form, self.places.between @ wrench
                 form.balance(self._tables, twist, along, wrench, ONE_STEP, self._work)
         finer.orient(fine)
-        position, turn = integrate_poses(finer.work, finer.tables.base, fine, self.integration)
-        return Reading(position[0], turn[0], twist, along)
+        position, quaternion, _ = finer.form.poses(finer.tables, fine, self.places, finer.work)
+        return Reading(position[0], quaternion[0], twist, along)
 
     def twists(self, fine: FloatArray) -> FloatArray:
         """Twists (..., S, m) at the stations, from those (..., n, m) at the finer points."""
         # So that there is exactly no strain where there is none.
-        strained = self._interpolation @ (fine - self._straight)
+        strained = self.places.between @ (fine - self._straight)
         return np.asarray(strained + self._straight)
 
     def _tensions(self, state: State, acting: Acting, z: FloatArray) -> FloatArray:
         """See `Reading`; ``acting`` and twists ``z`` (n, m) are those of the finer points."""
         if state.acting.condition.tensions.ndim > 1:
-            return np.asarray(self._interpolation @ acting.tensions)
+            return np.asarray(self.places.between @ acting.tensions)
         return self._slid(state, self._angle(acting, z))
 
     def _angle(self, acting: Acting, z: FloatArray) -> FloatArray:
@@ -162,7 +161,7 @@ class Readout:
         fine = tables.to_fine @ bends.bend.reshape(3, elements.lengths.size, elements.points, -1)
         rate = np.sqrt((fine * fine).sum(axis=0)).reshape(-1, fine.shape[3])
         found = np.zeros((self._s.size, tables.friction.size))
-        kinks = bends.kink_angles.cumsum(axis=0)[elements.element_at(self._s)]
+        kinks = bends.kink_angles.cumsum(axis=0)[self.places.element]
         found[:, bends.tendons.pulled] = self._turned @ rate + kinks
         return found
 
@@ -183,23 +182,3 @@ class Readout:
     def _of_history(self) -> FloatArray:
         """From a history of friction to the stations, (S, M)."""
         return self._problem.elements.fine.interpolation(self._s)
-
-
-def integrate_poses(
-    work: Work, base: FloatArray, z: FloatArray, integration: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Positions (A, S, 3) [m] from the base and quaternions w, x, y, z (A, S, 4) at stations.
-
-    Of A arms from twists ``z`` (A N, m) whose orientations are in ``work``, by the matrix
-    ``integration`` (S, N) from values at the nodes to integrals up to the stations. ``base`` is
-    the orientation of the base.
-    """
-    rates = np.empty((7, len(z)))
-    rates[:3] = work.slope.T
-    quaternion_rates(work.quaternion, z[:, :3], rates[3:].T)
-    found = rates.reshape(-1, integration.shape[1]) @ integration.T
-    found = found.reshape(7, -1, len(integration))
-    turn = found[3:]
-    turn += base[:, np.newaxis, np.newaxis]
-    turn /= np.sqrt((turn * turn).sum(axis=0))
-    return np.ascontiguousarray(found[:3].transpose(1, 2, 0)), turn.transpose(1, 2, 0)

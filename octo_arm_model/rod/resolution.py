@@ -13,7 +13,7 @@ from octo_arm_model.rod.elements import Elements
 
 # Error of positions over the sums of squares, at most, where it is above 1e-10; measured for the
 # arm of Table 4 under random tensions in water and air and for the metal rod.
-_OF_BENDS, _OF_DIRECTIONS = 2e-3, 1e-4
+OF_BENDS, OF_DIRECTIONS = 2e-3, 1e-4
 _BETWEEN = 10.0
 
 
@@ -22,7 +22,7 @@ def position_error(elements: Elements, z: FloatArray, slope: FloatArray) -> floa
 
     From the twists ``z`` (N, m) and r' ``slope`` (N, 3) at the nodes.
     """
-    return float(position_errors(elements, z, slope)[0])
+    return float(position_errors(elements.rule.tail, elements.lengths, z, slope)[0])
 
 
 def allowed_between(accuracy: float) -> float:
@@ -33,13 +33,17 @@ def allowed_between(accuracy: float) -> float:
     return min(accuracy, (_BETWEEN * accuracy) ** 2)
 
 
-def position_errors(elements: Elements, z: FloatArray, slope: FloatArray) -> FloatArray:
-    """The same of several arms, (A,), from ``z`` (A N, m) and ``slope`` (A N, 3)."""
+def position_errors(
+    tail: FloatArray, lengths: FloatArray, z: FloatArray, slope: FloatArray
+) -> FloatArray:
+    """The same of several arms, (A,), from ``z`` (A N, m) and ``slope`` (A N, 3).
+
+    From the last Legendre coefficients of elements, see `Places.tail`, and ``lengths`` (E,) [m].
+    """
     # Largest of the last two Legendre coefficients of bends and directions in each element.
-    values = np.concatenate([z[:, :3], slope], axis=1).reshape(-1, elements.points, 6)
-    tails = np.abs(elements.rule.tail @ values).reshape(-1, 2, 2, 3).max(axis=(1, 3))
+    values = np.concatenate([z[:, :3], slope], axis=1).reshape(-1, tail.shape[1], 6)
+    tails = np.abs(tail @ values).reshape(-1, 2, 2, 3).max(axis=(1, 3))
     tails *= tails
-    tails = tails.reshape(-1, elements.lengths.size, 2)
-    lengths = elements.lengths
-    of_bends = _OF_BENDS * (tails[..., 0] @ (lengths * lengths))
-    return np.asarray(of_bends + _OF_DIRECTIONS / elements.edges[-1] * (tails[..., 1] @ lengths))
+    tails = tails.reshape(-1, lengths.size, 2)
+    of_bends = OF_BENDS * (tails[..., 0] @ (lengths * lengths))
+    return np.asarray(of_bends + OF_DIRECTIONS / lengths.sum() * (tails[..., 1] @ lengths))

@@ -37,7 +37,7 @@ from octo_arm_model.rod.tables import tabulate
 from octo_arm_model.rod.unloaded import balance_sections
 
 _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
-_WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
+WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
 _WORST_TENSION = 1e-2  # likewise of tensions with friction, in parts of them
 _GENTLE = 0.1  # part of tensions with friction to begin with, where all of them are too much
 # The estimated error of positions is too small with friction: strains have kinks where tendons
@@ -191,7 +191,7 @@ class Rod:
         assert friction is not None
         return friction.fine
 
-    def _level_of(self, before: FloatArray) -> int:
+    def level_of(self, before: FloatArray) -> int:
         """The level at whose fine points ``before`` (M, J) is.
 
         Raises:
@@ -202,10 +202,10 @@ class Rod:
                 return level
         raise ConfigError('the backbone was solved by another solver')
 
-    def _at_level(self, condition: Condition, level: int) -> Condition:
+    def at_level(self, condition: Condition, level: int) -> Condition:
         """The ``condition`` with tensions ``before`` at the fine points of a ``level``."""
         before = condition.before
-        if before is None or (given := self._level_of(before)) == level:
+        if before is None or (given := self.level_of(before)) == level:
             return condition
         own = moved(before, self._fine(given), self._fine(level))
         return condition._replace(before=own)
@@ -214,11 +214,11 @@ class Rod:
         self, start: Equilibrium | None, before: FloatArray | None
     ) -> Equilibrium | None:
         """The ``start`` on no fewer nodes than ``before`` is given at."""
-        if start is None or before is None or (level := self._level_of(before)) <= start.level:
+        if start is None or before is None or (level := self.level_of(before)) <= start.level:
             return start
         of, now = self.problem(start.level), self.problem(level)
         z = moved(start.state.z, of.elements, now.elements)
-        condition = self._at_level(start.state.acting.condition, level)
+        condition = self.at_level(start.state.acting.condition, level)
         state = now.evaluate(now.acting(condition), z)
         return Equilibrium(state, level, None, None, start.iterations)
 
@@ -231,7 +231,7 @@ class Rod:
         """
         start, iterations = self._at_least(start, wanted.before), 0
         for level in range(self._first_level(start, wanted), len(LEVELS)):
-            problem, condition = self.problem(level), self._at_level(wanted, level)
+            problem, condition = self.problem(level), self.at_level(wanted, level)
             limit = TOLERANCE if start is None else spending.residual
             try:
                 z = self.unloaded(problem, condition)[0] if start is None else start.state.z
@@ -252,7 +252,7 @@ class Rod:
     def _first_level(self, start: Equilibrium | None, wanted: Condition) -> int:
         if start is not None:
             return start.level
-        return 0 if wanted.before is None else max(self._level_of(wanted.before), 0)
+        return 0 if wanted.before is None else max(self.level_of(wanted.before), 0)
 
     def _unloaded_equilibrium(self, wanted: Condition) -> Equilibrium:
         """The balance of every cross section by itself, on as many nodes as it takes."""
@@ -266,7 +266,7 @@ class Rod:
             error = position_error(finer.own.elements, fine, finer.own.work.slope)
             if error <= allowed_between(self.setting.accuracy):
                 break
-        _require_resolved(finer.own, error, max(self.setting.accuracy, _WORST))
+        require_resolved(finer.own, error, max(self.setting.accuracy, WORST))
         z = finer.to_nodes @ fine
         acting = finer.problem.acting(wanted)
         state = State(acting, z, np.zeros_like(z), left)
@@ -297,7 +297,7 @@ class Rod:
     ) -> Equilibrium | None:
         """By Newton's method from ``start``; None where that leads to no stable equilibrium."""
         problem = self.problem(start.level)
-        acting = problem.acting(self._at_level(wanted, start.level))
+        acting = problem.acting(self.at_level(wanted, start.level))
         found = settle(problem, acting, start.state.z, spending.residual, start.factors)
         spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
         return self._accepted(problem, found, start, spending)
@@ -348,7 +348,7 @@ class Rod:
         if start is not None:
             problem, level = self.problem(start.level), start.level
             known, z = start.state.acting.condition, start.state.z
-            wanted = self._at_level(wanted, level)
+            wanted = self.at_level(wanted, level)
             judged = follow(problem, known, z, wanted, spending, step=_PART)
         else:
             level = self._first_level(None, wanted)
@@ -377,7 +377,7 @@ class Rod:
     def _cold(self, wanted: Condition, level: int, spending: Spending) -> Judged:
         """From the unloaded shape: by Newton's method, or followed on few nodes, or on all."""
         fine, coarse = self.problem(level), self.problem(COARSE)
-        given, wanted = wanted, self._at_level(wanted, level)
+        given, wanted = wanted, self.at_level(wanted, level)
         known, z = self._known(fine, wanted)
         found = settle(fine, fine.acting(wanted), z, TOLERANCE)
         spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
@@ -387,7 +387,7 @@ class Rod:
                 return judged
         if coarse.elements.s.size < fine.elements.s.size:
             try:
-                roughly = self._at_level(given, COARSE)
+                roughly = self.at_level(given, COARSE)
                 start, rough = self._known(coarse, roughly)
                 near = follow(
                     coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP, False
@@ -411,7 +411,7 @@ class Rod:
             level = found.level + 1
             problem = self.problem(level)
             z = moved(found.state.z, self.problem(found.level).elements, problem.elements)
-            condition = self._at_level(wanted, level)
+            condition = self.at_level(wanted, level)
             judged = follow(problem, condition, z, condition, spending)
             finer = self._equilibrium(judged, level, spending.iterations)
             assert finer is not None
@@ -429,22 +429,22 @@ class Rod:
         allowed = self.setting.accuracy
         if problem.friction is not None:
             allowed *= _OF_FRICTION
-        if self._is_last(level):
-            allowed = max(allowed, _WORST)
-            _require_resolved(problem, error, allowed)
+        if self.is_last(level):
+            allowed = max(allowed, WORST)
+            require_resolved(problem, error, allowed)
         if not error <= allowed:
             return False
         if problem.friction is None:
             return True
         rough = self.finer(level).friction_error(state)
-        if self._is_last(level) and not rough <= _WORST_TENSION:
+        if self.is_last(level) and not rough <= _WORST_TENSION:
             raise SolveError(
                 f'{problem.elements.s.size} nodes do not resolve the tensions of tendons with '
                 f'friction: error of about {rough:.1e} of them'
             )
-        return self._is_last(level) or rough <= _TENSION_ERROR * allowed
+        return self.is_last(level) or rough <= _TENSION_ERROR * allowed
 
-    def _is_last(self, level: int) -> bool:
+    def is_last(self, level: int) -> bool:
         """Whether there is no finer level than this one."""
         if level == len(LEVELS) - 1:
             return True
@@ -455,7 +455,7 @@ class Rod:
         return nodes.lengths.size // cuts * next_cuts * points > MAX_NODES
 
 
-def _require_resolved(problem: Problem, error: float, allowed: float) -> None:
+def require_resolved(problem: Problem, error: float, allowed: float) -> None:
     """Refuse an ``error`` of positions over the length on the nodes of ``problem``.
 
     Raises:

@@ -8,9 +8,7 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Problem
-from octo_arm_model.rod.read_out import integrate_poses
-from octo_arm_model.rod.resolution import position_errors
-from octo_arm_model.rod.tables import work_arrays
+from octo_arm_model.rod.tables import Places, work_arrays
 from octo_arm_model.rod.unloaded import balance_sections
 
 _BY_NODE = ('body', 'tendons', 'active', 'reach', 'least_scale')
@@ -39,10 +37,7 @@ class Several:
         z = np.zeros((len(local), self._problem.strains))
         return z, *balance_sections(self._problem.form, self.tables, self.work, local, z)
 
-    def poses(
-        self, z: FloatArray, integration: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Poses at stations, see `integrate_poses`, and estimated errors (A,) of positions."""
+    def poses(self, z: FloatArray, places: Places) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """See `loops.poses`."""
         self._problem.form.orientations(self.tables, z, self.work)
-        error = position_errors(self._problem.elements, z, self.work.slope)
-        return *integrate_poses(self.work, self.tables.base, z, integration), error
+        return self._problem.form.poses(self.tables, z, places, self.work)

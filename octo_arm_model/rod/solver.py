@@ -26,17 +26,16 @@ from octo_arm_model.arm.laws import DEFAULT_LAW, LAWS
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.closed_form import ClosedForm
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.exact import Exact
 from octo_arm_model.rod.load_limits import LoadLimits, tip_wrench_of
+from octo_arm_model.rod.paper_equations import ClosedForm, Renda2012
 from octo_arm_model.rod.papers import Papers
-from octo_arm_model.rod.renda2012 import Renda2012
 from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.statics import Setup, Shape, Statics
 from octo_arm_model.rod.stations import DEFAULT_STATIONS, StationGrid
-from octo_arm_model.rod.tendon_sums import check_tensions, transmission
+from octo_arm_model.rod.tensions import check_tensions
 
 STATICS: dict[str, Callable[[Setup], Statics]] = {
     'renda2012': functools.partial(Papers, Renda2012),
@@ -131,7 +130,7 @@ class Solver:
         self._wrench = loads.tip_wrench
         places = np.linspace(0.0, arm.length, _PLACES)
         self._limits = LoadLimits(arm, places)
-        self._reach = transmission(arm, *own).T.copy()
+        self._reach = (arm.tendon_section <= own[1][:, np.newaxis]).astype(np.float64)
         self._reach.setflags(write=False)
 
     def __reduce__(self) -> tuple[functools.partial[Solver], tuple[()]]:

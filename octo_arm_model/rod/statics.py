@@ -22,8 +22,8 @@ from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
+from octo_arm_model.rod.tables import Places
 
-XYZW = np.array([1, 2, 3, 0])  # the order of messages, of a quaternion w, x, y, z
 AT_ONCE = 64  # arms, for which tables have room in the processor's cache
 _LEVELS_AT_ONCE = 3
 
@@ -185,14 +185,12 @@ class Statics(abc.ABC):
         """
 
     def _write(
-        self, several: Several, z: FloatArray, integration: FloatArray, numbers: IntArray,
-        shapes: Shapes,
-    ) -> NDArray[np.bool_]:  # fmt: skip
+        self, several: Several, z: FloatArray, places: Places, numbers: IntArray, shapes: Shapes
+    ) -> NDArray[np.bool_]:
         """Poses of arms of twists ``z`` (A n, m) into ``shapes``; which are resolved, (A,)."""
-        position, quaternion, error = several.poses(z, integration)
+        position, quaternion, error = several.poses(z, places)
         position += self._setup.base[0]
-        shapes.position[numbers] = position
-        shapes.quaternion[numbers] = quaternion.take(XYZW, axis=2)
+        shapes.position[numbers], shapes.quaternion[numbers] = position, quaternion
         return error <= allowed_between(self._setup.accuracy)
 
     def wind(

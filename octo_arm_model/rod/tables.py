@@ -102,6 +102,55 @@ class Work(NamedTuple):
     jacobian: FloatArray
 
 
+class Places(NamedTuple):
+    """S places of an arm, such as stations, at which something is known from E p nodes.
+
+    Attributes:
+        element: that each is in, at an edge the one towards the base, (S,).
+        integration: from values at the nodes to integrals from the base, (S, N) [m].
+        between: from values at the nodes to those at the places, (S, N).
+        tail: from values at the points of an element to their last two Legendre coefficients,
+            (2, p).
+    """
+
+    element: IntArray
+    integration: FloatArray
+    between: FloatArray
+    tail: FloatArray
+
+
+class PaperTables(NamedTuple):
+    """The paper's models of an arm at P places: N nodes, S stations and both sides of anchorages.
+
+    Attributes:
+        moments: from tensions to the seven sums over the tendons, see `paper_equations`,
+            (J, 7, P).
+        stiffness: E A [N], G I and E J [N m^2] of the cross sections, (3, P).
+        lengths: of the elements [m], (E,).
+        backwards: weights of the integrals over an element of length one from each point to its
+            end, and from its start, (p + 1, p).
+        swept: in how many elements, counted from the base, moments are not in balance: none in the
+            closed form.
+        anchorage: place at the side to the base of the anchorage at which an element ends, before
+            that at its other side; -1 where it ends at none, (E,).
+        stations: where the S stations are.
+    """
+
+    moments: FloatArray
+    stiffness: FloatArray
+    lengths: FloatArray
+    backwards: FloatArray
+    swept: int
+    anchorage: IntArray
+    stations: Places
+
+
+def places_at(elements: Elements, s: FloatArray) -> Places:
+    """Places at arc coordinates ``s`` (S,) [m] of the nodes of ``elements``."""
+    integration, between = elements.integration(s), elements.interpolation(s)
+    return Places(elements.element_at(s), integration, between, elements.rule.tail)
+
+
 def work_arrays(tables: Tables, strains: int, *, has_jacobian: bool = True) -> Work:
     """Arrays for ``tables`` and 4 or 6 ``strains``; stations have no Jacobian."""
     nodes, tendons = tables.tendons.shape[:2]

@@ -1,9 +1,8 @@
-"""Vectors (3, ...), one at each node, rotation vectors, and products of batches."""
+"""Vectors (3, ...), one at each node, and rotation vectors."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo_arm_model.arm.hints import FloatArray
 
@@ -31,19 +30,3 @@ def left_jacobian(turn: FloatArray) -> FloatArray:
         first = (1.0 - np.cos(angle)) / angle**2
         second = (angle - np.sin(angle)) / angle**3
     return np.eye(3) + first * matrix + second * matrix @ matrix
-
-
-def times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Product of each of ``rows`` (..., k) with ``matrix`` (k, n) or (..., 1, k, n).
-
-    BLAS multiplies one row at a time, since it rounds several rows together differently: replay,
-    which solves batches, must write the same bytes as the node, which solves single arms.
-    """
-    product: FloatArray = rows[..., np.newaxis, :] @ matrix
-    return product[..., 0, :]
-
-
-def runs_of(inside: NDArray[np.bool_]) -> list[slice]:
-    """Slices of consecutive true elements of ``inside``."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
-    return [slice(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]

@@ -9,8 +9,10 @@ import pytest
 
 from octo_arm_model import Config, ConfigError, Loads, Solver
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.rod.paper_balance import Strains
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.elements import Elements
+from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.paper_equations import Strains
 from octo_arm_model.rod.papers import Papers
 from octo_arm_model.rod.solver import STATICS
 
@@ -18,14 +20,15 @@ from octo_arm_model.rod.solver import STATICS
 class AllOfThem:
     """The arm turns about b by as much as all tensions are."""
 
-    def __init__(self, arm: Arm, nodes: FloatArray, section: IntArray) -> None:
-        self._nodes = nodes.size
+    def __init__(self, arm: Arm, elements: Elements, s: FloatArray, form: Form) -> None:
+        self._places = elements.s.size + s.size
 
     def solve(self, tensions: FloatArray) -> Strains:
-        twist = np.zeros((4, *tensions.shape[:-1], self._nodes), tensions.dtype)
-        twist[2] = tensions.sum(axis=-1)[..., np.newaxis]
-        twist[3] = 1.0
-        return Strains(twist, 0.0, 0)
+        arms = len(tensions)
+        twist = np.zeros((arms, self._places, 4), tensions.dtype)
+        twist[..., 2] = tensions.sum(axis=-1)[:, np.newaxis]
+        twist[..., 3] = 1.0
+        return Strains(twist, np.zeros(arms), np.zeros(arms, np.int64))
 
 
 def test_a_model_is_a_class_and_one_entry(table4: Config, monkeypatch: pytest.MonkeyPatch) -> None:

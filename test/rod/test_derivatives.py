@@ -123,7 +123,7 @@ class Solved(NamedTuple):
         readout = rod.readout(found.level, STATIONS)
         reading = readout.read(found.state)
         z = reading.twist
-        turn = Rotation.from_quat(np.roll(reading.quaternion, -1, axis=1)) * self.turned.inv()
+        turn = Rotation.from_quat(reading.quaternion) * self.turned.inv()
         strain = z[:, :4].copy()
         strain[:, :3] /= z[:, 3:4]
         lengths = tendon_lengths(rod.problem(found.level), found.state).length
@@ -133,7 +133,7 @@ class Solved(NamedTuple):
     @property
     def turned(self) -> Rotation:
         reading = self.rod.readout(self.found.level, STATIONS).read(self.found.state)
-        return Rotation.from_quat(np.roll(reading.quaternion, -1, axis=1))
+        return Rotation.from_quat(reading.quaternion)
 
 
 @functools.cache

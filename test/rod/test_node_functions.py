@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from rods import CASES, TENSIONS, WRENCH, forms, jacobian_error, rod_of, twists_at
 
+from octo_arm_model import Config
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.elements import build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem
-from octo_arm_model.rod.tables import work_arrays
+from octo_arm_model.rod.paper_equations import ClosedForm, Renda2012
+from octo_arm_model.rod.several import Several
+from octo_arm_model.rod.tables import places_at, work_arrays
 
 CONDITION = Condition(TENSIONS, WRENCH)
 
@@ -94,3 +98,33 @@ def test_orientations_are_those_of_a_screw_of_constant_bend() -> None:
         np.testing.assert_allclose(problem.work.quaternion, expected, rtol=0.0, atol=1e-11)
         slope = 1.1 * problem.work.rotation[:, :, 0]
         np.testing.assert_allclose(problem.work.slope, slope, rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize('model', [ClosedForm, Renda2012])
+def test_both_forms_solve_the_papers_models_alike(table4: Config, model: type[ClosedForm]) -> None:
+    pytest.importorskip('numba')
+    tensions = np.random.default_rng(1).random((5, 12)) * np.repeat([0.2, 1.0, 3.0], 4)
+    nodes, stations = build_elements(table4.arm, added=3), np.linspace(0.0, 0.45, 17)
+    first, second = (model(table4.arm, nodes, stations, form).solve(tensions) for form in forms())
+    for one, other in zip(first, second, strict=True):
+        scale = np.abs(one).max(initial=1.0)
+        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize('arms', [1, 3])
+@pytest.mark.parametrize('name', CASES)
+def test_both_forms_put_places_where_they_are(name: str, arms: int) -> None:
+    pytest.importorskip('numba')
+    problem = rod_of(name).problem(0)
+    several = Several(problem, arms)
+    nodes = problem.elements.s
+    z = np.concatenate([(1 + i) * twists_at(nodes, problem.strains) for i in range(arms)])
+    places = places_at(problem.elements, np.linspace(0.0, problem.elements.edges[-1], 17))
+    found = []
+    for form in forms():
+        form.orientations(several.tables, z, several.work)
+        found.append(form.poses(several.tables, z, places, several.work))
+    first, second = found
+    for one, other in zip(first, second, strict=True):
+        scale = np.abs(one).max(initial=1.0)
+        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale)

@@ -10,18 +10,15 @@ from hypothesis import strategies as st
 from strategies import MODEL_NAMES, arms, loaded_arms
 
 from octo_arm_model import Arm, Backbone, SolveError, Solver
-from octo_arm_model.rod import picard, renda2012
+from octo_arm_model.rod import paper_equations
 
 MODEL = st.sampled_from(MODEL_NAMES)
 LOADED = loaded_arms()
 
 
 def solve_finely(arm: Arm, tensions: np.ndarray, model: str) -> Backbone:
-    """Solve on far more nodes, with more elements and sweeps almost to rounding."""
-    with (
-        patch.object(renda2012, 'ELEMENTS', (8,)),
-        patch.object(picard, 'TOLERANCE', 1e-12),
-    ):
+    """Solve on far more nodes, with sweeps almost to rounding."""
+    with patch.object(paper_equations, 'TOLERANCE', 1e-12):
         return Solver(arm, model, accuracy=1e-12).solve(tensions)
 
 

@@ -1,4 +1,4 @@
-"""Tensions: validation, and their sums along the arm."""
+"""Validation of tensions."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ import math
 
 import numpy as np
 import pytest
-import reference
-from hypothesis import given
-from strategies import loaded_arms
 
-from octo_arm_model import Arm, Config, TensionError
-from octo_arm_model.rod.tendon_sums import TendonWeights, check_tensions
+from octo_arm_model import Config, TensionError
+from octo_arm_model.rod.tensions import check_tensions
 
 GOOD = [[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 0, 13, 0]]
 
@@ -19,28 +16,6 @@ GOOD = [[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 0, 13, 0]]
 def with_one(value: object) -> list:
     """Valid tensions except that of tendon 3 of section 2."""
     return [[0, 0, 0, 0], [0, 0, value, 0], [0, 0, 0, 0]]
-
-
-@given(loaded_arms())
-def test_sums_are_those_over_the_tendons_that_pass(case: tuple[Arm, np.ndarray]) -> None:
-    arm, tensions = case
-    s = arm.sections[-1].anchorage * 0.7
-    for active in range(1, len(arm.sections) + 1):
-        node, section = np.array([s]), np.array([active])
-        sums = TendonWeights(arm, node, section).sums(tensions.reshape(1, -1))
-        _, n, b = reference.cables(arm, active, s)[0].T
-        pull = tensions[:active].ravel()
-        expected = [pull, pull * n, pull * b, pull * n * n, pull * b * b]
-        for got, terms in zip(sums[:5], expected, strict=True):
-            assert got.item() == pytest.approx(terms.sum(), rel=1e-12, abs=1e-12 * pull.sum())
-
-
-def test_no_tendon_acts_beyond_the_last_anchorage(table4: Config) -> None:
-    weights = TendonWeights(table4.arm, np.array([0.44]), np.array([0]))
-    sums = weights.sums(np.ones((1, 12)))
-    assert not np.any([part for part in sums if part is not None])
-    assert sums.mixed is None
-    assert sums.routing_torque is None
 
 
 def test_tensions_of_any_leading_shape_become_floats(table4: Config) -> None:

@@ -1,0 +1,213 @@
+"""The equations of the paper's two models, whose sections carry moments of their tendons alone.
+
+With tendon j at the offset (r_n, r_b) in the axes of a cross section, tensions T enter by sums
+over the tendons that act there,
+
+    pull = sum T             n = sum T r_n          b = sum T r_b
+    nn = sum T r_n^2         bb = sum T r_b^2       mixed = sum T r_n r_b
+    torque = sum T (r_n r_b' - r_b r_n')
+
+in the letters of the paper's equation (10), for four tendons a section, A1 = nn, B1 = bb,
+alpha = n and beta = -b; the last two vanish. The moment of the tendons is M = F - D omega, with
+
+    F = (-torque, -b, n)    D = [[nn + bb, 0, 0], [0, bb, -mixed], [0, -mixed, nn]]
+
+linear in the strains omega = (tau, xi, k), and K = diag(GI, EJ, EJ) omega that of the section.
+
+`closed_form` is the balance (8a) with (3a), K omega = M, at every s by itself: a linear system,
+symmetric positive definite for tensions that are not negative.
+
+`renda2012` is the model as published, (10), (11) and (12), from the tip to the base. The imbalance
+p = K omega - M, with which omega = C (F + p) and C = (K + D)^-1, is not zero there: (10) is
+p' = omega x M, or, as everything without p cancels, with (0, xi_0, k_0) = C F,
+
+    p_t' = k_0 p_n - xi_0 p_b + (B1 - A1) C_n C_b p_n p_b
+    p_n' = -p_t (c k_0 + B1 C_t C_b p_b)
+    p_b' = +p_t (c xi_0 + A1 C_t C_n p_n)        c = (EJ + A1 + B1) C_t
+
+At an anchorage (11) adds to omega what the tendons that end there would bend the arm by alone,
+their C F. p is zero from the tip to the second anchorage, and smooth in every element, where it is
+collocated at the nodes and swept until it converges (Picard iteration, Clenshaw and Norton 1963).
+
+Both have (9a), q = N / (E A) with N = k n - xi b - pull.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.body import Body
+from octo_arm_model.arm.errors import ConfigError, ConvergenceError
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.profile import Profile
+from octo_arm_model.arm.stiffness import SectionStiffness
+from octo_arm_model.arm.tendon import Section
+from octo_arm_model.rod import arrays
+from octo_arm_model.rod.elements import Elements
+from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.tables import PaperTables, places_at
+
+# Sweeps stop when p changes by less than this part of the largest moment in the arm, which leaves
+# an error ten times smaller, as each gains more than one digit by then.
+TOLERANCE = 5e-8
+# With derivatives, which are imaginary parts of about 1e-6 of the real ones.
+_OF_DERIVATIVES = 1e-13
+_ROUNDING = 1e-14  # of products of offsets
+
+
+class Strains(NamedTuple):
+    """What the equations of one of the paper's models give for A arms.
+
+    Attributes:
+        twist: (1 + q) (tau, xi, k) [1/m] and 1 + q [-] at the N nodes and the S stations,
+            (A, N + S, 4).
+        residual: relative residual, (A,).
+        iterations: (A,).
+    """
+
+    twist: FloatArray
+    residual: FloatArray
+    iterations: IntArray
+
+
+class Equations(Protocol):
+    """Strains from tensions at the nodes and stations of one arm.
+
+    They depend on tensions and E through their ratio alone, and analytically on the tensions.
+    """
+
+    def solve(self, tensions: FloatArray) -> Strains:
+        """Strains under ``tensions`` (A, J), or at every node and station (A, N + S, J) [N].
+
+        Complex tensions give derivatives as imaginary parts.
+
+        Raises:
+            ConvergenceError: if the equations were not solved.
+        """
+
+
+# Of an arm, elements, stations and node functions.
+MakesEquations: TypeAlias = Callable[[Arm, Elements, FloatArray, Form], Equations]
+
+
+class ClosedForm:
+    """The model `closed_form`.
+
+    Attributes:
+        tables: the arm at nodes and stations.
+        is_published: whether (10) and (11) are solved, not the balance.
+    """
+
+    is_published = False
+
+    def __init__(self, arm: Arm, elements: Elements, s: FloatArray, form: Form) -> None:
+        """Of ``arm`` at the nodes of ``elements`` and at stations ``s`` (S,) [m]."""
+        self._form, self._sections = form, elements.section[:: elements.points]
+        self.tables = tabulate_paper(arm, elements, s, is_published=self.is_published)
+
+    def solve(self, tensions: FloatArray) -> Strains:
+        """See `Equations`."""
+        is_real, moments = not np.iscomplexobj(tensions), self.tables.moments
+        if tensions.ndim == 2:
+            # Row by row, as BLAS rounds several together otherwise: an arm of a batch is then that
+            # of a single solve.
+            rows = tensions[:, np.newaxis] @ moments.reshape(len(moments), -1)
+            sums = rows.reshape(len(tensions), *moments.shape[1:])
+        else:
+            sums = np.einsum('apj,jcp->acp', tensions, moments)
+        form, tolerance = (self._form, TOLERANCE) if is_real else (arrays, _OF_DERIVATIVES)
+        twist, outcome = form.paper_twists(self.tables, sums, tolerance)
+        residual, sweeps, stuck = outcome.T
+        if self.is_published and stuck.max() >= 0.0:
+            worst = int(stuck.argmax())
+            section = self._sections[int(stuck[worst])]
+            error = f'equation (10) in section {section}'
+            raise ConvergenceError(error, float(residual[worst]), int(sweeps[worst]))
+        return Strains(twist, residual, sweeps.astype(np.int64))
+
+
+class Renda2012(ClosedForm):
+    """The model `renda2012`."""
+
+    is_published = True
+
+    def __init__(self, arm: Arm, elements: Elements, s: FloatArray, form: Form) -> None:
+        """Of ``arm`` at the nodes of ``elements`` and at stations ``s`` (S,) [m].
+
+        Raises:
+            ConfigError: if the arm is not one that the paper's equations cover.
+        """
+        _check_is_papers(arm)
+        super().__init__(arm, elements, s, form)
+
+
+def tabulate_paper(
+    arm: Arm, elements: Elements, s: FloatArray, *, is_published: bool
+) -> PaperTables:
+    """Tables of ``arm`` at the nodes of ``elements`` and stations ``s`` (S,) [m].
+
+    With equation (10) between nodes where ``is_published``.
+    """
+    stations, points, nodes = places_at(elements, s), elements.points, elements.s.size
+    # Sections are numbered from the tip.
+    section = np.append(elements.section[::points], 0)
+    swept = int((section > 1).sum()) if is_published else 0
+    jumps = np.flatnonzero(section[1 : swept + 1] < section[:swept])
+    anchorage = np.full(elements.lengths.size, -1)
+    anchorage[jumps] = nodes + s.size + 2 * np.arange(jumps.size)
+    sides = np.column_stack([section[jumps], section[jumps + 1]]).ravel()
+    places = np.concatenate([elements.s, s, np.repeat(elements.edges[jumps + 1], 2)])
+    section = np.concatenate([elements.section, section[stations.element], sides])
+    rule = elements.rule
+    return PaperTables(
+        tendon_moments(arm, places, section),
+        np.stack(SectionStiffness.at(arm, places)),
+        elements.lengths,
+        np.concatenate([rule.to_end, rule.weights[np.newaxis]]),
+        swept,
+        anchorage,
+        stations,
+    )
+
+
+def tendon_moments(arm: Arm, s: FloatArray, section: IntArray) -> FloatArray:
+    """From tensions to their sums at ``s`` (P,) [m], each in its ``section`` (P,): (J, 7, P).
+
+    In the section numbered i from the tip the tendons of sections 1 to i act.
+    """
+    (n, b), (slope_n, slope_b) = arm.tendon_offsets(s), arm.tendon_slopes(s)
+    largest = float(np.hypot(n, b).max())
+    mixed, torque = n * b, n * slope_b - b * slope_n
+    # Not by rounding only: straight tendons along n and b do not twist the arm.
+    mixed[np.abs(mixed) <= _ROUNDING * largest**2] = 0.0
+    torque[np.abs(torque) <= _ROUNDING * largest] = 0.0
+    found = np.stack([np.ones_like(n), n, b, n * n, b * b, mixed, torque], axis=1)
+    found *= (arm.tendon_section[:, np.newaxis] <= section)[:, np.newaxis]
+    return found
+
+
+def _check_is_papers(arm: Arm) -> None:
+    """Check that the paper's equations cover ``arm``.
+
+    Raises:
+        ConfigError: if they do not; the message says what.
+    """
+    problem = ''
+    if not isinstance(arm.body, Body):
+        problem = 'a body whose radius is not linear in s (7)'
+    material = (arm.material.youngs_modulus, arm.material.poisson_ratio)
+    if any(isinstance(value, Profile) for value in material):
+        problem = 'a material that varies along s (3)'
+    for number, section in enumerate(arm.sections, start=1):
+        if not (isinstance(section, Section) and section.is_papers):
+            problem = f'section {number}, whose tendons are not straight along n, b, -n, -b (5)'
+    if arm.friction:
+        problem = 'friction of the tendons'
+    if problem:
+        raise ConfigError(
+            f"model is 'renda2012', which does not cover {problem}: choose exact or closed_form"
+        )
