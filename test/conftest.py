@@ -43,6 +43,7 @@ _ORDER = (
 )  # fmt: skip
 _HERE = Path(__file__).parent
 _MOST = 5.0  # of processor time for a test of `make test` [s]
+_IS_LAST = pytest.StashKey[bool]()
 _before = 0.0
 
 
@@ -84,12 +85,20 @@ def pytest_runtest_logstart() -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport() -> Any:
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Any:
+    """Note the last test of a file: after it processes end that all tests of the file used."""
+    item.stash[_IS_LAST] = nextitem is None or nextitem.path != item.path
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Any:
     """Give the report of each phase of a test its processor time, which workers hand over."""
     global _before
     report = yield
     before, _before = _before, _processor_time()
-    report.processor_time = _before - before
+    is_of_file = report.when == 'teardown' and item.stash.get(_IS_LAST, False)
+    report.processor_time = 0.0 if is_of_file else _before - before
     return report
 
 

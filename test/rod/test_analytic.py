@@ -68,7 +68,6 @@ class Case(NamedTuple):
         poisson: float = 0.0,
         farther: np.ndarray | None = None,
         rougher: np.ndarray | None = None,
-        compiled: bool | None = False,
     ) -> Solver:
         """The arm with E and nu changed, each tendon ``farther`` from the midline and rougher."""
         friction = self.friction if rougher is None else tuple(self.friction + rougher)
@@ -103,7 +102,6 @@ class Case(NamedTuple):
             material=self.law,
             shear=self.shear,
             loads=self.loads,
-            compiled=compiled,
         )
 
 
@@ -300,12 +298,8 @@ def test_by_the_friction_of_each_tendon(solved: Solved) -> None:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize('is_compiled', [False, True])
-def test_without_offsets_all_else_is_the_same(solved: Solved, is_compiled: bool) -> None:
-    if is_compiled:
-        pytest.importorskip('numba')
-    solver = solved.case.solver(compiled=is_compiled)
-    backbone = solver.solve(solved.case.tensions)
+def test_without_offsets_all_else_is_the_same(solved: Solved) -> None:
+    solver, backbone = solved.solver, solved.backbone
     whole, some = (solver.sensitivity(backbone, by_offsets=wanted) for wanted in (True, False))
     if not solved.case.friction:
         assert some.by_offset is None
@@ -422,10 +416,9 @@ def test_the_tips_covariance_is_that_of_many_samples_to_first_order(
 @pytest.mark.parametrize('name', CASES)
 def test_the_tip_alone_is_that_of_the_whole_arm(name: str, quantity: str) -> None:
     case = conservative(CASES[name])
-    for compiled in (False, None):
-        solver = case.solver(compiled=compiled)
-        backbone = solver.solve(case.tensions)
-        assert_covariance(solver, backbone, Uncertainty(**{quantity: 0.01}))
+    solver = case.solver()
+    backbone = solver.solve(case.tensions)
+    assert_covariance(solver, backbone, Uncertainty(**{quantity: 0.01}))
 
 
 def test_the_tip_alone_where_nothing_is_reciprocal(solved: Solved) -> None:

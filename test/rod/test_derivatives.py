@@ -51,7 +51,6 @@ class Case(NamedTuple):
     law: str
     is_sheathed: bool
     is_loaded: bool
-    compiled: bool
     friction: tuple[float, ...] = ()
 
     def rod(
@@ -75,7 +74,7 @@ class Case(NamedTuple):
         if self.friction:
             own['friction'] = tuple(self.friction + rougher)
         loads = _with(units) if self.is_loaded else Loads()
-        setting = LAWS[self.law]._replace(compiled=self.compiled)
+        setting = LAWS[self.law]
         return Rod(Arm(material, CONE, tuple(sections), **own), loads, setting=setting)
 
 
@@ -94,17 +93,15 @@ def _with(units: FloatArray) -> Loads:
 
 
 CASES = [
-    Case(law, sheathed, loaded, compiled)
+    Case(law, sheathed, loaded)
     for law in LAWS for sheathed in (False, True) for loaded in (True, False)
-    for compiled in (False, True)
 ]  # fmt: skip
 MU = (0.1, 0.3, 0.05, 0.2, 0.4, 0.15)
 CASES += [
-    Case('neo_hookean', sheathed, loaded, compiled, MU)
+    Case('neo_hookean', sheathed, loaded, MU)
     for sheathed, loaded in ((True, True), (False, True), (False, False))
-    for compiled in (False, True)
 ]
-CASES.append(Case('shear', True, True, False, MU))
+CASES.append(Case('shear', True, True, MU))
 
 
 class Solved(NamedTuple):
@@ -146,8 +143,6 @@ def solve(case: Case) -> Solved:
 
 @pytest.fixture(params=CASES, ids=lambda case: '-'.join(map(str, case)))
 def solved(request: pytest.FixtureRequest) -> Solved:
-    if request.param.compiled:
-        pytest.importorskip('numba')
     return solve(request.param)
 
 

@@ -20,13 +20,10 @@ NOTHING = np.zeros(6)
 MU = (0.3, 0.5, 0.0, 0.4, 0.2, 0.6)
 WEIGHT = Loads(gravity=(0.0, 3.0, -5.0))
 BODY, RUBBER = Body(0.3, 0.01, 0.01), Material(1e5, 0.5, 1000.0)
-FORMS = pytest.mark.parametrize('compiled', [False, True], ids=['arrays', 'loops'])
 
 
-def made(compiled: bool, arm: Arm, loads: Loads = Loads(), **setting: object) -> Rod:
-    if compiled:
-        pytest.importorskip('numba')
-    return Rod(arm, loads, setting=Setting(compiled=compiled, **setting))  # type: ignore[arg-type]
+def made(arm: Arm, loads: Loads = Loads(), **setting: object) -> Rod:
+    return Rod(arm, loads, setting=Setting(**setting))  # type: ignore[arg-type]
 
 
 def uniform(angles: tuple[float, ...], mu: float = 0.3) -> Arm:
@@ -49,11 +46,11 @@ def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
     return rod.readout(found.level, s).read(found.state).position[-1]
 
 
-def rubbed(name: str, compiled: bool = False) -> Rod:
+def rubbed(name: str) -> Rod:
     """The arm of a case of `rods` with friction."""
     arm, setting = CASES[name]
     arm = dataclasses.replace(arm, friction=MU)
-    return Rod(arm, WEIGHT, setting=setting._replace(compiled=compiled))
+    return Rod(arm, WEIGHT, setting=setting)
 
 
 def jumped(problem: Problem) -> FloatArray:
@@ -65,9 +62,8 @@ def jumped(problem: Problem) -> FloatArray:
 # What is known ----------------------------------------------------------------------------------
 
 
-@FORMS
-def test_one_tendon_bends_a_uniform_arm_less_and_less(compiled: bool) -> None:
-    rod = made(compiled, uniform((0.0,)), widens=False)
+def test_one_tendon_bends_a_uniform_arm_less_and_less() -> None:
+    rod = made(uniform((0.0,)), widens=False)
     pull, s = 0.4, np.linspace(0.0, 0.3, 13)
     found = rod.solve(np.array([pull]), NOTHING)
     readout = rod.readout(found.level, s)
@@ -79,28 +75,25 @@ def test_one_tendon_bends_a_uniform_arm_less_and_less(compiled: bool) -> None:
     np.testing.assert_allclose(bend, expected * over / 0.3, rtol=1e-8)
 
 
-@FORMS
 @pytest.mark.parametrize('loads', [Loads(), WEIGHT], ids=['alone', 'weight'])
-def test_friction_of_none_changes_nothing(compiled: bool, loads: Loads) -> None:
+def test_friction_of_none_changes_nothing(loads: Loads) -> None:
     tips = []
     for mu in (0.0, 1e-14):
         arm = dataclasses.replace(SHEATHED, friction=(mu,))
-        rod = made(compiled, arm, loads)
+        rod = made(arm, loads)
         tips.append(tip_of(rod, rod.solve(0.4 * TENSIONS, NOTHING)))
     np.testing.assert_allclose(tips[1], tips[0], rtol=0.0, atol=1e-9 * 0.4)
 
 
-@FORMS
-def test_opposite_tendons_leave_an_arm_straight_and_lose_nothing(compiled: bool) -> None:
-    rod = made(compiled, uniform((0.0, np.pi)))
+def test_opposite_tendons_leave_an_arm_straight_and_lose_nothing() -> None:
+    rod = made(uniform((0.0, np.pi)))
     found = rod.solve(np.array([0.4, 0.4]), NOTHING)
     np.testing.assert_allclose(found.state.acting.tensions, 0.4, rtol=1e-12)
     np.testing.assert_allclose(tip_of(rod, found)[1:], 0.0, atol=1e-12)
 
 
-@FORMS
-def test_letting_out_a_little_changes_tensions_near_the_base_alone(compiled: bool) -> None:
-    rod = made(compiled, uniform((0.0, 2.0)))
+def test_letting_out_a_little_changes_tensions_near_the_base_alone() -> None:
+    rod = made(uniform((0.0, 2.0)))
     first, then = follow(rod, (1.0, 0.97), np.array([0.4, 0.0]))
     problem = rod.problem(then.level)
     s, change = problem.elements.s, (then.state.acting.tensions - first.state.acting.tensions)
@@ -108,11 +101,10 @@ def test_letting_out_a_little_changes_tensions_near_the_base_alone(compiled: boo
     assert np.abs(change[s > 0.15]).max() <= 1e-9 * 0.4
 
 
-@FORMS
 @pytest.mark.parametrize('loads', [Loads(), WEIGHT], ids=['alone', 'weight'])
-def test_a_loop_of_tensions_closes(compiled: bool, loads: Loads) -> None:
+def test_a_loop_of_tensions_closes(loads: Loads) -> None:
     arm = dataclasses.replace(SHEATHED, friction=(0.3,))
-    rod = made(compiled, arm, loads)
+    rod = made(arm, loads)
     loop = (0.3, 0.2, 0.1, 0.2)
     tips = [tip_of(rod, one) for one in follow(rod, 3 * loop + (0.3,), TENSIONS)]
     np.testing.assert_allclose(tips[8:12], tips[4:8], rtol=0.0, atol=2e-5 * 0.4)
@@ -120,7 +112,7 @@ def test_a_loop_of_tensions_closes(compiled: bool, loads: Loads) -> None:
 
 
 def test_a_history_of_another_rod_is_refused() -> None:
-    rod = made(False, uniform((0.0,)))
+    rod = made(uniform((0.0,)))
     with pytest.raises(ConfigError, match='another solver'):
         rod.solve(np.array([0.4]), NOTHING, before=np.zeros((7, 1)))
 
@@ -255,16 +247,13 @@ def cases() -> dict[str, Case]:
     return {case.name: case for case in read_cases()}
 
 
-@FORMS
 @pytest.mark.parametrize('name', TRUE)
-def test_shapes_and_tensions_are_right(compiled: bool, name: str) -> None:
-    if compiled:
-        pytest.importorskip('numba')
+def test_shapes_and_tensions_are_right(name: str) -> None:
     case = cases()[name]
     some = {
         one: case.expected[one] for one in ('position', 'tension', 'tips') if one in case.expected
     }
-    found = dataclasses.replace(case, expected=some).solve(case.build(compiled))
+    found = dataclasses.replace(case, expected=some).solve(case.build())
     for quantity, expected in some.items():
         allowed = np.maximum(case.tolerance(quantity), 1.2 * case.today.get(quantity, 0.0))
         assert (distance(quantity, found[quantity], expected) <= allowed).all(), quantity

@@ -355,15 +355,14 @@ def test_a_load_may_lie_beside_a_point_of_a_table_by_rounding(place: float) -> N
     np.testing.assert_allclose(found.solve(rest).tip, expected.solve(rest).tip, atol=1e-12)
 
 
-@pytest.mark.parametrize('compiled', [False, None], ids=['numpy', 'compiled where it can be'])
-def test_scaled_loads_are_loads_of_their_magnitude(compiled: bool | None) -> None:
+def test_scaled_loads_are_loads_of_their_magnitude() -> None:
     point = PointLoad(0.15, (0.0, 0.01, 0.005), (1e-4, 0.0, 2e-4))
     along = DistributedLoad((0.05, 0.25), ((0.0, 0.05, 0.0), (0.0, 0.0, -0.1)))
     arm = with_density(HELICAL)
     unit = Loads(points=(point,)), Loads(distributed=(along,))
     scaled, weight = ScaledLoads(unit), Loads(gravity=GRAVITY, fluid_density=1000.0)
     loads = dataclasses.replace(weight, scaled=scaled)
-    solver = Solver(arm, 'exact', 21, loads=loads, compiled=compiled)
+    solver = Solver(arm, 'exact', 21, loads=loads)
     for first, second in ((0.7, -1.2), (-0.3, 0.4)):
         scaled.magnitudes[:] = first, second
         turned = (first * np.array(point.force), first * np.array(point.moment))
@@ -653,12 +652,11 @@ def test_a_failed_balance_and_a_failed_continuation_say_so_each(
 
 
 @pytest.mark.parametrize('friction', [(), (0.1,)], ids=['smooth', 'rough'])
-@pytest.mark.parametrize('compiled', [False, None], ids=['numpy', 'compiled where it can be'])
 def test_arms_of_a_batch_that_are_not_loaded_are_solved_as_alone(
-    table4: Config, compiled: bool | None, friction: tuple[float, ...]
+    table4: Config, friction: tuple[float, ...]
 ) -> None:
     arm = dataclasses.replace(table4.arm, friction=friction)
-    solver = Solver(arm, 'exact', compiled=compiled)
+    solver = Solver(arm, 'exact')
     tensions = 0.05 * np.arange(48.0).reshape(4, 3, 4)
     wrenches = np.zeros((4, 6))
     wrenches[[1, 2], 2] = 0.002, -0.001

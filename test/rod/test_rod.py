@@ -30,13 +30,10 @@ METAL = Arm(
     Material(200e9, 0.3), Body(0.3, 0.001, 0.001, disc_radius=0.01), (Section(0.3, 0.008, 0.008),)
 )
 EULER = math.pi**2 * 200e9 * math.pi * 0.001**4 / 4.0 / (4.0 * 0.3**2)
-FORMS = pytest.mark.parametrize('compiled', [False, True], ids=['arrays', 'loops'])
 
 
-def made(compiled: bool, arm: Arm, loads: Loads = Loads(), **setting: object) -> Rod:
-    if compiled:
-        pytest.importorskip('numba')
-    return Rod(arm, loads, setting=Setting(compiled=compiled, **setting))  # type: ignore[arg-type]
+def made(arm: Arm, loads: Loads = Loads(), **setting: object) -> Rod:
+    return Rod(arm, loads, setting=Setting(**setting))  # type: ignore[arg-type]
 
 
 def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
@@ -48,11 +45,10 @@ def least_stiffness(rod: Rod, found: Equilibrium) -> float:
     return judge(rod.problem(found.level), found.state).variation.softest()[0]
 
 
-@FORMS
-def test_a_moment_bends_a_uniform_rod_into_an_arc(compiled: bool) -> None:
+def test_a_moment_bends_a_uniform_rod_into_an_arc() -> None:
     curvature = 2.0 * math.pi * 1.3 / 0.3
     moment = curvature * 200e9 * math.pi * 0.001**4 / 4.0
-    rod = made(compiled, METAL, widens=False)
+    rod = made(METAL, widens=False)
     found = rod.solve(np.zeros(4), np.array([0.0, 0.0, 0.0, 0.0, 0.0, moment]))
     s = np.linspace(0.0, 0.3, 21)
     angle = curvature * s
@@ -61,15 +57,14 @@ def test_a_moment_bends_a_uniform_rod_into_an_arc(compiled: bool) -> None:
     np.testing.assert_allclose(reading.position, expected, rtol=0.0, atol=1e-8 * 0.3)
 
 
-@FORMS
 @pytest.mark.parametrize('law', ['linear', 'neo_hookean'])
 @pytest.mark.parametrize('is_loaded', [False, True])
-def test_it_is_the_arm_of_the_solver(compiled: bool, law: str, is_loaded: bool) -> None:
+def test_it_is_the_arm_of_the_solver(law: str, is_loaded: bool) -> None:
     loads, wrench = (EVERYTHING, WRENCH) if is_loaded else (Loads(), NOTHING)
     tensions = 0.4 * TENSIONS
     solver = Solver(SHEATHED, 'exact', 41, material=law, loads=loads)
     expected = solver.solve(tensions.reshape(2, 3), wrench)
-    rod = made(compiled, SHEATHED, loads, widens=law == 'neo_hookean')
+    rod = made(SHEATHED, loads, widens=law == 'neo_hookean')
     found = rod.solve(tensions, wrench)
     readout = rod.readout(found.level, expected.s)
     reading = readout.read(found.state)
@@ -85,7 +80,7 @@ def test_positions_are_as_accurate_as_was_asked_for(table4: Config) -> None:
     largest = np.repeat([0.3, 2.0, 6.0], 4)
     s = np.linspace(0.0, arm.length, 31)
     loads = Loads(gravity=(0.0, 0.0, -9.81))
-    usual, fine = (made(False, arm, loads, accuracy=one) for one in (1e-8, 1e-12))
+    usual, fine = (made(arm, loads, accuracy=one) for one in (1e-8, 1e-12))
     for _ in range(6):
         tensions = largest * random.uniform(size=12) * random.integers(0, 2, 12)
         found, expected = (
@@ -96,10 +91,9 @@ def test_positions_are_as_accurate_as_was_asked_for(table4: Config) -> None:
         assert np.abs(found - expected).max() <= 1e-8 * arm.length
 
 
-@FORMS
-def test_an_arm_that_bends_the_other_way_leaves_its_unstable_branch(compiled: bool) -> None:
+def test_an_arm_that_bends_the_other_way_leaves_its_unstable_branch() -> None:
     # Under more than Euler's load it leans to one side or the other, and straightens nowhere.
-    rod = made(compiled, METAL, widens=False)
+    rod = made(METAL, widens=False)
     wrench = np.array([-1.2 * EULER, 0.0, 0.0, 0.0, 0.0, 0.0])
     first = rod.solve(np.array([0.13, 0.0, 0.0, 0.0]), wrench)
     assert tip_of(rod, first)[1] > 0.15
@@ -112,22 +106,17 @@ def test_an_arm_that_bends_the_other_way_leaves_its_unstable_branch(compiled: bo
 
 @pytest.mark.parametrize('part', [0.999, 1.001])
 def test_a_rod_buckles_at_the_load_of_euler(part: float) -> None:
-    rod = made(False, METAL, widens=False)
+    rod = made(METAL, widens=False)
     found = rod.solve(np.zeros(4), np.array([-part * EULER, 0.0, 0.0, 0.0, 0.0, 0.0]))
     aside = float(np.hypot(*tip_of(rod, found)[1:]))
     assert aside < 1e-9 if part < 1.0 else 0.03 < aside / 0.3 < 0.09
 
 
-@pytest.mark.parametrize(
-    ('compiled', 'steps'),
-    [(True, 12), (False, 3), pytest.param(False, 12, marks=pytest.mark.endurance)],
-)
-def test_arms_followed_in_small_steps_stay_stable(
-    compiled: bool, steps: int, table4: Config
-) -> None:
+@pytest.mark.parametrize('steps', [6, pytest.param(60, marks=pytest.mark.endurance)])
+def test_arms_followed_in_small_steps_stay_stable(steps: int, table4: Config) -> None:
     # Where an equilibrium is stable by a margin the next ones are not judged.
     arm = table4.arm.with_density(1080.0)
-    rod = made(compiled, arm, Loads(gravity=(-9.81, 0.0, 0.0)))
+    rod = made(arm, Loads(gravity=(-9.81, 0.0, 0.0)))
     random, found = np.random.default_rng(2), None
     tensions = np.repeat([0.05, 0.3, 1.0], 4)
     for _ in range(steps):
@@ -163,6 +152,6 @@ def test_a_budget_that_is_spent_says_how_far_the_arm_was_followed(table4: Config
 
 
 def test_what_has_no_balance_is_refused() -> None:
-    rod = made(False, METAL)
+    rod = made(METAL)
     with pytest.raises(SolveError, match='tensions shorten a tendon to nothing at s = '):
         rod.solve(np.array([1e9, 0.0, 0.0, 0.0]), NOTHING)

@@ -39,7 +39,7 @@ def test_a_straight_column_is_one_of_least_energy_below_eulers_load(
 
 def test_instability_is_seen_where_it_is_come_upon_in_small_steps() -> None:
     # Where a balance is stable by a margin the next ones are not tested.
-    solver, found = Solver(COLUMN, 'exact', material='linear', compiled=False), None
+    solver, found = Solver(COLUMN, 'exact', material='linear'), None
     for part in np.arange(0.9, 1.05, 0.001):
         found = solver.solve(np.zeros((1, 4)), (-part * EULER, 0, 0, 0, 0, 0), start=found)
         aside = float(np.hypot(*found.tip[1:]))
@@ -47,12 +47,9 @@ def test_instability_is_seen_where_it_is_come_upon_in_small_steps() -> None:
     assert found is not None and np.hypot(*found.tip[1:]) > 0.05
 
 
-@pytest.mark.parametrize('is_compiled', [False, True])
-def test_a_column_buckles_however_large_the_tensions_in_it_are(is_compiled: bool) -> None:
+def test_a_column_buckles_however_large_the_tensions_in_it_are() -> None:
     # Beside large tensions the force that it buckles under is a small change of the loads.
-    if is_compiled:
-        pytest.importorskip('numba')
-    solver = Solver(COLUMN, 'exact', material='linear', compiled=is_compiled)
+    solver = Solver(COLUMN, 'exact', material='linear')
     tensions = np.full((1, 4), 1.0)  # an eighth of E A together
     found, wrench = solver.solve(tensions), np.zeros(6)
     for part in (0.5, 1.0, 1.5, 2.0):
@@ -82,14 +79,11 @@ def test_a_column_falls_to_the_side_that_it_is_pushed_to(
     np.testing.assert_allclose(found.position, followed.position, rtol=0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize('is_compiled', [False, True])
-def test_a_column_buckles_as_tendons_take_its_stiffness(is_compiled: bool) -> None:
+def test_a_column_buckles_as_tendons_take_its_stiffness() -> None:
     # Four tendons of 1 N leave a tenth of it, and 4 % more tension less than it is loaded with.
-    if is_compiled:
-        pytest.importorskip('numba')
     bending = 1e5 * np.pi * 0.01**4 / 4.0
     arm = dataclasses.replace(COLUMN, sheath_stiffness=(4.0 / (0.9 * bending),))
-    solver, found = Solver(arm, 'exact', material='linear', compiled=is_compiled), None
+    solver, found = Solver(arm, 'exact', material='linear'), None
     for tension in np.arange(0.9, 1.045, 0.01):
         found = solver.follow(
             np.full((1, 4), tension), found, (-0.04 * EULER, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -107,7 +101,7 @@ def test_stability_by_a_margin_is_not_tested_again(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(rods, 'judge', noted)
     arm = dataclasses.replace(COLUMN, material=Material(1e5, density=1080.0))
-    solver = Solver(arm, 'exact', loads=Loads(gravity=(0.0, 0.0, -9.81)), compiled=False)
+    solver = Solver(arm, 'exact', loads=Loads(gravity=(0.0, 0.0, -9.81)))
     tensions = np.array([[1.0, 0.0, 0.0, 0.5]])
     found = solver.solve(tensions)
     tested.clear()
