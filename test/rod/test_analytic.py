@@ -61,6 +61,7 @@ class Case(NamedTuple):
     body: Body = CONE
     material: Material = RUBBER
     friction: tuple[float, ...] = ()
+    sheaths: tuple[float, ...] = ()
 
     def solver(
         self,
@@ -96,7 +97,13 @@ class Case(NamedTuple):
                 )
             sections.append(RoutedSection(section.anchorage, tuple(tendons)))
         return Solver(
-            Arm(material, self.body, tuple(sections), friction=friction),
+            Arm(
+                material,
+                self.body,
+                tuple(sections),
+                friction=friction,
+                sheath_stiffness=self.sheaths,
+            ),
             'exact',
             41,
             material=self.law,
@@ -113,6 +120,8 @@ ROD = Case(
     body=Body(0.4, 0.0007, 0.0007, disc_radius=0.011),
     material=Material.from_moduli(54e9, 54e9 / 2.6, 6450.0),
 )
+# One is rigid.
+SHEATHS = (3e5, 0.0, 1e6, 4e5, 5e5, 6e5)
 CASES = {
     'rubber': Case(STRAIGHT, STRAIGHT_TENSIONS, 'neo_hookean'),
     'helical rubber': Case(HELICES, HELICAL_TENSIONS, 'neo_hookean'),
@@ -122,6 +131,9 @@ CASES = {
     'loaded helical rubber': Case(HELICES, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING),
     'loaded with shear': Case(HELICES, HELICAL_TENSIONS, 'linear', True, EVERYTHING),
     'loaded rod': ROD,
+    'in sheaths': Case(
+        HELICES, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING, sheaths=SHEATHS
+    ),
 }
 
 
@@ -132,7 +144,7 @@ SLIDING = {
         friction=tuple(SMOOTH[: np.size(CASES[name].tensions)].tolist())
     )
     for name in ('rubber', 'helical rubber', 'helical with shear', 'loaded helical rubber',
-                 'loaded with shear', 'loaded rod')
+                 'loaded with shear', 'loaded rod', 'in sheaths')
 }  # fmt: skip
 
 

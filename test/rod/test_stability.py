@@ -61,6 +61,17 @@ def test_a_column_buckles_however_large_the_tensions_in_it_are() -> None:
     )
 
 
+def test_a_column_that_is_pulled_to_the_other_side_leaves_its_unstable_branch() -> None:
+    # Under more than Euler's load it leans to one side or the other, and straightens nowhere.
+    solver, wrench = Solver(COLUMN, 'exact', material='linear'), np.zeros(6)
+    wrench[0] = -1.2 * EULER
+    one, other = np.array([[0.02, 0.0, 0.0, 0.0]]), np.array([[0.0, 0.0, 0.02, 0.0]])
+    first = solver.solve(one, wrench)
+    then = solver.solve(other, wrench, start=first)
+    assert first.tip[1] > 0.1 and then.tip[1] < -0.1
+    np.testing.assert_allclose(then.tip, solver.solve(other, wrench).tip, rtol=0.0, atol=1e-7)
+
+
 @pytest.mark.parametrize('law', ['linear', 'neo_hookean'])
 @pytest.mark.parametrize('part', [3.0, 4.0])
 @pytest.mark.parametrize('aside', [1e-5, 1e-4])
