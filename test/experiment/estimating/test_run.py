@@ -243,23 +243,6 @@ def test_a_smoother_needs_one_place_of_contact() -> None:
         run(touched_bag(), True, values={**MARKED, 'estimator.contact': 'somewhere'})
 
 
-def test_numpy_alone_estimates_the_same() -> None:
-    with BagReader(touched_bag()) as reader:
-        recorded = read_recorded(reader, Sources(values=MARKED))
-    at = next(
-        number for number, group in enumerate(recorded.groups)
-        if group[0].stamp_ns - recorded.origin_ns > 1e9 * TOUCHED[0]
-    )  # fmt: skip
-    some = recorded.groups[at : at + 12]
-    plain = recorded.settings.models(recorded.config, compiled=False)
-    (quick,), (slow,) = (
-        [estimate(dataclasses.replace(recorded, groups=some, models=models, camera=None)).touches]
-        for models in (recorded.models, plain)
-    )
-    assert len(quick) == len(slow) == 1
-    np.testing.assert_allclose(quick[0].force, slow[0].force, rtol=0, atol=1e-4 * FORCE)
-
-
 def test_where_no_time_has_a_shape_the_reason_is_the_error() -> None:
     values = {**MARKED, 'estimator.tension_rate': 1e6}
     with BagReader(touched_bag()) as reader:
