@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -45,6 +46,7 @@ _HERE = Path(__file__).parent
 _MOST = 5.0  # of processor time for a test of `make test` [s]
 _IS_LAST = pytest.StashKey[bool]()
 _before = 0.0
+_compiling = [0.0]  # of that, what numba took to compile here
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -74,8 +76,8 @@ def domains_of_a_file() -> Iterator[None]:
 
 
 def _processor_time() -> float:
-    """Of this process and of those that it has waited for [s]."""
-    return sum(os.times()[:4])
+    """Of this process and those that it has waited for, without what numba compiled here [s]."""
+    return sum(os.times()[:4]) - _compiling[0]
 
 
 def pytest_runtest_logstart() -> None:
@@ -164,6 +166,27 @@ def numpy_to_the_last_bit() -> None:
 
 # Compiled before any test checks the output, which would have the line about compiling.
 HAS_NUMBA = is_available()
+if HAS_NUMBA:
+    from numba.core import event
+
+    class _Compilation(event.Listener):
+        """Sums the processor time in which numba compiles: machine code is kept, and no test's."""
+
+        _began, _depth = 0.0, 0
+
+        def on_start(self, event: Any) -> None:
+            """Begin to count, unless this is part of another compilation."""
+            if not self._depth:
+                self._began = time.process_time()
+            self._depth += 1
+
+        def on_end(self, event: Any) -> None:
+            """Add what the outermost compilation took."""
+            self._depth -= 1
+            if not self._depth:
+                _compiling[0] += time.process_time() - self._began
+
+    event.register('numba:compile', _Compilation())
 
 
 @pytest.fixture
