@@ -14,7 +14,6 @@ from typing import Any
 # As the programs do; tests run beside each other. BLAS reads it when it is loaded.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-import numpy as np
 import pytest
 import ros_domains
 from checkout import PAPERS_PRESETS
@@ -157,13 +156,6 @@ def cloud(table4: Config) -> Workspace:
     return sample_workspace(table4, HIGHEST, 4 * CHUNK, processes=1)
 
 
-@pytest.fixture
-def numpy_to_the_last_bit() -> None:
-    """Skip where a repeated solve may differ by rounding."""
-    if np.__version__.startswith('1.'):
-        pytest.skip('NumPy 1 rounds products of complex numbers as they lie in memory')
-
-
 # Compiled before any test checks the output, which would have the line about compiling.
 HAS_NUMBA = is_available()
 if HAS_NUMBA:
@@ -187,20 +179,3 @@ if HAS_NUMBA:
                 _compiling[0] += time.process_time() - self._began
 
     event.register('numba:compile', _Compilation())
-
-
-@pytest.fixture
-def installed_to_the_last_bit(request: pytest.FixtureRequest) -> None:
-    """As `numpy_to_the_last_bit`, which matters where numba is not installed."""
-    if not HAS_NUMBA:
-        request.getfixturevalue('numpy_to_the_last_bit')
-
-
-@pytest.fixture(params=['numba', 'NumPy'])
-def to_the_last_bit(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With numba, and as if it were not installed; skipped where repeated solves may differ."""
-    if request.param == 'numba':
-        pytest.importorskip('numba')
-    else:
-        request.getfixturevalue('numpy_to_the_last_bit')
-        monkeypatch.setattr('octo_arm_model.rod.forms.is_available', lambda: False)
