@@ -76,6 +76,7 @@ def test_any_tensions_give_a_finite_shape_or_an_error(
     assert_trustworthy(backbone)
 
 
+@settings(max_examples=20)
 @given(LOADED, MODEL)
 def test_every_chord_is_no_longer_than_the_arm_between_its_ends(
     case: tuple[Arm, np.ndarray], model: str

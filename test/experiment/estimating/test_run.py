@@ -19,7 +19,7 @@ from octo_arm_model.bags.demo.experiment import TrueArm
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.output.estimate import summary
 from octo_arm_model.estimation.measurements import Tensions
-from octo_arm_model.experiment.estimating.recorded import Sources, read_recorded
+from octo_arm_model.experiment.estimating.recorded import Recorded, Sources, read_recorded
 from octo_arm_model.experiment.estimating.run import Result, estimate
 
 MARKED = {'estimator.marker_s': list(MARKERS)}
@@ -33,9 +33,22 @@ def run(path: Path, is_smooth: bool = False, write: Any = None, **sources: Any) 
 
 
 @functools.cache
-def result(is_smooth: bool = False, contact: str = 'tip') -> Result:
-    values = {**MARKED, 'estimator.contact': contact}
-    return run(touched_bag(), is_smooth, values=values)
+def result(is_smooth: bool = False) -> Result:
+    """Of the whole recording; of that around the touch by the smoother."""
+    if not is_smooth:
+        return run(touched_bag(), values=MARKED)
+    with BagReader(touched_bag()) as reader:
+        recorded = read_recorded(reader, Sources(values=MARKED))
+    return estimate(dataclasses.replace(recorded, groups=around_touch(recorded)), is_smooth=True)
+
+
+def around_touch(recorded: Recorded) -> list[Any]:
+    """What was measured in the seconds about it."""
+    first, last = TOUCHED + [-3.0, 1.5]
+    return [
+        group for group in recorded.groups
+        if first < 1e-9 * (group[0].stamp_ns - recorded.origin_ns) < last
+    ]  # fmt: skip
 
 
 def forces(found: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

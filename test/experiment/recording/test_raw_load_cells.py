@@ -70,7 +70,7 @@ def test_the_fitted_file_reproduces_the_fit(
     assert after < 0.1 * before
     again = printed(capsys, 'compare', bag, *GIVEN, '--config', fitted)
     average = again['models']['exact']['average_tip_error_percent']
-    assert average == pytest.approx(after, rel=1e-3)
+    assert average == pytest.approx(after, rel=5e-3)
     out = str(tmp_path / 'out')
     report = printed(capsys, 'replay', bag, out, '--config', fitted, '--json')['topics']
     assert report['/tendon_tensions']['answered'] == COUNT
