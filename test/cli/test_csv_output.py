@@ -42,7 +42,7 @@ def test_compared_points_residuals_and_shapes_are_a_row_each(
     assert len(table) == len(TENSIONS) * len(MARKER_S)
     axes = [[f'{what}_{axis} [m]' for axis in 'xyz'] for what in ('measured', 'model', 'residual')]
     measured, model, residual = (numbers(table, *names) for names in axes)
-    np.testing.assert_allclose(measured - model, residual, atol=1e-15)
+    np.testing.assert_allclose(measured - model, residual, atol=1e-12)
     np.testing.assert_allclose(
         measured, np.concatenate([seen(tension, MARKER_S) for tension in TENSIONS]), atol=1e-9
     )

@@ -86,7 +86,7 @@ def test_every_chord_is_no_longer_than_the_arm_between_its_ends(
     chord = np.linalg.norm(np.diff(backbone.position, axis=0), axis=1)
     longest = max(1.0, 1.0 + backbone.q.max())
     # Stations that nearly meet: the rounding of s and of the positions counts.
-    rounding = 1e-15 * arm.length
+    rounding = 1e-12 * arm.length
     assert (chord <= np.diff(backbone.s) * longest * (1.0 + 1e-9) + rounding).all()
 
 
