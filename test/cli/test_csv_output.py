@@ -111,7 +111,9 @@ def test_a_replay_has_a_row_for_each_station_and_its_tensions_are_played(
     expected = solver.solve(np.array(pulls).reshape(3, 1, 4))
     got = numbers(table, 'x [m]', 'y [m]', 'z [m]').reshape(3, stations, 3)
     np.testing.assert_allclose(got, expected.position, atol=1e-12)
-    np.testing.assert_allclose(numbers(table, 'k [1/m]').reshape(3, 101), expected.k, atol=1e-9)
+    np.testing.assert_allclose(
+        numbers(table, 'k [1/m]').reshape(3, stations), expected.k, atol=1e-9
+    )
     stamps = {int(row['stamp [ns]']) for row in table}
     assert stamps == {START + n * STEP for n in (0, 2, 3)}
     profile = read_profile(out / 'tensions.csv', ARM)
