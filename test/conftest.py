@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,6 @@ from typing import Any
 # As the programs do; tests run beside each other. BLAS reads it when it is loaded.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-import numpy as np
 import pytest
 import ros_domains
 from checkout import PAPERS_PRESETS
@@ -43,7 +43,9 @@ _ORDER = (
 )  # fmt: skip
 _HERE = Path(__file__).parent
 _MOST = 5.0  # of processor time for a test of `make test` [s]
+_IS_LAST = pytest.StashKey[bool]()
 _before = 0.0
+_compiling = [0.0]  # of that, what numba took to compile here
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -73,8 +75,8 @@ def domains_of_a_file() -> Iterator[None]:
 
 
 def _processor_time() -> float:
-    """Of this process and of those that it has waited for [s]."""
-    return sum(os.times()[:4])
+    """Of this process and those that it has waited for, without what numba compiled here [s]."""
+    return sum(os.times()[:4]) - _compiling[0]
 
 
 def pytest_runtest_logstart() -> None:
@@ -84,12 +86,20 @@ def pytest_runtest_logstart() -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport() -> Any:
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Any:
+    """Note the last test of a file: after it processes end that all tests of the file used."""
+    item.stash[_IS_LAST] = nextitem is None or nextitem.path != item.path
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Any:
     """Give the report of each phase of a test its processor time, which workers hand over."""
     global _before
     report = yield
     before, _before = _before, _processor_time()
-    report.processor_time = _before - before
+    is_of_file = report.when == 'teardown' and item.stash.get(_IS_LAST, False)
+    report.processor_time = 0.0 if is_of_file else _before - before
     return report
 
 
@@ -146,29 +156,26 @@ def cloud(table4: Config) -> Workspace:
     return sample_workspace(table4, HIGHEST, 4 * CHUNK, processes=1)
 
 
-@pytest.fixture
-def numpy_to_the_last_bit() -> None:
-    """Skip where a repeated solve may differ by rounding."""
-    if np.__version__.startswith('1.'):
-        pytest.skip('NumPy 1 rounds products of complex numbers as they lie in memory')
-
-
 # Compiled before any test checks the output, which would have the line about compiling.
 HAS_NUMBA = is_available()
+if HAS_NUMBA:
+    from numba.core import event
 
+    class _Compilation(event.Listener):
+        """Sums the processor time in which numba compiles: machine code is kept, and no test's."""
 
-@pytest.fixture
-def installed_to_the_last_bit(request: pytest.FixtureRequest) -> None:
-    """As `numpy_to_the_last_bit`, which matters where numba is not installed."""
-    if not HAS_NUMBA:
-        request.getfixturevalue('numpy_to_the_last_bit')
+        _began, _depth = 0.0, 0
 
+        def on_start(self, event: Any) -> None:
+            """Begin to count, unless this is part of another compilation."""
+            if not self._depth:
+                self._began = time.process_time()
+            self._depth += 1
 
-@pytest.fixture(params=['numba', 'NumPy'])
-def to_the_last_bit(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With numba, and as if it were not installed; skipped where repeated solves may differ."""
-    if request.param == 'numba':
-        pytest.importorskip('numba')
-    else:
-        request.getfixturevalue('numpy_to_the_last_bit')
-        monkeypatch.setattr('octo_arm_model.rod.forms.is_available', lambda: False)
+        def on_end(self, event: Any) -> None:
+            """Add what the outermost compilation took."""
+            self._depth -= 1
+            if not self._depth:
+                _compiling[0] += time.process_time() - self._began
+
+    event.register('numba:compile', _Compilation())

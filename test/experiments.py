@@ -30,7 +30,7 @@ from octo_arm_model.experiment.shapes.curves import resample
 from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape, mean_shape
 from octo_arm_model.experiment.shapes.steady_windows import Window
 
-PARAMETERS = load_parameters(preset_path('renda2012_prototype'))
+PARAMETERS = {**load_parameters(preset_path('renda2012_prototype')), 'stations': 41}
 ARM = Config.from_parameters(PARAMETERS).arm
 HELD = (0.0, 0.53, 1.09, 2.0, 2.6, 3.06, 3.44, 3.95)  # Table 1, from rest [N]
 STEPS = HELD[1:]
@@ -54,7 +54,7 @@ def circle(radius: float = 0.1, angle: float = 2.0, count: int = 41) -> np.ndarr
 def midline(model: str, pulled: np.ndarray, count: int = 61, **changes: Any) -> np.ndarray:
     """Midline of the prototype with parameters changed, evenly along its length."""
     values = {**PARAMETERS, **{name.replace('__', '.'): value for name, value in changes.items()}}
-    config = Config.from_parameters({**values, 'model': model, 'stations': 201})
+    config = Config.from_parameters({**values, 'model': model, 'stations': 101})
     shape = config.solver().solve(pulled.reshape(config.arm.tension_shape)).position
     return resample(shape, np.linspace(0.0, 1.0, count))
 

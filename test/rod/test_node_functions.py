@@ -52,7 +52,8 @@ def test_gradient_and_hessian_are_derivatives_of_each_other(name: str) -> None:
     form, work = problem.form, problem.work
     form.sections(problem.tables, z, acting.tensions, work)
     hessian = work.hessian.copy()
-    np.testing.assert_allclose(hessian, hessian.swapaxes(1, 2), rtol=1e-12, atol=1e-15)
+    symmetric = 1e-12 * np.abs(hessian).max()
+    np.testing.assert_allclose(hessian, hessian.swapaxes(1, 2), rtol=0.0, atol=symmetric)
     for column in range(problem.strains):
         step = 1e-4 if column < 3 else 1e-6
         at = []
@@ -97,7 +98,7 @@ def test_orientations_are_those_of_a_screw_of_constant_bend() -> None:
         expected = np.column_stack([np.cos(0.5 * angle), np.outer(np.sin(0.5 * angle), axis)])
         np.testing.assert_allclose(problem.work.quaternion, expected, rtol=0.0, atol=1e-11)
         slope = 1.1 * problem.work.rotation[:, :, 0]
-        np.testing.assert_allclose(problem.work.slope, slope, rtol=0.0, atol=1e-14)
+        np.testing.assert_allclose(problem.work.slope, slope, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize('model', [ClosedForm, Renda2012])

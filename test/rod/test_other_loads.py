@@ -22,7 +22,6 @@ from octo_arm_model.rod.vectors import skew
 NOTHING = np.zeros(6)
 PULL = np.array([0.0, 0.1, 0.1, 0.0, 0.5, 0.0, 0.0, 0.2, 0.0, 1.0, 0.0, 0.0])
 WEIGHT = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
-FORMS = pytest.mark.parametrize('compiled', [False, True], ids=['arrays', 'loops'])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,12 +83,8 @@ class Heavy:
         return ()
 
 
-def made(
-    compiled: bool, arm: Arm, loads: Loads, base: FloatArray | None = None, **setting: bool
-) -> Rod:
-    if compiled:
-        pytest.importorskip('numba')
-    return Rod(arm, loads, base, Setting(compiled=compiled, **setting))
+def made(arm: Arm, loads: Loads, base: FloatArray | None = None, **setting: bool) -> Rod:
+    return Rod(arm, loads, base, Setting(**setting))
 
 
 def arm_of(table4: Config) -> Arm:
@@ -108,17 +103,16 @@ def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
     return positions(rod, found, np.array([0.0, rod.arm.length]))[0][-1]
 
 
-@FORMS
 @pytest.mark.parametrize('part', [1.0, 0.5])
 @pytest.mark.parametrize('has_tangent', [True, False])
 def test_at_balance_it_is_the_dead_force_of_that_direction(
-    table4: Config, part: float, has_tangent: bool, compiled: bool
+    table4: Config, part: float, has_tangent: bool
 ) -> None:
     # Without its tangent a force is found by plain iteration, which converges for small ones.
     size, arm = 1.0 if has_tangent else 0.3, arm_of(table4)
     force = (0.001 * size, 0.004 * size, -0.003 * size)
     load = FollowingForce(part * arm.length, force, has_tangent)
-    rod = made(compiled, arm, dataclasses.replace(WEIGHT, others=(load,)))
+    rod = made(arm, dataclasses.replace(WEIGHT, others=(load,)))
     found = rod.solve(PULL, NOTHING)
     assert found.state.residual < 1e-11
     s = np.array([0.0, load.s, arm.length])
@@ -127,27 +121,25 @@ def test_at_balance_it_is_the_dead_force_of_that_direction(
     assert np.linalg.norm(position[-1] - straight) > 0.1 * arm.length
     if part == 1.0:
         wrench = np.array([*(rotation[..., -1] @ load.force), 0.0, 0.0, 0.0])
-        plain = made(compiled, arm, WEIGHT)
+        plain = made(arm, WEIGHT)
         dead = tip_of(plain, plain.solve(PULL, wrench, found))
         np.testing.assert_allclose(position[-1], dead, rtol=0.0, atol=1e-8 * arm.length)
 
 
-@FORMS
-def test_a_dead_load_of_a_users_own_is_that_load(table4: Config, compiled: bool) -> None:
+def test_a_dead_load_of_a_users_own_is_that_load(table4: Config) -> None:
     uniform = dataclasses.replace(arm_of(table4), body=Body(0.45, 0.01, 0.01))
     weight = Loads(gravity=(0.0, 0.0, -1.0 / (1080.0 * np.pi * 0.01**2)))
     base = np.array([0.8, 0.0, 0.6, 0.0])
     tips = [
         tip_of(rod, rod.solve(PULL, WRENCH))
         for loads in (weight, Loads(others=(Heavy(),)))
-        for rod in (made(compiled, uniform, loads, base),)
+        for rod in (made(uniform, loads, base),)
     ]
     np.testing.assert_allclose(tips[1], tips[0], rtol=0.0, atol=1e-11)
 
 
-@FORMS
 @pytest.mark.parametrize('name', CASES)
-def test_the_jacobian_holds_what_following_adds(name: str, compiled: bool) -> None:
+def test_the_jacobian_holds_what_following_adds(name: str) -> None:
     arm, setting = CASES[name]
     loads = dataclasses.replace(
         EVERYTHING,
@@ -156,20 +148,17 @@ def test_the_jacobian_holds_what_following_adds(name: str, compiled: bool) -> No
             FollowingForce(arm.length, (0.01, 0.02, 0.02)),
         ),
     )
-    if compiled:
-        pytest.importorskip('numba')
-    rod = Rod(arm, loads, setting=setting._replace(compiled=compiled))
+    rod = Rod(arm, loads, setting=setting)
     condition = Condition(TENSIONS, WRENCH, 0.7)
     errors = [jacobian_error(rod.problem(level), condition) for level in (0, 2)]
     assert errors[0] < 2e-4
     assert errors[1] < 2e-7
 
 
-@FORMS
-def test_a_start_nearby_and_none_lead_to_the_same(table4: Config, compiled: bool) -> None:
+def test_a_start_nearby_and_none_lead_to_the_same(table4: Config) -> None:
     arm = arm_of(table4)
     load = FollowingForce(arm.length, (0.0, 0.006, 0.0))
-    rod = made(compiled, arm, dataclasses.replace(WEIGHT, others=(load,)))
+    rod = made(arm, dataclasses.replace(WEIGHT, others=(load,)))
     found = rod.solve(PULL, NOTHING)
     warm = rod.solve(1.02 * PULL, WRENCH * 1e-2, found)
     cold = rod.solve(1.02 * PULL, WRENCH * 1e-2)
@@ -185,7 +174,7 @@ def test_without_a_tangent_there_are_shapes_but_neither_derivatives_nor_stabilit
     arm = arm_of(table4)
     load, rods = FollowingForce(arm.length, (0.0, 0.002, 0.0), has_tangent=False), []
     for one in (load, dataclasses.replace(load, has_tangent=True)):
-        rods.append(made(False, arm, dataclasses.replace(WEIGHT, others=(one,))))
+        rods.append(made(arm, dataclasses.replace(WEIGHT, others=(one,))))
     tips = [tip_of(rod, rod.solve(PULL, NOTHING)) for rod in rods]
     np.testing.assert_allclose(tips[0], tips[1], rtol=0.0, atol=1e-9 * arm.length)
     others = rods[0].problem(0).others
@@ -197,17 +186,17 @@ def test_without_a_tangent_there_are_shapes_but_neither_derivatives_nor_stabilit
 def test_they_are_bounded_like_all_loads(table4: Config) -> None:
     for load in (Loads(tip_force=(0.0, 1e9, 0.0)), Loads(tip_moment=(0.0, 1e9, 0.0))):
         with pytest.raises(ArmDefinitionError, match=r'loads\.tip_.* 100 times the'):
-            made(False, arm_of(table4), load)
+            made(arm_of(table4), load)
     others = (FollowingForce(0.3, (0.0, 1e9, 0.0)),)
     with pytest.raises(ArmDefinitionError, match='force of all loads along the arm is'):
-        made(False, arm_of(table4), Loads(others=others))
+        made(arm_of(table4), Loads(others=others))
 
 
 @pytest.mark.parametrize('s', [0.2, 0.4])
 def test_derivatives_are_those_of_loads_that_follow(s: float) -> None:
     arm, setting = CASES['neo_hookean']
     loads = dataclasses.replace(EVERYTHING, others=(FollowingForce(s, (0.0, 0.03, 0.02)),))
-    rod = Rod(arm, loads, setting=setting._replace(compiled=False))
+    rod = Rod(arm, loads, setting=setting)
     tensions = 0.5 * TENSIONS
     found, stations = rod.solve(tensions, WRENCH), np.array([0.1, 0.2, 0.3, 0.4])
     change = Derivatives(rod, found.level, stations).sensitivity(found.state).by_tension

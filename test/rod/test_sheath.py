@@ -104,7 +104,7 @@ def test_strains_are_those_of_least_energy_over_strains_and_places(s: float) -> 
 def test_what_is_left_without_the_places_are_derivatives(law: str, shear: bool) -> None:
     # Of the least energy over the places; of lengths by strain, which is what tensions leave
     # unbalanced (Maxwell), and of lengths by tension.
-    rod = Rod(HELICAL, setting=Setting(law == 'neo_hookean', shear, compiled=False))
+    rod = Rod(HELICAL, setting=Setting(law == 'neo_hookean', shear))
     problem = rod.problem(0)
     own, nodes, count = problem.strains, problem.elements.s.size, PULL.size
     at = np.array([8.0, -12.0, 20.0, 0.8, 0.02, -0.03][:own])
@@ -270,20 +270,6 @@ def test_a_pulled_arm_bends_more_where_tendons_dig_in(loaded: tuple[Arm, np.ndar
     assert (bend >= -1e-9 * np.abs(rigid.k).max()).all()
 
 
-@pytest.mark.parametrize('loads', [Loads(), LOADS], ids=['free', 'loaded'])
-def test_machine_code_has_the_same_shapes(loads: Loads) -> None:
-    pytest.importorskip('numba')
-    compiled, plain = (
-        Solver(HELICAL, 'exact', 41, loads=loads, compiled=how) for how in (True, False)
-    )
-    assert compiled.is_compiled
-    found, expected = compiled.solve(PULL), plain.solve(PULL)
-    np.testing.assert_allclose(found.position, expected.position, atol=1e-9)
-    np.testing.assert_allclose(found.tau, expected.tau, atol=1e-6 * np.abs(expected.k).max())
-    with pytest.raises(SolveError):
-        compiled.solve(40.0 * PULL)
-
-
 @pytest.mark.parametrize('model', ['closed_form', 'renda2012'])
 def test_the_papers_models_refuse_sheaths(table4: Config, model: str) -> None:
     with pytest.raises(ConfigError, match=r'tendons.sheath_stiffness goes with model exact'):
@@ -298,15 +284,9 @@ def test_what_sheaths_cannot_hold_is_refused(table4: Config) -> None:
         soft.solve([[3.0, 0, 0, 0]])
 
 
-@pytest.mark.parametrize('compiled', [False, True])
-def test_what_they_cannot_hold_is_refused_along_a_loaded_path_too(
-    prototype: Config, compiled: bool
-) -> None:
-    """In machine code a balance nearby is found and read in one call, and judged after it."""
-    if compiled:
-        pytest.importorskip('numba')
+def test_what_they_cannot_hold_is_refused_along_a_loaded_path_too(prototype: Config) -> None:
     arm = with_sheath(prototype.arm, 0.5 * SHEAR_MODULUS)
-    solver = Solver(arm, 'exact', 41, compiled=compiled)
+    solver = Solver(arm, 'exact', 41)
     found = solver.solve([[1.7, 0, 0, 0]], (0.002, 0, 0, 0, 0, 0))
     found = solver.follow([[1.8, 0, 0, 0]], found, found.tip_wrench)
     assert found.residual < 1e-9

@@ -225,7 +225,7 @@ def test_the_presets_start_like_section_6_of_the_paper(preset: Config) -> None:
     np.testing.assert_allclose([t, n, b], [[1, 0, 0], [0, -1, 0], [0, 0, -1]], atol=1e-12)
 
 
-@pytest.mark.parametrize('lead', [(1,), (7,), (2, 3), (2, 1, 2), (200,)])
+@pytest.mark.parametrize('lead', [(1,), (2, 1, 2), (70,)])
 def test_a_batch_equals_its_sets_solved_one_by_one(
     table4: Config, model: str, lead: tuple[int, ...]
 ) -> None:

@@ -116,8 +116,10 @@ def resolved(arm: Arm, tensions: np.ndarray, s: np.ndarray) -> np.ndarray:
     return reference.integrate_kinematics(panels, np.union1d(s, edges)).position
 
 
-@pytest.mark.parametrize('change', [necked, softened, rerouted])
-@pytest.mark.parametrize(('at', 'width', 'part'), [(0.09, 8e-3, 0.6), (0.4, 4e-3, 0.5)])
+@pytest.mark.parametrize(
+    ('change', 'at', 'width', 'part'),
+    [(necked, 0.09, 8e-3, 0.6), (softened, 0.4, 4e-3, 0.5), (rerouted, 0.09, 8e-3, 0.6)],
+)
 def test_what_changes_within_few_millimetres_is_integrated_as_by_an_ode_solver(
     table4: Config, change: Callable[..., Arm], at: float, width: float, part: float
 ) -> None:

@@ -21,14 +21,11 @@ from octo_arm_model.rod.winches import Held, Winches
 
 NOTHING = np.zeros(6)
 IN_AIR = Loads(gravity=(0.0, 0.0, -9.81))
-FORMS = pytest.mark.parametrize('compiled', [False, True], ids=['arrays', 'loops'])
 STRETCHING = dataclasses.replace(SHEATHED, axial_stiffness=(100.0,), free_length=(0.05,))
 
 
-def made(compiled: bool, arm: Arm, loads: Loads = Loads(), **setting: object) -> Rod:
-    if compiled:
-        pytest.importorskip('numba')
-    return Rod(arm, loads, setting=Setting(compiled=compiled, **setting))  # type: ignore[arg-type]
+def made(arm: Arm, loads: Loads = Loads(), **setting: object) -> Rod:
+    return Rod(arm, loads, setting=Setting(**setting))  # type: ignore[arg-type]
 
 
 def wound(
@@ -45,16 +42,13 @@ def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
     return rod.readout(found.level, s).read(found.state).position[-1]
 
 
-@FORMS
 @pytest.mark.parametrize('loads', [Loads(), EVERYTHING], ids=['free', 'loaded'])
 @pytest.mark.parametrize(
     'setting', [{}, {'widens': False, 'shear': True}], ids=['rubber', 'shear']
 )
-def test_tensions_come_back_from_what_they_reel_in(
-    compiled: bool, loads: Loads, setting: dict[str, bool]
-) -> None:
+def test_tensions_come_back_from_what_they_reel_in(loads: Loads, setting: dict[str, bool]) -> None:
     wrench = WRENCH if loads.any else NOTHING
-    rod = made(compiled, STRETCHING, loads, **setting)
+    rod = made(STRETCHING, loads, **setting)
     pulled = rod.solve(0.4 * TENSIONS, wrench)
     asked = Winches(rod).displacements(pulled)
     cold = wound(rod, asked, None, wrench)
@@ -81,13 +75,13 @@ def test_a_straight_tendon_gives_way_with_its_arm_and_stretches_by_itself() -> N
     axial = young * math.pi * radius**2
     gives_way = offset**2 / (axial * radius**2 / 4) + 1.0 / axial
     asked = np.array([pull * (gives_way * length + (length + free) / stiffness)])
-    found = wound(made(False, arm, widens=False), asked)
+    found = wound(made(arm, widens=False), asked)
     assert found.reached.tensions.item() == pytest.approx(pull, rel=1e-9)
 
 
 @pytest.mark.parametrize('loads', [Loads(), IN_AIR], ids=['free', 'in air'])
 def test_mixed_commands_hold_what_each_is_told(table4: Config, loads: Loads) -> None:
-    rod = made(False, table4.arm.with_density(1080.0), loads)
+    rod = made(table4.arm.with_density(1080.0), loads)
     driven, asked, given = np.zeros(12, np.bool_), np.full(12, np.nan), np.zeros(12)
     driven[[0, 5]], asked[[0, 5]], given[8] = True, [0.02, 0.01], 1.0
     found = Winches(rod).solve(asked, driven, Condition(given, NOTHING))
@@ -107,7 +101,7 @@ def test_one_slack_tendon_among_four_is_found(
     table2: Config, stiffness: tuple[float, ...]
 ) -> None:
     arm = dataclasses.replace(table2.arm, axial_stiffness=stiffness)
-    rod = made(False, arm)
+    rod = made(arm)
     tensions = np.zeros(len(arm.tendons))
     tensions[:4] = 0.4, 0.3, 0.0, 0.1
     asked = Winches(rod).displacements(rod.solve(tensions, NOTHING))
@@ -126,7 +120,7 @@ def test_stiffer_tendons_come_as_near_as_one_likes_to_those_that_do_not_stretch(
     driven[[0, 5]], asked[[0, 5]] = True, [0.02, 0.01]
     tips = []
     for stiffness in ((), (1e3,), (1e4,), (1e5,)):
-        rod = made(False, dataclasses.replace(table4.arm, axial_stiffness=stiffness))
+        rod = made(dataclasses.replace(table4.arm, axial_stiffness=stiffness))
         found = Winches(rod).solve(asked, driven, Condition(0.0 * asked, NOTHING))
         tips.append(tip_of(rod, found.equilibrium))
     apart = np.linalg.norm(np.array(tips[1:]) - tips[0], axis=1)
@@ -135,7 +129,7 @@ def test_stiffer_tendons_come_as_near_as_one_likes_to_those_that_do_not_stretch(
 
 def test_tendons_that_lengths_do_not_tell_apart_share_the_tension(table4: Config) -> None:
     # Four of equal length shorten the arm, and no lengths say by which of them.
-    rod = made(False, table4.arm)
+    rod = made(table4.arm)
     found = Winches(rod).solve(
         np.full(12, 0.03), np.arange(12) < 4, Condition(np.zeros(12), NOTHING)
     ).reached.tensions  # fmt: skip
@@ -149,7 +143,7 @@ def test_any_tensions_of_the_arm_of_table_4_are_held_by_lengths(
 ) -> None:
     random = np.random.default_rng(7)
     largest = np.array([0.5, 4.0, 13.0])[:, np.newaxis]
-    rod = made(False, table4.arm.with_density(1080.0), loads)
+    rod = made(table4.arm.with_density(1080.0), loads)
     last: Equilibrium | None = None
     for _ in range(4):
         shares = random.uniform(size=(3, 4)) * random.integers(0, 2, (3, 4))
@@ -175,7 +169,7 @@ def test_an_arm_that_buckles_under_tension_is_held_by_lengths() -> None:
         (Section(0.3, 0.008, 0.008),),
     )  # fmt: skip
     euler = math.pi**2 * 200e9 * math.pi * 0.001**4 / 4.0 / (4.0 * 0.3**2)
-    rod = made(False, arm, widens=False)
+    rod = made(arm, widens=False)
     pretension = np.full(4, 2.0)
     asked = Winches(rod).displacements(rod.solve(pretension, NOTHING))
     wrench = np.array([-1.2 * euler, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -195,7 +189,7 @@ def test_a_budget_that_is_spent_is_told(table4: Config) -> None:
     'setting', [{}, {'widens': False, 'shear': True}], ids=['rubber', 'shear']
 )
 def test_the_border_is_the_derivative_of_what_is_reeled_in(setting: dict[str, bool]) -> None:
-    rod = made(False, STRETCHING, EVERYTHING, **setting)
+    rod = made(STRETCHING, EVERYTHING, **setting)
     reeling = Winches(rod)
     found = wound(rod, reeling.displacements(rod.solve(0.4 * TENSIONS, WRENCH)), None, WRENCH)
     equilibrium = found.equilibrium

@@ -19,16 +19,9 @@ ROUNDED = 1e-9
 EXPLAINED = {('random_13_metal/21', 'by_tension'): 1.4}
 
 
-@pytest.fixture(params=[False, None], ids=['NumPy', 'as installed'])
-def compiled(request: pytest.FixtureRequest) -> bool | None:
-    if request.param is None:
-        pytest.importorskip('numba')
-    return request.param
-
-
-def differences(case: Case, compiled: bool | None) -> list[str]:
+def differences(case: Case) -> list[str]:
     """Quantities that are further from the truth than is tolerated, and how far."""
-    found = case.solve(case.build(compiled))
+    found = case.solve(case.build())
     wrong = []
     for quantity, expected in case.expected.items():
         allowed = case.tolerance(quantity) + ROUNDED * np.abs(expected).max(initial=0.0)
@@ -40,8 +33,8 @@ def differences(case: Case, compiled: bool | None) -> list[str]:
     return wrong
 
 
-def check(cases: list[Case], compiled: bool | None) -> None:
-    wrong = [line for case in cases for line in differences(case, compiled)]
+def check(cases: list[Case]) -> None:
+    wrong = [line for case in cases for line in differences(case)]
     assert not wrong, '\n'.join(wrong)
 
 
@@ -63,30 +56,30 @@ def test_there_are_cases_of_every_kind() -> None:
 
 
 @pytest.mark.parametrize('part', range(3))
-def test_a_spread_of_cases_is_right(part: int, compiled: bool | None) -> None:
-    check(spread()[part::3], compiled)
+def test_a_spread_of_cases_is_right(part: int) -> None:
+    check(spread()[part::3])
 
 
 @pytest.mark.endurance
 @pytest.mark.parametrize('arm', sorted({case.name.split('/')[0] for case in SOLVED}))
-def test_all_cases_of_an_arm_are_right(arm: str, compiled: bool | None) -> None:
-    check([case for case in SOLVED if case.name.startswith(f'{arm}/')], compiled)
+def test_all_cases_of_an_arm_are_right(arm: str) -> None:
+    check([case for case in SOLVED if case.name.startswith(f'{arm}/')])
 
 
-def test_what_is_refused_is_named(compiled: bool | None) -> None:
+def test_what_is_refused_is_named() -> None:
     for case in REFUSED:
         assert case.refused is not None
         kind, names = case.refused
-        error = refusal_of(case, compiled)
+        error = refusal_of(case)
         classes = [one.__name__ for one in type(error).__mro__]
         assert kind in classes, f'{case.name}: {error!r}, expected {kind}'
         assert names in str(error), f'{case.name}: {error}, expected {names}'
 
 
 @pytest.mark.parametrize('case', FAULTS, ids=[case.name for case in FAULTS])
-def test_what_was_wrong_before_is_right_or_refused(case: Case, compiled: bool | None) -> None:
+def test_what_was_wrong_before_is_right_or_refused(case: Case) -> None:
     try:
-        check([case], compiled)
+        check([case])
     except SolveError:
         if case.refused is None:
             raise

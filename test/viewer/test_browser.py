@@ -20,14 +20,18 @@ SOLVER = CONFIG.solver()
 
 @pytest.fixture(scope='module')
 def setup():
+    """The node and the viewer, which ends without a complaint."""
     with contextlib.closing(Setup()) as setup:
         yield setup
+        assert setup.close() == ''
 
 
 @pytest.fixture(scope='module')
 def browser(setup):
+    """A page without errors on its console."""
     with contextlib.closing(Browser(setup.url, 700, 560)) as browser:
         yield browser
+        assert browser.complaints() == []
 
 
 def slacken(setup, browser):
@@ -244,12 +248,3 @@ def test_the_arm_is_in_what_the_panels_leave_free(setup, browser, width, height)
         return min(right, bottom) < 0.0 and 0.04 < low < 0.4 and 0.6 < high < 0.98
 
     browser.until(is_framed, 'the whole arm in the picture')
-
-
-def test_the_console_has_no_errors(browser):
-    assert browser.complaints() == []
-    browser.close()
-
-
-def test_the_viewer_ends_without_a_complaint(setup):
-    assert setup.close() == ''

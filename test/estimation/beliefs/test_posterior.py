@@ -124,7 +124,7 @@ def assert_close(found: object, expected: object, rtol: float = 1e-10) -> None:
 @needs_numba
 @pytest.mark.parametrize(
     # What bends by a million times its noise leaves a step that rounding alone changes.
-    ('bent', 'exact'), [(0.0, 1.0), (0.05, 1.0), (1.0, 1.0), (5.0, 1.0), (0.0, 1e-6), (0.05, 1e-6)]
+    ('bent', 'exact'), [(0.0, 1.0), (1.0, 1.0), (0.05, 1e-6)]
 )  # fmt: skip
 @pytest.mark.parametrize('weight', [0.0, 0.7])
 def test_machine_code_takes_the_same_steps(bent: float, exact: float, weight: float) -> None:
@@ -148,36 +148,6 @@ def test_machine_code_takes_the_same_steps(bent: float, exact: float, weight: fl
         assert one.beyond == pytest.approx(other.beyond, rel=1e-7, abs=1e-7)
         bends = quick.bend(found, one.x), plain.bend(expected, other.x)
         np.testing.assert_allclose(*bends, rtol=1e-5 if exact == 1.0 else 1e-2)
-
-
-@needs_numba
-def test_machine_code_goes_the_same_way_to_the_mean_as_single_steps() -> None:
-    plain, quick = machine(0.1 * NOISE)
-    local = plain.local(START, LEFT, JACOBIAN, 0.2 * SECOND)
-    first = plain.step(local, START)
-    taken = [first]
-    found = quick.mean(quick.local(START, LEFT, JACOBIAN, 0.2 * SECOND), first)
-    np.testing.assert_allclose(found, plain.mean(local, first), rtol=1e-7)
-    while taken[-1].size > 1.0:
-        taken.append(plain.step(local, taken[-1].x))
-    assert len(taken) > 2
-    np.testing.assert_array_equal(first.x, taken[0].x)  # which machine code may not overwrite
-
-
-@needs_numba
-def test_no_tension_is_less_than_zero_in_machine_code_either() -> None:
-    plain, quick = machine(NOISE)
-    jacobian = np.eye(3, SIZE)
-    for left in (-7.0, -70.0):
-        given = PRIOR.mean, np.array([left, 0.0, 0.0]), jacobian, 0.01 * SECOND
-        expected, found = (one.local(*given) for one in (plain, quick))
-        assert found.own is None
-        steps = [one.step(local, PRIOR.mean) for one, local in ((quick, found), (plain, expected))]
-        assert_close(*steps, rtol=1e-9)
-        assert steps[0].beyond > 0.0
-        means = quick.mean(found, steps[0]), plain.mean(expected, steps[1])
-        np.testing.assert_allclose(*means, rtol=1e-7)
-        assert means[0][0] >= 0.0
 
 
 @needs_numba

@@ -19,7 +19,7 @@ from octo_arm_model.bags.demo.experiment import TrueArm
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.output.estimate import summary
 from octo_arm_model.estimation.measurements import Tensions
-from octo_arm_model.experiment.estimating.recorded import Sources, read_recorded
+from octo_arm_model.experiment.estimating.recorded import Recorded, Sources, read_recorded
 from octo_arm_model.experiment.estimating.run import Result, estimate
 
 MARKED = {'estimator.marker_s': list(MARKERS)}
@@ -33,9 +33,22 @@ def run(path: Path, is_smooth: bool = False, write: Any = None, **sources: Any) 
 
 
 @functools.cache
-def result(is_smooth: bool = False, contact: str = 'tip') -> Result:
-    values = {**MARKED, 'estimator.contact': contact}
-    return run(touched_bag(), is_smooth, values=values)
+def result(is_smooth: bool = False) -> Result:
+    """Of the whole recording; of that around the touch by the smoother."""
+    if not is_smooth:
+        return run(touched_bag(), values=MARKED)
+    with BagReader(touched_bag()) as reader:
+        recorded = read_recorded(reader, Sources(values=MARKED))
+    return estimate(dataclasses.replace(recorded, groups=around_touch(recorded)), is_smooth=True)
+
+
+def around_touch(recorded: Recorded) -> list[Any]:
+    """What was measured in the seconds about it."""
+    first, last = TOUCHED + [-3.0, 1.5]
+    return [
+        group for group in recorded.groups
+        if first < 1e-9 * (group[0].stamp_ns - recorded.origin_ns) < last
+    ]  # fmt: skip
 
 
 def forces(found: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -241,23 +254,6 @@ def test_the_place_of_a_touch_is_told_by_probabilities() -> None:
 def test_a_smoother_needs_one_place_of_contact() -> None:
     with pytest.raises(MeasurementError, match='--smooth goes with one place of contact'):
         run(touched_bag(), True, values={**MARKED, 'estimator.contact': 'somewhere'})
-
-
-def test_numpy_alone_estimates_the_same() -> None:
-    with BagReader(touched_bag()) as reader:
-        recorded = read_recorded(reader, Sources(values=MARKED))
-    at = next(
-        number for number, group in enumerate(recorded.groups)
-        if group[0].stamp_ns - recorded.origin_ns > 1e9 * TOUCHED[0]
-    )  # fmt: skip
-    some = recorded.groups[at : at + 12]
-    plain = recorded.settings.models(recorded.config, compiled=False)
-    (quick,), (slow,) = (
-        [estimate(dataclasses.replace(recorded, groups=some, models=models, camera=None)).touches]
-        for models in (recorded.models, plain)
-    )
-    assert len(quick) == len(slow) == 1
-    np.testing.assert_allclose(quick[0].force, slow[0].force, rtol=0, atol=1e-4 * FORCE)
 
 
 def test_where_no_time_has_a_shape_the_reason_is_the_error() -> None:

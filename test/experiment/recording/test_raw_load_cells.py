@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +13,24 @@ from command_line import printed
 pytest.importorskip('rosbags', reason='needs rosbags')
 
 from experiments import ARM, bag_of, description, nanoseconds, one_tendon
-from labs import MARKER_S, TIP_ERRORS, pose_array, seen, staircase_of
+from labs import MARKER_S, TENSIONS, TIP_ERRORS, pose_array, seen, staircase_of
 from recordings import TENDON_TENSIONS, Sample, tensions_data
 
 GIVEN = ['--marker-s', *map(str, MARKER_S), '--clock-offset', '0', '--json']
 COUNT = len(staircase_of()[0])
+FEW = TENSIONS[::2]
 
 
-def cell_bag(path: Path, scale: float = 1.0, offset: float = 0.0, **changes: Any) -> str:
+def cell_bag(
+    path: Path,
+    scale: float = 1.0,
+    offset: float = 0.0,
+    held: Sequence[float] = TENSIONS,
+    **changes: Any,
+) -> str:
     """Cells of which the true tension is ``scale`` times the reading plus ``offset`` [N]."""
     rng = np.random.default_rng(0)
-    time, pulled, times = staircase_of()
+    time, pulled, times = staircase_of(held)
     samples: list[Sample] = [description(model='exact', **changes)]
     for at, pull in zip(time, pulled):
         true = one_tendon((pull - offset) / scale)
@@ -59,7 +67,7 @@ def test_readings_below_zero_are_counted_by_reason_and_zero_within_a_deadband(
 def test_the_fitted_file_reproduces_the_fit(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bag = cell_bag(tmp_path / 'bag', 1.2, 0.15, tension_deadband=0.012)
+    bag = cell_bag(tmp_path / 'bag', 1.2, 0.15, FEW, tension_deadband=0.012)
     fitted = str(tmp_path / 'fitted.yaml')
     fits = ['--model', 'exact', '--fit', 'tension_scale', 'tension_offset']
     said = printed(capsys, 'identify', bag, *GIVEN, *fits, '--out', fitted)
@@ -70,7 +78,7 @@ def test_the_fitted_file_reproduces_the_fit(
     assert after < 0.1 * before
     again = printed(capsys, 'compare', bag, *GIVEN, '--config', fitted)
     average = again['models']['exact']['average_tip_error_percent']
-    assert average == pytest.approx(after, rel=1e-3)
+    assert average == pytest.approx(after, rel=5e-3)
     out = str(tmp_path / 'out')
     report = printed(capsys, 'replay', bag, out, '--config', fitted, '--json')['topics']
-    assert report['/tendon_tensions']['answered'] == COUNT
+    assert report['/tendon_tensions']['answered'] == len(staircase_of(FEW)[0])

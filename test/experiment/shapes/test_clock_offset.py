@@ -6,14 +6,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from experiments import ARM, PARAMETERS, recording, staircase
+from experiments import ARM, HELD, PARAMETERS, recording, staircase
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.fitting.least_squares.solutions import followed
 from octo_arm_model.experiment.shapes.clock_offset import clock_offset
 
 
-@pytest.mark.parametrize('ahead', [-0.7, 0.0, 0.35])
+@pytest.mark.parametrize('ahead', [-0.7, 0.35])
 def test_the_clock_of_the_camera_is_set_by_the_motion(ahead: float) -> None:
     seen = recording('exact', ahead, material__youngs_modulus=1.3e5)
     tips = np.array([points[-1] for points in seen.frames])
@@ -27,17 +27,16 @@ def test_the_clock_of_the_camera_is_set_by_the_motion(ahead: float) -> None:
     assert told == [(done, 401) for done in range(1, 402)]
 
 
-@pytest.mark.parametrize('friction', [0.0, 0.02, 0.1])
-@pytest.mark.parametrize('ahead', [0.0, 0.3])
+@pytest.mark.parametrize(('ahead', 'friction'), [(0.0, 0.1), (0.3, 0.02)])
 def test_friction_is_not_taken_for_an_offset(ahead: float, friction: float) -> None:
     """A tip that is behind at each reversal is so at rest as well, which no clock explains."""
     values = {**PARAMETERS, 'tendons.friction': [friction], 'material.youngs_modulus': 1.3e5}
     solver = Config.from_parameters(values).solver('closed_form', 31)
-    time, pulled = staircase((0.0, 1.0, 2.0, 3.0, 3.6, 3.0, 2.0, 1.0))
+    time, pulled = staircase((0.0, 1.5, 3.0, 1.5), hold=2.0, rate=25.0)
     tensions = np.outer(pulled, [1.0, 0.0, 0.0, 0.0])
     tips = np.array([backbone.tip for backbone in followed(solver, tensions)])
     tips += 5e-4 * np.random.default_rng(0).standard_normal(tips.shape)
-    found = clock_offset(ARM, time, tensions, time[::5] + ahead, tips[::5])
+    found = clock_offset(ARM, time, tensions, time[::3] + ahead, tips[::3])
     assert found == pytest.approx(-ahead, abs=0.021)
 
 
@@ -53,7 +52,7 @@ def test_arms_that_the_model_does_not_cover_have_a_clock_too() -> None:
 
 
 def test_frames_at_rest_alone_do_not_move_the_clock() -> None:
-    seen = recording(rate=50.0)
+    seen = recording(held=HELD[:4], rate=50.0)
     # Of 3 s at rest and 1 s on the way, from 0.5 to 2.5 s.
     at_rest = (seen.frame_time % 4.0 > 0.5) & (seen.frame_time % 4.0 < 2.5)
     tips = np.array([points[-1] for points in seen.frames])[at_rest]

@@ -123,7 +123,7 @@ def test_tendons_follow_their_offsets_up_to_their_anchorage(widen):
         assert len(points) == inside.sum()
         local = np.einsum('nji,nj->ni', FRAMES[inside], points - SHAPE.position[inside])
         expected = np.array([0.0 * S, along_n[index] * width, along_b[index] * width]).T
-        np.testing.assert_allclose(local, expected[inside], atol=1e-14)
+        np.testing.assert_allclose(local, expected[inside], atol=1e-12)
         assert S[inside][-1] == pytest.approx(end, abs=1e-12)
 
 
@@ -211,4 +211,4 @@ def test_frames_are_those_of_the_backbone():
         # A point given in the child frame, here on the body along n, comes out where it is.
         radius = ARM.body.radius(S[station])
         expected = SHAPE.position[station] + radius * FRAMES[station, :, 1]
-        np.testing.assert_allclose(turn @ [0.0, radius, 0.0] + offset, expected, atol=1e-14)
+        np.testing.assert_allclose(turn @ [0.0, radius, 0.0] + offset, expected, atol=1e-12)

@@ -1,131 +1,34 @@
-"""Friction of tendons in the rod: what is known of it, derivatives, histories, and the truth."""
+"""Derivatives of the tensions that friction leaves at the nodes, and of what depends on them."""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 
 import numpy as np
 import pytest
-from rods import CASES, SHEATHED, TENSIONS, WRENCH, forms, twists_at
-from truth_cases import Case, distance, read_cases
+from rods import CASES, TENSIONS, WRENCH, forms, twists_at
 
-from octo_arm_model import Arm, Body, ConfigError, Loads, Material, Section
+from octo_arm_model import Loads
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition, Problem
-from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
+from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.tables import work_arrays
 
-NOTHING = np.zeros(6)
 MU = (0.3, 0.5, 0.0, 0.4, 0.2, 0.6)
 WEIGHT = Loads(gravity=(0.0, 3.0, -5.0))
-BODY, RUBBER = Body(0.3, 0.01, 0.01), Material(1e5, 0.5, 1000.0)
-FORMS = pytest.mark.parametrize('compiled', [False, True], ids=['arrays', 'loops'])
 
 
-def made(compiled: bool, arm: Arm, loads: Loads = Loads(), **setting: object) -> Rod:
-    if compiled:
-        pytest.importorskip('numba')
-    return Rod(arm, loads, setting=Setting(compiled=compiled, **setting))  # type: ignore[arg-type]
-
-
-def uniform(angles: tuple[float, ...], mu: float = 0.3) -> Arm:
-    """A cylinder with parallel tendons."""
-    return Arm(RUBBER, BODY, (Section(0.3, 0.006, 0.006, angles=angles),), friction=(mu,))
-
-
-def follow(rod: Rod, parts: tuple[float, ...], tensions: FloatArray) -> list[Equilibrium]:
-    """Equilibria one after the other, under ``parts`` of ``tensions``."""
-    found: list[Equilibrium] = []
-    for part in parts:
-        last = found[-1] if found else None
-        before = None if last is None else rod.problem(last.level).history(last.state)
-        found.append(rod.solve(part * tensions, NOTHING, last, before=before))
-    return found
-
-
-def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
-    s = np.array([0.0, rod.arm.length])
-    return rod.readout(found.level, s).read(found.state).position[-1]
-
-
-def rubbed(name: str, compiled: bool = False) -> Rod:
+def rubbed(name: str) -> Rod:
     """The arm of a case of `rods` with friction."""
     arm, setting = CASES[name]
     arm = dataclasses.replace(arm, friction=MU)
-    return Rod(arm, WEIGHT, setting=setting._replace(compiled=compiled))
+    return Rod(arm, WEIGHT, setting=setting)
 
 
 def jumped(problem: Problem) -> FloatArray:
     """Twists that jump at the anchorage."""
     z = twists_at(problem.elements.s, problem.strains)
     return z + 0.05 * problem.elements.section[:, np.newaxis]
-
-
-# What is known ----------------------------------------------------------------------------------
-
-
-@FORMS
-def test_one_tendon_bends_a_uniform_arm_less_and_less(compiled: bool) -> None:
-    rod = made(compiled, uniform((0.0,)), widens=False)
-    pull, s = 0.4, np.linspace(0.0, 0.3, 13)
-    found = rod.solve(np.array([pull]), NOTHING)
-    readout = rod.readout(found.level, s)
-    reading = readout.read(found.state)
-    over = 0.3 * 0.006 / (1e5 * np.pi * 0.01**4 / 4.0)
-    expected = 1.0 / (1.0 / pull + over * s)
-    np.testing.assert_allclose(reading.tensions[:, 0], expected, rtol=1e-9)
-    bend = np.abs(reading.twist[:, 2])
-    np.testing.assert_allclose(bend, expected * over / 0.3, rtol=1e-8)
-
-
-@FORMS
-@pytest.mark.parametrize('loads', [Loads(), WEIGHT], ids=['alone', 'weight'])
-def test_friction_of_none_changes_nothing(compiled: bool, loads: Loads) -> None:
-    tips = []
-    for mu in (0.0, 1e-14):
-        arm = dataclasses.replace(SHEATHED, friction=(mu,))
-        rod = made(compiled, arm, loads)
-        tips.append(tip_of(rod, rod.solve(0.4 * TENSIONS, NOTHING)))
-    np.testing.assert_allclose(tips[1], tips[0], rtol=0.0, atol=1e-9 * 0.4)
-
-
-@FORMS
-def test_opposite_tendons_leave_an_arm_straight_and_lose_nothing(compiled: bool) -> None:
-    rod = made(compiled, uniform((0.0, np.pi)))
-    found = rod.solve(np.array([0.4, 0.4]), NOTHING)
-    np.testing.assert_allclose(found.state.acting.tensions, 0.4, rtol=1e-12)
-    np.testing.assert_allclose(tip_of(rod, found)[1:], 0.0, atol=1e-12)
-
-
-@FORMS
-def test_letting_out_a_little_changes_tensions_near_the_base_alone(compiled: bool) -> None:
-    rod = made(compiled, uniform((0.0, 2.0)))
-    first, then = follow(rod, (1.0, 0.97), np.array([0.4, 0.0]))
-    problem = rod.problem(then.level)
-    s, change = problem.elements.s, (then.state.acting.tensions - first.state.acting.tensions)
-    assert change[0, 0] == pytest.approx(-0.03 * 0.4, rel=0.2)
-    assert np.abs(change[s > 0.15]).max() <= 1e-9 * 0.4
-
-
-@FORMS
-@pytest.mark.parametrize('loads', [Loads(), WEIGHT], ids=['alone', 'weight'])
-def test_a_loop_of_tensions_closes(compiled: bool, loads: Loads) -> None:
-    arm = dataclasses.replace(SHEATHED, friction=(0.3,))
-    rod = made(compiled, arm, loads)
-    loop = (0.3, 0.2, 0.1, 0.2)
-    tips = [tip_of(rod, one) for one in follow(rod, 3 * loop + (0.3,), TENSIONS)]
-    np.testing.assert_allclose(tips[8:12], tips[4:8], rtol=0.0, atol=2e-5 * 0.4)
-    assert np.abs(tips[7] - tips[5]).max() > 1e-3  # up and down differ
-
-
-def test_a_history_of_another_rod_is_refused() -> None:
-    rod = made(False, uniform((0.0,)))
-    with pytest.raises(ConfigError, match='another solver'):
-        rod.solve(np.array([0.4]), NOTHING, before=np.zeros((7, 1)))
-
-
-# Derivatives ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('name', CASES)
@@ -240,31 +143,3 @@ def test_a_slack_tendon_is_drawn_in_next(name: str) -> None:
         if condition.before is None:
             np.testing.assert_allclose(rates, expected, rtol=1e-6)
         assert 0.1 < rates[problem.tables.reach[:, 3] > 0.0].min() < 0.95
-
-
-# The truth --------------------------------------------------------------------------------------
-
-TRUE = (
-    'renda2012_table4/24', 'random_13_metal/22', 'random_07_winding/29', 'random_03_paper/33',
-    'renda2012_prototype/28', 'renda2012_table2/34', 'random_18_stout/25', 'random_08_winding/25',
-)  # fmt: skip
-
-
-@functools.cache
-def cases() -> dict[str, Case]:
-    return {case.name: case for case in read_cases()}
-
-
-@FORMS
-@pytest.mark.parametrize('name', TRUE)
-def test_shapes_and_tensions_are_right(compiled: bool, name: str) -> None:
-    if compiled:
-        pytest.importorskip('numba')
-    case = cases()[name]
-    some = {
-        one: case.expected[one] for one in ('position', 'tension', 'tips') if one in case.expected
-    }
-    found = dataclasses.replace(case, expected=some).solve(case.build(compiled))
-    for quantity, expected in some.items():
-        allowed = np.maximum(case.tolerance(quantity), 1.2 * case.today.get(quantity, 0.0))
-        assert (distance(quantity, found[quantity], expected) <= allowed).all(), quantity
