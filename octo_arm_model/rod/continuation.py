@@ -16,7 +16,7 @@ from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.factors import Stability, Variation, factorise
+from octo_arm_model.rod.factors import Deferred, Stability, Variation, factorise
 from octo_arm_model.rod.newton import Found, settle
 
 TOLERANCE = 1e-11
@@ -48,11 +48,13 @@ class Judged(NamedTuple):
 
     Attributes:
         state: the equilibrium.
+        factors: of the Jacobian there.
         stability: of the equilibrium.
         variation: the second variation of the energy there.
     """
 
     state: State
+    factors: Deferred
     stability: Stability
     variation: Variation
 
@@ -71,7 +73,7 @@ def judge(problem: Problem, state: State) -> Judged:
     stability = variation.stability() if is_known else Stability(True, False)
     if not stability.is_stable and not problem.has_energy(state.acting.condition):
         stability = Stability(factorise(problem.work.jacobian.copy()).sign > 0, False)
-    return Judged(state, stability, variation)
+    return Judged(state, Deferred(problem.work.jacobian.copy()), stability, variation)
 
 
 def follow(

@@ -86,6 +86,26 @@ class Blocks(NamedTuple):
         return np.asarray(self.inverse @ right.reshape(nodes, strains, -1)).reshape(right.shape)
 
 
+class Deferred:
+    """As `Factors`, of a Jacobian that is factorised when a solution is first asked for."""
+
+    def __init__(self, jacobian: FloatArray) -> None:
+        """Of a ``jacobian`` (n, n) that nobody changes."""
+        self._jacobian: FloatArray | None = jacobian
+        self._factors: Factors | None = None
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """See `Factors.solve`.
+
+        Raises:
+            ConvergenceError: if the Jacobian is singular or not finite.
+        """
+        if self._factors is None:
+            assert self._jacobian is not None
+            self._factors, self._jacobian = factorise(self._jacobian), None
+        return self._factors.solve(right)
+
+
 def factorise(jacobian: FloatArray) -> Factors:
     """Factors of a ``jacobian`` (n, n) in rows, which is overwritten.
 

@@ -114,14 +114,13 @@ def settle(
     if problem.others.without_tangent:
         limit, progress, again = MOST_LINEAR, LINEAR_PROGRESS, LINEAR_PROGRESS
     while state.residual > tolerance and iterations < limit:
-        if chord is None:
-            try:
+        try:
+            if chord is None or factors is None:
                 factors, is_near = problem.linearise(state), True
-            except ConvergenceError:
-                break
-            chord = Chord(problem.measure)
-        assert factors is not None
-        step = chord.corrected(factors.solve(-state.imbalance.ravel()))
+                chord = Chord(problem.measure)
+            step = chord.corrected(factors.solve(-state.imbalance.ravel()))
+        except ConvergenceError:
+            break
         new = problem.evaluate(acting, state.z + step.reshape(state.z.shape))
         iterations += 1
         most = progress

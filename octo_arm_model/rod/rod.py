@@ -312,8 +312,7 @@ class Rod:
         firm = start.judged
         if firm is not None and self.is_near(problem, firm, state):
             return Equilibrium(state, start.level, found.factors or start.factors, firm, total)
-        judged = self._judged(problem, state)
-        return self._equilibrium(judged, start.level, total, found.factors or start.factors)
+        return self._equilibrium(self._judged(problem, state), start.level, total)
 
     def _judged(self, problem: Problem, state: State) -> Judged | None:
         try:
@@ -321,13 +320,11 @@ class Rod:
         except ConvergenceError:
             return None
 
-    def _equilibrium(
-        self, judged: Judged | None, level: int, total: int, factors: Linear | None = None
-    ) -> Equilibrium | None:
+    def _equilibrium(self, judged: Judged | None, level: int, total: int) -> Equilibrium | None:
         if judged is None or not judged.stability.is_stable:
             return None
         firm = judged.state if judged.stability.is_firm else None
-        return Equilibrium(judged.state, level, factors, firm, total)
+        return Equilibrium(judged.state, level, judged.factors, firm, total)
 
     def is_near(self, problem: Problem, judged: State, state: State) -> bool:
         """Whether ``state`` is stable as surely as what was ``judged`` stable by a margin."""

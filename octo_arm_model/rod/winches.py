@@ -438,7 +438,7 @@ class _Search:
             is_stable = judged.stability.is_stable
             served = tolerance < ON_THE_WAY and found.iterations <= _SERVED
             if border is None or not (served and is_stable):
-                border = reeling.border(state, reeling.problem.linearise(state))
+                border = reeling.border(state, judged.factors)
             if not (is_stable or reeling.is_held(aim, state, border)):
                 return None
             firm = judged.state if judged.stability.is_firm else None
