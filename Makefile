@@ -7,7 +7,7 @@
 #                 them for one process, as a debugger needs
 # make test-all   all tests, statistics and endurance too; once more with other rounding
 # make test-oldest  what solves and fits on the oldest NumPy and SciPy: PYTHON=python3.12
-# make lint       style (ruff's and ROS's), types, and what may import what
+# make lint       style (ruff's and ROS's), types, what may import what, and how large folders may be
 # make bench      speed, as ratios
 # make soak       the node under abuse for an hour; PART=0.01 for a minute
 # make docs       the manual as web pages in docs/_build, warnings as errors
@@ -62,6 +62,7 @@ lint: prepare
 	@tools/with_ros flake8 --config tools/ament_flake8.ini
 	@tools/with_ros mypy
 	@tools/with_ros lint-imports
+	@tools/with_ros python tools/sizes.py
 
 bench: prepare
 	@tools/with_ros python benchmarks/solvers.py
