@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
@@ -68,34 +66,6 @@ class Chord:
             self._steps.append(step)
             self._duals.append(dual)
         return step
-
-
-def settle_sections(
-    problem: Problem, acting: Acting, z: FloatArray, tolerance: float
-) -> tuple[State, int]:
-    """Search for a balance without loads from the twists ``z`` (N, m), with friction.
-
-    What one section does to others by friction is small, and is left to Broyden's update. The
-    state is a balance if its residual is at most ``tolerance``.
-
-    Returns:
-        The last state, and the number of steps.
-    """
-    state, chord = problem.evaluate(acting, z), Chord(problem.measure)
-    problem.form.sections(problem.tables, z, state.acting.tensions, problem.work)
-    try:
-        inverse = np.linalg.inv(problem.work.hessian)
-    except np.linalg.LinAlgError:
-        return state, 0
-    for iterations in range(MOST):  # noqa: B007 - returned
-        if state.residual <= tolerance:
-            break
-        step = -(inverse @ state.imbalance[..., np.newaxis]).ravel()
-        new = problem.evaluate(acting, state.z + chord.corrected(step).reshape(z.shape))
-        if not new.residual <= PROGRESS * state.residual:
-            break
-        state = new
-    return state, iterations
 
 
 def settle(

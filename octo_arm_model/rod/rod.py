@@ -30,7 +30,7 @@ from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.load_limits import LoadLimits
-from octo_arm_model.rod.newton import Found, settle, settle_sections
+from octo_arm_model.rod.newton import Found, settle
 from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
 from octo_arm_model.rod.resolution import allowed_between, position_error
 from octo_arm_model.rod.tables import tabulate
@@ -164,13 +164,10 @@ class Rod:
         spending = spending or self.spending()
         is_loaded = self.is_loaded or bool(tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            found = None
-            if not is_loaded and self.has_friction:
-                found = self._slid_equilibrium(wanted, start, spending)
-            elif not is_loaded:
-                found = self._unloaded_equilibrium(wanted)
-            if found is None:
+            if is_loaded or self.has_friction:
                 found = self._loaded_equilibrium(wanted, start, spending)
+            else:
+                found = self._unloaded_equilibrium(wanted)
             check_solution(self.problem(found.level), found.state, is_loaded)
         return found
 
@@ -221,33 +218,6 @@ class Rod:
         condition = self.at_level(start.state.acting.condition, level)
         state = now.evaluate(now.acting(condition), z)
         return Equilibrium(state, level, None, None, start.iterations)
-
-    def _slid_equilibrium(
-        self, wanted: Condition, start: Equilibrium | None, spending: Spending
-    ) -> Equilibrium | None:
-        """The balance of every cross section, which friction makes depend on those before it.
-
-        None where that matters too much to find it so.
-        """
-        start, iterations = self._at_least(start, wanted.before), 0
-        for level in range(self._first_level(start, wanted), len(LEVELS)):
-            problem, condition = self.problem(level), self.at_level(wanted, level)
-            limit = TOLERANCE if start is None else spending.residual
-            try:
-                z = self.unloaded(problem, condition)[0] if start is None else start.state.z
-            except ConvergenceError:
-                return None
-            state, steps = settle_sections(problem, problem.acting(condition), z, limit)
-            if not state.residual <= limit:
-                return None
-            iterations += steps
-            firm = None if start is None else start.judged
-            if firm is not None and problem.turn(state.z - firm.z) <= _SAME_SHAPE:
-                return Equilibrium(state, level, None, firm, iterations)
-            if self.is_resolved(problem, state, level):
-                break
-            start = None
-        return Equilibrium(state, level, None, state, iterations)
 
     def _first_level(self, start: Equilibrium | None, wanted: Condition) -> int:
         if start is not None:
@@ -366,7 +336,7 @@ class Rod:
             known = known._replace(tensions=part * wanted.tensions)
             with contextlib.suppress(ConvergenceError):
                 z = self.unloaded(problem, known)[0]
-                state, _ = settle_sections(problem, problem.acting(known), z, ON_THE_WAY)
+                state = settle(problem, problem.acting(known), z, ON_THE_WAY).state
                 if state.residual <= ON_THE_WAY:
                     return known, state.z
         return known, self.unloaded(problem, known)[0]
