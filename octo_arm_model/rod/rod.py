@@ -178,7 +178,7 @@ class Rod:
         self, wanted: Condition, start: Equilibrium | None, spending: Spending
     ) -> Equilibrium:
         """A stable equilibrium under loads, on as many nodes as it takes."""
-        start = self._at_least(start, wanted.before)
+        start = self.at_least(start, wanted.before)
         found = None if start is None else self._warm(wanted, start, spending)
         if found is None:
             found = self._followed(wanted, start, spending)
@@ -210,9 +210,7 @@ class Rod:
         own = moved(before, self._fine(given), self._fine(level))
         return condition._replace(before=own)
 
-    def _at_least(
-        self, start: Equilibrium | None, before: FloatArray | None
-    ) -> Equilibrium | None:
+    def at_least(self, start: Equilibrium | None, before: FloatArray | None) -> Equilibrium | None:
         """The ``start`` on no fewer nodes than ``before`` is given at."""
         if start is None or before is None or (level := self.level_of(before)) <= start.level:
             return start
@@ -229,8 +227,8 @@ class Rod:
 
         None where that matters too much to find it so.
         """
-        start, iterations = self._at_least(start, wanted.before), 0
-        for level in range(self._first_level(start, wanted), len(LEVELS)):
+        start, iterations = self.at_least(start, wanted.before), 0
+        for level in range(self.first_level(start, wanted), len(LEVELS)):
             problem, condition = self.problem(level), self.at_level(wanted, level)
             limit = TOLERANCE if start is None else spending.residual
             try:
@@ -249,7 +247,8 @@ class Rod:
             start = None
         return Equilibrium(state, level, None, state, iterations)
 
-    def _first_level(self, start: Equilibrium | None, wanted: Condition) -> int:
+    def first_level(self, start: Equilibrium | None, wanted: Condition) -> int:
+        """The level to begin a search on."""
         if start is not None:
             return start.level
         return 0 if wanted.before is None else max(self.level_of(wanted.before), 0)
@@ -351,7 +350,7 @@ class Rod:
             wanted = self.at_level(wanted, level)
             judged = follow(problem, known, z, wanted, spending, step=_PART)
         else:
-            level = self._first_level(None, wanted)
+            level = self.first_level(None, wanted)
             judged = self._cold(wanted, level, spending)
         found = self._equilibrium(judged, level, spending.iterations)
         assert found is not None
