@@ -8,10 +8,6 @@ from __future__ import annotations
 
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import BackboneShape, Bending, Stiffness, TipPose, TipPosition
-from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.sensitivity import WoundSensitivity, wound_sensitivity
-from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
-from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.body import Body, ProfiledBody
 from octo_arm_model.arm.errors import (
@@ -32,6 +28,13 @@ from octo_arm_model.arm.sheath_stiffness import estimate_sheath_stiffness
 from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.displacements import (
+    Wound,
+    WoundSensitivity,
+    displacements_of,
+    solve_displacements,
+    wound_sensitivity,
+)
 from octo_arm_model.rod.once import solve
 from octo_arm_model.rod.sensitivity import Sensitivity, Uncertainty
 from octo_arm_model.rod.solver import MODELS, Solver

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 
-from octo_arm_model.analysis.winding.displacement import solve_displacements
 from octo_arm_model.arm.errors import TensionError, shown
 from octo_arm_model.cli.options.shared import (
     add_config,
@@ -15,6 +14,7 @@ from octo_arm_model.cli.options.shared import (
     read_json,
 )
 from octo_arm_model.cli.output.solution import as_dict, summary
+from octo_arm_model.rod.displacements import solve_displacements
 
 SUMMARY = 'solve an arm for one set of tensions or displacements'
 DESCRIPTION = """\

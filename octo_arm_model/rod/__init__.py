@@ -28,7 +28,8 @@ from the base to the tip and have the node as first axis.
 `read_out`       positions, orientations and strains at stations
 `rod`            `Rod`: from tensions and a wrench on the tip to an `Equilibrium`
 `lengths`        lengths of the tendons
-`winches`        tensions of tendons at given lengths; `complementarity`: which of them are slack
+`reeling`        Newton's method for tendons at given lengths; `complementarity`: which are slack
+`winches`        `Winches`: equilibria of tendons at given lengths, by `reeling`
 `derivatives`    first derivatives of an equilibrium; `sensitivity`: what they are given as
 
 `statics`        what every model gives; `exact` does by all of the above
@@ -37,6 +38,7 @@ from the base to the tip and have the node as first axis.
 `solver`         `Solver`: checks of input, one arm or a batch, quantities of solutions
 `backbone`       `Backbone`: the result; `stations`: where it is known
 `once`           one shape in one call
+`displacements`  tendons at given lengths: shapes and derivatives, for a user
 `friction_memory`  validity of the friction history of a sequence
 `load_limits`    bounds of loads and tensions
 
@@ -49,7 +51,7 @@ A new effect is a term of these. It changes no signature:
   every node, (N, J), which `Problem.evaluate` makes from z, and `Problem.fill_jacobian` adds its
   derivatives, as for `friction`.
 * An unknown of a cross section: condensed within it, as the offset of a tendon in its sheath.
-* An unknown of the whole arm: a row and a column around `Factors.solve`, as in `winches`.
+* An unknown of the whole arm: a row and a column around `Factors.solve`, as in `reeling`.
 
 May import arm.
 """

@@ -85,16 +85,10 @@ class Exact(Statics):
     def wind(
         self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
         start: Equilibrium | None, spending: Spending,
-    ) -> tuple[Shape, FloatArray] | None:  # fmt: skip
+    ) -> tuple[Shape, FloatArray]:  # fmt: skip
         """See `Statics`."""
-        if self._setup.arm.friction:
-            return None
         held = self._winches.solve(displacements, driven, condition, start, spending)
         return self.shape(held.equilibrium), held.reached.displacement
-
-    def reeled_by_tension(self, found: Equilibrium, over: FloatArray) -> FloatArray | None:
-        """See `Statics`."""
-        return self._winches.changes(found, over)
 
     def shape(self, found: Equilibrium) -> Shape:
         """An equilibrium at the stations."""

@@ -9,15 +9,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
+from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.friction import clipped
 from octo_arm_model.rod.lengths import lengths_of, rest_stretches
 from octo_arm_model.rod.paper_equations import Equations, MakesEquations, Strains
 from octo_arm_model.rod.read_out import ADDED_POINTS
+from octo_arm_model.rod.reeling import Aim, Border, Reached, Reeling
 from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import WORST, Equilibrium, Rod, Setting, require_resolved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
@@ -25,6 +28,7 @@ from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL, Places, places_at
 from octo_arm_model.rod.tendons import tendon_stretch
+from octo_arm_model.rod.winches import Winches
 
 # With a history strains have kinks, by which the estimated error of positions is too small: it has
 # to be so much smaller.
@@ -72,6 +76,7 @@ class Papers(Statics):
         self.is_compiled = self._rod.is_compiled
         self._at = functools.cache(self._level)
         self._at(0)
+        self._winches = Winches(self._rod, lambda level: _Reeling(self, level))
         self._several = functools.lru_cache(8)(
             lambda level, arms: Several(self._at(level).problem, arms)
         )
@@ -98,25 +103,36 @@ class Papers(Statics):
             SolveError: if a cross section is compressed to nothing (1 + q <= 0), or the nodes do
                 not resolve the strains.
         """
-        accuracy, number = self._setup.accuracy, 0
-        wanted, allowed = Condition(tensions, tip_wrench, before=before), allowed_between(accuracy)
-        if before is not None:
-            number, allowed = self._rod.level_of(before), _OF_HISTORY * accuracy
+        wanted = Condition(tensions, tip_wrench, before=before)
+        number = self._first_level(wanted)
         while True:
             try:
-                shape, error = self._shape(number, wanted)
+                shape, error = self.shape(number, wanted)
             except ConvergenceError:
                 if self._rod.is_last(number):
                     raise
             else:
-                if error <= allowed:
-                    return shape
-                if self._rod.is_last(number):
-                    require_resolved(self.problem(number), error, max(accuracy, WORST))
+                if self.is_resolved(number, wanted, error):
                     return shape
             number += 1
 
-    def _shape(self, number: int, wanted: Condition) -> tuple[Shape, float]:
+    def _first_level(self, wanted: Condition) -> int:
+        return 0 if wanted.before is None else self._rod.level_of(wanted.before)
+
+    def is_resolved(self, number: int, wanted: Condition, error: float) -> bool:
+        """Whether an ``error`` of positions, over the length, is small enough on a level.
+
+        Raises:
+            SolveError: if it is not, and there is no finer level.
+        """
+        accuracy = self._setup.accuracy
+        allowed = allowed_between(accuracy) if wanted.before is None else _OF_HISTORY * accuracy
+        if error > allowed and self._rod.is_last(number):
+            require_resolved(self.problem(number), error, max(accuracy, WORST))
+            return True
+        return error <= allowed
+
+    def shape(self, number: int, wanted: Condition) -> tuple[Shape, float]:
         """The arm on a level, and the estimated error of positions over its length."""
         level = self._at(number)
         problem, nodes, along = level.problem, len(level.balanced), None
@@ -140,6 +156,24 @@ class Papers(Statics):
         strains = strains_of(twist[nodes : nodes + len(level.places.element)])
         position += self._setup.base[0]
         return Shape(position[0], quaternion[0], strains, along, equilibrium), float(error[0])
+
+    def wind(
+        self,
+        displacements: FloatArray,
+        driven: NDArray[np.bool_],
+        condition: Condition,
+        start: Equilibrium | None,
+        spending: Spending,
+    ) -> tuple[Shape, FloatArray]:
+        """See `Statics`."""
+        if start is not None:
+            tensions = start.state.acting.condition.tensions
+            begun = condition._replace(tensions=np.where(driven, tensions, condition.tensions))
+            start = self.shape(self._first_level(begun), begun)[0].equilibrium
+        held = self._winches.solve(displacements, driven, condition, start, spending)
+        wanted = condition._replace(tensions=held.reached.tensions)
+        shape, _ = self.shape(held.equilibrium.level, wanted)
+        return shape, held.reached.displacement
 
     @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def _solve_at_once(
@@ -207,6 +241,16 @@ class Papers(Statics):
         """By tensions, E and friction alone."""
         return sensitivity(self._at(found.level), found.state, self._setup.arm.tendon_names)
 
+    def by_tension(self, level: int, state: State, rates: FloatArray) -> Change:
+        """Of a ``state`` on a ``level``, with ``rates`` as of `sensitivity`."""
+        names = self._setup.arm.tendon_names
+        return sensitivity(self._at(level), state, names, rates).by_tension
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        return self._setup.arm
+
     def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
         """See `Statics`."""
         return self.sensitivity(found).tip_covariance(uncertainty)
@@ -216,8 +260,49 @@ class Papers(Statics):
         raise NotImplementedError
 
 
-def sensitivity(level: _Level, state: State, names: tuple[str, ...]) -> Sensitivity:
+class _Reeling(Reeling):
+    """An arm whose winches are known by its tensions alone, of which all else follows."""
+
+    def __init__(self, model: Papers, level: int) -> None:
+        """Of a ``model`` on a ``level``."""
+        super().__init__(model.problem(level), model.arm)
+        self._model, self._level = model, level
+
+    def evaluate(self, aim: Aim, z: FloatArray, tensions: FloatArray) -> Reached:
+        """See `Reeling`."""
+        return self.reached(aim, self.unloaded(aim.condition._replace(tensions=tensions)))
+
+    def unloaded(self, condition: Condition) -> State:
+        """See `Reeling`."""
+        return self._model.shape(self._level, condition)[0].equilibrium.state
+
+    def is_resolved(self, state: State) -> bool:
+        """See `Reeling`."""
+        wanted = state.acting.condition
+        error = self._model.shape(self._level, wanted)[1]
+        return self._model.is_resolved(self._level, wanted, error)
+
+    def border(
+        self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
+    ) -> Border:
+        """See `Reeling`."""
+        rates = self.rates(state) if rates is None else rates
+        change = self._model.by_tension(self._level, state, rates)
+        mean = change.tendon_tension
+        felt = np.eye(len(rates.T)) if mean is None else mean
+        changes = self.stretched(felt) - change.tendon_length
+        none, (nodes, strains) = np.zeros((state.z.size, len(felt))), state.z.shape
+        held = Blocks(np.zeros((nodes, strains, strains)))
+        return Border(state.z, held, none, none.T, changes, rates, rates, None)
+
+
+def sensitivity(
+    level: _Level, state: State, names: tuple[str, ...], rates: FloatArray | None = None
+) -> Sensitivity:
     """By tensions, E and friction, of the ``state`` on a ``level``; ``names`` of the tendons.
+
+    With derivatives ``rates`` (N, J) of local tensions by those at the base, if given, where
+    tendons may stick.
 
     With one tension perturbed by a small imaginary step, the imaginary part of the strains over
     the step is the derivative (Squire and Trapp 1998), without cancellation; the step only has to
@@ -240,7 +325,7 @@ def sensitivity(level: _Level, state: State, names: tuple[str, ...]) -> Sensitiv
         stepped = level.equations.solve(both + own[:, np.newaxis]).twist
     by_local = stepped.imag.transpose(1, 2, 0)[: nodes + len(level.places.element)] / step
     if problem.friction is not None:
-        columns, local = _with_friction(level, state, by_local[:nodes], names)
+        columns, local = _with_friction(level, state, by_local[:nodes], names, rates)
         rest = problem.elements.weights[:, np.newaxis] * rest_stretches(problem.tables)
         mean = np.einsum('nj,njc->jc', rest, local) / rest.sum(axis=0)[:, np.newaxis]
     change = by_local @ columns
@@ -257,11 +342,16 @@ def sensitivity(level: _Level, state: State, names: tuple[str, ...]) -> Sensitiv
 
 
 def _with_friction(
-    level: _Level, state: State, by_local: FloatArray, names: tuple[str, ...]
+    level: _Level,
+    state: State,
+    by_local: FloatArray,
+    names: tuple[str, ...],
+    rates: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray]:
     """How local tensions change with those at the base, E and mu.
 
-    From changes of z ``by_local`` (N, 4, J) tensions at the same node.
+    From changes of z ``by_local`` (N, 4, J) tensions at the same node, with ``rates`` as of
+    `sensitivity`.
 
     Returns:
         Changes at nodes and stations (N + S, J, 2 J + 1), as if tensions fell where E rises, which
@@ -274,16 +364,23 @@ def _with_friction(
     nodes, tendons = state.acting.tensions.shape
     slides, own = problem.tension_changes(state), np.arange(tendons)
     direct = np.zeros((nodes, tendons, 2 * tendons + 1))
-    direct[:, own, own] = problem.tension_rates(state)
+    direct[:, own, own] = problem.tension_rates(state) if rates is None else rates
     direct[..., tendons] = -state.acting.tensions
-    by_z = np.zeros((nodes, tendons, 4 * nodes))
+    felt = direct.copy()
     if slides is not None:
-        slides.require(names, base)
+        if rates is None:
+            slides.require(names, base)
         direct[:, own, tendons + 1 + own] = slides.by_friction
-        by_z = slides.by_twists(np.eye(4 * nodes).reshape(nodes, 4, -1))
-    coupled = (by_local @ by_z).reshape(4 * nodes, -1)
-    rows = (by_local @ direct).reshape(4 * nodes, -1)
-    felt = direct + by_z @ np.linalg.solve(np.eye(4 * nodes) - coupled, rows)
+        for _ in range(_MOST_STEPS):
+            # What is bent nearer to the base changes tensions farther from it.
+            more = direct + slides.by_twists(by_local @ felt) - felt
+            felt += more
+            if np.abs(more).max() <= _SETTLED * np.abs(felt).max():
+                break
+        else:
+            raise ConvergenceError(
+                'the change of tensions with friction', float(np.abs(more).max()), _MOST_STEPS
+            )
     stations = np.tensordot(level.places.between, felt, 1)
     stations[0] = np.eye(tendons, 2 * tendons + 1)  # at the base tensions are given
     stations[0, :, tendons] = -base

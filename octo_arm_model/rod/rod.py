@@ -175,7 +175,7 @@ class Rod:
         self, wanted: Condition, start: Equilibrium | None, spending: Spending
     ) -> Equilibrium:
         """A stable equilibrium under loads, on as many nodes as it takes."""
-        start = self._at_least(start, wanted.before)
+        start = self.at_least(start, wanted.before)
         found = None if start is None else self._warm(wanted, start, spending)
         if found is None:
             found = self._followed(wanted, start, spending)
@@ -207,9 +207,7 @@ class Rod:
         own = moved(before, self._fine(given), self._fine(level))
         return condition._replace(before=own)
 
-    def _at_least(
-        self, start: Equilibrium | None, before: FloatArray | None
-    ) -> Equilibrium | None:
+    def at_least(self, start: Equilibrium | None, before: FloatArray | None) -> Equilibrium | None:
         """The ``start`` on no fewer nodes than ``before`` is given at."""
         if start is None or before is None or (level := self.level_of(before)) <= start.level:
             return start
@@ -219,7 +217,8 @@ class Rod:
         state = now.evaluate(now.acting(condition), z)
         return Equilibrium(state, level, None, None, start.iterations)
 
-    def _first_level(self, start: Equilibrium | None, wanted: Condition) -> int:
+    def first_level(self, start: Equilibrium | None, wanted: Condition) -> int:
+        """The level to begin a search on."""
         if start is not None:
             return start.level
         return 0 if wanted.before is None else max(self.level_of(wanted.before), 0)
@@ -318,7 +317,7 @@ class Rod:
             wanted = self.at_level(wanted, level)
             judged = follow(problem, known, z, wanted, spending, step=_PART)
         else:
-            level = self._first_level(None, wanted)
+            level = self.first_level(None, wanted)
             judged = self._cold(wanted, level, spending)
         found = self._equilibrium(judged, level, spending.iterations)
         assert found is not None

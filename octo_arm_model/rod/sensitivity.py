@@ -106,7 +106,7 @@ class Uncertainty:
         """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
 
         ``changes`` are the derivatives by `quantities`. Displacements are left out: see
-        `analysis.winding.sensitivity`.
+        `rod.displacements`.
 
         Raises:
             ConfigError: if there is no derivative by something that is uncertain.

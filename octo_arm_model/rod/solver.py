@@ -430,11 +430,11 @@ class Solver:
     def wind(
         self, displacements: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
         tip_wrench: ArrayLike | None, start: Backbone | None,
-    ) -> tuple[Backbone, FloatArray] | None:  # fmt: skip
+    ) -> tuple[Backbone, FloatArray]:  # fmt: skip
         """Shape with ``displacements`` (J,) [m] of the ``driven`` tendons, and those of all.
 
-        With ``tensions`` (J,) [N] of the others. None for other models than exact, and for tendons
-        with friction. Other arguments and errors are those of `solve`.
+        With ``tensions`` (J,) [N] of the others. Tendons with friction slide from those in
+        ``start``. Other arguments and errors are those of `solve`.
         """
         checked = check_tensions(self.arm, tensions.reshape(self.arm.tension_shape))
         self._limits.check_tensions(checked)
@@ -442,21 +442,14 @@ class Solver:
         if tip_wrench is not None:
             wrench = wrench + self.check_tip_wrench(tip_wrench)
         near = None if start is None else self._own(start)
-        condition, spending = Condition(checked.ravel(), wrench), self._allowance.spending()
-        found = self._statics.wind(displacements, driven, condition, near, spending)
-        if found is None:
-            return None
-        shape, displacement = found
+        history = None if start is None else start.point_tensions
+        before = None if history is None else history.T
+        condition = Condition(checked.ravel(), wrench, before=before)
+        spending = self._allowance.spending()
+        shape, displacement = self._statics.wind(displacements, driven, condition, near, spending)
         pulled = shape.equilibrium.state.acting.condition.tensions.reshape(self.arm.tension_shape)
         self._limits.check_tensions(pulled)
         return self._of_one(pulled, wrench, shape), displacement
-
-    def reeled_by_tension(self, backbone: Backbone, over: FloatArray) -> FloatArray | None:
-        """Changes of displacements over those of tensions by ``over`` (J,) [N], (J, J) [m/N].
-
-        Of a single solution; None for other models than exact.
-        """
-        return self._statics.reeled_by_tension(self._own(backbone), over)
 
     def _own(self, backbone: Backbone) -> Equilibrium:
         """The equilibrium of a single solution of this solver.

@@ -193,16 +193,12 @@ class Statics(abc.ABC):
         shapes.position[numbers], shapes.quaternion[numbers] = position, quaternion
         return error <= allowed_between(self._setup.accuracy)
 
+    @abc.abstractmethod
     def wind(
         self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
         start: Equilibrium | None, spending: Spending,
-    ) -> tuple[Shape, FloatArray] | None:  # fmt: skip
-        """See `Winches.solve`: a shape and what is reeled in there; None where this cannot."""
-        return None
-
-    def reeled_by_tension(self, found: Equilibrium, over: FloatArray) -> FloatArray | None:
-        """See `Solver.reeled_by_tension`; None where this cannot."""
-        return None
+    ) -> tuple[Shape, FloatArray]:  # fmt: skip
+        """See `Winches.solve`: a shape, and what is reeled in there, (J,) [m]."""
 
     @abc.abstractmethod
     def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:

@@ -97,10 +97,8 @@ class Tendons:
         u[2] += self.width * self._dy
         if self._strains == 6:
             u[1:] += columns[4:]
-        size = np.sqrt(np.einsum('anj,anj->nj', u, u))
-        self._size = size * tables.reach
-        self._unit = u * (tables.reach / size)
-        self._per_length = self.tension / size
+        self._u, self._length = u, np.sqrt(np.einsum('anj,anj->nj', u, u))
+        self._reach, self._size = tables.reach, self._length * tables.reach
 
     @property
     def stretches(self) -> FloatArray:
@@ -144,6 +142,16 @@ class Tendons:
         if slopes is not None:
             found[3] += self.slope * (slopes[0] * f[1] + slopes[1] * f[2])
         return Moved(self._by_twist(found), along)
+
+    @functools.cached_property
+    def _unit(self) -> FloatArray:
+        """U / |u|, zero beyond the anchorages, (3, N, J)."""
+        return np.asarray(self._u * (self._reach / self._length))
+
+    @functools.cached_property
+    def _per_length(self) -> FloatArray:
+        """T / |u|, (N, J)."""
+        return np.asarray(self.tension / self._length)
 
     @functools.cached_property
     def _gradient(self) -> FloatArray:

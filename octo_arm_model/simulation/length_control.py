@@ -6,11 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
-from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.displacements import Wound, displacements_of, solve_displacements
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.simulation.profiles.limits import check_command
 

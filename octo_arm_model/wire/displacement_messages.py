@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from octo_arm_model.analysis.winding.displacement import check_displacements
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import TensionError
+from octo_arm_model.rod.displacements import check_displacements
 from octo_arm_model.wire.tension_fields import values_by_name
 
 DISPLACEMENTS = 'tendon_displacements'

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.highest_tensions import default_highest
 from octo_arm_model.arm.hints import FloatArray
@@ -20,6 +19,7 @@ from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.displacements import displacements_of
 
 PRESET = 'renda2012_prototype'
 # Pose of the camera's frame in base_frame: beside the arm, looking at it.

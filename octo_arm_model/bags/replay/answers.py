@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.analysis.solved_parts import solve_parts
-from octo_arm_model.analysis.winding.sequence import WoundSequence
 from octo_arm_model.arm.errors import OctoArmError, SolveError
 from octo_arm_model.arm.highest_tensions import default_highest
 from octo_arm_model.arm.hints import FloatArray
@@ -67,7 +67,7 @@ class Answers:
         self._solver = config.solver()
         wanted = {TENDON_LENGTHS: lengths, TENSION_ESTIMATES: displacements}
         self.topics = tuple(topic for topic in ANSWERS if wanted.get(topic, True))
-        self._winding = WoundSequence(FrictionMemory())
+        self._winding = DrivenArm(FrictionMemory())
         grid = self._solver.grid
         described = config.base_frame, config.model, grid.s, grid.section
         self._writer = BackboneWriter(*described, config.arm.tendon_names)

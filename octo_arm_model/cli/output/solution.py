@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.displacements import displacements_of
 from octo_arm_model.rod.solver import Solver
 
 

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.arm.errors import SolveError, TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.shapes.steady_windows import Window, held_readings
+from octo_arm_model.rod.displacements import Wound, solve_displacements
 
 
 def with_displacements(window: Window, recording: Recording) -> Window:

@@ -8,7 +8,7 @@ from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from octo_arm_model.analysis.winding.sequence import WoundSequence
+from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.arm.errors import in_short
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameters import PARAMETERS
@@ -42,7 +42,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         self._tip_wrench = TipWrench(intake, lambda: self._arm, self._diagnostics.heard.note)
         self._winches: LatestSubscription | None = None
         self._memory = self._diagnostics.memory = FrictionMemory()
-        self._winding = WoundSequence(self._memory)
+        self._winding = DrivenArm(self._memory)
         self._diagnostics.heard.is_used = self._is_used
 
     def _open(self) -> None:
@@ -66,7 +66,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         for service in self._services:
             service.close()
         self._services, self._winches = [], None
-        self._winding = WoundSequence(self._memory)
+        self._winding = DrivenArm(self._memory)
 
     def _change_arm(self, before: Prepared | None, now: Prepared) -> None:
         self._tip_wrench.change_arm(before, now)

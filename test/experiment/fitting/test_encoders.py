@@ -11,7 +11,6 @@ import pytest
 from differences import jacobian
 from experiments import PARAMETERS, STEPS, TRUE, one_tendon, shapes, with_encoders
 
-from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.fitting.identify import identify
@@ -22,6 +21,7 @@ from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.curves import resample
 from octo_arm_model.experiment.shapes.encoder_windows import by_length
 from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
+from octo_arm_model.rod.displacements import displacements_of
 
 THREAD = 400.0  # the tendons' true E A [N]
 ZEROS = np.array([2e-3, -1e-3, 0.5e-3, 1e-3])  # what encoders read of the taut unloaded arm [m]

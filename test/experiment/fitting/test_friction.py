@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from experiments import PARAMETERS, TRUE, one_tendon, shapes, with_encoders
 
-from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.compare import compare
@@ -20,6 +19,7 @@ from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.curves import resample
 from octo_arm_model.experiment.shapes.encoder_windows import by_length
 from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
+from octo_arm_model.rod.displacements import displacements_of
 
 LOOP = tuple(map(one_tendon, (1.0, 2.4, 3.6, 2.4)))
 LONG_LOOP = tuple(map(one_tendon, (1.0, 2.0, 3.0, 3.6, 3.0, 2.0, 1.0)))

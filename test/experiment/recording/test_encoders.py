@@ -21,7 +21,6 @@ from experiments import (
 )
 from recordings import Sample, displacement_sample
 
-from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.arm.errors import BagError, MeasurementError
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
@@ -30,6 +29,7 @@ from octo_arm_model.experiment.recording.read_recording import read_recording
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.observations import RAMP, Pairing, observe
+from octo_arm_model.rod.displacements import displacements_of
 
 STRETCHING = {'tendons.axial_stiffness': [500.0], 'model': 'exact'}
 ARM = Config.from_parameters({**PARAMETERS, **STRETCHING}).arm

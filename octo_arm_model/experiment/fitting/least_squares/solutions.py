@@ -7,10 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.sensitivity import unloaded_by_offset, wound_sensitivity
-from octo_arm_model.analysis.winding.tendon_displacement import displacements_of, tendon_compliance
-from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fitting.unknowns.unknown import (
     ALIGNMENT,
@@ -22,6 +18,14 @@ from octo_arm_model.experiment.fitting.unknowns.unknown import (
 from octo_arm_model.experiment.fitting.unknowns.unknowns import Unknowns
 from octo_arm_model.experiment.shapes.encoder_windows import lengths_of
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.displacements import (
+    Wound,
+    displacements_of,
+    solve_displacements,
+    tendon_compliance,
+    unloaded_by_offset,
+    wound_sensitivity,
+)
 from octo_arm_model.rod.sensitivity import Change, Sensitivity
 from octo_arm_model.rod.solver import Solver
 

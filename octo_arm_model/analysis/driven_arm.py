@@ -7,13 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.winding.displacement import solve_displacements
-from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
-from octo_arm_model.analysis.winding.wound import Wound
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.displacements import Wound, solve_displacements, wound_sensitivity
 from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.rod.sensitivity import Uncertainty
 from octo_arm_model.rod.solver import Solver
@@ -33,7 +31,7 @@ class Answer(NamedTuple):
     unknown: OctoArmError | None = None
 
 
-class WoundSequence:
+class DrivenArm:
     """Follows an arm of which winches drive some tendons by length, the others by tension.
 
     Attributes:

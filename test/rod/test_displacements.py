@@ -19,12 +19,13 @@ from octo_arm_model import (
     Loads,
     Solver,
     TensionError,
+    Uncertainty,
     Wound,
+    displacements_of,
     load_config,
     solve_displacements,
+    wound_sensitivity,
 )
-from octo_arm_model.analysis.winding.sensitivity import wound_sensitivity
-from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
 from octo_arm_model.arm.budget import Budget
 from octo_arm_model.arm.errors import ContinuationError
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
@@ -263,15 +264,6 @@ def test_one_slack_tendon_among_four_is_found(table2: Config, stiffness: float) 
     assert wound.displacement.flat[2] - asked[name] == pytest.approx(3e-3, abs=1e-10)
 
 
-def test_a_solution_nearby_leads_to_the_same(solver: Solver) -> None:
-    elastic = Solver(stretching(solver.arm, 300.0), 'exact')
-    wound = solve_displacements(elastic, reeled_in(elastic, TENSIONS))
-    further = np.where(TENSIONS > 0.0, 1.03 * TENSIONS, 0.0)
-    further[1, 3] = 0.2  # slack before
-    warm = solve_displacements(elastic, reeled_in(elastic, further), start=wound)
-    np.testing.assert_allclose(warm.backbone.tensions, further, atol=1e-9 * further.max())
-
-
 @pytest.mark.parametrize('loads', [
     pytest.param(Loads(), marks=pytest.mark.endurance),
     Loads(gravity=(0, 0, -9.81), fluid_density=1000),
@@ -338,3 +330,65 @@ def test_the_solves_of_a_winding_have_the_time_of_one_budget_together(
     assert next(clock) < 0.01
     with solver.together():
         solver.check_time()  # Time begins anew.
+
+
+# Derivatives where displacements do not say what every tension is -----------------------------
+
+GENTLE = np.array([[0.03, 0.01, 0.02, 0.015]])  # [N]
+
+
+@pytest.fixture(scope='module', params=['closed_form', 'exact'])
+def of_four(request: pytest.FixtureRequest, prototype: Config) -> Solver:
+    return prototype.solver(request.param)
+
+
+def wound_as(of_four: Solver, tensions: np.ndarray) -> tuple[np.ndarray, Wound]:
+    """Displacements under ``tensions``, and the arm whose four tendons hold them."""
+    displacements = displacements_of(of_four, of_four.solve(tensions)).ravel()
+    given = dict(zip(of_four.arm.tendon_names, displacements.tolist(), strict=True))
+    return displacements, solve_displacements(of_four, given)
+
+
+def test_four_taut_tendons_of_a_section_that_deforms_in_three_ways(of_four: Solver) -> None:
+    _, wound = wound_as(of_four, GENTLE)
+    assert (wound.backbone.tensions > 0.0).all()
+    found = wound_sensitivity(of_four, wound)
+
+    def tip(x: np.ndarray) -> np.ndarray:
+        return of_four.solve(x.reshape(1, 4)).tip
+
+    def displacements(x: np.ndarray) -> np.ndarray:
+        return displacements_of(of_four, of_four.solve(x.reshape(1, 4))).ravel()
+
+    # Displacements that agree move the tip as the tensions do that they come of; closed_form has
+    # an energy, and so a change of tensions that changes no shape, to 2e-5 only.
+    steps = 4 * [1e-4]
+    at = wound.backbone.tensions.ravel()
+    moved = found.by_displacement.tip[:3] @ jacobian(displacements, at, steps)
+    expected = jacobian(tip, at, steps)
+    np.testing.assert_allclose(moved, expected, rtol=0.0, atol=5e-5 * np.abs(expected).max())
+
+
+def test_encoders_of_a_millimetre_tenth_leave_the_tip_millimetres(of_four: Solver) -> None:
+    _, wound = wound_as(of_four, GENTLE)
+    covariance = wound_sensitivity(of_four, wound).tip_covariance(Uncertainty(displacement=1e-4))
+    stddev = np.sqrt(np.trace(covariance[:3, :3]))
+    # The arm bends by 1e-4 m / offset, and the tip moves by no more than its length times that.
+    arm = of_four.arm
+    offset = float(np.hypot(*arm.tendon_offsets(np.zeros(1)))[0, 0])
+    assert 1e-4 < stddev < 2.0 * 1e-4 / offset * arm.length
+
+
+def test_how_well_tensions_are_known_says_nothing_of_tendons_driven_by_length(
+    of_four: Solver,
+) -> None:
+    """Of slack ones neither: what they hold follows from their displacements."""
+    _, taut = wound_as(of_four, GENTLE)
+    names = of_four.arm.tendon_names
+    slack = solve_displacements(of_four, {names[0]: 0.01, names[2]: -0.05}, {names[1]: 0.01})
+    assert slack.slack == (names[2],)
+    known = Uncertainty(tension=0.05)
+    assert not wound_sensitivity(of_four, taut).tip_covariance(known).any()
+    found = wound_sensitivity(of_four, slack).held.by_tension
+    given = [not driven for driven in slack.driven]
+    assert [bool(column.any()) for column in found.tip.T] == given

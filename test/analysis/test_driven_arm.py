@@ -11,10 +11,10 @@ import pytest
 from differences import jacobian
 
 from octo_arm_model import Config, Solver, Uncertainty, solve_displacements
-from octo_arm_model.analysis.winding.sequence import WoundSequence
-from octo_arm_model.analysis.winding.tendon_displacement import displacements_of
+from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.arm.errors import TensionError
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.displacements import displacements_of
 from octo_arm_model.rod.friction_memory import FrictionMemory
 
 HIGH, LOW = np.array([[1.0, 0.3, 0.0, 0.0]]), np.array([[0.4, 0.1, 0.0, 0.0]])
@@ -34,7 +34,7 @@ def following(config: Config, seconds: float = 0.0) -> tuple[Solver, Follow, Fri
     """A solver of ``config``, what answers it message by message, and what that remembers."""
     config = dataclasses.replace(config, model='exact', friction_memory=seconds)
     solver, memory = config.solver(), FrictionMemory()
-    winding = WoundSequence(memory)
+    winding = DrivenArm(memory)
 
     def follow(time_ns: int, **given: Any) -> Backbone:
         return winding.answer(solver, config, None, time_ns, **given).backbone
@@ -164,7 +164,7 @@ def test_the_accuracy_of_encoders_is_in_the_covariance_of_the_tip(prototype: Con
     config = dataclasses.replace(
         prototype, model='exact', uncertainty=Uncertainty(displacement=2e-4)
     )
-    solver, winding = config.solver(), WoundSequence(FrictionMemory())
+    solver, winding = config.solver(), DrivenArm(FrictionMemory())
     names, lengths = prototype.arm.tendon_names[:2], np.array([0.010, 0.004])
 
     def tip(x: np.ndarray) -> np.ndarray:
@@ -187,7 +187,7 @@ def test_where_a_tendon_sticks_the_shape_is_known_and_its_covariance_is_not(
     rubbing: Config, given: str
 ) -> None:
     config = dataclasses.replace(rubbing, uncertainty=Uncertainty(tension=0.02, displacement=1e-4))
-    solver, winding = config.solver(), WoundSequence(FrictionMemory())
+    solver, winding = config.solver(), DrivenArm(FrictionMemory())
     found = winding.answer(solver, config, None, 0, tensions=HIGH)
     assert found.covariance.any() and found.unknown is None
     # One is let go a little, the other stays as it is.
@@ -195,7 +195,7 @@ def test_where_a_tendon_sticks_the_shape_is_known_and_its_covariance_is_not(
     if given == 'displacements':
         first, reeled = config.arm.tendon_names[0], displacements_of(solver, found.backbone)[0, 0]
         wanted = {'displacements': {first: reeled - 1e-6}}
-    expected = WoundSequence(FrictionMemory())
+    expected = DrivenArm(FrictionMemory())
     expected.answer(solver, config, None, 0, tensions=HIGH)
     alone = expected.answer(solver, config, None, 1, **wanted, has_covariance=False)
     found = winding.answer(solver, config, None, 1, **wanted)
@@ -205,7 +205,7 @@ def test_where_a_tendon_sticks_the_shape_is_known_and_its_covariance_is_not(
 
 
 def test_what_leaves_the_balance_as_it_is_forgets_nothing(rubbing: Config) -> None:
-    winding = WoundSequence(FrictionMemory())
+    winding = DrivenArm(FrictionMemory())
     first = rubbing.arm.tendon_names[0]
     pulled = winding.answer(rubbing.solver(), rubbing, None, 0, tensions=HIGH).backbone
     now = dataclasses.replace(rubbing, markers_rate=10.0, friction_memory=5.0)
@@ -225,7 +225,7 @@ def test_what_leaves_the_balance_as_it_is_forgets_nothing(rubbing: Config) -> No
 
 
 def test_another_balance_has_another_history_and_the_same_tensions(rubbing: Config) -> None:
-    winding = WoundSequence(FrictionMemory())
+    winding = DrivenArm(FrictionMemory())
     first = rubbing.arm.tendon_names[0]
     winding.answer(rubbing.solver(), rubbing, None, 0, tensions=HIGH)
     now = dataclasses.replace(rubbing, arm=dataclasses.replace(rubbing.arm, friction=4 * (0.2,)))
@@ -245,7 +245,7 @@ def test_tensions_of_other_tendons_are_dropped(prototype: Config) -> None:
         ((first, 'a', 'b', 'c'), 'tensions dropped: this arm has other tendons'),
         (('d', *rest), f'displacements dropped: this arm has no tendon {first}'),
     ):
-        winding = WoundSequence(FrictionMemory())
+        winding = DrivenArm(FrictionMemory())
         winding.answer(config.solver(), config, None, 0, tensions=HIGH)
         winding.answer(config.solver(), config, None, 1, displacements={first: 0.01})
         arm = dataclasses.replace(config.arm, tendon_names=names)
