@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import solve_bvp
 
 from octo_arm_model import Arm, Body, Loads, Pose, Solver
-from octo_arm_model.arm.laws import LAWS
+from octo_arm_model.arm.material import LAWS
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.elements import build_elements
 from octo_arm_model.rod.stations import panels_of

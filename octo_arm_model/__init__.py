@@ -24,7 +24,7 @@ from octo_arm_model.arm.loads import DistributedLoad, Loads, PointLoad
 from octo_arm_model.arm.material import Material
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.profile import Constant, Function, Linear, Profile, Table
-from octo_arm_model.arm.sheath_stiffness import estimate_sheath_stiffness
+from octo_arm_model.arm.stiffness import estimate_sheath_stiffness
 from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.rod.backbone import Backbone

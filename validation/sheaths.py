@@ -20,7 +20,7 @@ import numpy as np
 
 from octo_arm_model import Solver
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.sheath_stiffness import estimate_sheath_stiffness
+from octo_arm_model.arm.stiffness import estimate_sheath_stiffness
 
 try:
     from cases import PROTOTYPE

@@ -8,36 +8,27 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from octo_arm_model.arm.body import Body, ProfiledBody
-from octo_arm_model.arm.consistency import check_profiles, check_sections
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.limits import MAX_FRICTION, MAX_NAME, MAX_SECTIONS, MAX_TENDONS
 from octo_arm_model.arm.material import Material
+from octo_arm_model.arm.profile import as_profile
 from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
-from octo_arm_model.arm.validation import LARGEST, is_text, per_tendon
+from octo_arm_model.arm.validation import LARGEST, is_text, not_negative, set_fields
 
-
-def check_size(sections: int, tendons: int) -> None:
-    """Check the numbers of ``sections`` and of all ``tendons`` of an arm against their bounds.
-
-    Raises:
-        ArmDefinitionError: if one exceeds its bound.
-    """
-    for name, count, most in (
-        ('number of sections', sections, MAX_SECTIONS),
-        ('number of tendons', tendons, MAX_TENDONS),
-    ):
-        if count > most:
-            raise ArmDefinitionError(name, count, f'at most {most}')
-
-
-_SECTIONS = (Section, RoutedSection)
+_CHECKED = 257  # arc coordinates at which profiles are checked, besides their knots
+# Rounding by which a tendon on the surface may lie outside the body, over the radius of the base.
+_ROUNDING = 1e-12
+# Part of its arc coordinate by which an anchorage lies before the next one at least: between
+# nearer ones an element would be as long as rounding.
+_APART = 1e-9
 
 
 @dataclass(frozen=True)
@@ -69,36 +60,93 @@ class Arm:
     material: Material
     body: Body | ProfiledBody
     sections: tuple[Section | RoutedSection, ...]
-    tendon_names: tuple[str, ...] = field(default=())
+    tendon_names: tuple[str, ...] = ()
     axial_stiffness: tuple[float, ...] = ()
     free_length: tuple[float, ...] = ()
     sheath_stiffness: tuple[float, ...] = ()
     friction: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Validate the combination of the parts."""
-        given = self.sections
-        if not isinstance(given, Sequence) or not all(isinstance(s, _SECTIONS) for s in given):
+        given, kinds = self.sections, (Section, RoutedSection)
+        if not isinstance(given, Sequence) or not all(isinstance(one, kinds) for one in given):
             raise ArmDefinitionError('sections', given, 'a sequence of sections')
-        object.__setattr__(self, 'sections', tuple(given))
         if not given:
             raise ArmDefinitionError('sections', given, 'at least one section')
+        set_fields(self, sections=tuple(given))
         check_size(len(self.sections), sum(len(section.tendons) for section in self.sections))
-        check_profiles(self.material, self.body)
-        check_sections(self.sections, self.body)
-        self._set_names(self.tendon_names)
-        for name, what, unit, most in (
-            ('axial_stiffness', 'stiffness', 'N', LARGEST),
-            ('free_length', 'length', 'm', LARGEST),
-            ('sheath_stiffness', 'stiffness', 'Pa', LARGEST),
-            ('friction', 'coefficient', '-', MAX_FRICTION),
-        ):
-            values, count = getattr(self, name), len(self.tendons)
-            checked = per_tendon(f'tendons.{name}', values, count, what, unit, most)
-            object.__setattr__(self, name, checked)
+        self._check_profiles()
+        before = math.inf
+        for number, section in enumerate(self.sections, start=1):
+            self._check_section(f'sections[{number}]', section, before)
+            before = section.anchorage
+        set_fields(
+            self,
+            tendon_names=self._names(),
+            axial_stiffness=self._per_tendon('axial_stiffness', 'stiffness', 'N'),
+            free_length=self._per_tendon('free_length', 'length', 'm'),
+            sheath_stiffness=self._per_tendon('sheath_stiffness', 'stiffness', 'Pa'),
+            friction=self._per_tendon('friction', 'coefficient', '-', MAX_FRICTION),
+        )
 
-    def _set_names(self, given: Sequence[str]) -> None:
-        count = len(self.tendons)
+    def _check_profiles(self) -> None:
+        """Check that radius and elastic constants are in range all along the arm."""
+        for name, given, low, high, expected in (
+            ('body.radius', self.body.profile, 0.0, math.inf, '> 0 [m]'),
+            ('material.youngs_modulus', self.material.youngs_modulus, 0.0, math.inf, '> 0 [Pa]'),
+            ('material.poisson_ratio', self.material.poisson_ratio, -1.0, 0.5, 'in (-1, 0.5] [-]'),
+        ):
+            profile = as_profile(given)
+            profile.cover(name, self.length)
+            s = _places(profile.knots, self.length)
+            values = profile.value(s)
+            bad = ~((values > low) & (values <= high) & np.isfinite(values))
+            if bad.any():
+                first = int(np.argmax(bad))
+                raise ArmDefinitionError(
+                    f'{name} at s = {s[first]:.6g} m',
+                    float(values[first]),
+                    f'a finite number {expected} all along the arm',
+                )
+
+    def _check_section(self, where: str, section: Section | RoutedSection, before: float) -> None:
+        """Check the tendons of a ``section`` and its anchorage, after one at ``before`` [m]."""
+        end = section.anchorage
+        if end > self.length:
+            expected = f'at most the length of the arm, {self.length} [m]'
+            raise ArmDefinitionError(f'{where}.anchorage', end, expected)
+        if end > before * (1.0 - _APART):
+            raise ArmDefinitionError(
+                f'{where}.anchorage',
+                end,
+                f'less than that of the section before it, {before} [m]: '
+                'sections are listed from the tip to the base',
+            )
+        if isinstance(section, Section):
+            # Both ends first, with the names of their parameters: they bound a straight tendon.
+            self._check_inside(f'{where}.offset_base', section.tendons[0], np.zeros(1))
+            self._check_inside(f'{where}.offset_anchorage', section.tendons[0], np.array([end]))
+        for index, tendon in enumerate(section.tendons, start=1):
+            s = _places(tendon.knots + self.body.profile.knots, end)
+            self._check_inside(f'{where}.tendons[{index}].offset', tendon, s)
+
+    def _check_inside(self, name: str, tendon: Tendon, s: FloatArray) -> None:
+        """Check that a ``tendon`` lies within the body or its discs at ``s`` (n,) [m]."""
+        offset, radius, discs = tendon.offset.value(s), self.body.radius(s), self.body.disc_radius
+        limit = np.maximum(radius, discs)
+        rounding = _ROUNDING * np.maximum(self.body.radius(0.0), limit)
+        bad = ~((offset >= 0.0) & (offset <= limit + rounding))
+        if bad.any():
+            first = int(np.argmax(bad))
+            what = 'the radius of the discs' if discs > radius[first] else 'the radius of the body'
+            raise ArmDefinitionError(
+                name,
+                float(offset[first]),
+                f'at most {what} at s = {s[first]} m, {limit[first]:.6g} [m]',
+            )
+
+    def _names(self) -> tuple[str, ...]:
+        """Check the names of the tendons, or make them."""
+        given, count = self.tendon_names, len(self.tendons)
         names = tuple(given) or tuple(
             f'tendon_{i}_{j}'
             for i, section in enumerate(self.sections, start=1)
@@ -106,14 +154,28 @@ class Arm:
         )
         if len(names) != count:
             raise ArmDefinitionError('tendon_names', list(names), f'{count} names, one per tendon')
-        if (
-            isinstance(given, str)
-            or not all(is_text(name) and name for name in names)
-            or len(set(names)) < count
-        ):
+        texts = {name for name in names if is_text(name) and name}
+        if isinstance(given, str) or len(texts) < count:
             expected = f'distinct, non-empty names of at most {MAX_NAME} characters, without NUL'
             raise ArmDefinitionError('tendon_names', list(names), expected)
-        object.__setattr__(self, 'tendon_names', names)
+        return names
+
+    def _per_tendon(
+        self, field: str, what: str, unit: str, most: float = LARGEST
+    ) -> tuple[float, ...]:
+        """Numbers >= 0 of a ``field``, one per tendon; empty where all are zero."""
+        name, given, count = f'tendons.{field}', getattr(self, field), len(self.tendons)
+        if isinstance(given, np.ndarray):
+            given = given.tolist()
+        expected = f'a list of one number for all tendons or of {count}, one for each'
+        if isinstance(given, str) or not isinstance(given, Sequence):
+            raise ArmDefinitionError(name, given, expected)
+        numbers = tuple(not_negative(name, value, what, unit, most) for value in given)
+        if len(numbers) not in (0, 1, count):
+            raise ArmDefinitionError(name, list(numbers), expected)
+        if len(numbers) == 1:
+            numbers = count * numbers
+        return numbers if any(numbers) else ()
 
     @property
     def length(self) -> float:
@@ -122,9 +184,8 @@ class Arm:
 
     def with_density(self, density: float) -> Arm:
         """The same arm of another ``density`` [kg/m^3]."""
-        return dataclasses.replace(
-            self, material=dataclasses.replace(self.material, density=density)
-        )
+        material = dataclasses.replace(self.material, density=density)
+        return dataclasses.replace(self, material=material)
 
     @functools.cached_property
     def tendons(self) -> tuple[Tendon, ...]:
@@ -142,7 +203,7 @@ class Arm:
 
         ``lengths`` (tendons,) [m] are those within the unloaded arm.
         """
-        return lengths + np.array(self.free_length or np.zeros(lengths.size))
+        return lengths + np.array(self.free_length or 0.0)
 
     def tendon_compliance(self, lengths: FloatArray) -> FloatArray:
         """Axial compliance of each tendon up to its winch [m/N], (tendons,).
@@ -153,11 +214,8 @@ class Arm:
 
     def stretched(self, tension_integrals: FloatArray) -> FloatArray:
         """Elongation of tendons [m] by the integrals of their tension [N m], (..., tendons)."""
-        found = np.zeros_like(tension_integrals)
-        if not self.axial_stiffness:
-            return found
-        stiffness = np.array(self.axial_stiffness)
-        return np.divide(tension_integrals, stiffness, out=found, where=stiffness > 0.0)
+        stiffness = np.array(self.axial_stiffness or 0.0)
+        return tension_integrals / np.where(stiffness > 0.0, stiffness, math.inf)
 
     @functools.cached_property
     def tension_shape(self) -> tuple[int, ...]:
@@ -174,8 +232,7 @@ class Arm:
     def knots(self) -> tuple[float, ...]:
         """Interior s at which material, body or a tendon's path is not smooth [m], ascending."""
         found = {*self.material.knots, *self.body.profile.knots}
-        for tendon in self.tendons:
-            found.update(tendon.knots)
+        found.update(s for tendon in self.tendons for s in tendon.knots)
         return tuple(sorted(s for s in found if 0.0 < s < self.length))
 
     def tendon_offsets(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -191,7 +248,7 @@ class Arm:
         return self._at(s, Tendon.slope)
 
     def tendon_outwards(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Directions of all tendons away from the midline, as `tendon_offsets` [-]."""
+        """Directions of all tendons away from the midline [-], as components along n and b."""
         return self._at(s, Tendon.outward)
 
     def tendon_outward_slopes(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -201,12 +258,29 @@ class Arm:
     def _at(
         self, s: FloatArray, what: Callable[[Tendon, FloatArray], tuple[FloatArray, FloatArray]]
     ) -> tuple[FloatArray, FloatArray]:
-        along_n, along_b = np.empty((2, len(self.tendons), s.size))
-        ends = [section.anchorage for section in self.sections]
-        for row, (tendon, section) in enumerate(
-            zip(self.tendons, self.tendon_section, strict=True)
-        ):
-            # Beyond its anchorage the path of a tendon need not have values.
-            inside = np.minimum(s, ends[section - 1])
-            along_n[row], along_b[row] = what(tendon, inside)
+        # Beyond its anchorage the path of a tendon need not have values.
+        found = [
+            what(tendon, np.minimum(s, section.anchorage))
+            for section in self.sections
+            for tendon in section.tendons
+        ]
+        along_n, along_b = np.array(found).swapaxes(0, 1)
         return along_n, along_b
+
+
+def check_size(sections: int, tendons: int) -> None:
+    """Check the numbers of ``sections`` and of all ``tendons`` of an arm against their bounds.
+
+    Raises:
+        ArmDefinitionError: if one exceeds its bound.
+    """
+    if sections > MAX_SECTIONS:
+        raise ArmDefinitionError('number of sections', sections, f'at most {MAX_SECTIONS}')
+    if tendons > MAX_TENDONS:
+        raise ArmDefinitionError('number of tendons', tendons, f'at most {MAX_TENDONS}')
+
+
+def _places(knots: Sequence[float], stop: float) -> FloatArray:
+    """Arc coordinates up to ``stop`` at which a profile with these ``knots`` is checked [m]."""
+    inside = [s for s in knots if s < stop]
+    return np.union1d(np.linspace(0.0, stop, _CHECKED), inside)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.profile import Linear, Profile
-from octo_arm_model.arm.validation import not_negative, positive
+from octo_arm_model.arm.validation import not_negative, positive, set_fields
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,13 @@ class Body:
     disc_radius: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate."""
-        for name in ('length', 'radius_base', 'radius_tip'):
-            number = positive(f'body.{name}', getattr(self, name), 'm')
-            object.__setattr__(self, name, number)
-        discs = not_negative('body.disc_radius', self.disc_radius, 'radius', 'm')
-        object.__setattr__(self, 'disc_radius', discs)
+        set_fields(
+            self,
+            length=positive('body.length', self.length, 'm'),
+            radius_base=positive('body.radius_base', self.radius_base, 'm'),
+            radius_tip=positive('body.radius_tip', self.radius_tip, 'm'),
+            disc_radius=not_negative('body.disc_radius', self.disc_radius, 'radius', 'm'),
+        )
 
     @property
     def profile(self) -> Profile:
@@ -56,10 +57,11 @@ class ProfiledBody:
     Attributes:
         length: L [m], > 0.
         profile: radius along s [m], > 0 everywhere.
-        disc_radius: as of `Body`.
+        disc_radius: radius of thin discs around the tendons, as of a `Body` [m], >= 0.
 
     Raises:
-        ArmDefinitionError: if a value is outside its range or the profile ends before the tip.
+        ArmDefinitionError: if a value is outside its range or the profile ends before the tip;
+            the radius itself is checked by `Arm`.
     """
 
     length: float
@@ -67,10 +69,11 @@ class ProfiledBody:
     disc_radius: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate, but for what `Arm` checks with its other parts."""
-        object.__setattr__(self, 'length', positive('body.length', self.length, 'm'))
-        discs = not_negative('body.disc_radius', self.disc_radius, 'radius', 'm')
-        object.__setattr__(self, 'disc_radius', discs)
+        set_fields(
+            self,
+            length=positive('body.length', self.length, 'm'),
+            disc_radius=not_negative('body.disc_radius', self.disc_radius, 'radius', 'm'),
+        )
         self.profile.cover('body.profile', self.length)
 
     def radius(self, s: ArrayLike) -> FloatArray:

@@ -20,10 +20,9 @@ class Budget:
     Attributes:
         iterations: of Newton's method, of one arm.
         seconds: of one arm [s].
-        residual: that may be left of an equilibrium where it is followed from one nearby
-            [-], at most 1e-6; the position of the tip is then right to about as much
-            of the length, or to some ten times as much near a limit point. Others are found to
-            1e-11.
+        residual: that may be left of an equilibrium that is followed from one nearby [-], at most
+            1e-6; others are found to 1e-11. The tip is then right to about as much of the length,
+            or to some ten times as much near a limit point.
 
     Raises:
         ConfigError: if one is not positive, or the residual is larger.
@@ -34,7 +33,6 @@ class Budget:
     residual: float = 1e-9
 
     def __post_init__(self) -> None:
-        """Validate."""
         for name, value in vars(self).items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
                 raise ConfigError(f'solve budget: {name} is {shown(value)}, expected a number > 0')
@@ -54,7 +52,7 @@ class Spending:
     """
 
     def __init__(self, budget: Budget, begin: float | None = None) -> None:
-        """Start the clock of a solve that may take ``budget``; or it runs since ``begin``."""
+        """Start the clock of a solve that may take ``budget``, now or at ``begin``."""
         self._budget = budget
         self._begin = time.monotonic() if begin is None else begin
         self.residual = budget.residual
@@ -70,13 +68,13 @@ class Spending:
             ContinuationError: if the budget is spent.
         """
         self.iterations += iterations
-        spent = ''
         if self.iterations > self._budget.iterations:
             spent = f'{self._budget.iterations} iterations'
         elif time.monotonic() - self._begin > self._budget.seconds:
             spent = f'{self._budget.seconds:g} s'
-        if spent:
-            raise ContinuationError(spent, part, residual, self.iterations, iterate)
+        else:
+            return
+        raise ContinuationError(spent, part, residual, self.iterations, iterate)
 
 
 class Allowance:
@@ -87,15 +85,16 @@ class Allowance:
     """
 
     def __init__(self, budget: Budget) -> None:
-        """Of this ``budget``."""
+        """Allow each solve this ``budget``."""
         self.budget = budget
         self._begin: float | None = None
 
     @contextlib.contextmanager
     def together(self, began: float | None = None) -> Iterator[None]:
-        """What is solved within it has the time of one budget in all, which ``began`` then or now.
+        """Give all that is solved within this context the time of one budget.
 
-        ``began`` is of `time.monotonic` [s].
+        The clock runs since ``began``, of `time.monotonic` [s], or from now on; where one context
+        lies within another, since that of the outer one.
         """
         outer = self._begin
         if outer is None:
@@ -106,11 +105,11 @@ class Allowance:
             self._begin = outer
 
     def spending(self) -> Spending:
-        """Of one solve that begins now."""
+        """Start the clock of one solve."""
         return Spending(self.budget, self._begin)
 
     def check(self) -> None:
-        """Check that time is left of what is solved `together`.
+        """Check that time is left for what is solved `together`.
 
         Raises:
             ContinuationError: if none is.

@@ -12,8 +12,6 @@ _LONGEST = 300  # characters of a message of `in_short`
 
 def printable(text: str) -> str:
     """``text`` on one line: control characters in it, which a terminal would obey, are spaces."""
-    if text.isprintable():
-        return text
     return ''.join(one if one.isprintable() else ' ' for one in text)
 
 
@@ -47,6 +45,7 @@ class ArmDefinitionError(OctoArmError, ValueError):
     Attributes:
         field: name of the offending field, as written in the configuration.
         value: what was given.
+        expected: what would have been valid.
     """
 
     def __init__(self, field: str, value: object, expected: str) -> None:
@@ -101,23 +100,11 @@ class ProfileError(OctoArmError, ValueError):
 
 
 class SolveError(OctoArmError, ArithmeticError):
-    """The model has no trustworthy solution for these tensions, so none is returned.
+    """The model has no trustworthy solution for these tensions, so none is returned."""
 
-    Attributes:
-        number: index of the arm within the batch; None where unknown.
-    """
-
-    def __init__(self, message: str, number: int | None = None) -> None:
-        """Keep the ``message`` and the ``number`` of the arm."""
-        super().__init__(message)
-        self.number = number
-
-    def in_batch(self, numbers: Sequence[int]) -> None:
-        """Add to the message the set of the batch, or all those of these ``numbers``."""
-        where = f'sets {numbers[0]} to {numbers[-1]}'
-        if self.number is not None or len(numbers) == 1:
-            where = f'set {numbers[self.number or 0]}'
-        self.args = (f'{self} in {where}',)
+    def in_set(self, number: int) -> None:
+        """Add to the message the ``number`` of the set of tensions within its batch."""
+        self.args = (f'{self} in set {number}',)
 
 
 class ConvergenceError(SolveError):

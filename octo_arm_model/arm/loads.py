@@ -16,11 +16,10 @@ import numpy as np
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_POINT_LOADS, MAX_TABLE_POINTS
-from octo_arm_model.arm.validation import not_negative, vector
+from octo_arm_model.arm.validation import not_negative, set_fields, vector
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
-_AT_MOST_POINTS = f'at most {MAX_TABLE_POINTS}'
 
 
 class Resultants(NamedTuple):
@@ -36,9 +35,7 @@ class Resultants(NamedTuple):
 
 
 class Tangent(NamedTuple):
-    """Derivative of the resultants of a load by the rotation vector of one cross section.
-
-    The rotation vector is in base_frame.
+    """Derivative of `Resultants` by the rotation vector of one cross section in base_frame.
 
     Attributes:
         s: arc coordinate of the cross section [m].
@@ -109,11 +106,12 @@ class PointLoad:
     moment: Vector = ZERO
 
     def __post_init__(self) -> None:
-        """Validate."""
-        s = not_negative('loads.point.s', self.s, 'arc coordinate', 'm')
-        object.__setattr__(self, 's', s)
-        object.__setattr__(self, 'force', vector('loads.point.force', self.force, 'N'))
-        object.__setattr__(self, 'moment', vector('loads.point.moment', self.moment, 'N m'))
+        set_fields(
+            self,
+            s=not_negative('loads.point.s', self.s, 'arc coordinate', 'm'),
+            force=vector('loads.point.force', self.force, 'N'),
+            moment=vector('loads.point.moment', self.moment, 'N m'),
+        )
 
 
 @dataclass(frozen=True)
@@ -132,14 +130,14 @@ class DistributedLoad:
     force: tuple[Vector, ...]
 
     def __post_init__(self) -> None:
-        """Validate."""
         name = 'loads.distributed'
         for values in (self.s, self.force):
             if isinstance(values, str) or not isinstance(values, (Sequence, np.ndarray)):
                 expected = 'lists of s and of force, one force for each s'
                 raise ArmDefinitionError(name, values, expected)
         if len(self.s) > MAX_TABLE_POINTS:
-            raise ArmDefinitionError(f'{name}: number of points', len(self.s), _AT_MOST_POINTS)
+            expected = f'at most {MAX_TABLE_POINTS}'
+            raise ArmDefinitionError(f'{name}: number of points', len(self.s), expected)
         s = tuple(not_negative(f'{name}.s', value, 'arc coordinate', 'm') for value in self.s)
         if len(s) < 2 or min(np.diff(s)) <= 0.0:
             raise ArmDefinitionError(f'{name}.s', s, 'at least two, increasing [m]')
@@ -147,17 +145,11 @@ class DistributedLoad:
         if len(force) != len(s):
             expected = f'{len(s)} forces, one for each s'
             raise ArmDefinitionError(f'{name}.force', force, expected)
-        object.__setattr__(self, 's', s)
-        object.__setattr__(self, 'force', force)
+        set_fields(self, s=s, force=force)
 
     def at(self, s: FloatArray) -> FloatArray:
         """Force per reference length (3, n) at ``s`` (n,), between the first and last point."""
         return np.stack([np.interp(s, self.s, column) for column in zip(*self.force)])
-
-
-_LISTS: dict[str, type[Any]] = {
-    'points': PointLoad, 'distributed': DistributedLoad, 'others': Load,
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -189,20 +181,17 @@ class Loads:
     scaled: ScaledLoads | None = None
 
     def __post_init__(self) -> None:
-        """Validate."""
-        for name, unit in (('gravity', 'm/s^2'), ('tip_force', 'N'), ('tip_moment', 'N m')):
-            object.__setattr__(self, name, vector(f'loads.{name}', getattr(self, name), unit))
-        density = not_negative('loads.fluid_density', self.fluid_density, 'density', 'kg/m^3')
-        object.__setattr__(self, 'fluid_density', density)
-        for name, kind in _LISTS.items():
-            listed = getattr(self, name)
-            given = tuple(listed) if isinstance(listed, Iterable) else ()
-            if not isinstance(listed, Iterable) or not all(isinstance(one, kind) for one in given):
-                raise ArmDefinitionError(f'loads.{name}', listed, f'a list of {kind.__name__}')
-            if len(given) > MAX_POINT_LOADS:
-                expected = f'at most {MAX_POINT_LOADS}'
-                raise ArmDefinitionError(f'number of loads.{name}', len(given), expected)
-            object.__setattr__(self, name, given)
+        density = self.fluid_density
+        set_fields(
+            self,
+            gravity=vector('loads.gravity', self.gravity, 'm/s^2'),
+            fluid_density=not_negative('loads.fluid_density', density, 'density', 'kg/m^3'),
+            tip_force=vector('loads.tip_force', self.tip_force, 'N'),
+            tip_moment=vector('loads.tip_moment', self.tip_moment, 'N m'),
+            points=_list_of(PointLoad, 'points', self.points),
+            distributed=_list_of(DistributedLoad, 'distributed', self.distributed),
+            others=_list_of(Load, 'others', self.others),
+        )
         if not isinstance(self.scaled, (ScaledLoads, NoneType)):
             raise ArmDefinitionError('loads.scaled', self.scaled, 'ScaledLoads or None')
 
@@ -224,31 +213,37 @@ class Loads:
         Raises:
             ArmDefinitionError: if one is beyond its tip.
         """
-        for s in self.breaks:
-            if s > length:
-                expected = f'at most the length of the arm, {length} [m]'
-                raise ArmDefinitionError('loads: s', s, expected)
+        if (last := max(self.breaks, default=0.0)) > length:
+            expected = f'at most the length of the arm, {length} [m]'
+            raise ArmDefinitionError('loads: s', last, expected)
 
     @property
     def breaks(self) -> tuple[float, ...]:
         """Arc coordinates at which a load begins or ends, or is concentrated [m]."""
-        found = [load.s for load in self.points]
-        for load in self.distributed:
-            found += [load.s[0], load.s[-1]]
-        for other in self._more:
-            found += other.breaks
-        return tuple(found)
+        points = (load.s for load in self.points)
+        ends = (s for load in self.distributed for s in (load.s[0], load.s[-1]))
+        return (*points, *ends, *(s for load in self._more for s in load.breaks))
 
     @property
     def knots(self) -> tuple[float, ...]:
         """Other arc coordinates at which a load is not smooth [m]."""
-        found = [s for load in self.distributed for s in load.s[1:-1]]
-        return (*found, *(s for other in self._more for s in other.knots))
+        inner = (s for load in self.distributed for s in load.s[1:-1])
+        return (*inner, *(s for load in self._more for s in load.knots))
 
     @property
     def _more(self) -> tuple[Load | Loads, ...]:
         """Loads that state breaks and knots of their own."""
         return (*self.others, *(self.scaled.loads if self.scaled is not None else ()))
+
+
+def _list_of(kind: type[Any], name: str, given: object) -> tuple[Any, ...]:
+    loads = tuple(given) if isinstance(given, Iterable) else (None,)
+    if not all(isinstance(load, kind) for load in loads):
+        raise ArmDefinitionError(f'loads.{name}', given, f'a list of {kind.__name__}')
+    if len(loads) > MAX_POINT_LOADS:
+        expected = f'at most {MAX_POINT_LOADS}'
+        raise ArmDefinitionError(f'number of loads.{name}', len(loads), expected)
+    return loads
 
 
 class ScaledLoads:

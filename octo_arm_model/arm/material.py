@@ -1,15 +1,32 @@
-"""The material of the arm."""
+"""The material of the arm, and the elastic laws of its cross sections."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from numpy.typing import ArrayLike
 
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.profile import Profile, as_profile
-from octo_arm_model.arm.validation import finite, not_negative, positive
+from octo_arm_model.arm.validation import finite, not_negative, positive, set_fields
+
+
+class Law(NamedTuple):
+    """An elastic law of a cross section; `rod.loops` has its energy.
+
+    Attributes:
+        widens: whether a section widens as it is compressed, by 1 / sqrt(stretch).
+        meant_for: the kind of arm it is for, in one or two words.
+    """
+
+    widens: bool
+    meant_for: str
+
+
+LAWS = {'neo_hookean': Law(True, 'soft'), 'linear': Law(False, 'stiff')}
+DEFAULT_LAW = 'neo_hookean'
 
 
 @dataclass(frozen=True)
@@ -30,18 +47,16 @@ class Material:
     density: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate."""
-        if not isinstance(self.youngs_modulus, Profile):
-            modulus = positive('material.youngs_modulus', self.youngs_modulus, 'Pa')
-            object.__setattr__(self, 'youngs_modulus', modulus)
-        if not isinstance(self.poisson_ratio, Profile):
+        young, ratio = self.youngs_modulus, self.poisson_ratio
+        if not isinstance(young, Profile):
+            young = positive('material.youngs_modulus', young, 'Pa')
+        if not isinstance(ratio, Profile):
             expected = 'a number in (-1, 0.5] [-]'
-            ratio = finite('material.poisson_ratio', self.poisson_ratio, expected)
+            ratio = finite('material.poisson_ratio', ratio, expected)
             if not -1.0 < ratio <= 0.5:
-                raise ArmDefinitionError('material.poisson_ratio', self.poisson_ratio, expected)
-            object.__setattr__(self, 'poisson_ratio', ratio)
+                raise ArmDefinitionError('material.poisson_ratio', ratio, expected)
         density = not_negative('material.density', self.density, 'density', 'kg/m^3')
-        object.__setattr__(self, 'density', density)
+        set_fields(self, youngs_modulus=young, poisson_ratio=ratio, density=density)
 
     @classmethod
     def from_moduli(
@@ -55,13 +70,11 @@ class Material:
         young = positive('material.youngs_modulus', youngs_modulus, 'Pa')
         shear = positive('material.shear_modulus', shear_modulus, 'Pa')
         ratio = young / (2.0 * shear) - 1.0
-        if ratio > 0.5:
-            # Rounded moduli of an incompressible material are accepted.
-            if ratio > 0.5 + 1e-9:
-                expected = f'at least E / 3 = {young / 3.0:.6g} [Pa]'
-                raise ArmDefinitionError('material.shear_modulus', shear_modulus, expected)
-            ratio = 0.5
-        return cls(young, ratio, density)
+        # Rounded moduli of an incompressible material are accepted.
+        if ratio > 0.5 + 1e-9:
+            expected = f'at least E / 3 = {young / 3.0:.6g} [Pa]'
+            raise ArmDefinitionError('material.shear_modulus', shear_modulus, expected)
+        return cls(young, min(ratio, 0.5), density)
 
     @property
     def shear_modulus(self) -> float:

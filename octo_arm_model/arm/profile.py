@@ -9,17 +9,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_TABLE_POINTS
-from octo_arm_model.arm.validation import positive, real_numbers
+from octo_arm_model.arm.validation import positive, real_numbers, set_fields
 
-# Spacing of the five points of the difference formula, over the length of the profile: its
+# Five points of a difference formula, and their spacing over the length of the profile: its
 # truncation error, of fourth order, and rounding are both about 1e-12.
-_FUNCTION_STEP = 1e-3
+_POINTS = np.arange(-2.0, 3.0)
+_SPACING = 1e-3
+# From values at the five points to the coefficients of the quartic through them.
+_TO_QUARTIC = np.linalg.inv(np.vander(_POINTS, increasing=True))
 
 
 class Profile(ABC):
@@ -121,7 +125,6 @@ class Table(Profile):
     name: str = 'table'
 
     def __post_init__(self) -> None:
-        """Validate."""
         for field in ('s', 'values'):
             given = getattr(self, field)
             column = real_numbers(given)
@@ -130,7 +133,7 @@ class Table(Profile):
             if column.size > MAX_TABLE_POINTS:
                 expected = f'at most {MAX_TABLE_POINTS} values, not {column.size}'
                 raise ArmDefinitionError(f'{self.name}.{field}', given, expected)
-            object.__setattr__(self, field, tuple(column.tolist()))
+            set_fields(self, **{field: tuple(column.tolist())})
         if len(self.s) < 2 or self.s[0] != 0.0 or min(np.diff(self.s)) <= 0.0:
             expected = 'at least two arc coordinates from 0.0 on, increasing [m]'
             raise ArmDefinitionError(f'{self.name}.s', self.s, expected)
@@ -142,10 +145,6 @@ class Table(Profile):
     def _interpolant(self) -> PchipInterpolator:
         return PchipInterpolator(self.s, self.values)
 
-    @functools.cached_property
-    def _derivative(self) -> PchipInterpolator:
-        return self._interpolant.derivative()
-
     def value(self, s: ArrayLike) -> FloatArray:
         """Value at ``s``."""
         # Values exceed those of the points by rounding only.
@@ -153,7 +152,7 @@ class Table(Profile):
 
     def slope(self, s: ArrayLike) -> FloatArray:
         """Derivative at ``s``."""
-        return np.asarray(self._derivative(s), dtype=np.float64)
+        return np.asarray(self._interpolant(s, nu=1), dtype=np.float64)
 
     @property
     def knots(self) -> tuple[float, ...]:
@@ -173,7 +172,7 @@ class Function(Profile):
     Attributes:
         of_s: from an array of arc coordinates within [0, ``length``] [m] to the values there.
         length: largest arc coordinate at which it can be called [m].
-        slope_of_s: likewise its derivative; None for finite differences.
+        slope_of_s: from the same arguments to its derivative; None for finite differences.
 
     Raises:
         ArmDefinitionError: if the length is not positive.
@@ -184,8 +183,7 @@ class Function(Profile):
     slope_of_s: Callable[[FloatArray], FloatArray] | None = None
 
     def __post_init__(self) -> None:
-        """Validate."""
-        object.__setattr__(self, 'length', positive('function.length', self.length, 'm'))
+        set_fields(self, length=positive('function.length', self.length, 'm'))
 
     def value(self, s: ArrayLike) -> FloatArray:
         """Value at ``s``."""
@@ -198,17 +196,11 @@ class Function(Profile):
         if self.slope_of_s is not None:
             return np.broadcast_to(np.asarray(self.slope_of_s(s), dtype=np.float64), s.shape)
         # Derivative of the quartic through five points, one-sided near the ends.
-        h = _FUNCTION_STEP * self.length
+        h = _SPACING * self.length
         centre = np.clip(s, 2.0 * h, self.length - 2.0 * h)
-        offsets = np.arange(-2.0, 3.0)
-        x = (s - centre) / h
-        slope = np.zeros(s.shape)
-        for j in offsets:
-            others = offsets[offsets != j]
-            numerator = np.polynomial.Polynomial.fromroots(others)
-            basis = numerator.deriv()(x) / numerator(j)
-            slope = slope + basis * self.value(centre + j * h)
-        return slope / h
+        values = np.stack([self.value(centre + j * h) for j in _POINTS])
+        derivative = polynomial.polyder(np.tensordot(_TO_QUARTIC, values, 1))
+        return polynomial.polyval((s - centre) / h, derivative, tensor=False) / h
 
     @property
     def reach(self) -> float:

@@ -1,13 +1,20 @@
-"""Stiffness of the cross sections."""
+"""Stiffness of cross sections and sheaths, and the tensions and forces that bend an arm by it."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import positive
+
+_STATIONS = 101  # of the integrals
+_WIDEST = 0.5  # of the radius of the body: largest sheath for which the formula holds
 
 
 class SectionStiffness(NamedTuple):
@@ -32,3 +39,55 @@ class SectionStiffness(NamedTuple):
         young = arm.material.youngs_modulus_at(nodes)
         shear = arm.material.shear_modulus_at(nodes)
         return cls(young * area, shear * 2.0 * second_moment, young * second_moment)
+
+
+def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
+    """Default upper bounds of tensions [N], of `Arm.tension_shape`.
+
+    For each tendon the smaller of two tensions, both to first order: the one that compresses the
+    cross section at its anchorage by ``part`` [-], and the one that alone bends the arm by 4 pi.
+    """
+    highest = np.empty(len(arm.tendons))
+    for j, (tendon, section) in enumerate(zip(arm.tendons, arm.tendon_section, strict=True)):
+        s = np.linspace(0.0, arm.sections[section - 1].anchorage, _STATIONS)
+        stiffness = SectionStiffness.at(arm, s)
+        turn = float(trapezoid(tendon.offset.value(s) / stiffness.bending, s))
+        bending = 4.0 * np.pi / turn if turn > 0.0 else np.inf
+        highest[j] = min(part * float(stiffness.axial[-1]), bending)
+    return highest.reshape(arm.tension_shape)
+
+
+def bending_force(arm: Arm, part: float) -> float:
+    """Transverse force that deflects the tip by ``part`` of the length, to first order [N]."""
+    s = np.linspace(0.0, arm.length, _STATIONS)
+    bending = SectionStiffness.at(arm, s).bending
+    return part * arm.length / float(trapezoid((arm.length - s) ** 2 / bending, s))
+
+
+def estimate_sheath_stiffness(
+    thread_radius: float, body_radius: float, shear_modulus: float
+) -> float:
+    """Stiffness k [Pa] of rubber of ``shear_modulus`` [Pa] around a tendon or its sheath.
+
+    Plane strain of an incompressible disc of ``body_radius`` R [m] under a force per length that
+    is uniform on a ring of ``thread_radius`` r [m] about the centre and balanced by a uniform body
+    force, the shear of the beam. Per unit of force, Kelvin's solution displaces the ring by (1/2 -
+    ln r) / (4 pi G) and the section on average by (1 - ln R) / (4 pi G), and with the body force
+    leaves the rim free of traction:
+
+        k = 4 pi G / (ln(R / r) - 1/2) .
+
+    Kelvin's solution in the plane: e.g. Timoshenko and Goodier, Theory of Elasticity, section 42
+    (force at a point of a plate), for plane strain and nu = 1/2. Tapered arms take the
+    mean radius; off the centre the rubber is a little softer.
+
+    Raises:
+        ArmDefinitionError: if a value is not > 0, or the thread is wider than half of the body.
+    """
+    thread = positive('thread_radius', thread_radius, 'm')
+    body = positive('body_radius', body_radius, 'm')
+    modulus = positive('shear_modulus', shear_modulus, 'Pa')
+    if thread > _WIDEST * body:
+        expected = f'at most {_WIDEST} of the radius of the body, {_WIDEST * body:.6g} [m]'
+        raise ArmDefinitionError('thread_radius', thread, expected)
+    return 4.0 * math.pi * modulus / (math.log(body / thread) - 0.5)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.profile import Constant, Linear, Profile
-from octo_arm_model.arm.validation import finite, not_negative, positive
+from octo_arm_model.arm.validation import finite, not_negative, positive, set_fields
 
 QUARTERS = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
 _MOST_QUARTERS = 2**20  # beyond 2**53 every number is a multiple of pi / 2, up to rounding
@@ -47,11 +47,9 @@ class Tendon:
         # Exactly 0 and +-1 at multiples of pi / 2, the angles of the paper's tendons.
         quarter = np.round(angle / QUARTERS[1])
         is_quarter = (angle == quarter * QUARTERS[1]) & (np.abs(quarter) <= _MOST_QUARTERS)
-        cosine, sine = _OF_QUARTERS[:, np.where(is_quarter, quarter, 0.0).astype(int) % 4]
-        return (
-            np.where(is_quarter, cosine, np.cos(angle)),
-            np.where(is_quarter, sine, np.sin(angle)),
-        )
+        exact = _OF_QUARTERS[:, np.where(is_quarter, quarter, 0.0).astype(int) % 4]
+        cosine, sine = np.where(is_quarter, exact, [np.cos(angle), np.sin(angle)])
+        return cosine, sine
 
     def outward_slope(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivative of `outward` with respect to s [1/m]."""
@@ -89,12 +87,14 @@ class Section:
     twist: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Validate."""
-        anchorage = positive('section.anchorage', self.anchorage, 'm')
-        object.__setattr__(self, 'anchorage', anchorage)
-        for name in ('offset_base', 'offset_anchorage'):
-            offset = not_negative(f'section.{name}', getattr(self, name), 'distance', 'm')
-            object.__setattr__(self, name, offset)
+        set_fields(
+            self,
+            anchorage=positive('section.anchorage', self.anchorage, 'm'),
+            offset_base=not_negative('section.offset_base', self.offset_base, 'distance', 'm'),
+            offset_anchorage=not_negative(
+                'section.offset_anchorage', self.offset_anchorage, 'distance', 'm'
+            ),
+        )
         expected = 'a finite angle [rad]'
         angles = tuple(finite('section.angles', angle, expected) for angle in self.angles)
         if not angles:
@@ -104,8 +104,7 @@ class Section:
             raise ArmDefinitionError(
                 'section.twist', twist, f'{len(angles)} angles, one for each tendon, or none'
             )
-        object.__setattr__(self, 'angles', angles)
-        object.__setattr__(self, 'twist', twist if any(twist) else ())
+        set_fields(self, angles=angles, twist=twist if any(twist) else ())
 
     @property
     def offset_slope(self) -> float:
@@ -114,7 +113,11 @@ class Section:
 
     def offset(self, s: ArrayLike) -> FloatArray:
         """Distance y_i(s) of the tendons from the midline [m] (eq. 5)."""
-        return Linear(self.offset_base, self.offset_anchorage, self.anchorage).value(s)
+        return self._offset.value(s)
+
+    @property
+    def _offset(self) -> Linear:
+        return Linear(self.offset_base, self.offset_anchorage, self.anchorage)
 
     @property
     def is_papers(self) -> bool:
@@ -124,9 +127,8 @@ class Section:
     @property
     def tendons(self) -> tuple[Tendon, ...]:
         """The tendons, in the order of ``angles``."""
-        offset = Linear(self.offset_base, self.offset_anchorage, self.anchorage)
         return tuple(
-            Tendon(offset, Linear(a, a + t, self.anchorage) if t else Constant(a))
+            Tendon(self._offset, Linear(a, a + t, self.anchorage) if t else Constant(a))
             for a, t in zip(self.angles, self.twist or len(self.angles) * (0.0,), strict=True)
         )
 
@@ -145,19 +147,13 @@ class RoutedSection:
 
     anchorage: float
     tendons: tuple[Tendon, ...]
+    is_papers = False  # a section of the paper is a `Section`
 
     def __post_init__(self) -> None:
-        """Validate."""
         anchorage = positive('section.anchorage', self.anchorage, 'm')
-        object.__setattr__(self, 'anchorage', anchorage)
-        object.__setattr__(self, 'tendons', tuple(self.tendons))
+        set_fields(self, anchorage=anchorage, tendons=tuple(self.tendons))
         if not self.tendons:
             raise ArmDefinitionError('section.tendons', self.tendons, 'at least one tendon')
         for number, tendon in enumerate(self.tendons, start=1):
             tendon.offset.cover(f'section.tendons[{number}].offset', anchorage)
             tendon.angle.cover(f'section.tendons[{number}].angle', anchorage)
-
-    @property
-    def is_papers(self) -> bool:
-        """Never: a section of the paper is a `Section`."""
-        return False

@@ -1,10 +1,8 @@
-"""Validation of input: every error names the field, its value and the allowed range."""
+"""Validation of input: every error names the field, its value and what was expected."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.ma import MaskedArray
@@ -18,14 +16,23 @@ LARGEST, SMALLEST = 1e30, 1e-30
 _NUMBERS = {float, int}
 
 
+def set_fields(instance: object, **values: object) -> None:
+    """Set fields of a frozen dataclass to their checked ``values``, in its ``__post_init__``."""
+    for name, value in values.items():
+        object.__setattr__(instance, name, value)
+
+
 def finite(
-    name: str, value: object, expected: str = 'a finite number', most: float = LARGEST
+    name: str,
+    value: object,
+    expected: str = 'a finite number',
+    least: float = -math.inf,
+    most: float = LARGEST,
 ) -> float:
-    """Return ``value`` as a float.
+    """Return ``value`` as a float from ``least`` on, of magnitude up to ``most``.
 
     Raises:
-        ArmDefinitionError: if it is not a finite number of magnitude up to ``most``; the message
-            quotes what is ``expected``.
+        ArmDefinitionError: if it is none; the message quotes what is ``expected``.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
         raise ArmDefinitionError(name, value, expected)
@@ -33,7 +40,7 @@ def finite(
         number = float(value)
     except OverflowError:  # an integer beyond the range of floats
         number = math.inf
-    if not math.isfinite(number):
+    if not math.isfinite(number) or number < least:
         raise ArmDefinitionError(name, value, expected)
     if abs(number) > most:
         raise ArmDefinitionError(name, value, f'{expected} of at most {most:g}')
@@ -47,9 +54,7 @@ def positive(name: str, value: object, unit: str) -> float:
         ArmDefinitionError: if it is not a finite number > 0 in ``unit``, `SMALLEST` to `LARGEST`.
     """
     expected = f'a finite number > 0 [{unit}]'
-    number = finite(name, value, expected)
-    if number <= 0.0:
-        raise ArmDefinitionError(name, value, expected)
+    number = finite(name, value, expected, 0.0)
     if number < SMALLEST:
         raise ArmDefinitionError(name, value, f'{expected} of at least {SMALLEST:g}')
     return number
@@ -61,11 +66,7 @@ def not_negative(name: str, value: object, what: str, unit: str, most: float = L
     Raises:
         ArmDefinitionError: if it is not a finite ``what`` >= 0 in ``unit``, or beyond ``most``.
     """
-    expected = f'a finite {what} >= 0 [{unit}]'
-    number = finite(name, value, expected, most)
-    if number < 0.0:
-        raise ArmDefinitionError(name, value, expected)
-    return number
+    return finite(name, value, f'a finite {what} >= 0 [{unit}]', 0.0, most)
 
 
 def within(name: str, value: object, low: float, high: float, unit: str) -> float:
@@ -75,8 +76,8 @@ def within(name: str, value: object, low: float, high: float, unit: str) -> floa
         ArmDefinitionError: if it is not a finite number within these, in ``unit``.
     """
     expected = f'a finite number within [{low:.12g}, {high:.12g}] [{unit}]'
-    number = finite(name, value, expected)
-    if not low <= number <= high:
+    number = finite(name, value, expected, low)
+    if number > high:
         raise ArmDefinitionError(name, value, expected)
     return number
 
@@ -90,30 +91,6 @@ def whole(name: str, value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise ArmDefinitionError(name, value, 'an integer >= 0')
     return value
-
-
-def per_tendon(
-    name: str, values: Sequence[object], count: int, what: str, unit: str, most: float = LARGEST
-) -> tuple[float, ...]:
-    """Return ``values``, one for all tendons or one for each, as ``count`` floats >= 0.
-
-    Empty where all are zero.
-
-    Raises:
-        ArmDefinitionError: if they are neither one nor ``count``, or one is not a finite ``what``
-            in ``unit`` of at most ``most``.
-    """
-    expected = f'a list of one number for all tendons or of {count}, one for each'
-    if isinstance(values, np.ndarray) and values.ndim == 1:
-        values = values.tolist()
-    if isinstance(values, str) or not isinstance(values, Sequence):
-        raise ArmDefinitionError(name, values, expected)
-    numbers = tuple(not_negative(name, value, what, unit, most) for value in values)
-    if len(numbers) not in (0, 1, count):
-        raise ArmDefinitionError(name, list(numbers), expected)
-    if len(numbers) == 1:
-        numbers = count * numbers
-    return numbers if any(numbers) else ()
 
 
 def vector(name: str, value: object, unit: str) -> tuple[float, float, float]:
@@ -143,25 +120,19 @@ def real_numbers(value: object) -> FloatArray | None:
         return None
     if array.dtype.kind not in 'fiu':
         return None
-    if isinstance(value, (list, tuple)) and _holds_bool(value):
-        return None
+    if isinstance(value, (list, tuple)) and not _NUMBERS.issuperset(map(type, value)):
+        elements = np.array(value, dtype=object).ravel().tolist()
+        # Most are numbers, and a look into each takes long.
+        others = [element for element in elements if type(element) not in _NUMBERS]
+        if any(np.asarray(element).dtype.kind == 'b' for element in others):
+            return None
     return array.astype(np.float64, copy=False)
-
-
-def _holds_bool(value: list[Any] | tuple[Any, ...]) -> bool:
-    """Whether nested lists, which NumPy converts to an array of numbers, contain a boolean."""
-    if _NUMBERS.issuperset(map(type, value)):
-        return False
-    elements = np.array(value, dtype=object).ravel().tolist()
-    if _NUMBERS.issuperset(map(type, elements)):
-        return False  # The usual case, for which the check of each element takes too long.
-    return any(np.asarray(element).dtype.kind == 'b' for element in elements)
 
 
 def is_text(value: object) -> bool:
     """Whether ``value`` is a text that fits into a ROS message.
 
-    At most `MAX_NAME` characters, without NUL, which ends a string there, and without surrogates,
+    It has at most `MAX_NAME` characters, no NUL, which ends a string there, and no surrogates,
     which UTF-8 cannot encode.
     """
     return (

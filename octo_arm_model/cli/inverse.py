@@ -12,7 +12,7 @@ from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
-from octo_arm_model.arm.highest_tensions import default_highest
+from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.cli.options.shared import (
     add_config,
     add_highest,

@@ -7,8 +7,8 @@ import json
 from pathlib import Path
 
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
-from octo_arm_model.arm.highest_tensions import default_highest
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.cli.options.shared import (
     add_config,
     add_highest,

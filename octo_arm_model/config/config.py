@@ -16,9 +16,9 @@ from octo_arm_model.arm.errors import (
     ContinuationError,
     shown,
 )
-from octo_arm_model.arm.laws import DEFAULT_LAW
 from octo_arm_model.arm.limits import MIN_RATE
 from octo_arm_model.arm.loads import Loads
+from octo_arm_model.arm.material import DEFAULT_LAW
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.config.build import (

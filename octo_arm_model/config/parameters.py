@@ -5,7 +5,6 @@ The YAML loader reads it, the node declares its ROS parameters from it and the m
 
 from __future__ import annotations
 
-from octo_arm_model.arm.laws import DEFAULT_LAW, LAWS
 from octo_arm_model.arm.limits import (
     MAX_FRICTION,
     MAX_INTERVALS,
@@ -15,6 +14,7 @@ from octo_arm_model.arm.limits import (
     MAX_TENDONS,
     MIN_RATE,
 )
+from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
 from octo_arm_model.config.loads import LOAD_PARAMETERS
 from octo_arm_model.config.parameter import TABLE_BOUND, Parameter

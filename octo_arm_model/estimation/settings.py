@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, shown
-from octo_arm_model.arm.highest_tensions import bending_force, default_highest
+from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown

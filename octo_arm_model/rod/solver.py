@@ -22,8 +22,8 @@ from octo_arm_model.arm.errors import (
     shown,
 )
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.arm.laws import DEFAULT_LAW, LAWS
 from octo_arm_model.arm.loads import Loads
+from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.equilibrium import Condition

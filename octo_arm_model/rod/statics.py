@@ -160,7 +160,7 @@ class Statics(abc.ABC):
                         tensions[number], tip_wrenches[number], start, before, spending
                     )
                 except SolveError as error:
-                    error.in_batch([number])
+                    error.in_set(number)
                     raise
                 shapes.position[number], shapes.quaternion[number] = one[:2]
                 shapes.strains[:, number] = one.strains

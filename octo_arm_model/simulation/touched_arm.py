@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.arm.highest_tensions import bending_force, default_highest
+from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.quaternion import Quaternions
 

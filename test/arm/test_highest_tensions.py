@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Arm, Body, Material, Section
-from octo_arm_model.arm.highest_tensions import bending_force
+from octo_arm_model.arm.stiffness import bending_force
 
 
 @pytest.mark.parametrize('part', [0.1, 0.02])

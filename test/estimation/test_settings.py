@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from octo_arm_model.arm.errors import ConfigError, OctoArmError
-from octo_arm_model.arm.highest_tensions import bending_force, default_highest
+from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.presets import preset_path

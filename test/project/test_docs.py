@@ -19,7 +19,7 @@ import pytest
 from checkout import ROOT
 
 from octo_arm_model import load_config
-from octo_arm_model.arm.laws import LAWS
+from octo_arm_model.arm.material import LAWS
 from octo_arm_model.cli.main import build_parser, main
 from octo_arm_model.config.parameters import PARAMETERS
 

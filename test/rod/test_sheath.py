@@ -26,7 +26,7 @@ from octo_arm_model import (
     SolveError,
     Solver,
 )
-from octo_arm_model.arm.sheath_stiffness import estimate_sheath_stiffness
+from octo_arm_model.arm.stiffness import estimate_sheath_stiffness
 from octo_arm_model.rod.rod import Rod, Setting
 from octo_arm_model.rod.tendons import Stretch, tendon_stretch
 

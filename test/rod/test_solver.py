@@ -32,8 +32,8 @@ from octo_arm_model import (
 )
 from octo_arm_model.analysis.inverse import find_tensions
 from octo_arm_model.analysis.targets import Stiffness, TipPosition
-from octo_arm_model.arm.highest_tensions import default_highest
 from octo_arm_model.arm.limits import MAX_STATIONS
+from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 

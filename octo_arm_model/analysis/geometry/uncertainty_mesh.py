@@ -13,8 +13,8 @@ from octo_arm_model.analysis.geometry.arm_mesh import (
     unit_circle,
 )
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.highest_tensions import bending_force
 from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.stiffness import bending_force
 from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.quaternion import Quaternions
 from octo_arm_model.rod.sensitivity import chi_square_limit

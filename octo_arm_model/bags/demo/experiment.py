@@ -11,9 +11,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from octo_arm_model.arm.errors import ConfigError
-from octo_arm_model.arm.highest_tensions import default_highest
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_FRICTION
+from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.arm.validation import not_negative, positive, whole, within
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS

@@ -10,8 +10,8 @@ import numpy as np
 from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.analysis.solved_parts import solve_parts
 from octo_arm_model.arm.errors import OctoArmError, SolveError
-from octo_arm_model.arm.highest_tensions import default_highest
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
-from octo_arm_model.arm.laws import LAWS
+from octo_arm_model.arm.material import LAWS
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.rod.solver import MODELS

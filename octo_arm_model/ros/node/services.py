@@ -11,8 +11,8 @@ from octo_arm_msgs.srv import FindTensions, Solve
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
 from octo_arm_model.arm.errors import OctoArmError, TargetError
-from octo_arm_model.arm.highest_tensions import default_highest
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.messages import (
     backbone_messages,

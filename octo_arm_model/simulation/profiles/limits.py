@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ProfileError, TensionError
-from octo_arm_model.arm.highest_tensions import default_highest
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ProfileError
-from octo_arm_model.arm.highest_tensions import default_highest
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.stiffness import SectionStiffness
+from octo_arm_model.arm.stiffness import SectionStiffness, default_highest
 from octo_arm_model.config.paper_data import (
     BENDING,
     FETCHING_IN_PLANE,

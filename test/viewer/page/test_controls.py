@@ -12,7 +12,7 @@ viser = pytest.importorskip('viser', reason='needs viser')
 
 from octo_arm_model import load_config
 from octo_arm_model.apps.demo import movement_of
-from octo_arm_model.arm.highest_tensions import default_highest
+from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.profiles.commands import find_profile
