@@ -35,9 +35,8 @@ from octo_arm_model.rod.displacements import (
     solve_displacements,
     wound_sensitivity,
 )
-from octo_arm_model.rod.once import solve
 from octo_arm_model.rod.sensitivity import Sensitivity, Uncertainty
-from octo_arm_model.rod.solver import MODELS, Solver
+from octo_arm_model.rod.solver import MODELS, Solver, solve
 
 __version__ = '0.1.0'
 

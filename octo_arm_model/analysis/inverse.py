@@ -19,9 +19,9 @@ from octo_arm_model.arm.errors import SolveError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import real_numbers
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.inputs import check_highest
 from octo_arm_model.rod.sensitivity import Sensitivity
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.rod.tensions import check_highest
 
 # A target is reached where the error is below this part of the length of the arm.
 REACHED = 1e-6

@@ -22,7 +22,7 @@ from octo_arm_model.analysis.solved_parts import solve_parts
 from octo_arm_model.arm.errors import ConfigError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.solver import Solver
 
 _POOL_START = 1.5  # typical time in which a pool starts [s]
@@ -50,7 +50,7 @@ def _solve(solver: Solver, tensions: FloatArray) -> Solved:
             kept[part] = False
             continue
         tips.append(found.tip)
-        directions.append(Quaternions.from_xyzw(found.quaternion[:, -1]).matrix()[:, 0].T)
+        directions.append(axes_of(found.quaternion[:, -1])[:, 0].T)
     # Concatenation copies: views would keep whole backbones in memory.
     return Solved(kept, np.concatenate(tips), np.concatenate(directions))
 

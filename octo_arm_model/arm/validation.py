@@ -54,7 +54,9 @@ def positive(name: str, value: object, unit: str) -> float:
         ArmDefinitionError: if it is not a finite number > 0 in ``unit``, `SMALLEST` to `LARGEST`.
     """
     expected = f'a finite number > 0 [{unit}]'
-    number = finite(name, value, expected, 0.0)
+    number = finite(name, value, expected)
+    if number <= 0.0:
+        raise ArmDefinitionError(name, value, expected)
     if number < SMALLEST:
         raise ArmDefinitionError(name, value, f'{expected} of at least {SMALLEST:g}')
     return number

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import TensionError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.tensions import check_tensions
+from octo_arm_model.rod.inputs import check_tensions
 
 _ROUNDING = 1e-15  # over an offset: rounding of the sum of reading and offset
 

@@ -17,7 +17,7 @@ from octo_arm_model.experiment.figure_files import TensionColours, new_figure
 from octo_arm_model.experiment.shapes.branches import LOADING, REST, UNLOADING
 from octo_arm_model.reproduce.plotting import LINES
 from octo_arm_model.rod.interpolation import interpolated
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of
 
 _MEASURED = '0.15'
 _FRAME = '0.78'
@@ -54,7 +54,7 @@ def _points(comparisons: Sequence[ModelComparison]) -> FloatArray:
 def _axes(comparisons: Sequence[ModelComparison]) -> FloatArray:
     """Axes of the views (2 or 3, 3): the base's tangent, and the principal bending direction."""
     backbone = comparisons[0].steps[0].backbone
-    tangent = Quaternions.from_xyzw(backbone.quaternion[0]).matrix()[:, 0]
+    tangent = axes_of(backbone.quaternion[0])[:, 0]
     away = _points(comparisons) - backbone.position[0]
     across = away - np.outer(away @ tangent, tangent)
     *_, directions = np.linalg.svd(across, full_matrices=False)

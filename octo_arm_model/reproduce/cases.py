@@ -11,7 +11,7 @@ from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import Tensions
 from octo_arm_model.config.presets import preset_path
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.solver import Solver
 
 # Enough for a smooth drawing of the coiled tip.
@@ -64,7 +64,7 @@ def law(tensions: Tensions) -> float:
 
 def seen_from_tip(backbone: Backbone) -> FloatArray:
     """Points along b and -n of the base (stations, 2) [m], as Figure 10 shows them."""
-    axes = Quaternions.from_xyzw(backbone.quaternion[0]).matrix()
+    axes = axes_of(backbone.quaternion[0])
     local = (backbone.position - backbone.position[0]) @ axes
     return np.stack([local[:, 2], -local[:, 1]], axis=1)
 
@@ -93,7 +93,7 @@ def headings(backbone: Backbone) -> FloatArray:
 
     From t towards n: positive on the side of tendon 1.
     """
-    axes = Quaternions.from_xyzw(backbone.quaternion).matrix()
+    axes = axes_of(backbone.quaternion)
     along_t, along_n = axes[:, :2, 0].T @ axes[:, 0]
     return np.rad2deg(np.unwrap(np.arctan2(along_n, along_t)))
 

@@ -34,13 +34,12 @@ from the base to the tip and have the node as first axis.
 
 `statics`        what every model gives; `exact` does by all of the above
 `papers`         the paper's models on the same nodes; `paper_equations` has their mathematics
-`tensions`       checks of tensions as they are given
-`solver`         `Solver`: checks of input, one arm or a batch, quantities of solutions
+`inputs`         shapes and bounds of tensions and loads as they are given
+`rotations`      rotation vectors and quaternions
+`solver`         `Solver`: one arm or a batch, quantities of solutions; `solve` in one call
 `backbone`       `Backbone`: the result; `stations`: where it is known
-`once`           one shape in one call
 `displacements`  tendons at given lengths: shapes and derivatives, for a user
 `friction_memory`  validity of the friction history of a sequence
-`load_limits`    bounds of loads and tensions
 
 A new effect is a term of these. It changes no signature:
 

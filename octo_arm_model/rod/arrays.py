@@ -11,8 +11,8 @@ from typing import TypeAlias
 import numpy as np
 
 from octo_arm_model.arm.hints import ComplexArray, FloatArray, Number
-from octo_arm_model.rod.quaternion import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.resolution import position_errors
+from octo_arm_model.rod.rotations import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,

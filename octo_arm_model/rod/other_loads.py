@@ -10,7 +10,7 @@ from octo_arm_model.arm.errors import LoadError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Load, Tangent
 from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.quaternion import quaternion_rates, rotation_matrices
+from octo_arm_model.rod.rotations import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.tables import Work
 
 

@@ -29,7 +29,7 @@ from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
-from octo_arm_model.rod.load_limits import LoadLimits
+from octo_arm_model.rod.inputs import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
 from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
 from octo_arm_model.rod.resolution import allowed_between, position_error

@@ -28,14 +28,13 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.exact import Exact
-from octo_arm_model.rod.load_limits import LoadLimits, tip_wrench_of
+from octo_arm_model.rod.inputs import LoadLimits, check_tensions, tip_wrench_of
 from octo_arm_model.rod.paper_equations import ClosedForm, Renda2012
 from octo_arm_model.rod.papers import Papers
 from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.statics import Setup, Shape, Statics
 from octo_arm_model.rod.stations import DEFAULT_STATIONS, StationGrid
-from octo_arm_model.rod.tensions import check_tensions
 
 STATICS: dict[str, Callable[[Setup], Statics]] = {
     'renda2012': functools.partial(Papers, Renda2012),
@@ -464,3 +463,20 @@ class Solver:
         if not (is_alike and self._statics.has_solved(found)):
             raise ConfigError('the backbone was solved by another solver')
         return found
+
+
+def solve(
+    arm: Arm,
+    tensions: ArrayLike,
+    model: str = DEFAULT_MODEL,
+    stations: int = DEFAULT_STATIONS,
+    base: Pose = Pose(),
+) -> Backbone:
+    """Shape of ``arm`` under ``tensions`` in one call; see `Solver`. Solvers are cached."""
+    return _cached_solver(arm, model, stations, base).solve(tensions)
+
+
+@functools.lru_cache(maxsize=16)
+def _cached_solver(arm: Arm, model: str, stations: int, base: Pose) -> Solver:
+    # For one shape machine code takes longer to load than it saves.
+    return Solver(arm, model, stations, base, compiled=False)

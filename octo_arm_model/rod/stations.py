@@ -7,8 +7,10 @@ panel and may jump between panels.
 from __future__ import annotations
 
 import bisect
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +24,7 @@ DEFAULT_STATIONS = 101
 _SAME = 1e-9
 
 
-@dataclass(frozen=True)
-class Panel:
+class Panel(NamedTuple):
     """The part of the arm between two neighbouring anchorages, loads or ends of the arm.
 
     Attributes:
@@ -47,12 +48,11 @@ def panels_of(arm: Arm, breaks: tuple[float, ...] = ()) -> tuple[Panel, ...]:
     anchorages = [section.anchorage for section in arm.sections]
     own = {*anchorages} - {0.0, arm.length}
     inside = own.union(apart(breaks, [0.0, *own, arm.length], arm.length))
-    stops = sorted(inside) + [arm.length]
-    panels = []
-    for start, stop in zip([0.0, *stops[:-1]], stops, strict=True):
-        # The number of sections that reach this far.
-        panels.append(Panel(start, stop, sum(anchorage >= stop for anchorage in anchorages)))
-    return tuple(panels)
+    ends = [0.0, *sorted(inside), arm.length]
+    return tuple(
+        Panel(start, stop, sum(anchorage >= stop for anchorage in anchorages))
+        for start, stop in itertools.pairwise(ends)
+    )
 
 
 @dataclass(frozen=True)
@@ -91,20 +91,22 @@ class StationGrid:
                 f'for both ends of the arm and {what}'
             )
         counts = _share_intervals([panel.length for panel in panels], int(stations) - 1)
-        s, section = [0.0], [panels[0].section]
-        for panel, count in zip(panels, counts, strict=True):
-            s += np.linspace(panel.start, panel.stop, count + 1)[1:].tolist()
-            section += count * [panel.section]
-        grid = cls(np.array(s), np.array(section))
-        for array in (grid.s, grid.section):
-            array.setflags(write=False)
-        return grid
+        parts = [
+            np.linspace(panel.start, panel.stop, count + 1)[1:]
+            for panel, count in zip(panels, counts, strict=True)
+        ]
+        s = np.concatenate([[0.0], *parts])
+        section = np.repeat([panel.section for panel in panels], counts)
+        section = np.concatenate([section[:1], section])
+        s.setflags(write=False)
+        section.setflags(write=False)
+        return cls(s, section)
 
 
 def apart(places: Iterable[float], others: Sequence[float], length: float) -> list[float]:
-    """Those of ``places`` that do not coincide, up to rounding, with one before or of ``others``.
+    """Places on an arm of ``length`` that coincide, up to rounding, with none of ``others``.
 
-    Sorted; ``length`` is that of the arm.
+    Of ``places`` that coincide with each other the first is kept. Sorted.
     """
     known = sorted(others)
     found = []

@@ -11,7 +11,7 @@ import numpy as np
 
 from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.config.config import Config
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of
 
 PERIOD = 6.0  # [s] of the push, which lasts half of it
 _PUSHED = 0.3  # of the length: how far the push moves the tip
@@ -25,7 +25,7 @@ _MARKERS = (1 / 3, 2 / 3)  # of the length
 def touched(config: Config) -> tuple[dict[str, Any], dict[str, Any]]:
     """Parameters of `octo_arm_sim` and of `octo_arm_estimator`, besides those of the arm."""
     length = config.arm.length
-    axes = Quaternions.from_xyzw(np.array(config.base.quaternion)).matrix()
+    axes = axes_of(np.array(config.base.quaternion))
     force = bending_force(config.arm, _PUSHED) * axes @ np.array([0.0, 0.6, 0.8])
     highest = float(default_highest(config.arm).min())
     tension = _TENSION * highest

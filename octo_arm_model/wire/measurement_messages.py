@@ -30,7 +30,7 @@ from octo_arm_model.estimation.measurements import (
 from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements.measurement import magnitudes
 from octo_arm_model.estimation.settings import SensorNoise
-from octo_arm_model.rod.vectors import skew
+from octo_arm_model.rod.rotations import skew
 from octo_arm_model.wire.displacement_messages import (
     DISPLACEMENT_TYPE,
     DISPLACEMENTS,

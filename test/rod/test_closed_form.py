@@ -13,7 +13,7 @@ from strategies import arms, loaded_arms
 from octo_arm_model import Arm, Body, Config, ConfigError, Material, Section, Solver
 from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.rod.vectors import skew
+from octo_arm_model.rod.rotations import skew
 
 
 @given(arms())

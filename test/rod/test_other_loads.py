@@ -15,9 +15,8 @@ from octo_arm_model.arm.loads import DeformedRod, Resultants, Tangent
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.exact import strains_of
-from octo_arm_model.rod.quaternion import rotation_matrices
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
-from octo_arm_model.rod.vectors import skew
+from octo_arm_model.rod.rotations import rotation_matrices, skew
 
 NOTHING = np.zeros(6)
 PULL = np.array([0.0, 0.1, 0.1, 0.0, 0.5, 0.0, 0.0, 0.2, 0.0, 1.0, 0.0, 0.0])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Config, TensionError
-from octo_arm_model.rod.tensions import check_tensions
+from octo_arm_model.rod.inputs import check_tensions
 
 GOOD = [[0, 0, 0.5, 0], [4, 0, 0, 0], [0, 0, 13, 0]]
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.rod.vectors import left_jacobian
+from octo_arm_model.rod.rotations import left_jacobian
 
 components = st.floats(-1.0, 1.0, allow_subnormal=False)
 

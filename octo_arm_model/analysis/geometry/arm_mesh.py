@@ -10,7 +10,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.interpolation import nearest
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of, quaternion_product
 
 SIDES = 12
 # More rings would not be resolved on a screen.
@@ -25,7 +25,7 @@ DISC_THICKNESS = 0.004
 _DISC_RIM = 1.05  # discs are wider than the body, as coincident surfaces flicker
 
 # A cylinder's axis is its z axis, that of a cross section its x axis: a quarter turn about y.
-_UPRIGHT = Quaternions.from_xyzw((0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)))
+_UPRIGHT = np.array([0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)])
 
 
 class Drawn(NamedTuple):
@@ -95,18 +95,15 @@ class Drawing:
         """
         width = (1.0 + q) ** -0.5 if self._widen else np.ones(q.size)
         centre = position[self._rings]
-        frame = Quaternions.from_xyzw(quaternion[self._rings]).matrix()
+        frame = axes_of(quaternion[self._rings])
         # Rows are x, y, z in the frame of the backbone, columns the axes n and b.
         across = frame[:, 1:] * width[self._rings]
         surface = _place(centre, across, self._outline).reshape(-1, 3)
         paths = _place(centre, across, self._offsets)
-        turned = np.empty((self._anchorages.size, 4))
-        frames = Quaternions.from_xyzw(quaternion[self._anchorages])
-        frames.times(_UPRIGHT).write_xyzw(turned)
         return Drawn(
             vertices=np.concatenate([surface, centre[[0, -1]]]),
             disc_position=position[self._anchorages],
-            disc_quaternion=turned,
+            disc_quaternion=quaternion_product(quaternion[self._anchorages], _UPRIGHT),
             disc_radius=self._disc_radius * width[self._anchorages],
             tendons=[path[: end + 1] for path, end in zip(paths, self._tendon_ends, strict=True)],
         )

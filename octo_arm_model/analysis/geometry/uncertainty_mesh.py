@@ -16,7 +16,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.stiffness import bending_force
 from octo_arm_model.rod.interpolation import interpolated
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.sensitivity import chi_square_limit
 
 INSIDE = 0.95  # probability of what is drawn to hold the truth
@@ -77,7 +77,7 @@ class UncertaintyDrawing:
             covariance: of their positions [m^2], (stations, 3, 3).
         """
         centre = position[self._rings]
-        frame = Quaternions.from_xyzw(quaternion[self._rings]).matrix()
+        frame = axes_of(quaternion[self._rings])
         out = np.einsum('xar,ak->krx', frame[:, 1:], self._circle)
         variance = np.einsum('krx,rxy,kry->kr', out, covariance[self._rings], out)
         reach = self._radius + np.sqrt(_ONE * np.maximum(variance, 0.0))

@@ -24,7 +24,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.interpolation import interpolated
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.wire.cdr.backbone import (
     path,
     pose_array,
@@ -106,7 +106,7 @@ def _seen_by_camera(shapes: Sequence[Backbone]) -> FloatArray:
     """Midlines in the camera's frame, base first, (shapes, points, 3) [m]."""
     at = np.linspace(0.0, shapes[0].s[-1], _POINTS)
     points = np.array([interpolated(at, shape.s, shape.position) for shape in shapes])
-    rotation = Quaternions.from_xyzw(CAMERA_QUATERNION).matrix()
+    rotation = axes_of(CAMERA_QUATERNION)
     # Row vectors times the matrix are rotated by its inverse: base_frame to the camera's.
     return (points - CAMERA_POSITION) @ rotation
 

@@ -12,7 +12,7 @@ from octo_arm_model.arm.errors import MeasurementError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.measurements.measurement import Measurement, numbers
 from octo_arm_model.estimation.state.prediction import Prediction
-from octo_arm_model.rod.vectors import left_jacobian
+from octo_arm_model.rod.rotations import left_jacobian
 
 
 class TipPosition(Measurement):

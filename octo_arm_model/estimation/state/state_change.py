@@ -11,7 +11,7 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.quaternion import Quaternions, unit
+from octo_arm_model.rod.rotations import quaternion_product
 from octo_arm_model.rod.sensitivity import Change
 
 
@@ -77,17 +77,13 @@ class StateChange:
         `Solver.solve` starts from stays.
         """
         pose, strain = _times(self.pose, by), _times(self.strain, by)
-        x, y, z = (0.5 * pose[:, 3:]).T
-        quaternion = np.empty_like(backbone.quaternion)
-        turned = Quaternions(1.0 + 1j * x, y + 1j * z).times(
-            Quaternions.from_xyzw(backbone.quaternion)
-        )
-        unit(turned).write_xyzw(quaternion)
+        turn = np.concatenate([0.5 * pose[:, 3:], np.ones((len(pose), 1))], axis=1)
+        quaternion = quaternion_product(turn, backbone.quaternion)
         tau, xi, k, q = strain.T
         return dataclasses.replace(
             backbone,
             position=backbone.position + pose[:, :3],
-            quaternion=quaternion,
+            quaternion=quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True),
             tau=backbone.tau + tau,
             xi=backbone.xi + xi,
             k=backbone.k + k,

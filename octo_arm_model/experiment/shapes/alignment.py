@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
-from octo_arm_model.rod.vectors import left_jacobian, skew
+from octo_arm_model.rod.rotations import left_jacobian, skew
 
 # Points within so many times their noise of a line or plane, or within this part of their extent,
 # lie in it.

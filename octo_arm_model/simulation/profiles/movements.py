@@ -19,7 +19,7 @@ from octo_arm_model.config.paper_data import (
     FETCHING_IN_SPACE,
     Tensions,
 )
-from octo_arm_model.rod.tensions import check_highest
+from octo_arm_model.rod.inputs import check_highest
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 
 MOVE_TIME = 3.0  # [s] from one posture to the next

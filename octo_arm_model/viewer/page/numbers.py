@@ -11,7 +11,7 @@ from octo_arm_model.analysis.inverse import Inverse
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_NAME
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.ros.client.published import PublishedShape
 from octo_arm_model.wire.cdr.covariance import BackboneCovariance
@@ -86,7 +86,7 @@ def overlapping(overlap: Overlap | None) -> str:
 
 def tip_angle(shape: PublishedShape | Backbone) -> float:
     """Angle between the tangents of base and tip [deg]."""
-    tangent = Quaternions.from_xyzw(shape.quaternion[[0, -1]]).matrix()[:, 0]
+    tangent = axes_of(shape.quaternion[[0, -1]])[:, 0]
     cosine = float(np.clip(tangent[:, 0] @ tangent[:, 1], -1.0, 1.0))
     return float(np.rad2deg(np.arccos(cosine)))
 

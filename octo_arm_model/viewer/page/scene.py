@@ -18,7 +18,7 @@ from octo_arm_model.analysis.geometry.arm_mesh import (
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.viewer.page.view import across, tangent_of
 
@@ -96,7 +96,7 @@ class ArmScene:
         unit, triangles = self._disc
         radius = drawn.disc_radius[:, np.newaxis]
         local = np.stack([radius * unit[0], radius * unit[1], 0.0 * radius + unit[2]])
-        turn = Quaternions.from_xyzw(drawn.disc_quaternion).matrix()
+        turn = axes_of(drawn.disc_quaternion)
         placed = drawn.disc_position[:, np.newaxis] + np.einsum('xyd,ydv->dvx', turn, local)
         each = unit.shape[1] * np.arange(len(radius))[:, np.newaxis, np.newaxis]
         self._discs = show_mesh(

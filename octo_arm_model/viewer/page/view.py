@@ -9,7 +9,7 @@ import numpy as np
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.simulation.profiles.limits import figures
 
@@ -39,7 +39,7 @@ def across(tangent: FloatArray) -> FloatArray:
 
 def tangent_of(config: Config) -> FloatArray:
     """Direction of the resting arm (3,)."""
-    return Quaternions.from_xyzw(config.base.quaternion).matrix()[:, 0]
+    return axes_of(config.base.quaternion)[:, 0]
 
 
 def reached(config: Config, limits: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from octo_arm_model import load_config
 from octo_arm_model.analysis.geometry.self_intersection import deepest_overlap
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of
 
 RADIUS = 0.01
 
@@ -73,8 +73,8 @@ def test_crossing_parts_overlap_by_what_they_are_too_near(distance, angle, seed)
     far = [[2, 0, 0], [2, 0, 3], behind + [0, 0, 3], behind + [0, 0, distance]]
     position = np.concatenate([first, far, second])
     quaternion = np.random.default_rng(seed).normal(size=4)
-    turn = Quaternions.from_xyzw(quaternion / np.linalg.norm(quaternion))
-    found, s = overlap_of(position @ turn.matrix().T + 0.1)
+    turn = axes_of(quaternion / np.linalg.norm(quaternion))
+    found, s = overlap_of(position @ turn.T + 0.1)
     depth = 2.0 * RADIUS - distance
     if depth <= 1e-9:
         assert found is None or found.depth < 1e-9

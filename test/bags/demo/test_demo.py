@@ -29,7 +29,7 @@ from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.parameter_files import load_parameters, parse_parameters
 from octo_arm_model.config.presets import preset_path
-from octo_arm_model.rod.quaternion import Quaternions
+from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.wire.displacement_messages import read_displacements
 
 PROTOTYPE = load_parameters(preset_path('renda2012_prototype'))
@@ -47,7 +47,7 @@ def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Pa
     stiffer = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
     config = Config.from_parameters({**PROTOTYPE, **stiffer})
     solver = config.solver()
-    rotation = Quaternions.from_xyzw(CAMERA_QUATERNION).matrix()
+    rotation = axes_of(CAMERA_QUATERNION)
     seen = 0
     with BagReader(tmp_path / 'bag') as reader:
         tensions = {one.stamp_ns: one.tensions for one in tensions_in(reader, config)}

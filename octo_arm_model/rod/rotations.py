@@ -1,0 +1,84 @@
+"""Rotations: rotation vectors (3, ...), one at each node, and unit quaternions.
+
+Messages and results carry quaternions in the order x, y, z, w, node functions w, x, y, z.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from octo_arm_model.arm.hints import FloatArray
+
+# Matrices of cross products (9) from the components of vectors.
+_SKEW = np.zeros((9, 3))
+_SKEW[[5, 6, 1], [0, 1, 2]], _SKEW[[7, 2, 3], [0, 1, 2]] = -1.0, 1.0
+# Rotation matrices (9) from products of w, x, y and z with w, x, y and z (16).
+_TO_MATRIX = np.array([
+    [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, -1]],
+    [[0, 0, 0, -2], [0, 0, 2, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
+    [[0, 0, 2, 0], [0, 0, 0, 2], [0, 0, 0, 0], [0, 0, 0, 0]],
+    [[0, 0, 0, 2], [0, 0, 2, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
+    [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, -1]],
+    [[0, -2, 0, 0], [0, 0, 0, 0], [0, 0, 0, 2], [0, 0, 0, 0]],
+    [[0, 0, -2, 0], [0, 0, 0, 2], [0, 0, 0, 0], [0, 0, 0, 0]],
+    [[0, 2, 0, 0], [0, 0, 0, 0], [0, 0, 0, 2], [0, 0, 0, 0]],
+    [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]],
+], dtype=np.float64).reshape(9, 16)  # fmt: skip
+# Rates q (0, kappa) / 2 from products of w, x, y and z with the three components of kappa.
+_TO_RATE = np.zeros((4, 12))
+_TO_RATE[[0, 0, 0], [3, 7, 11]] = -0.5
+_TO_RATE[[1, 1, 1], [0, 8, 10]] = 0.5, 0.5, -0.5
+_TO_RATE[[2, 2, 2], [1, 9, 5]] = 0.5, 0.5, -0.5
+_TO_RATE[[3, 3, 3], [2, 4, 6]] = 0.5, 0.5, -0.5
+
+
+def skew(v: FloatArray) -> FloatArray:
+    """Matrices (3, 3, ...) that take w to v x w, for vectors v (3, ...)."""
+    return (_SKEW @ v.reshape(3, -1)).reshape(3, *v.shape)
+
+
+def left_jacobian(turn: FloatArray) -> FloatArray:
+    """Left Jacobian (3, 3) of a rotation by its rotation vector ``turn`` (3,) [rad].
+
+    From a small change of ``turn`` to the rotation vector in fixed axes of the small rotation
+    that follows the rotation. Singular at 2 pi. Barfoot 2017, 7.1.3.
+    """
+    angle = float(np.linalg.norm(turn))
+    matrix = skew(turn[:, np.newaxis])[:, :, 0]
+    first, second = 0.5, 1.0 / 6.0
+    if angle >= 1e-4:
+        first = (1.0 - np.cos(angle)) / angle**2
+        second = (angle - np.sin(angle)) / angle**3
+    return np.eye(3) + first * matrix + second * matrix @ matrix
+
+
+def rotation_matrices(wxyz: FloatArray) -> FloatArray:
+    """Rotation matrices (3, 3, ...) of quaternions (4, ...) in the order w, x, y, z."""
+    products = wxyz[:, np.newaxis] * wxyz
+    return (_TO_MATRIX @ products.reshape(16, -1)).reshape(3, 3, *wxyz.shape[1:])
+
+
+def axes_of(quaternion: ArrayLike) -> FloatArray:
+    """Rotation matrices (3, 3, ...) of quaternions (..., 4) in the order x, y, z, w.
+
+    Of a cross section, the columns are t, n and b.
+    """
+    xyzw = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
+    return rotation_matrices(xyzw[[3, 0, 1, 2]])
+
+
+def quaternion_product(p: FloatArray, q: FloatArray) -> FloatArray:
+    """Product p q of quaternions (..., 4), x, y, z, w: as rotations about fixed axes, q first."""
+    u, a, v, b = p[..., :3], p[..., 3:], q[..., :3], q[..., 3:]
+    vector = a * v + b * u + np.cross(u, v)
+    return np.concatenate([vector, a * b - (u * v).sum(axis=-1, keepdims=True)], axis=-1)
+
+
+def quaternion_rates(q: FloatArray, kappa: FloatArray, out: FloatArray) -> None:
+    """Rates q (0, kappa) / 2 of quaternions ``q`` (n, 4), w, x, y, z, into ``out`` (n, 4).
+
+    ``kappa`` (n, 3) are angular rates in the turned axes.
+    """
+    products = q.T[:, np.newaxis] * kappa.T
+    np.matmul(_TO_RATE, products.reshape(12, -1), out=out.T)
