@@ -235,37 +235,31 @@ class Arm:
         found.update(s for tendon in self.tendons for s in tendon.knots)
         return tuple(sorted(s for s in found if 0.0 < s < self.length))
 
-    def tendon_offsets(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def tendon_offsets(self, s: FloatArray) -> FloatArray:
         """Offsets of all tendons from the midline at ``s`` (n,), whether they act there or not.
 
         Returns:
-            Components along n and along b [m], each (tendons, n).
+            Components along n and along b [m], (2, tendons, n).
         """
         return self._at(s, Tendon.place)
 
-    def tendon_slopes(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def tendon_slopes(self, s: FloatArray) -> FloatArray:
         """Derivative of `tendon_offsets` with respect to s [-]."""
         return self._at(s, Tendon.slope)
 
-    def tendon_outwards(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Directions of all tendons away from the midline [-], as components along n and b."""
+    def tendon_outwards(self, s: FloatArray) -> FloatArray:
+        """Directions of all tendons away from the midline [-], (2, tendons, n)."""
         return self._at(s, Tendon.outward)
 
-    def tendon_outward_slopes(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def tendon_outward_slopes(self, s: FloatArray) -> FloatArray:
         """Derivative of `tendon_outwards` with respect to s [1/m]."""
         return self._at(s, Tendon.outward_slope)
 
-    def _at(
-        self, s: FloatArray, what: Callable[[Tendon, FloatArray], tuple[FloatArray, FloatArray]]
-    ) -> tuple[FloatArray, FloatArray]:
+    def _at(self, s: FloatArray, what: Callable[[Tendon, FloatArray], FloatArray]) -> FloatArray:
         # Beyond its anchorage the path of a tendon need not have values.
-        found = [
-            what(tendon, np.minimum(s, section.anchorage))
-            for section in self.sections
-            for tendon in section.tendons
-        ]
-        along_n, along_b = np.array(found).swapaxes(0, 1)
-        return along_n, along_b
+        ends = [section.anchorage for section in self.sections for _ in section.tendons]
+        found = [what(one, np.minimum(s, end)) for one, end in zip(self.tendons, ends)]
+        return np.stack(found, axis=1)
 
 
 def check_size(sections: int, tendons: int) -> None:

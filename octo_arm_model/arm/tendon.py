@@ -30,31 +30,28 @@ class Tendon:
     offset: Profile
     angle: Profile
 
-    def place(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Components (n, b) of the offset at ``s`` [m]."""
-        offset, (cosine, sine) = self.offset.value(s), self.outward(s)
-        return offset * cosine, offset * sine
+    def place(self, s: FloatArray) -> FloatArray:
+        """Components of the offset along n and b at ``s`` (n,) [m], (2, n)."""
+        return self.offset.value(s) * self.outward(s)
 
-    def slope(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slope(self, s: FloatArray) -> FloatArray:
         """Derivative of `place` with respect to s [-]."""
-        offset, (cosine, sine) = self.offset.value(s), self.outward(s)
-        out, turn = self.offset.slope(s), self.angle.slope(s)
-        return out * cosine - offset * turn * sine, out * sine + offset * turn * cosine
+        turned = self.offset.value(s) * self.outward_slope(s)
+        return self.offset.slope(s) * self.outward(s) + turned
 
-    def outward(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Direction (n, b) away from the midline: derivative of `place` by the offset."""
+    def outward(self, s: FloatArray) -> FloatArray:
+        """Components of the direction away from the midline along n and b, (2, n)."""
         angle = self.angle.value(s)
         # Exactly 0 and +-1 at multiples of pi / 2, the angles of the paper's tendons.
         quarter = np.round(angle / QUARTERS[1])
         is_quarter = (angle == quarter * QUARTERS[1]) & (np.abs(quarter) <= _MOST_QUARTERS)
         exact = _OF_QUARTERS[:, np.where(is_quarter, quarter, 0.0).astype(int) % 4]
-        cosine, sine = np.where(is_quarter, exact, [np.cos(angle), np.sin(angle)])
-        return cosine, sine
+        return np.where(is_quarter, exact, [np.cos(angle), np.sin(angle)])
 
-    def outward_slope(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def outward_slope(self, s: FloatArray) -> FloatArray:
         """Derivative of `outward` with respect to s [1/m]."""
-        turn, (cosine, sine) = self.angle.slope(s), self.outward(s)
-        return -turn * sine, turn * cosine
+        cosine, sine = self.outward(s)
+        return self.angle.slope(s) * np.array([-sine, cosine])
 
     @property
     def knots(self) -> tuple[float, ...]:
