@@ -17,7 +17,7 @@ MOST = {
     'octo_arm_model': 44_600,
     'octo_arm_model/analysis': 2_250,
     'octo_arm_model/apps': 450,
-    'octo_arm_model/arm': 1_900,
+    'octo_arm_model/arm': 1_750,
     'octo_arm_model/bags': 2_800,
     'octo_arm_model/cli': 2_800,
     'octo_arm_model/config': 1_500,

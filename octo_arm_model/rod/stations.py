@@ -96,8 +96,7 @@ class StationGrid:
             for panel, count in zip(panels, counts, strict=True)
         ]
         s = np.concatenate([[0.0], *parts])
-        section = np.repeat([panel.section for panel in panels], counts)
-        section = np.concatenate([section[:1], section])
+        section = np.repeat([panel.section for panel in panels], [counts[0] + 1, *counts[1:]])
         s.setflags(write=False)
         section.setflags(write=False)
         return cls(s, section)
