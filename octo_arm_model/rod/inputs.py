@@ -18,6 +18,7 @@ from octo_arm_model.arm.errors import (
 )
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
+from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.arm.validation import real_numbers
 
 # Of the weakest cross section, if it were linear [-]. No material bears a tenth of this strain,
@@ -114,9 +115,8 @@ class LoadLimits:
 
     def __init__(self, arm: Arm, s: FloatArray) -> None:
         """Derive the limits from the stiffness of ``arm`` at arc coordinates ``s`` (n,) [m]."""
-        squared, young = arm.body.radius(s) ** 2, arm.material.youngs_modulus_at(s)
-        axial = float(np.pi * (young * squared).min())
-        bending = float(0.25 * np.pi * (young * squared**2).min())
+        stiffness = SectionStiffness.at(arm, s)
+        axial, bending = float(stiffness.axial.min()), float(stiffness.bending.min())
         self.force = LARGEST_STRAIN * axial
         # The axial force is a difference of terms of this size; beyond, it is lost in rounding.
         self.tension = 1e6 * axial
