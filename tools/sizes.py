@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # Lines of Python, docstrings and comments included.
 MOST = {
     'octo_arm_model': 44_600,
-    'octo_arm_model/analysis': 2_250,
+    'octo_arm_model/analysis': 1_650,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 1_750,
     'octo_arm_model/bags': 2_800,
@@ -24,7 +24,7 @@ MOST = {
     'octo_arm_model/estimation': 5_800,
     'octo_arm_model/experiment': 6_350,
     'octo_arm_model/reproduce': 1_450,
-    'octo_arm_model/rod': 8_500,
+    'octo_arm_model/rod': 8_950,
     'octo_arm_model/ros': 5_050,
     'octo_arm_model/simulation': 1_450,
     'octo_arm_model/viewer': 2_400,
