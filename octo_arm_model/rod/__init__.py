@@ -14,7 +14,7 @@ from the base to the tip and have the node as first axis.
 `loops`          the node functions as loops for numba
 `arrays`         the same over whole arrays for NumPy
 `forms`          which of the two is used
-`tendons`        stretch of tendons at the nodes, and its derivatives
+`tendons`        where tendons run at the nodes, their lengths, and the derivatives of both
 `dead_loads`     F and M_free of dead loads at the nodes
 `other_loads`    the same of loads of a user's own, and their derivatives by the shape
 `friction`       tension of every tendon at every node, and its derivatives
@@ -27,7 +27,6 @@ from the base to the tip and have the node as first axis.
 `resolution`     the error of positions, estimated from the last coefficients in each element
 `read_out`       positions, orientations and strains at stations
 `rod`            `Rod`: from tensions and a wrench on the tip to an `Equilibrium`
-`lengths`        lengths of the tendons
 `reeling`        Newton's method for tendons at given lengths; `complementarity`: which are slack
 `winches`        `Winches`: equilibria of tendons at given lengths, by `reeling`
 `derivatives`    first derivatives of an equilibrium; `sensitivity`: what they are given as

@@ -513,11 +513,9 @@ def _relative(wrench: FloatArray, scale: FloatArray, work: Work) -> float:
 
 
 class Bends:
-    """How tendons turn in space; J are those under tension.
+    """How tendons turn in space.
 
     Attributes:
-        tendons: where they are.
-        width, widening: radius over reference radius and its slope by the stretch, (n, 1).
         bend: derivative by s of their unit tangents, in the axes of the section, (3, n, J) [1/m].
         rate: its length, (n, J) [1/m], zero beyond the anchorage.
         is_rough: where a bend turns so far within an element that its length is taken at fine
@@ -526,20 +524,15 @@ class Bends:
             is none.
     """
 
-    def __init__(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-        """Of tendons under ``tensions`` (n, J) [N], which displace them in sheaths."""
-        width, slope, _ = _widening(tables.widens, z[:, 3])
-        strain = _scaled(z, width)
-        self.width, self.widening = width[:, np.newaxis], slope[:, np.newaxis]
-        self.tendons = Tendons(tables, strain, width, tensions, work)
-        unit, elements = self.tendons.unit, tables.lengths.size
-        acts = tables.reach[:, self.tendons.pulled]
+    def __init__(self, tables: Tables, z: FloatArray, unit: FloatArray, reach: FloatArray) -> None:
+        """Of tendons of ``unit`` tangents (3, n, J) that act where ``reach`` (n, J) is 1."""
+        elements = tables.lengths.size
         by_element = unit.reshape(3, elements, len(tables.to_end), unit.shape[2])
         slope = tables.differentiation @ by_element
         slope /= tables.lengths[:, np.newaxis, np.newaxis]
         self.bend = slope.reshape(unit.shape)
         self.bend += _cross(z[:, np.newaxis, :3], unit.transpose(1, 2, 0)).transpose(2, 0, 1)
-        self.rate = np.sqrt((self.bend * self.bend).sum(axis=0)) * acts
+        self.rate = np.sqrt((self.bend * self.bend).sum(axis=0)) * reach
         ends = self.bend.reshape(by_element.shape)[:, :, [0, -1]]
         size = self.rate.reshape(elements, len(tables.to_end), unit.shape[2])[:, [0, -1]]
         along = (ends[:, :, 0] * ends[:, :, 1]).sum(axis=0)
@@ -547,7 +540,7 @@ class Bends:
         ends = tables.ends @ by_element
         self.kink = np.zeros((3, elements, unit.shape[2]))
         self.kink[:, 1:] = ends[:, 1:, 0] - ends[:, :-1, 1]
-        self.kink *= tables.sharp[:, np.newaxis] * acts[:: len(tables.to_end)]
+        self.kink *= tables.sharp[:, np.newaxis] * reach[:: len(tables.to_end)]
 
     @property
     def kink_angles(self) -> FloatArray:
@@ -556,9 +549,17 @@ class Bends:
         return np.asarray(2.0 * np.arcsin(np.minimum(size, 1.0)))
 
 
+def tendons_at(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> Tendons:
+    """Those under ``tensions`` (n, J) [N], which displace them in sheaths."""
+    width, _, _ = _widening(tables.widens, z[:, 3])
+    return Tendons(tables, _scaled(z, width), width, tensions, work)
+
+
 def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Angle by which every tendon has turned between the base and every node, see `loops`."""
-    bends, elements = Bends(tables, z, tensions, work), tables.lengths.size
+    tendons, elements = tendons_at(tables, z, tensions, work), tables.lengths.size
+    pulled = tendons.pulled
+    bends = Bends(tables, z, tendons.unit, tables.reach[:, pulled])
     rate = bends.rate.reshape(elements, len(tables.to_end), bends.rate.shape[1])
     kinks = bends.kink_angles.cumsum(axis=0)
     whole = tables.weights[: len(tables.to_end)] / tables.lengths[0] @ rate
@@ -573,7 +574,6 @@ def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> N
     kinks += whole.cumsum(axis=0) - whole
     work.angle[:] = 0.0
     angle += kinks[:, np.newaxis]
-    pulled = bends.tendons.pulled
     rubs = tables.reach[:, pulled] * (tables.friction[pulled] > 0.0)
     work.angle[:, pulled] = angle.reshape(bends.rate.shape) * rubs
 

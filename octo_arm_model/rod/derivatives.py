@@ -18,17 +18,15 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.factors import Factors
-from octo_arm_model.rod.friction import Changes
-from octo_arm_model.rod.lengths import rest_stretches
+from octo_arm_model.rod.friction import TensionDerivatives
 from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.tables import AXIAL, SHEAR, TORSION, Tables
-from octo_arm_model.rod.tendons import Moved, Tendons
+from octo_arm_model.rod.tendons import PathChange, Tendons, outward_paths, unloaded_tendons
 
 _MATERIAL, _PATHS = ('youngs_modulus', 'poisson_ratio'), ('offset', 'sheath_stiffness')
 _SKEW = np.zeros((3, 9))  # v @ this is the matrix of v x, row by row
@@ -49,21 +47,22 @@ class _Sections:
 
     Attributes:
         tendons: there.
-        stretch: of these.
     """
 
     def __init__(
-        self, tables: Tables, outwards: FloatArray, z: FloatArray, tensions: FloatArray,
-        gradient: FloatArray, offsets: FloatArray,
-    ) -> None:  # fmt: skip
-        """Of twists ``z`` (n, m) with a ``gradient`` (n, m) of the energy and `Work.offsets`.
+        self,
+        tables: Tables,
+        outwards: FloatArray,
+        z: FloatArray,
+        gradient: FloatArray,
+        tendons: Tendons,
+    ) -> None:
+        """Of ``tendons`` at twists ``z`` (n, m), with a ``gradient`` (n, m) of the energy.
 
-        ``outwards`` (4, n, J) are the directions of tendons away from the midline along n and b
-        [-] and their slopes [1/m].
+        ``outwards`` (4, n, J) are `outward_paths`.
         """
         self._tables, self._outwards, self._z, self._gradient = tables, outwards, z, gradient
-        self.tendons = Tendons(tables, z, tensions, offsets)
-        self.stretch = self.tendons.stretch()
+        self.tendons = tendons
 
     def imbalance(self, columns: _Columns, total: int) -> FloatArray:
         """Change of the residual at fixed local tensions and loads, (n, m, total)."""
@@ -76,19 +75,19 @@ class _Sections:
         return found
 
     @functools.cached_property
-    def by_offset(self) -> Moved:
+    def by_offset(self) -> PathChange:
         """Per metre of each tendon's distance from the midline."""
-        return self.tendons.by_offset(self._outwards)
+        return self.tendons.by_path(self._outwards)
 
-    @functools.cached_property
-    def by_sheath_stiffness(self) -> Moved:
+    @property
+    def by_sheath_stiffness(self) -> PathChange:
         """Per pascal of each sheath."""
-        return self.tendons.by_sheath_stiffness()
+        return self.tendons.by_sheath_stiffness
 
     @property
     def by_youngs_modulus(self) -> FloatArray:
         """Per relative change of E, (n, m): the material's part of the gradient."""
-        pull = self.tendons.tension[..., np.newaxis] * self.stretch.gradient
+        pull = self.tendons.tension[..., np.newaxis] * self.tendons.gradient
         return np.asarray(self._gradient - pull.sum(axis=1))
 
     @property
@@ -99,7 +98,7 @@ class _Sections:
         torsion = over * body[:, TORSION] * tendons.scaled[0, :, 0]
         found = np.zeros_like(self._z)
         found[:, 0] = torsion * tendons.width[:, 0]
-        found[:, 3] = torsion * tendons.slope[:, 0] * self._z[:, 0]
+        found[:, 3] = torsion * tendons.widening[:, 0] * self._z[:, 0]
         found[:, 4:] = (over * body[:, SHEAR])[:, np.newaxis] * self._z[:, 4:]
         return found
 
@@ -110,7 +109,7 @@ class _Linear(NamedTuple):
     Attributes:
         state: the equilibrium.
         factors: of the Jacobian.
-        slides: how tensions with friction change; None where none do.
+        tension: derivatives of tensions with friction; None where none change.
         rates: derivatives of local tensions by those at the base at fixed twists, (N, J).
         sections: the cross sections.
         rotation: as in `Work`.
@@ -119,7 +118,7 @@ class _Linear(NamedTuple):
 
     state: State
     factors: Factors
-    slides: Changes | None
+    tension: TensionDerivatives | None
     rates: FloatArray
     sections: _Sections
     rotation: FloatArray
@@ -135,9 +134,9 @@ class Derivatives:
         elements, own = self._problem.elements, self._problem.tables
         self._to_nodes = elements.integration(elements.s)
         self._to_stations, self._at_stations = elements.integration(s), elements.interpolation(s)
-        self._rest = rest_stretches(own)
+        self._rest = unloaded_tendons(own).stretch
         self._rest_lengths = elements.weights @ self._rest
-        self._outwards = _outwards(rod.arm, elements.s, own)
+        self._outwards = outward_paths(rod.arm, own, elements.s)
         self._kept: _Linear | None = None
 
     def sensitivity(self, state: State, by_offsets: bool = True) -> Sensitivity:
@@ -191,16 +190,16 @@ class Derivatives:
         turn = weights[:, np.newaxis, np.newaxis] * inverse
         tip[:, 3:, :3], tip[:, :3, 3:] = turn[:, : tip.shape[1] - 3], turn
         by_residual = linear.factors.solve_transposed(-tip.reshape(-1, 6)).reshape(tip.shape)
-        sections = linear.sections
-        found = []
+        sections, found = linear.sections, []
+        by_tension = sections.tendons.stretch_by_twist
         for name in uncertainty.quantities:
             if name == 'tension':
-                change = sections.stretch.length_by_z * linear.rates[..., np.newaxis]
+                change = by_tension * linear.rates[..., np.newaxis]
             elif name == 'offset':
                 change = sections.by_offset.gradient
-                if linear.slides is not None:
-                    local = linear.slides.by_offset(self._outwards)[..., np.newaxis]
-                    change = change + sections.stretch.length_by_z * local
+                if linear.tension is not None:
+                    local = linear.tension.by_unit(sections.by_offset.unit)
+                    change = change + by_tension * local[..., np.newaxis]
             else:
                 change = getattr(sections, f'by_{name}')[:, np.newaxis]
             found.append(np.tensordot(by_residual, change, axes=([0, 1], [0, 2])))
@@ -211,16 +210,16 @@ class Derivatives:
         kept, problem = self._kept, self._problem
         if kept is None or kept.state is not state:
             problem.others.require_tangents('sensitivity')
-            factors, slides = problem.linearise(state), problem.tension_changes(state)
-            if slides is not None:
-                slides.require(self._arm.tendon_names, state.acting.condition.tensions)
+            factors, tension = problem.linearise(state), problem.tension_derivatives(state)
+            if tension is not None:
+                tension.require(self._arm.tendon_names, state.acting.condition.tensions)
             work, rates = problem.work, problem.tension_rates(state)
             sections = _Sections(
-                problem.tables, self._outwards, state.z, state.acting.tensions,
-                work.gradient.copy(), work.offsets.copy(),
+                problem.tables, self._outwards, state.z, work.gradient.copy(),
+                problem.tendons(state),
             )  # fmt: skip
             kept = self._kept = _Linear(
-                state, factors, slides, rates, sections, work.rotation.copy(), work.slope.copy()
+                state, factors, tension, rates, sections, work.rotation.copy(), work.slope.copy()
             )
         return kept
 
@@ -228,9 +227,9 @@ class Derivatives:
         """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
         weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
         linear = self._linearised(state)
-        slides, sections, strains = linear.slides, linear.sections, state.z.shape[1]
-        stretch, has_friction = sections.stretch, self._problem.friction is not None
-        by_local = stretch.length_by_z.swapaxes(1, 2)
+        sections, strains, tendons = linear.sections, state.z.shape[1], linear.sections.tendons
+        has_friction = self._problem.friction is not None
+        by_local = tendons.stretch_by_twist.swapaxes(1, 2)
         push = sections.imbalance(columns, total)
         local = self._local_changes(linear, columns, total)
         if has_friction:
@@ -241,12 +240,12 @@ class Derivatives:
         beyond[:, 3:] += _along(weights - self._to_nodes, _skew(linear.slope) @ wrenches[:, :3])
         push[..., columns['tip_wrench']] -= _turned(linear.rotation, beyond, strains)
         z = linear.factors.solve(-push.reshape(-1, total)).reshape(push.shape)
-        if slides is not None:
-            local += slides.by_twists(z)
-        by_z = weights[:, np.newaxis, np.newaxis] * stretch.length_by_z
+        if linear.tension is not None:
+            local += linear.tension.by_twists(z)
+        by_z = weights[:, np.newaxis, np.newaxis] * tendons.stretch_by_twist
         length = np.tensordot(by_z, z, axes=([0, 2], [0, 1]))
-        if sections.tendons.has_sheaths:
-            length += np.einsum('i,ij,ijc->jc', weights, stretch.by_tension, local)
+        if tendons.has_sheaths:
+            length += np.einsum('i,ij,ijc->jc', weights, tendons.stretch_by_tension, local)
         own = np.arange(len(length))
         for name in set(_PATHS).intersection(columns):
             moved = getattr(sections, f'by_{name}').stretch
@@ -259,12 +258,15 @@ class Derivatives:
 
     def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, total)."""
-        found, slides = np.zeros((*linear.rates.shape, total)), linear.slides
+        found, tension = np.zeros((*linear.rates.shape, total)), linear.tension
         parts = {'tension': linear.rates}
-        if slides is not None and 'friction' in columns:
-            parts['friction'] = slides.by_friction
-            parts['offset'] = slides.by_offset(self._outwards)
-            parts['sheath_stiffness'] = slides.by_sheath_stiffness
+        if tension is not None and 'friction' in columns:
+            parts['friction'] = tension.by_friction
+            parts['offset'] = tension.by_unit(linear.sections.by_offset.unit)
+            if 'sheath_stiffness' in columns:
+                parts['sheath_stiffness'] = tension.by_unit(
+                    linear.sections.by_sheath_stiffness.unit
+                )
         own = np.arange(found.shape[1])
         for name in set(parts).intersection(columns):
             found[:, own, columns[name].start + own] = parts[name]
@@ -294,12 +296,6 @@ def _part(change: Change, where: slice) -> Change:
         change.pose[..., where], change.strain[..., where], change.tendon_length[..., where],
         None if mean is None else mean[..., where],
     )  # fmt: skip
-
-
-def _outwards(arm: Arm, s: FloatArray, tables: Tables) -> FloatArray:
-    """Directions of tendons away from the midline at ``s``, and their slopes, (4, n, J)."""
-    found = np.stack([*arm.tendon_outwards(s), *arm.tendon_outward_slopes(s)])
-    return np.ascontiguousarray(found.swapaxes(1, 2) * tables.reach)
 
 
 def _along(matrix: FloatArray, values: FloatArray) -> FloatArray:

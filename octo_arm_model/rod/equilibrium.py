@@ -11,9 +11,10 @@ from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Variation, factorise
 from octo_arm_model.rod.forms import Form
-from octo_arm_model.rod.friction import Changes, Friction, Sliding
+from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
 from octo_arm_model.rod.tables import LEVER, Tables, force_scale, work_arrays
+from octo_arm_model.rod.tendons import Tendons
 
 
 class Condition(NamedTuple):
@@ -106,8 +107,9 @@ class Problem:
         self._scaled: FloatArray | None = None
         self._last_acting: Acting | None = None
         self.friction = Friction(tables, form, elements) if tables.friction.any() else None
-        self._sliding: Sliding | None = None
-        self._changes: tuple[State, Changes] | None = None
+        self._local: LocalTensions | None = None
+        self._tendons: tuple[State, Tendons] | None = None
+        self._derivatives: tuple[State, TensionDerivatives] | None = None
         self._held: FloatArray | None = None
         unit = np.ones((elements.s.size, strains))
         unit[:, :3] = tables.body[:, LEVER, np.newaxis]
@@ -140,8 +142,11 @@ class Problem:
         work = self.work
         if self._scaled is not acting.scale:
             work.scale[:] = self._scaled = acting.scale
-        if self._slides(acting):
-            acting = acting._replace(tensions=self._slide(acting.condition, z))
+        condition = acting.condition
+        if self.friction is not None and condition.tensions.ndim == 1:
+            given = condition.tensions, condition.before
+            self._local = self.friction.hold_along(z, *given, work)
+            acting = acting._replace(tensions=self._local.tensions)
         if self.others.loads:
             acting = self._with_others(acting, z)
         left = self.form.residual(
@@ -150,35 +155,34 @@ class Problem:
         self._current = self._oriented = z
         return State(acting, z, work.residual.copy(), left)
 
-    def _slides(self, acting: Acting) -> bool:
-        return self.friction is not None and acting.condition.tensions.ndim == 1
-
-    def _slide(self, condition: Condition, z: FloatArray) -> FloatArray:
-        assert self.friction is not None
-        self._sliding = self.friction.slide_along(
-            z, condition.tensions, condition.before, self.work
-        )
-        return self._sliding.tensions
-
-    def sliding(self, state: State) -> Sliding:
-        """The tendons with friction in ``state``."""
+    def local_tensions(self, state: State) -> LocalTensions:
+        """The tensions that friction leaves in ``state``."""
         self.load_work(state)
-        assert self._sliding is not None
-        return self._sliding
+        assert self._local is not None
+        return self._local
+
+    def tendons(self, state: State) -> Tendons:
+        """The tendons in ``state``; those of the last one are kept."""
+        if self._tendons is None or self._tendons[0] is not state:
+            if self.tables.compliance.any():
+                self.load_work(state)  # their offsets in sheaths
+            tendons = Tendons(self.tables, state.z, state.acting.tensions, self.work.offsets)
+            self._tendons = state, tendons
+        return self._tendons[1]
 
     def history(self, state: State) -> FloatArray:
         """Tensions (M, J) [N] at the points of `Friction.fine`, from which tendons slide on."""
         assert self.friction is not None
-        return self.friction.history(self.sliding(state), state.acting.condition.tensions)
+        return self.friction.history(self.local_tensions(state), state.acting.condition.tensions)
 
     def first_tensions(self, condition: Condition, z: FloatArray) -> FloatArray:
         """Tensions (N, J) [N] that bend an arm less than ``z`` (N, m), which full ones bend."""
-        sliding = self.sliding(self.evaluate(self.acting(condition), z))
+        local = self.local_tensions(self.evaluate(self.acting(condition), z))
         assert self.friction is not None
         # Exact for a curvature in proportion to the tension of a tendon that is drawn in.
         mu = np.maximum(self.tables.friction, 1e-30)
-        angle = np.log1p(mu * sliding.angle) / mu
-        return self.friction.slide(condition.tensions, condition.before, angle).tensions
+        angle = np.log1p(mu * local.angle) / mu
+        return self.friction.hold(condition.tensions, condition.before, angle).tensions
 
     def _with_others(self, acting: Acting, z: FloatArray) -> Acting:
         """What is ``acting`` on a rod of twists ``z`` (N, m), loads that follow its shape too."""
@@ -226,31 +230,24 @@ class Problem:
             np.einsum('iaic->iac', blocks)[...] += damping * self.work.hessian
         if self.friction is not None:
             self._held = self.work.jacobian.copy()
-            changes = self.tension_changes(state)
-            if changes is not None:
-                changes.add_to(self.work.jacobian)
+            derivatives = self.tension_derivatives(state)
+            if derivatives is not None:
+                derivatives.add_to(self.work.jacobian)
 
-    def tension_changes(self, state: State) -> Changes | None:
-        """How tensions with friction change about ``state``; None without friction."""
-        is_given = state.acting.condition.tensions.ndim > 1
-        if self.friction is None or is_given:
+    def tension_derivatives(self, state: State) -> TensionDerivatives | None:
+        """Derivatives of local tensions at ``state``; None without friction, or of given ones."""
+        if self.friction is None or state.acting.condition.tensions.ndim > 1:
             return None
-        sliding = self.sliding(state)
-        if self._changes is None or self._changes[0] is not state:
-            changes = Changes(self.friction, self.tables, state.z, sliding, self.work)
-            self._changes = state, changes
-        return self._changes[1]
+        if self._derivatives is None or self._derivatives[0] is not state:
+            local, tendons = self.local_tensions(state), self.tendons(state)
+            derivatives = TensionDerivatives(self.friction, state.z, local, tendons, self.work)
+            self._derivatives = state, derivatives
+        return self._derivatives[1]
 
     def tension_rates(self, state: State) -> FloatArray:
         """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
-        changes = self.tension_changes(state)
-        if changes is None or self.friction is None:
-            return self.tables.reach
-        if state.acting.tensions.any():
-            return changes.by_base_tension()
-        # Nobody pulls.
-        angle = self.friction.angles_of_all(state.z, self.sliding(state), self.work)
-        return np.asarray(self.tables.reach * np.exp(-self.tables.friction * angle))
+        derivatives = self.tension_derivatives(state)
+        return self.tables.reach if derivatives is None else derivatives.by_base_tension
 
     def has_energy(self, condition: Condition) -> bool:
         """Whether all loads derive from an energy: a moment fixed in base_frame does not."""

@@ -1,21 +1,32 @@
-"""Capstan friction: the tension of every tendon at every node.
+"""Capstan friction: the tension of every tendon at every node, and its derivatives.
 
-A tendon that slides loses tension with the angle theta by which it has turned since the base,
-dT = -mu T dtheta, where it is drawn in, and gains it where it is let out; in between it sticks
-(Euler and Eytelwein). With the tension T_0 at the base and the tension ``before`` at each node,
-the tension is the nearest to ``before`` that friction holds,
+A tendon of unit tangent e in the axes of the sections, see `tendons`, turns between the base and a
+node by the wrap angle
 
-    T = clip(before, T_0 exp(-mu theta), T_0 exp(mu theta)).
+    theta = int |c| ds + sum 2 asin(|[e]| / 2),    c = e' + kappa x e                          (1)
 
-It is the play operator of hysteresis, and from slack, before = 0, the monotone pull. theta follows
-from the twists, see `loops.angles`, so that T is a function of them, and so are its derivatives:
-dT = slip mu T dtheta, slip -1 where a tendon is drawn in, 1 where it is let out and 0 where it
-sticks.
+with jumps [e] where strains jump, see `loops.angles`. It loses tension, dT = -mu T dtheta, where
+it is drawn in, gains as much where it is let out, and sticks in between (Euler and Eytelwein).
+With the tension T_0 at the base and T_b before at each node, T is the nearest to T_b of all within
+
+    lower = T_0 exp(-mu theta) <= T <= T_0 exp(mu theta) = upper,                              (2)
+
+the play operator of hysteresis, and from slack, T_b = 0, the monotone pull. With the slip sigma,
+-1 where drawn in, 1 where let out and 0 where it sticks,
+
+    dT = sigma mu T dtheta + |sigma| exp(sigma mu theta) dT_0 + sigma theta T dmu              (3)
+    dtheta = int c . dc / |c| ds + sum [e] . d[e] / (|[e]| (1 - [e]^2 / 4)^(1/2)),
+    dc = (de)' + dkappa x e + kappa x de                                                       (4)
+
+which is theta_e de + theta_kappa dkappa. e changes by e_z dz, in sheaths by e_T dT, and as paths
+do, so that with S = sigma mu T
+
+    (1 - S theta_e e_T) dT = S (theta_z dz + theta_e de) + the rest of (3),
+    theta_z dz = theta_e e_z dz + theta_kappa dkappa                                           (5)
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -26,46 +37,59 @@ from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.tables import Tables, Work
+from octo_arm_model.rod.tendons import Tendons
 
 _STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts as straight [rad]
 SAME = 1e-6  # relative difference up to which two tensions of a tendon count as equal
-# Tolerance of the angles by which tendons in sheaths turn [rad], and most iterations for them.
-_PLACED, _MOST_PLACED = 1e-13, 50
-_NOTHING = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
+# Tolerance of wrap angles of tendons in sheaths [rad], and most iterations for them.
+_CONVERGED, _MOST_ITERATIONS = 1e-13, 50
+_LEAST = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
 
 
-class Sliding(NamedTuple):
-    """Tendons under friction.
+class Band(NamedTuple):
+    """The tensions that friction holds, (2), at any n points; all (n, J) [N].
+
+    Attributes:
+        lower: of tendons that are drawn in.
+        upper: of tendons that are let out.
+        before: from which they slide.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    before: FloatArray
+
+    @classmethod
+    def of(cls, base: FloatArray, loss: FloatArray, before: FloatArray) -> Band:
+        """For tensions ``base`` at the base and a ``loss`` of mu theta [-]."""
+        kept = np.exp(-loss)
+        return cls(base * kept, base / kept, before)
+
+    @property
+    def tensions(self) -> FloatArray:
+        """T, the nearest to those before."""
+        return np.minimum(np.maximum(self.before, self.lower), self.upper)
+
+    @property
+    def slip(self) -> FloatArray:
+        """Sigma of (3)."""
+        slip = (self.before >= self.upper * (1.0 - SAME)).astype(np.float64)
+        np.copyto(slip, -1.0, where=self.before <= self.lower * (1.0 + SAME))
+        return slip
+
+
+class LocalTensions(NamedTuple):
+    """Tendons with friction along an arm.
 
     Attributes:
         tensions: at the nodes [N], zero beyond anchorages, (N, J).
-        angle: by which each has turned since the base [rad], (N, J).
-        along: tensions at the points of `Friction.fine` [N], (M, J); None of tendons that are
-            drawn in all along, from slack.
-        before: there, from which they slid.
-        base: tension at the base of those that reach there [N], (M, J).
-        loss: mu theta there, (M, J).
+        angle: theta, (N, J) [rad].
+        band: at the points of `Friction.fine`; None of tendons that are drawn in from slack.
     """
 
     tensions: FloatArray
     angle: FloatArray
-    along: FloatArray | None = None
-    before: FloatArray | None = None
-    base: FloatArray | None = None
-    loss: FloatArray | None = None
-
-    @property
-    def slip(self) -> FloatArray | None:
-        """At the fine points, -1 where drawn in, 1 where let out and 0 where it sticks, (M, J).
-
-        None of tendons that are drawn in all along, from slack.
-        """
-        if self.before is None or self.base is None or self.loss is None:
-            return None
-        kept = np.exp(-self.loss)
-        slip = (self.before >= self.base / kept * (1.0 - SAME)).astype(np.float64)
-        np.copyto(slip, -1.0, where=self.before <= self.base * kept * (1.0 + SAME))
-        return slip
+    band: Band | None = None
 
 
 class Friction:
@@ -75,24 +99,24 @@ class Friction:
     so that integrals of what it bends are those of a tension with kinks.
 
     Attributes:
+        tables: of the arm.
         fine: the points that a history is at.
         nodes: arc coordinates of the nodes [m], (N,).
         reach: `Tables.reach` at the fine points, (M, J).
-        to_fine: from values at the nodes of an element to those at its fine points, (M / E, p).
-        to_nodes: the other way round, (p, M / E).
+        to_nodes: from values at the fine points of an element to those at its nodes, (p, M / E).
     """
 
     def __init__(self, tables: Tables, form: Form, elements: Elements) -> None:
         """Of the arm of ``tables`` at the nodes of ``elements``."""
-        self._tables, self._form, self._elements = tables, form, elements
-        self.fine, self.nodes, self.to_fine = elements.fine, elements.s, tables.to_fine
-        self.reach = np.repeat(tables.reach[:: elements.points], len(self.to_fine), axis=0)
+        self.tables, self._form, self._elements = tables, form, elements
+        self.fine, self.nodes = elements.fine, elements.s
+        self.reach = np.repeat(tables.reach[:: elements.points], len(self.tables.to_fine), axis=0)
         self.to_nodes = self.projection(elements)
         self._last: FloatArray | None = None  # tensions that are begun with in sheaths
 
     def projection(self, elements: Elements) -> FloatArray:
         """As `to_nodes`, to those of others of the same ``elements``, (p, M / E)."""
-        rule, count = elements.rule, len(self.to_fine)
+        rule, count = elements.rule, len(self.tables.to_fine)
         places, weights = (own[:count] / elements.edges[1] for own in self.fine[3:5])
         return (rule.interpolate(places) * weights[:, np.newaxis]).T / rule.weights[:, np.newaxis]
 
@@ -101,105 +125,97 @@ class Friction:
         rows = matrix @ values.reshape(self._elements.lengths.size, -1, values.shape[1])
         return rows.reshape(-1, values.shape[1])
 
-    def slide(self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray) -> Sliding:
-        """Tendons that turn by ``angle`` (N, J) [rad] under ``tensions`` (J,) [N] at the base.
+    def hold(
+        self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray
+    ) -> LocalTensions:
+        """Tendons of an ``angle`` (N, J) [rad] under ``tensions`` (J,) [N] at the base, by (2).
 
         From tensions ``before`` (M, J) [N] at the fine points, or from slack.
         """
-        mu = self._tables.friction
+        mu = self.tables.friction
         if before is None:
-            return Sliding(tensions * self._tables.reach * np.exp(-mu * angle), angle)
-        base, loss = tensions * self.reach, mu * self.spread(self.to_fine, angle)
-        along = clipped(base, before, loss)
-        return Sliding(self.spread(self.to_nodes, along), angle, along, before, base, loss)
+            return LocalTensions(tensions * self.tables.reach * np.exp(-mu * angle), angle)
+        loss = mu * self.spread(self.tables.to_fine, angle)
+        band = Band.of(tensions * self.reach, loss, before)
+        return LocalTensions(self.spread(self.to_nodes, band.tensions), angle, band)
 
-    def slide_along(
+    def hold_along(
         self, z: FloatArray, tensions: FloatArray, before: FloatArray | None, work: Work
-    ) -> Sliding:
-        """Tendons along an arm of twists ``z`` (N, m), with arguments of `slide`.
+    ) -> LocalTensions:
+        """Tendons along an arm of twists ``z`` (N, m), with arguments of `hold`.
 
         In sheaths the angles depend on the tensions, so that both are iterated.
 
         Raises:
             ConvergenceError: if the iteration does not converge.
         """
-        tables, local, last, left = self._tables, tensions * self._tables.reach, None, np.inf
-        gives_way = bool(tables.compliance.any())
-        if gives_way and self._last is not None:
-            local = np.where(local > 0.0, np.maximum(self._last, 1e-300), 0.0)
-        for _ in range(_MOST_PLACED):
-            self._form.angles(tables, z, local, work)
-            found = self.slide(tensions, before, work.angle.copy())
-            if not gives_way:
+        tables, local = self.tables, tensions * self.tables.reach
+        if not tables.compliance.any():
+            return self.hold(tensions, before, self.angles(z, local, work))
+        if self._last is not None:
+            local = np.where(local > 0.0, np.maximum(self._last, _LEAST), 0.0)
+        last, left = np.full_like(local, np.inf), np.inf
+        for _ in range(_MOST_ITERATIONS):
+            found = self.hold(tensions, before, self.angles(z, local, work))
+            left = float(np.abs(found.angle - last).max(initial=0.0))
+            last, local = found.angle, found.tensions
+            if left <= _CONVERGED:
+                self._last = local
+            if not left > _CONVERGED:  # nor NaN, where a section cannot be
                 return found
-            self._last = local = found.tensions
-            if last is not None:
-                left = float(np.abs(found.angle - last).max(initial=0.0))
-                if not left > _PLACED:  # nor NaN, where a section cannot be
-                    return found
-            last = found.angle
-        raise ConvergenceError('the tension of tendons in their sheaths', left, _MOST_PLACED)
+        raise ConvergenceError('the tension of tendons in their sheaths', left, _MOST_ITERATIONS)
 
-    def angles_of_all(self, z: FloatArray, sliding: Sliding, work: Work) -> FloatArray:
-        """Angles (N, J) [rad] of tendons that nobody pulls as well, at twists ``z`` (N, m)."""
-        self._form.angles(self._tables, z, np.maximum(sliding.tensions, _NOTHING), work)
+    def angles(self, z: FloatArray, tensions: FloatArray, work: Work) -> FloatArray:
+        """Theta (N, J) of tendons under ``tensions`` (N, J) [N] along an arm of twists ``z``."""
+        self._form.angles(self.tables, z, tensions, work)
         return work.angle.copy()
 
-    def history(self, sliding: Sliding, tensions: FloatArray) -> FloatArray:
+    def history(self, local: LocalTensions, tensions: FloatArray) -> FloatArray:
         """Tensions (M, J) at the fine points of tendons under ``tensions`` (J,) at the base."""
-        if sliding.along is not None:
-            return sliding.along
-        angle = self.spread(self.to_fine, sliding.angle)
-        return np.asarray(tensions * self.reach * np.exp(-self._tables.friction * angle))
+        if local.band is not None:
+            return local.band.tensions
+        angle = self.spread(self.tables.to_fine, local.angle)
+        return np.asarray(tensions * self.reach * np.exp(-self.tables.friction * angle))
 
 
-def clipped(base: FloatArray, before: FloatArray, loss: FloatArray) -> FloatArray:
-    """Tensions after ``before`` that friction holds, all (n, J).
-
-    ``loss`` is mu theta, and ``base`` the tension at the base [N].
-    """
-    kept = np.exp(-loss)
-    return np.asarray(np.minimum(np.maximum(before, base * kept), base / kept))
-
-
-class Changes:
-    """Small changes of tensions with friction, while tendons slip and stick where they do.
+class TensionDerivatives:
+    """Derivatives of local tensions, while tendons slip and stick where they do.
 
     An angle changes with what changes in its own element, up to it, and with what does in those
-    before, up to their ends. So arrays are (E, J, p + 1, p, ...): by the p nodes of an element, of
-    the angles to each of them and to its end. J are the tendons that are pulled.
+    before, up to their ends. So derivatives of angles are (E, J, p + 1, p, ...): by the p nodes of
+    an element, of the angles from its start to each of them and to its end. J are the tendons that
+    are pulled there; elsewhere they are all.
     """
 
     def __init__(
-        self, friction: Friction, tables: Tables, z: FloatArray, sliding: Sliding, work: Work
+        self, friction: Friction, z: FloatArray, local: LocalTensions, tendons: Tendons, work: Work
     ) -> None:
-        """Linearise about tendons that are ``sliding`` along an arm of twists ``z`` (N, m)."""
-        if not sliding.tensions.all():
-            # One that nobody pulls turns as well, which matters as soon as somebody does.
-            angle, loss = friction.angles_of_all(z, sliding, work), sliding.loss
-            if loss is not None:
-                loss = tables.friction * friction.spread(friction.to_fine, angle)
-            sliding = sliding._replace(angle=angle, loss=loss)
-        self._friction, self._tables, self._sliding = friction, tables, sliding
-        bends = Bends(tables, z, sliding.tensions, work)
-        self._tendons, self._pulled = bends.tendons, bends.tendons.pulled
-        self._shape = tables.lengths.size, self._pulled.size, len(tables.to_end)
-        self._offsets = work.offsets[:, self._pulled]
-        self._directions, self._rate = _Directions(bends, z), bends.rate
-        self._by_u, by_kappa = self._by_directions(bends, z)
-        u = self._directions.by_twist()
-        # Derivative of the gradient of the energy by the local tension, (N, m, J).
-        self._pull = np.einsum('cnj,canj->naj', self._tendons.unit, u)
-        self._by_z = np.empty((*self._by_u.shape[1:], z.shape[1]))
-        for strain in range(z.shape[1]):
-            by = (self._by_u * self._by_element(u[:, strain])).sum(axis=0)
-            self._by_z[..., strain] = by + by_kappa[strain] if strain < 3 else by
-        self._slips, self._inverse = self._by_angle(), None
-        if self._tendons.compliance.any():
-            own = (self._by_u * self._by_element(self._directions.by_tension())).sum(axis=0)
-            own = self._slid(self._dense(own))
-            inverse = np.linalg.inv(np.eye(len(z)) - self._by_tendon(own))
-            self._inverse = np.asarray(inverse, dtype=np.float64)
+        """About ``tendons`` of the tensions ``local`` along an arm of twists ``z`` (N, m)."""
+        self._friction, self._tables, self._work = friction, friction.tables, work
+        self._z, self._local = z, local
+        pulled = np.flatnonzero(local.tensions.any(axis=0))
+        self._pulled = pulled if pulled.size else np.array([0])  # for the shapes of arrays
+        if local.band is None:
+            self._s, self._tension = friction.nodes, local.tensions
+            self._slip = np.full_like(self._tension, -1.0)
+            self._to_points = self._to_nodes = np.eye(len(self._tables.to_end))
+        else:
+            self._s, self._tension = friction.fine.s, local.band.tensions
+            self._slip = local.band.slip
+            self._to_points, self._to_nodes = self._tables.to_fine, friction.to_nodes
+        rate = self._slip * self._tables.friction * self._tension
+        rate = self._by_element(rate[:, self._pulled])
+        self._by_angle = (self._to_nodes * rate) @ self._to_points  # S, (E, J, p, p)
+        self._pull = tendons.stretch_by_twist[:, self._pulled].swapaxes(1, 2)
+        self._by_e, by_kappa = self._angle_derivatives(tendons)
+        by_twist = self._by_element(tendons.unit_by_twist[..., self._pulled])[..., 0, :]
+        self._by_z = np.einsum('cejik,mcejk->ejikm', self._by_e, by_twist)
+        self._by_z[..., :3] += np.moveaxis(by_kappa, 0, -1)
+        self._inverse: FloatArray | None = None
+        if tendons.has_sheaths:
+            by_tension = self._by_element(tendons.by_tension.unit[..., self._pulled])
+            own = self._by_all_nodes((self._by_e * by_tension).sum(axis=0))
+            self._inverse = np.asarray(np.linalg.inv(np.eye(len(z)) - own))
 
     def require(self, names: tuple[str, ...], tensions: FloatArray) -> None:
         """Refuse derivatives where tensions under ``tensions`` (J,) [N] at the base have none.
@@ -210,186 +226,134 @@ class Changes:
             SolveError: if a tendon that is pulled sticks anywhere, slips both ways, or is so
                 straight that turning it either way makes it lose tension.
         """
-        friction, sliding = self._friction, self._sliding
         rubs = (tensions > 0.0) & (self._tables.friction > 0.0)
-        s, length = friction.fine.s, friction.fine.edges[-1]
+        acts, slip = self._tension > 0.0, self._slip
         straight = np.zeros(self._tables.reach.shape, np.bool_)
-        straight[:, self._pulled] = self._rate <= _STRAIGHT / length
-        found = [('is straight', friction.nodes, straight & (self._tables.reach > 0.0))]
-        if sliding.before is not None:
-            acts, slip = friction.reach > 0.0, sliding.slip
-            assert slip is not None
-            found.insert(0, ('slips both ways', s, acts & (slip != slip[0])))
-            found.insert(0, ('sticks', s, acts & (slip == 0.0)))
-        for what, places, bad in found:
-            bad = bad & rubs
-            if bad.any():
-                place, tendon = np.unravel_index(int(np.argmax(bad)), bad.shape)
+        straight[:, self._pulled] = self._rate <= _STRAIGHT / self._friction.fine.edges[-1]
+        for what, places, bad in (
+            ('sticks', self._s, acts & (slip == 0.0)),
+            ('slips both ways', self._s, acts & (slip != slip[0])),
+            ('is straight', self._friction.nodes, straight & (self._tables.reach > 0.0)),
+        ):
+            if (bad & rubs).any():
+                place, tendon = np.unravel_index(int(np.argmax(bad & rubs)), bad.shape)
                 raise SolveError(
                     f'no derivatives: with friction, {names[tendon]} of {tensions[tendon]:.4g} N '
                     f'{what} at s = {places[place]:.4g} m, expected one that slides and turns all '
                     'along'
                 )
 
-    def _by_element(self, values: FloatArray) -> FloatArray:
-        """``values`` (..., N, J) as (..., E, J, 1, p)."""
-        elements, tendons, points = self._shape
-        rows = values.reshape(*values.shape[:-2], elements, 1, points, tendons)
-        return np.asarray(rows.swapaxes(-1, -2).swapaxes(-2, -3))
-
-    def _by_tendon(self, values: FloatArray) -> FloatArray:
-        """``values`` (E, J, p, k) as (J, N, k)."""
-        return values.swapaxes(0, 1).reshape(self._shape[1], -1, values.shape[3])
-
-    def _by_angle(self) -> FloatArray:
-        """Derivative of tensions by angles within elements, (E, J, p, p)."""
-        friction, sliding = self._friction, self._sliding
-        tensions, along = sliding.tensions, sliding.along
-        elements, tendons, points = self._shape
-        mu, pulled = self._tables.friction[self._pulled], self._pulled
-        slip = sliding.slip
-        if along is None or slip is None:
-            rates = -tensions[:, pulled] * mu
-            by_element = rates.reshape(elements, points, tendons).swapaxes(1, 2)
-            return np.asarray(by_element[..., np.newaxis] * np.eye(points))
-        rates = (slip[:, pulled] * along[:, pulled] * mu).reshape(elements, -1, tendons)
-        by_nodes = rates.swapaxes(1, 2)[:, :, np.newaxis] * friction.to_nodes
-        return np.asarray(by_nodes @ friction.to_fine)
-
-    def _slid(self, angles: FloatArray) -> FloatArray:
-        """Change of tensions (E, J, p, k) by one of ``angles`` (E, J, p, k) for held ones."""
-        return np.asarray(self._slips @ angles)
-
-    def _by_directions(self, bends: Bends, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of the angles by u, and by curvatures for held u, (3, E, J, p + 1, p)."""
-        tables, (elements, _, points) = self._tables, self._shape
-        h = tables.lengths[:, np.newaxis, np.newaxis, np.newaxis]
-        # By bends, of their integrals to nodes and the end of elements.
-        across = np.divide(
-            bends.bend, bends.rate, out=np.zeros_like(bends.bend), where=bends.rate > 0.0
-        )
-        to_end = np.append(tables.to_point, [tables.weights[:points] / tables.lengths[0]], axis=0)
-        by_bend = (to_end * h) * self._by_element(across)
-        by_element = self._by_element(bends.bend)[:, :, :, 0]
-        for e, j in zip(*np.nonzero(bends.is_rough)):
-            bend = tables.to_fine @ by_element[:, e, j].T
-            size = np.sqrt((bend * bend).sum(axis=1, keepdims=True))
-            bend /= np.where(size > 0.0, size, 1.0)
-            rows = tables.fine_weights * bend.T[:, np.newaxis]
-            by_bend[:, e, j] = tables.lengths[e] * (rows @ tables.to_fine)
-        by_unit = by_bend @ tables.differentiation
-        by_unit /= h
-        kappa = z[:, :3].T.reshape(3, elements, 1, 1, points)
-        by_unit += _cross(by_bend, kappa)
-        unit = self._by_element(bends.tendons.unit)
-        by_kappa = _cross(unit, by_bend)
-        size = np.sqrt((bends.kink * bends.kink).sum(axis=0))
-        scale = size * np.sqrt(np.maximum(1.0 - 0.25 * size * size, 1e-12))
-        kink = np.divide(bends.kink, scale, out=np.zeros_like(bends.kink), where=scale > 0.0)
-        kink = kink[..., np.newaxis]
-        by_unit += (kink * tables.ends[0])[:, :, :, np.newaxis]
-        by_unit[:, :-1, :, -1] -= kink[:, 1:] * tables.ends[1]
-        by_unit -= unit * (by_unit * unit).sum(axis=0)
-        by_unit *= self._by_element(bends.tendons.over)
-        return by_unit, by_kappa
-
-    def _dense(self, parts: FloatArray) -> FloatArray:
-        """Changes of all angles by all nodes (E, J, p, N ...) of ``parts`` (E, J, p + 1, ...)."""
-        elements, tendons, points = self._shape
-        found = np.zeros((elements, tendons, points, elements, *parts.shape[3:]))
-        for e in range(elements):
-            found[e, :, :, e] = parts[e, :, :-1]
-            found[e + 1 :, :, :, e] = parts[e, :, -1:]
-        return found.reshape(elements, tendons, points, -1)
-
-    def _summed(self, parts: FloatArray) -> FloatArray:
-        """Changes of all angles (E, J, p, k) by those ``parts`` (E, J, p + 1, k) of elements."""
-        whole = parts[:, :, -1:]
-        return np.asarray(parts[:, :, :-1] + whole.cumsum(axis=0) - whole)
-
     def add_to(self, jacobian: FloatArray) -> None:
         """Add what the change of tensions adds to a ``jacobian`` (N m, N m) with them held."""
-        nodes, strains, tendons = self._pull.shape
-        elements, _, points = self._shape
+        parts = self._by_z.reshape(*self._by_z.shape[:3], -1)
         if self._inverse is not None:
-            own = self._by_tendon(self._slid(self._dense(self._by_z)))
-            jacobian += (self._pull @ (self._inverse @ own).swapaxes(0, 1)).reshape(
-                len(jacobian), -1
-            )
+            rates = self._inverse @ self._by_all_nodes(parts)
+            jacobian += (self._pull @ rates.swapaxes(0, 1)).reshape(jacobian.shape)
             return
-        size = points * strains
-        parts = self._by_z.reshape(elements, tendons, points + 1, size)
-        own = self._pull.reshape(elements, points, strains, tendons) @ self._slid(
-            parts[:, :, :-1]
-        ).swapaxes(1, 2)
-        slips = self._slips.sum(axis=-1).swapaxes(1, 2).reshape(nodes, 1, tendons)
-        rows = (self._pull * slips).reshape(nodes * strains, tendons)
+        elements, tendons, _, size = parts.shape
+        pull = self._pull.reshape(elements, -1, self._pull.shape[1], tendons)
+        inside = pull @ (self._by_angle @ parts[:, :, :-1]).swapaxes(1, 2)
+        # Beyond an element all angles change alike.
+        beyond = pull * self._by_angle.sum(axis=-1).swapaxes(1, 2)[:, :, np.newaxis]
+        beyond = beyond.reshape(-1, tendons)
         for e in range(elements):
-            here = slice(e * size, (e + 1) * size)
-            jacobian[here, here] += own[e].reshape(size, size)
-            jacobian[(e + 1) * size :, here] += rows[(e + 1) * size :] @ parts[e, :, -1]
+            start, end = e * size, (e + 1) * size
+            jacobian[start:end, start:end] += inside[e].reshape(size, size)
+            jacobian[end:, start:end] += beyond[end:] @ parts[e, :, -1]
 
+    @property
     def by_base_tension(self) -> FloatArray:
         """Derivative by each tendon's own tension at the base [-], (N, J)."""
-        return self._settled(self._own(lambda _, slip, loss: (slip != 0.0) * np.exp(slip * loss)))
-
-    def _own(self, of: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]) -> FloatArray:
-        """What is a function ``of`` tension, slip and mu theta, at the nodes, (N, J)."""
-        friction, sliding = self._friction, self._sliding
-        reach, mu = self._tables.reach, self._tables.friction
-        slip = sliding.slip
-        if sliding.along is None or sliding.loss is None or slip is None:
-            drawn_in = np.full_like(sliding.angle, -1.0)
-            return np.asarray(reach * of(sliding.tensions, drawn_in, mu * sliding.angle))
+        angle, tensions = self._local.angle, self._local.tensions
+        if not tensions.any(axis=0).all():
+            # One that nobody pulls turns as well, which matters as soon as somebody does.
+            angle = self._friction.angles(self._z, np.maximum(tensions, _LEAST), self._work)
+        loss = self._tables.friction * self._friction.spread(self._to_points, angle)
         # A slack tendon is drawn in next, whatever it was before.
-        slip = np.where(sliding.along > 0.0, slip, -1.0)
-        found = of(sliding.along, slip, sliding.loss)
-        return reach * friction.spread(friction.to_nodes, found)
-
-    def by_twists(self, change: FloatArray) -> FloatArray:
-        """Changes (N, J, k) by those of the twists (N, m, k), base tensions held."""
-        elements, _, points = self._shape
-        rows = change.reshape(elements, 1, -1, change.shape[2])
-        return self._of_angles(self._by_z.reshape(*self._shape[:2], points + 1, -1) @ rows)
-
-    def _of_angles(self, parts: FloatArray) -> FloatArray:
-        """Changes of the tensions (N, J, k) by ``parts`` of those of angles, see `_summed`."""
-        slid = self._by_tendon(self._slid(self._summed(parts)))
-        found = np.zeros((*self._sliding.tensions.shape, parts.shape[3]))
-        found[:, self._pulled] = slid.swapaxes(0, 1)
-        return self._settled(found)
+        slip = np.where(self._tension > 0.0, self._slip, -1.0)
+        return self._at_nodes(np.abs(slip) * np.exp(slip * loss))
 
     @property
     def by_friction(self) -> FloatArray:
-        """Derivative by each tendon's own mu at fixed twists [N], (N, J)."""
-        mu = np.maximum(self._tables.friction, 1e-300)
-        return self._settled(self._own(lambda along, slip, loss: slip * along * loss / mu))
+        """Derivative by each tendon's own mu [N], (N, J)."""
+        angle = self._friction.spread(self._to_points, self._local.angle)
+        return self._at_nodes(self._slip * angle * self._tension)
 
-    def by_offset(self, outwards: FloatArray) -> FloatArray:
-        """Derivative by each tendon's own distance from the midline [N/m], (N, J).
+    def by_unit(self, change: FloatArray) -> FloatArray:
+        """Change (N, J) where paths ``change`` e (3, N, J)."""
+        own = self._by_element(change[..., self._pulled])
+        return self._of_angles((self._by_e * own).sum(axis=(0, -1))[..., np.newaxis])[..., 0]
 
-        ``outwards`` (4, N, J) are the directions away from it along n and b [-] and their slopes.
-        """
-        own = outwards[..., self._pulled]
-        return self._by_direction(self._directions.by_path(own[:2], own[2:]))
+    def by_twists(self, change: FloatArray) -> FloatArray:
+        """Changes (N, J, k) by those of the twists (N, m, k), base tensions held."""
+        rows = change.reshape(len(self._by_z), 1, -1, change.shape[2])
+        return self._of_angles(self._by_z.reshape(*self._by_z.shape[:3], -1) @ rows)
 
-    @property
-    def by_sheath_stiffness(self) -> FloatArray:
-        """Derivative by the stiffness of each tendon's own sheath [N/Pa], (N, J)."""
-        return self._by_direction(self._directions.by_sheath_stiffness(self._offsets))
+    def _angle_derivatives(self, tendons: Tendons) -> tuple[FloatArray, FloatArray]:
+        """theta_e and theta_kappa of (4), (3, E, J, p + 1, p)."""
+        tables, e = self._tables, tendons.unit[..., self._pulled]
+        bends = Bends(tables, self._z, e, tables.reach[:, self._pulled])
+        self._rate, by_c = bends.rate, self._by_bends(bends)
+        by_kappa = _cross(self._by_element(e), by_c)
+        by_e = (
+            by_c @ tables.differentiation / tables.lengths[:, np.newaxis, np.newaxis, np.newaxis]
+        )
+        by_e += _cross(by_c, self._by_element(self._z[:, :3].T[..., np.newaxis]))
+        # The jump at the start of an element counts at all of its nodes, that at its end beyond.
+        square = (bends.kink * bends.kink).sum(axis=0)
+        by_jump = _direction(bends.kink) / np.sqrt(np.maximum(1.0 - 0.25 * square, 1e-12))
+        by_jump = by_jump[..., np.newaxis]
+        by_e += (by_jump * tables.ends[0])[:, :, :, np.newaxis]
+        by_e[:, :-1, :, -1] -= by_jump[:, 1:] * tables.ends[1]
+        return by_e, by_kappa
 
-    def _by_direction(self, change: FloatArray) -> FloatArray:
-        """Change of the tensions (N, J) by a ``change`` (3, N, J') of u of the pulled tendons."""
-        parts = (self._by_u * self._by_element(change)).sum(axis=(0, -1))
-        return self._of_angles(parts[..., np.newaxis])[..., 0]
+    def _by_bends(self, bends: Bends) -> FloatArray:
+        """Derivative of the integral in (1) by c, (3, E, J, p + 1, p)."""
+        tables, lengths = self._tables, self._tables.lengths[:, np.newaxis, np.newaxis]
+        whole = tables.weights[: len(tables.to_end)] / tables.lengths[0]
+        weights = np.append(tables.to_point, [whole], axis=0) * lengths
+        found = weights[:, np.newaxis] * self._by_element(_direction(bends.bend))
+        e, j = np.nonzero(bends.is_rough)
+        fine = _direction(self._by_element(bends.bend)[:, e, j] @ tables.to_fine.T)
+        found[:, e, j] = lengths[e] * ((tables.fine_weights * fine) @ tables.to_fine)
+        return np.asarray(found)
 
-    def _settled(self, direct: FloatArray) -> FloatArray:
-        """Change of tensions (N, J, ...) that in sheaths changes angles, from that without."""
+    def _by_element(self, values: FloatArray) -> FloatArray:
+        """``values`` (..., E k, J) as (..., E, J, 1, k)."""
+        elements = self._tables.lengths.size
+        rows = values.reshape(*values.shape[:-2], elements, 1, -1, values.shape[-1])
+        return np.ascontiguousarray(rows.swapaxes(-1, -2).swapaxes(-2, -3))
+
+    def _at_nodes(self, values: FloatArray) -> FloatArray:
+        """Derivative (N, J) by a quantity of each tendon that adds ``values`` (M, J) to (3)."""
+        return self._solved(self._tables.reach * self._friction.spread(self._to_nodes, values))
+
+    def _by_all_nodes(self, parts: FloatArray) -> FloatArray:
+        """S times angles that change by ``parts`` (E, J, p + 1, p k), (J, N, N k)."""
+        elements, tendons, points = *parts.shape[:2], parts.shape[2] - 1
+        inside = self._by_angle @ parts[:, :, :-1]
+        beyond = self._by_angle.sum(axis=-1).swapaxes(0, 1)[..., np.newaxis]
+        found = np.zeros((tendons, elements, points, elements, parts.shape[3]))
+        for e in range(elements):
+            found[:, e, :, e] = inside[e]
+            found[:, e + 1 :, :, e] = beyond[:, e + 1 :] * parts[e, :, np.newaxis, -1:]
+        return found.reshape(tendons, elements * points, -1)
+
+    def _of_angles(self, parts: FloatArray) -> FloatArray:
+        """Changes of tensions (N, J, k) where angles change by ``parts`` (E, J, p + 1, k)."""
+        whole = parts[:, :, -1:]
+        held = self._by_angle @ (parts[:, :, :-1] + whole.cumsum(axis=0) - whole)
+        found = np.zeros((*self._local.tensions.shape, parts.shape[3]))
+        found[:, self._pulled] = held.swapaxes(1, 2).reshape(len(found), -1, parts.shape[3])
+        return self._solved(found)
+
+    def _solved(self, right: FloatArray) -> FloatArray:
+        """Changes dT of (5) of its ``right`` side, (N, J, ...)."""
         if self._inverse is not None:
-            own = direct[:, self._pulled].swapaxes(0, 1)
+            own = right[:, self._pulled].swapaxes(0, 1)
             rows = self._inverse @ own.reshape(*own.shape[:2], -1)
-            direct[:, self._pulled] = rows.reshape(own.shape).swapaxes(0, 1)
-        return direct
+            right[:, self._pulled] = rows.reshape(own.shape).swapaxes(0, 1)
+        return right
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -399,79 +363,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     )
 
 
-class _Directions:
-    """How u of tendons changes, which runs along them, see `loops`; (3, n, J)."""
-
-    def __init__(self, bends: Bends, z: FloatArray) -> None:
-        """About the twists ``z`` (n, m)."""
-        self._bends, self._tendons, self._z = bends, bends.tendons, z
-        self._gives_way = bool(self._tendons.compliance.any())
-        t, n, b = self._tendons.strain[:3]
-        u_t, u_n, u_b = self._tendons.unit
-        self._across = np.stack([t * u_b - b * u_t, n * u_t - t * u_n])
-
-    def by_twist(self) -> FloatArray:
-        """Derivative by the twists of the same node, (3, m, n, J)."""
-        tendons, width, wider = self._tendons, self._bends.width, self._bends.widening
-        x, y, strains = tendons.x, tendons.y, self._z.shape[1]
-        t, n, b = self._z[:, :3].T[..., np.newaxis]
-        u = np.zeros((3, strains, *x.shape))
-        u[0, 1], u[0, 2] = width * y, -width * x
-        u[1, 0], u[2, 0] = -width * y, width * x
-        u[0, 3] = 1.0 + wider * (n * y - b * x)
-        u[1, 3], u[2, 3] = wider * (tendons.dx - t * y), wider * (tendons.dy + t * x)
-        for c in range(strains - 3 - 1):
-            u[1 + c, 4 + c] = 1.0
-        if self._gives_way:
-            scaled = np.zeros((3, strains, len(x), 1))
-            for c in range(3):
-                scaled[c, c] = width
-            scaled[0, 3], scaled[1, 3], scaled[2, 3] = wider * t, wider * n, wider * b
-            u_t, u_n, u_b = tendons.unit
-            u += self._displaced(
-                tendons.tension * np.stack(
-                    [scaled[0] * u_b - scaled[2] * u_t, scaled[1] * u_t - scaled[0] * u_n]
-                ) + self._by_u(u)
-            )  # fmt: skip
-        return u
-
-    def by_tension(self) -> FloatArray:
-        """Derivative by the local tension."""
-        return self._displaced(self._across)
-
-    def by_sheath_stiffness(self, offsets: FloatArray) -> FloatArray:
-        """Derivative by the stiffness of the sheath, for ``offsets`` (n, J, 2) [m] in it."""
-        return self._displaced(offsets.transpose(2, 0, 1))
-
-    def by_path(self, place: FloatArray, slope: FloatArray) -> FloatArray:
-        """Change by changes of the ``place`` in the section and its ``slope``, (2, n, J)."""
-        u = self._moved(place)
-        u[1:] += self._bends.width * slope
-        return u + self._displaced(self._by_u(u)) if self._gives_way else u
-
-    def _by_u(self, u: FloatArray) -> FloatArray:
-        """Change of the gradient by the offset, (2, ..., n, J), by a change ``u`` (3, ...)."""
-        tendons = self._tendons
-        t, n, b = tendons.strain[:3]
-        along = (u * tendons.unit.reshape(3, *(1,) * (u.ndim - 3), *tendons.x.shape)).sum(axis=0)
-        p_n, p_b = self._across
-        over = tendons.tension * tendons.over
-        return over * np.stack(
-            [t * u[2] - b * u[0] - p_n * along, n * u[0] - t * u[1] - p_b * along]
-        )
-
-    def _moved(self, offset: FloatArray) -> FloatArray:
-        """Change of u by a change of the ``offset`` (2, ..., n, J) of tendons."""
-        t, n, b = self._tendons.strain[:3]
-        x, y = offset
-        return np.stack([n * y - b * x, -t * y, t * x])
-
-    def _displaced(self, force: FloatArray) -> FloatArray:
-        """Change of u by a change ``force`` (2, ..., n, J) of the gradient by the offset."""
-        tendons = self._tendons
-        p_n, p_b = self._across
-        stiff = tendons.compliance * tendons.tension * tendons.over
-        nn, nb, bb = tendons.offset_stiffness(p_n, p_b, stiff)
-        over = -tendons.compliance / (nn * bb - nb * nb)
-        x, y = force
-        return self._moved(np.stack([over * (bb * x - nb * y), over * (nn * y - nb * x)]))
+def _direction(vectors: FloatArray) -> FloatArray:
+    """``vectors`` (3, ...) over their length, zero where they are."""
+    size = np.sqrt((vectors * vectors).sum(axis=0))
+    return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)

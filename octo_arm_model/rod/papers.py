@@ -16,8 +16,7 @@ from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
 from octo_arm_model.rod.factors import Blocks, Linear
-from octo_arm_model.rod.friction import clipped
-from octo_arm_model.rod.lengths import lengths_of, rest_stretches
+from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.paper_equations import Equations, MakesEquations, Strains
 from octo_arm_model.rod.read_out import ADDED_POINTS
 from octo_arm_model.rod.reeling import Aim, Border, Reached, Reeling
@@ -27,7 +26,7 @@ from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL, Places, places_at
-from octo_arm_model.rod.tendons import tendon_stretch
+from octo_arm_model.rod.tendons import unloaded_tendons
 from octo_arm_model.rod.winches import Winches
 
 # With a history strains have kinks, by which the estimated error of positions is too small: it has
@@ -213,10 +212,10 @@ class Papers(Statics):
         for steps in range(1, _MOST_STEPS):
             both = np.concatenate([local, at_stations])[np.newaxis]
             twist = level.equations.solve(both).twist
-            found = friction.slide_along(twist[0, : len(local)], tensions, before, problem.work)
+            found = friction.hold_along(twist[0, : len(local)], tensions, before, problem.work)
             loss = tables.friction * (level.places.between @ found.angle)
             loss[0] = 0.0
-            at_stations = clipped(base, held, loss)
+            at_stations = Band.of(base, loss, held).tensions
             change = float(np.abs(found.tensions - local).max())
             local = found.tensions
             if change <= _SETTLED * float(tensions.max()):
@@ -326,14 +325,14 @@ def sensitivity(
     by_local = stepped.imag.transpose(1, 2, 0)[: nodes + len(level.places.element)] / step
     if problem.friction is not None:
         columns, local = _with_friction(level, state, by_local[:nodes], names, rates)
-        rest = problem.elements.weights[:, np.newaxis] * rest_stretches(problem.tables)
+        rest = problem.elements.weights[:, np.newaxis] * unloaded_tendons(problem.tables).stretch
         mean = np.einsum('nj,njc->jc', rest, local) / rest.sum(axis=0)[:, np.newaxis]
     change = by_local @ columns
     pose, strains = _poses(level, change[:nodes]), change[nodes:].copy()
     z = stepped[0, nodes : nodes + len(strains), :, np.newaxis].real
     strains[:, :3] = (strains[:, :3] - z[:, :3] / z[:, 3:] * strains[:, 3:]) / z[:, 3:]
-    stretch = tendon_stretch(problem.tables, state.z, state.acting.tensions, problem.work.offsets)
-    length = np.einsum('jnm,nmc->jc', lengths_of(problem, stretch).by_z, change[:nodes])
+    by_twist, weights = problem.tendons(state).stretch_by_twist, problem.elements.weights
+    length = np.einsum('n,njm,nmc->jc', weights, by_twist, change[:nodes], optimize=True)
     parts = []
     for where in (slice(tendons), slice(tendons, tendons + 1), slice(tendons + 1, None)):
         some = None if mean is None else mean[:, where]
@@ -358,22 +357,22 @@ def _with_friction(
         bends the arm as much less, and those of the tensions themselves at the nodes (N, J, ...).
 
     Raises:
-        SolveError: if there are none, see `friction.Changes.require`.
+        SolveError: if there are none, see `friction.TensionDerivatives.require`.
     """
     problem, base = level.problem, state.acting.condition.tensions
     nodes, tendons = state.acting.tensions.shape
-    slides, own = problem.tension_changes(state), np.arange(tendons)
+    derivatives, own = problem.tension_derivatives(state), np.arange(tendons)
     direct = np.zeros((nodes, tendons, 2 * tendons + 1))
     direct[:, own, own] = problem.tension_rates(state) if rates is None else rates
     direct[..., tendons] = -state.acting.tensions
     felt = direct.copy()
-    if slides is not None:
+    if derivatives is not None:
         if rates is None:
-            slides.require(names, base)
-        direct[:, own, tendons + 1 + own] = slides.by_friction
+            derivatives.require(names, base)
+        direct[:, own, tendons + 1 + own] = derivatives.by_friction
         for _ in range(_MOST_STEPS):
             # What is bent nearer to the base changes tensions farther from it.
-            more = direct + slides.by_twists(by_local @ felt) - felt
+            more = direct + derivatives.by_twists(by_local @ felt) - felt
             felt += more
             if np.abs(more).max() <= _SETTLED * np.abs(felt).max():
                 break

@@ -16,9 +16,9 @@ import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.arrays import Bends
+from octo_arm_model.rod.arrays import Bends, tendons_at
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
-from octo_arm_model.rod.friction import clipped
+from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.tables import places_at, tabulate, work_arrays
 from octo_arm_model.rod.unloaded import straight_twists
 
@@ -84,12 +84,12 @@ class Finer:
         return acting, z, wrench
 
     def _slid(self, state: State) -> FloatArray:
-        friction, sliding = self.problem.friction, self.problem.sliding(state)
+        friction, local = self.problem.friction, self.problem.local_tensions(state)
         assert friction is not None
-        if sliding.along is not None:
+        if local.band is not None:
             assert self._of_fine is not None
-            return friction.spread(self._of_fine, sliding.along)
-        loss = self.problem.tables.friction * (self._between @ sliding.angle)
+            return friction.spread(self._of_fine, local.band.tensions)
+        loss = self.problem.tables.friction * (self._between @ local.angle)
         base = state.acting.condition.tensions * self.own.tables.reach
         return np.asarray(base * np.exp(-loss))
 
@@ -99,7 +99,7 @@ class Finer:
         own.form.angles(own.tables, z, acting.tensions, own.work)
         means = []
         for one, angle in (
-            (self.problem, self.problem.sliding(state).angle), (own, own.work.angle),
+            (self.problem, self.problem.local_tensions(state).angle), (own, own.work.angle),
         ):  # fmt: skip
             parts = one.elements.weights[:, np.newaxis] * angle
             means.append(parts.reshape(own.elements.lengths.size, one.elements.points, -1).sum(1))
@@ -157,12 +157,13 @@ class Readout:
     def _angle(self, acting: Acting, z: FloatArray) -> FloatArray:
         """Angle by which tendons have turned up to the stations [rad], (S, J)."""
         tables, elements = self._finer.own.tables, self._finer.own.elements
-        bends = Bends(tables, z, acting.tensions, self._finer.own.work)
+        tendons = tendons_at(tables, z, acting.tensions, self._finer.own.work)
+        bends = Bends(tables, z, tendons.unit, tables.reach[:, tendons.pulled])
         fine = tables.to_fine @ bends.bend.reshape(3, elements.lengths.size, elements.points, -1)
         rate = np.sqrt((fine * fine).sum(axis=0)).reshape(-1, fine.shape[3])
         found = np.zeros((self._s.size, tables.friction.size))
         kinks = bends.kink_angles.cumsum(axis=0)[self.places.element]
-        found[:, bends.tendons.pulled] = self._turned @ rate + kinks
+        found[:, tendons.pulled] = self._turned @ rate + kinks
         return found
 
     def _slid(self, state: State, angle: FloatArray) -> FloatArray:
@@ -171,7 +172,7 @@ class Readout:
         base, loss = condition.tensions, self._problem.tables.friction * angle
         if condition.before is None:
             return np.asarray(base * np.exp(-loss))
-        return clipped(base, self._of_history @ condition.before, loss)
+        return Band.of(base, loss, self._of_history @ condition.before).tensions
 
     @functools.cached_property
     def _turned(self) -> FloatArray:

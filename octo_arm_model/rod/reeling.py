@@ -34,8 +34,7 @@ from octo_arm_model.rod.complementarity import Tolerance, complementary_step
 from octo_arm_model.rod.continuation import ON_THE_WAY
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Blocks, Linear
-from octo_arm_model.rod.friction import Changes
-from octo_arm_model.rod.lengths import rest_stretches
+from octo_arm_model.rod.friction import TensionDerivatives
 from octo_arm_model.rod.newton import (
     CHORD,
     FIRST,
@@ -47,7 +46,7 @@ from octo_arm_model.rod.newton import (
     Chord,
 )
 from octo_arm_model.rod.rod import Rod
-from octo_arm_model.rod.tendons import Tendons
+from octo_arm_model.rod.tendons import unloaded_tendons
 
 TOLERANCE = 1e-10  # residual of the balance
 MET = 1e-9  # error of displacements over the length, and of tensions over the largest
@@ -101,7 +100,7 @@ class Border(NamedTuple):
         changes: derivative of what is reeled in by the tensions, (J, J) [m/N].
         rates: derivative of local tensions by those at the base at fixed twists, (N, J).
         by_local: derivative of what is reeled in by local tensions at fixed twists, (N, J) [m/N].
-        slides: how local tensions with friction change with twists.
+        local: derivatives of local tensions with friction; None where they do not change.
     """
 
     z: FloatArray
@@ -111,7 +110,7 @@ class Border(NamedTuple):
     changes: FloatArray
     rates: FloatArray
     by_local: FloatArray
-    slides: Changes | None
+    local: TensionDerivatives | None
 
     def solve(self, right: FloatArray) -> FloatArray:
         """See `Factors.solve`."""
@@ -120,8 +119,8 @@ class Border(NamedTuple):
     def reeled_in(self, twists: FloatArray) -> FloatArray:
         """By a change of the ``twists`` (N m, k), (J, k) [m]."""
         found = -self.lengths @ twists
-        if self.slides is not None:
-            local = self.slides.by_twists(twists.reshape(len(self.by_local), -1, twists.shape[1]))
+        if self.local is not None:
+            local = self.local.by_twists(twists.reshape(len(self.by_local), -1, twists.shape[1]))
             found += np.einsum('ij,ijk->jk', self.by_local, local)
         return found
 
@@ -164,7 +163,7 @@ class Reeling(abc.ABC):
         """Of ``arm`` at the nodes of ``problem``."""
         self.problem, self._arm = problem, arm
         self._weights = problem.elements.weights
-        self._rest = self._weights[:, np.newaxis] * rest_stretches(problem.tables)
+        self._rest = self._weights[:, np.newaxis] * unloaded_tendons(problem.tables).stretch
         self._unloaded = self._rest.sum(axis=0)
         count = self._unloaded.size
         self._free = arm.stretched(np.array(arm.free_length or np.zeros(count)))
@@ -176,16 +175,12 @@ class Reeling(abc.ABC):
         """What winches have reeled in [m], (J,), of the state that is in `Problem.work`."""
         acting, reeled = (
             state.acting,
-            self._unloaded - self._weights @ self._tendons(state).stretches,
+            self._unloaded - self._weights @ self.problem.tendons(state).stretch,
         )
         if self._arm.axial_stiffness:
             reeled += np.einsum('ij,ij->j', self._by_local, acting.tensions)
             reeled += self._free * acting.condition.tensions
         return np.asarray(reeled)
-
-    def _tendons(self, state: State) -> Tendons:
-        problem = self.problem
-        return Tendons(problem.tables, state.z, state.acting.tensions, problem.work.offsets)
 
     @abc.abstractmethod
     def evaluate(self, aim: Aim, z: FloatArray, tensions: FloatArray) -> Reached:
@@ -242,7 +237,7 @@ class Reeling(abc.ABC):
         rates, condition = self.problem.tension_rates(state), state.acting.condition
         if condition.before is None or not condition.tensions.any():
             return rates
-        angle = self.problem.sliding(state).angle
+        angle = self.problem.local_tensions(state).angle
         slips = self.problem.tables.reach * np.exp(-self.problem.tables.friction * angle)
         return np.where(self._sticks(rates), slips, rates)
 
@@ -368,7 +363,7 @@ class Reeling(abc.ABC):
         friction, before = self.problem.friction, now.state.acting.condition.before
         if friction is None or before is None or (begun == now.tensions).all():
             return now
-        local = friction.slide(begun, before, self.problem.sliding(now.state).angle).tensions
+        local = friction.hold(begun, before, self.problem.local_tensions(now.state).angle).tensions
         means = self._weights @ (local - now.state.acting.tensions)
         sticks = np.abs(means) <= _STICKS * np.abs(self._unloaded * (begun - now.tensions))
         pulled = np.where(sticks, begun, now.tensions)
@@ -385,8 +380,8 @@ class Reeling(abc.ABC):
         over = self._moved(now, border, step) - now.tensions
         if friction is None or before is None:
             return border.rates
-        angle, least = self.problem.sliding(now.state).angle, float(now.tensions.max())
-        local = friction.slide(now.tensions + over, before, angle).tensions
+        angle, least = self.problem.local_tensions(now.state).angle, float(now.tensions.max())
+        local = friction.hold(now.tensions + over, before, angle).tensions
         over[np.abs(over) <= _LEAST_SECANT * least] = np.nan
         found = (local - now.state.acting.tensions) / over
         is_known = np.isfinite(over) & ~self._sticks(found)
@@ -400,7 +395,7 @@ class Reeling(abc.ABC):
             return new
         # What a tendon reels in by its own local tensions, per newton of their mean, and besides.
         angle, means = (
-            self.problem.sliding(now.state).angle,
+            self.problem.local_tensions(now.state).angle,
             self._weights @ now.state.acting.tensions,
         )
         per_mean = (border.changes.diagonal() - self._free) / (self._weights @ border.rates)
@@ -408,7 +403,7 @@ class Reeling(abc.ABC):
         wanted -= _ROUNDING * self._arm.length
 
         def reeled_in(pulled: FloatArray) -> FloatArray:
-            local = friction.slide(pulled, before, angle).tensions
+            local = friction.hold(pulled, before, angle).tensions
             found = per_mean * (self._weights @ local - means) + self._free * (pulled - tensions)
             return np.asarray(found)
 
@@ -469,13 +464,13 @@ class RodReeling(Reeling):
         problem.load_work(state)
         if factors is None:
             factors = self._factors(state)
-        stretch = self._tendons(state).stretch()
-        columns = (stretch.length_by_z * rates[..., np.newaxis]).swapaxes(1, 2)
+        tendons = problem.tendons(state)
+        columns = (tendons.stretch_by_twist * rates[..., np.newaxis]).swapaxes(1, 2)
         by_tension = factors.solve(columns.reshape(-1, rates.shape[1]))
-        lengths = stretch.length_by_z * weights[:, np.newaxis, np.newaxis]
+        lengths = tendons.stretch_by_twist * weights[:, np.newaxis, np.newaxis]
         lengths = lengths.swapaxes(1, 2).reshape(-1, rates.shape[1]).T
         # What is reeled in by the local tensions, at fixed twists.
-        by_local = self._by_local - weights[:, np.newaxis] * stretch.by_tension
+        by_local = self._by_local - weights[:, np.newaxis] * tendons.stretch_by_tension
         border = Border(
             state.z,
             factors,
@@ -484,7 +479,7 @@ class RodReeling(Reeling):
             by_tension,
             rates,
             by_local,
-            problem.tension_changes(state),
+            problem.tension_derivatives(state),
         )
         changes = border.reeled_in(-by_tension)
         changes += np.diag(np.einsum('ij,ij->j', by_local, rates) + self._free)

@@ -17,12 +17,12 @@ from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Condition, Problem
-from octo_arm_model.rod.lengths import rest_stretches, rest_stretches_by_offset, tendon_lengths
 from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.tables import Places
+from octo_arm_model.rod.tendons import outward_paths, unloaded_tendons
 
 AT_ONCE = 64  # arms, for which tables have room in the processor's cache
 _LEVELS_AT_ONCE = 3
@@ -232,23 +232,25 @@ class Statics(abc.ABC):
     def rest_lengths(self) -> FloatArray:
         """In the unloaded arm [m], (J,)."""
         problem = self.problem(0)
-        return np.asarray(problem.elements.weights @ rest_stretches(problem.tables))
+        return np.asarray(problem.elements.weights @ unloaded_tendons(problem.tables).stretch)
 
     def tendon_lengths(self, found: Equilibrium) -> FloatArray:
         """In a solution [m], (J,)."""
-        return tendon_lengths(self.problem(found.level), found.state).length
+        problem = self.problem(found.level)
+        return np.asarray(problem.elements.weights @ problem.tendons(found.state).stretch)
 
     def tension_integrals(self, found: Equilibrium) -> FloatArray:
         """Integrals of the tensions over the unloaded lengths up to the base [N m], (J,)."""
         problem = self.problem(found.level)
-        along = found.state.acting.tensions * rest_stretches(problem.tables)
+        along = found.state.acting.tensions * unloaded_tendons(problem.tables).stretch
         return np.asarray(problem.elements.weights @ along)
 
     def rest_lengths_by_offset(self, found: Equilibrium) -> tuple[FloatArray, FloatArray]:
         """See `Solver.rest_lengths_by_offset`."""
         problem = self.problem(found.level)
-        rates = rest_stretches_by_offset(problem.tables, self._setup.arm, problem.elements.s)
-        weights = problem.elements.weights
+        tables, weights = problem.tables, problem.elements.weights
+        outwards = outward_paths(self._setup.arm, tables, problem.elements.s)
+        rates = unloaded_tendons(tables).by_path(outwards).stretch
         return weights @ rates, weights @ (rates * found.state.acting.tensions)
 
 

@@ -1,11 +1,26 @@
-"""Tendons at the nodes: their stretch, and what it and their energy change by.
+"""Tendons at the nodes: where they run, how long they are, and the derivatives of both.
 
-For a tendon of tension T on a path at r + d in the cross section, as in `loops`,
+A tendon of tension T at the offset r + d in the cross section, d within its sheath, runs along
 
-    u = (lambda, v_n, v_b) + w kappa x (r + d) + w r',    its energy T |u| + k |d|^2 / 2
+    u = (lambda, v_n, v_b) + U(r + d, r'),    U(r, r') = w (kappa x r + r'),    e = u / |u|    (1)
 
-is least by the offset d, so that k d + T p = 0 with p = d|u|/dd, and where p or T changes d does,
-k D dd + d(T p) = 0. All then follows from one function: what changes where paths move.
+per reference length of the arm; w(lambda) is the widening, see `loops`. |u| is its stretch, and d
+has the least energy T |u| + k |d|^2 / 2, whose gradient by the twist z is T g:
+
+    k d + T p = 0,    p = A^T e,    A d = U(d, 0)                                              (2)
+    g = e . (lambda, v_n, v_b)_z + G(e, r + d, r'),    G(e, r, r') = e . U_z(r, r')            (3)
+
+Where something changes du by du|d at held offset, and the left side of (2) by f,
+
+    du = du|d + A dd,    k D dd = -f,    D = 1 + T A^T P A / (k |u|),    P = 1 - e e^T         (4)
+    d|u| = e . du,    de = P du / |u|,    dg = de . u_z|d + G(e, dr + dd, dr')                 (5)
+
+    of z             du|d = (lambda, v_n, v_b)_z + U_z(r + d, r')    f = T (A^T de|d + A_z^T e)
+    of T             0                                                   p
+    of k             0                                                   d
+    of a path r, r'  U(dr, dr')                                          T A^T de|d
+
+As second derivatives of the energy are symmetric, |u|_z = g + T g_T.
 """
 
 from __future__ import annotations
@@ -15,197 +30,196 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.tables import Tables
 
 
-class Stretch(NamedTuple):
-    """Length of tendons per reference length of the arm, zero beyond the anchorages.
+class PathChange(NamedTuple):
+    """What changes per unit of a quantity of each tendon, the others and twists held.
 
     Attributes:
-        stretch: |u|, (N, J) [-].
-        gradient: by the twist for a fixed offset in the sheath, which is that of the energy over
-            the tension, (N, J, m).
-        by_tension: by the tension at fixed twist [1/N], (N, J); zero without a sheath.
-        length_by_z: by the twist at fixed tension, where the offset follows, (N, J, m): what a
-            length changes by, and what the residual changes by per newton of local tension.
+        unit: change of e, (3, N, J).
+        stretch: of |u|, (N, J).
+        gradient: of T g, the gradient of the energy by the twist, (N, J, m).
     """
 
+    unit: FloatArray
     stretch: FloatArray
     gradient: FloatArray
-    by_tension: FloatArray
-    length_by_z: FloatArray
-
-
-class Moved(NamedTuple):
-    """What changes where paths move at fixed twist.
-
-    Attributes:
-        gradient: change of the gradient of the energy by the twist, (N, J, m).
-        stretch: change of |u|, (N, J).
-    """
-
-    gradient: FloatArray
-    stretch: FloatArray
-
-
-def tendon_stretch(
-    tables: Tables, z: FloatArray, tensions: FloatArray, offsets: FloatArray
-) -> Stretch:
-    """Of twists ``z`` (N, m) under local ``tensions`` (N, J) [N] with `Work.offsets`."""
-    return Tendons(tables, z, tensions, offsets).stretch()
 
 
 class Tendons:
-    """All tendons at all nodes, at given twists. Indices inside: components first, then (N, J).
+    """All tendons at all nodes, at given twists.
+
+    Arrays inside are (..., c, N, J): derivatives by ... of c components at N nodes.
 
     Attributes:
-        tension: local [N], zero beyond the anchorage, (N, J).
+        tension: local T [N], zero beyond the anchorage, (N, J).
         width: radius over reference radius, w, (N, 1).
-        slope: its derivative by the stretch, (N, 1).
-        kappa: curvatures [1/m], (3, N, 1).
-        scaled: the same times w.
+        widening: its derivative by the stretch, (N, 1).
+        scaled: w kappa [1/m], (3, N, 1).
         has_sheaths: whether any tendon can leave its path.
+        stretch: |u|, the length per reference length of the arm [-], zero beyond, (N, J).
     """
 
     def __init__(
         self, tables: Tables, z: FloatArray, tensions: FloatArray, offsets: FloatArray
     ) -> None:
         """Of twists ``z`` (N, m) under local ``tensions`` (N, J) [N] with `Work.offsets`."""
-        self._strains, self._compliance = z.shape[1], tables.compliance
-        self.has_sheaths = bool(tables.compliance.any())
         columns = z.T[..., np.newaxis]
-        stretch = columns[3]
+        self._kappa, stretch = columns[:3], columns[3]
         if tables.widens:
             self.width = 1.0 / np.sqrt(stretch)
-            self.slope = -0.5 * self.width / stretch
+            self.widening = -0.5 * self.width / stretch
         else:
-            self.width, self.slope = np.ones_like(stretch), np.zeros_like(stretch)
-        self.kappa = columns[:3]
-        self.scaled = columns[:3] * self.width
-        x, y, self._dx, self._dy = np.ascontiguousarray(tables.tendons.transpose(2, 0, 1))
+            self.width, self.widening = np.ones_like(stretch), np.zeros_like(stretch)
+        self.scaled, self._strains = self.width * self._kappa, z.shape[1]
         self.tension = tensions * tables.reach
-        self._offsets = offsets.transpose(2, 0, 1)
+        paths = np.ascontiguousarray(tables.tendons.transpose(2, 0, 1))
+        self._r, self._slope = paths[:2], paths[2:]
+        self._compliance, self._offset = tables.compliance, np.zeros_like(self._r)
+        self.has_sheaths = bool(tables.compliance.any())
         if self.has_sheaths:
             # Node functions leave those of tendons that nobody pulls as they were.
-            self._offsets = self._offsets * (self.tension != 0.0)
-            x, y = x + self._offsets[0], y + self._offsets[1]
-        self._x, self._y = x, y
-        u = self._across(x, y)
+            self._offset = offsets.transpose(2, 0, 1) * (self.tension != 0.0)
+            self._r = self._r + self._offset
+        u = self._u(self._r, self._slope)
         u[0] += stretch
-        u[1] += self.width * self._dx
-        u[2] += self.width * self._dy
         if self._strains == 6:
             u[1:] += columns[4:]
-        self._u, self._length = u, np.sqrt(np.einsum('anj,anj->nj', u, u))
-        self._reach, self._size = tables.reach, self._length * tables.reach
+        size = np.sqrt(np.einsum('cnj,cnj->nj', u, u))
+        self.stretch, self._tangent, self._inverse = size * tables.reach, u, tables.reach / size
+
+    @functools.cached_property
+    def unit(self) -> FloatArray:
+        """Unit tangents e, zero beyond the anchorages, (3, N, J)."""
+        return np.asarray(self._tangent * self._inverse)
+
+    @functools.cached_property
+    def gradient(self) -> FloatArray:
+        """g, the derivative of |u| by the twist at held offset, (N, J, m)."""
+        return self._g(self.unit).transpose(1, 2, 0)
+
+    @functools.cached_property
+    def stretch_by_twist(self) -> FloatArray:
+        """Derivative of |u| by the twist, and of the energy's gradient by T, (N, J, m)."""
+        return self.gradient + self.by_tension.gradient if self.has_sheaths else self.gradient
 
     @property
-    def stretches(self) -> FloatArray:
-        """|u|, (N, J) [-], zero beyond the anchorages."""
-        return self._size
+    def stretch_by_tension(self) -> FloatArray:
+        """Derivative of |u| by T [1/N], (N, J); zero in rigid sheaths."""
+        return self.by_tension.stretch if self.has_sheaths else np.zeros_like(self.stretch)
 
-    def stretch(self) -> Stretch:
-        """`Stretch` of all tendons."""
-        gradient = self._gradient
-        if not self.has_sheaths:
-            return Stretch(self._size, gradient, np.zeros_like(self._size), gradient)
-        by_tension = self.moved(-self._answer(self._push))
-        return Stretch(self._size, gradient, by_tension.stretch, gradient + by_tension.gradient)
-
-    def by_sheath_stiffness(self) -> Moved:
-        """Per pascal of every sheath; zero of a rigid one."""
-        return self.moved(-self._answer(self._offsets))
-
-    def by_offset(self, outwards: FloatArray) -> Moved:
-        """Per metre of every tendon's distance from the midline.
-
-        ``outwards`` (4, N, J) are the directions away from it along n and b [-] and their slopes
-        [1/m], zero beyond the anchorages.
-        """
-        path, slopes = outwards[:2], outwards[2:]
+    @functools.cached_property
+    def unit_by_twist(self) -> FloatArray:
+        """Derivative of e by the twist of the same node, (m, 3, N, J)."""
+        kappa = np.zeros((4, *self.scaled.shape))  # derivative of w kappa, (4, 3, N, 1)
+        kappa[0, 0] = kappa[1, 1] = kappa[2, 2] = self.width
+        kappa[3] = self.widening * self._kappa
+        u = np.zeros((self._strains, *self.unit.shape))
+        u[:4] = _cross(kappa, self._r)
+        u[3, 1:] += self.widening * self._slope
+        for c in range(self._strains - 3):
+            u[3 + c, c] += 1.0
         if self.has_sheaths:
-            _, turned = self._turned(path, slopes)
-            t, n, b = self.scaled
-            push = np.stack([t * turned[2] - b * turned[0], n * turned[0] - t * turned[1]])
-            path = path - self._answer(push)
-        return self.moved(path, slopes)
-
-    def moved(self, path: FloatArray, slopes: FloatArray | None = None) -> Moved:
-        """What changes per unit where paths move along ``path`` (2, N, J), with ``slopes``."""
-        along, turned = self._turned(path, slopes)
-        found = self._by_strain(turned)
-        f = self.tension * self._unit
-        found[0] += path[0] * f[2] - path[1] * f[1]
-        found[1] += path[1] * f[0]
-        found[2] -= path[0] * f[0]
-        if slopes is not None:
-            found[3] += self.slope * (slopes[0] * f[1] + slopes[1] * f[2])
-        return Moved(self._by_twist(found), along)
+            force = _cross_transposed(self.scaled, self._unit_change(u))
+            force[:4] += _cross_transposed(kappa, self.unit)
+            u += _cross(self.scaled, self._offset_change(self.tension * force))
+        return self._unit_change(u)
 
     @functools.cached_property
-    def _unit(self) -> FloatArray:
-        """U / |u|, zero beyond the anchorages, (3, N, J)."""
-        return np.asarray(self._u * (self._reach / self._length))
+    def by_tension(self) -> PathChange:
+        """Per newton of local tension, with T g_T as gradient; zero in rigid sheaths."""
+        return self._path_change(self._offset_change(self._stretch_by_offset))
 
     @functools.cached_property
-    def _per_length(self) -> FloatArray:
-        """T / |u|, (N, J)."""
-        return np.asarray(self.tension / self._length)
+    def by_sheath_stiffness(self) -> PathChange:
+        """Per pascal of every sheath; zero of rigid ones."""
+        return self._path_change(self._offset_change(self._offset))
 
-    @functools.cached_property
-    def _gradient(self) -> FloatArray:
-        return self._by_twist(self._by_strain(self._unit))
+    def by_path(self, path: FloatArray) -> PathChange:
+        """Per unit that paths move along ``path`` (4, N, J) by, see `outward_paths`."""
+        r, slope = path[:2], path[2:]
+        if self.has_sheaths:
+            unit = self._unit_change(self._u(r, slope))
+            r = r + self._offset_change(self.tension * _cross_transposed(self.scaled, unit))
+        return self._path_change(r, slope)
 
-    @functools.cached_property
-    def _push(self) -> FloatArray:
-        """p: derivative of |u| by the offset, (2, N, J)."""
-        (t, n, b), (c_t, c_n, c_b) = self.scaled, self._unit
-        return np.stack([t * c_b - b * c_t, n * c_t - t * c_n])
+    def _path_change(self, r: FloatArray, slope: FloatArray | float = 0.0) -> PathChange:
+        """(5), where r + d moves by ``r`` (2, N, J) and r' by ``slope``."""
+        u = self._u(r, slope)
+        unit = self._unit_change(u)
+        gradient = self.tension * (self._g(unit) + self._g_of_path(self.unit, r, slope))
+        return PathChange(unit, (self.unit * u).sum(axis=0), gradient.transpose(1, 2, 0))
 
-    def _across(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Cross product w kappa x r, (3, N, J)."""
-        t, n, b = self.scaled
-        found = np.empty((3, *x.shape))
-        found[0], found[1], found[2] = n * y - b * x, -t * y, t * x
+    def _u(self, r: FloatArray, slope: FloatArray | float) -> FloatArray:
+        """U(r, r'), (3, N, J)."""
+        u = _cross(self.scaled, r)
+        u[1:] += self.width * slope
+        return u
+
+    def _g(self, unit: FloatArray) -> FloatArray:
+        """``unit`` . u_z at held offset, (m, N, J)."""
+        found = self._g_of_path(unit, self._r, self._slope)
+        found[3:] += unit[: self._strains - 3]
         return found
 
-    def _turned(
-        self, path: FloatArray, slopes: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Changes of |u| (N, J) and, times T, of u / |u| (3, N, J), where paths move."""
-        u = self._across(*path)
-        if slopes is not None:
-            u[1:] += self.width * slopes
-        along = np.einsum('anj,anj->nj', self._unit, u)
-        u -= self._unit * along
-        u *= self._per_length
-        return along, u
+    def _g_of_path(self, unit: FloatArray, r: FloatArray, slope: FloatArray | float) -> FloatArray:
+        """G of a ``unit`` tangent = (w kappa)_z . (r x e) + w_z r' . e, (m, N, J)."""
+        (x, y), (e_t, e_n, e_b) = r, unit
+        found = np.zeros((self._strains, *self.tension.shape))
+        found[0], found[1], found[2] = x * e_b - y * e_n, y * e_t, -x * e_t
+        found[3] = (self._kappa * found[:3]).sum(axis=0) + (slope * unit[1:]).sum(axis=0)
+        found[3] *= self.widening
+        found[:3] *= self.width
+        return found
 
-    def _answer(self, push: FloatArray) -> FloatArray:
-        """(k D)^-1 of a ``push`` (2, N, J), zero in rigid sheaths."""
+    @functools.cached_property
+    def _stretch_by_offset(self) -> FloatArray:
+        """p, (2, N, J)."""
+        return _cross_transposed(self.scaled, self.unit)
+
+    def _offset_change(self, force: FloatArray) -> FloatArray:
+        """Change dd of (4) for f = ``force`` (..., 2, N, J), zero in rigid sheaths."""
         t, n, b = self.scaled
-        p_n, p_b = self._push
-        stiff = self._compliance * self._per_length
+        p_n, p_b = self._stretch_by_offset
+        stiff = self._compliance * self.tension * self._inverse
         nn = 1.0 + stiff * (b * b + t * t - p_n * p_n)
         nb = -stiff * (b * n + p_n * p_b)
         bb = 1.0 + stiff * (n * n + t * t - p_b * p_b)
-        found = np.stack([bb * push[0] - nb * push[1], nn * push[1] - nb * push[0]])
-        found *= self._compliance / (nn * bb - nb * nb)
-        return found
+        x, y = np.moveaxis(force, -3, 0)
+        found = np.stack([bb * x - nb * y, nn * y - nb * x], axis=-3)
+        return found * (-self._compliance / (nn * bb - nb * nb))
 
-    def _by_strain(self, f: FloatArray) -> FloatArray:
-        """Products f . du/de of vectors ``f`` (3, N, J) with scaled strains, (m, N, J)."""
-        found = np.empty((self._strains, *f.shape[1:]))
-        found[0] = self._x * f[2] - self._y * f[1]
-        found[1] = self._y * f[0]
-        found[2] = -self._x * f[0]
-        found[3] = f[0] + self.slope * (self._dx * f[1] + self._dy * f[2])
-        found[4:] = f[1 : self._strains - 3]
-        return found
+    def _unit_change(self, u: FloatArray) -> FloatArray:
+        """Change de of (5) of changes ``u`` (..., 3, N, J)."""
+        along = (self.unit * u).sum(axis=-3)
+        return (u - self.unit * along[..., np.newaxis, :, :]) * self._inverse
 
-    def _by_twist(self, g: FloatArray) -> FloatArray:
-        """From a gradient (m, N, J) by the scaled strain to that by the twist, (N, J, m)."""
-        g[3] += self.slope * (self.kappa * g[:3]).sum(axis=0)
-        g[:3] *= self.width
-        return g.transpose(1, 2, 0)
+
+def _cross(kappa: FloatArray, r: FloatArray) -> FloatArray:
+    """Cross products kappa x r of curvatures (..., 3, N, 1) and offsets (..., 2, N, J)."""
+    (t, n, b), (x, y) = np.moveaxis(kappa, -3, 0), np.moveaxis(r, -3, 0)
+    return np.stack([n * y - b * x, -t * y, t * x], axis=-3)
+
+
+def _cross_transposed(kappa: FloatArray, u: FloatArray) -> FloatArray:
+    """The transpose of `_cross` by r, times ``u`` (..., 3, N, J): (..., 2, N, J)."""
+    (t, n, b), (u_t, u_n, u_b) = np.moveaxis(kappa, -3, 0), np.moveaxis(u, -3, 0)
+    return np.stack([t * u_b - b * u_t, n * u_t - t * u_n], axis=-3)
+
+
+def unloaded_tendons(tables: Tables) -> Tendons:
+    """The tendons of the straight, unloaded arm."""
+    z, slack = np.tile([0.0, 0.0, 0.0, 1.0], (len(tables.reach), 1)), np.zeros_like(tables.reach)
+    return Tendons(tables, z, slack, np.zeros((*slack.shape, 2)))
+
+
+def outward_paths(arm: Arm, tables: Tables, s: FloatArray) -> FloatArray:
+    """Paths on which tendons move away from the midline, zero beyond the anchorages, (4, N, J).
+
+    Along n and b [-] and the slopes of both [1/m], of the tendons of ``arm`` at ``s`` (N,) [m].
+    """
+    found = np.stack([*arm.tendon_outwards(s), *arm.tendon_outward_slopes(s)])
+    return np.ascontiguousarray(found.swapaxes(1, 2) * tables.reach)

@@ -28,7 +28,7 @@ from octo_arm_model import (
 )
 from octo_arm_model.arm.stiffness import estimate_sheath_stiffness
 from octo_arm_model.rod.rod import Rod, Setting
-from octo_arm_model.rod.tendons import Stretch, tendon_stretch
+from octo_arm_model.rod.tendons import Tendons
 
 RUBBER = Material(1.1e5, 0.5, 1080.0)
 SHEAR_MODULUS = 1.1e5 / 3.0
@@ -111,10 +111,10 @@ def test_what_is_left_without_the_places_are_derivatives(law: str, shear: bool) 
     steps = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3][:own])
     stiffness, tables = np.array(HELICAL.sheath_stiffness), problem.tables
 
-    def balanced(x: np.ndarray, tensions: np.ndarray) -> Stretch:
+    def balanced(x: np.ndarray, tensions: np.ndarray) -> Tendons:
         problem.form.sections(tables, np.tile(x, (nodes, 1)), local(tensions), problem.work)
         z = np.tile(x, (nodes, 1))
-        return tendon_stretch(tables, z, local(tensions), problem.work.offsets)
+        return Tendons(tables, z, local(tensions), problem.work.offsets)
 
     def local(tensions: np.ndarray) -> np.ndarray:
         return np.tile(tensions, (nodes, 1)) * tables.reach
@@ -136,13 +136,15 @@ def test_what_is_left_without_the_places_are_derivatives(law: str, shear: bool) 
     pull = np.einsum('nj,njm->nm', local(PULL.ravel()), found.gradient)
     np.testing.assert_allclose(pull, jacobian(least, at, steps), rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(
-        found.length_by_z * tables.reach[..., np.newaxis], jacobian(lengths, at, steps), atol=1e-8
+        found.stretch_by_twist * tables.reach[..., np.newaxis],
+        jacobian(lengths, at, steps),
+        atol=1e-8,
     )
     by_tension = jacobian(
         lambda x: balanced(at, x).stretch * tables.reach, PULL.ravel(), np.full(count, 1e-3)
     )
     own_part = np.einsum('njj->nj', by_tension)
-    np.testing.assert_allclose(found.by_tension * tables.reach, own_part, atol=1e-9)
+    np.testing.assert_allclose(found.stretch_by_tension * tables.reach, own_part, atol=1e-9)
 
 
 LOADS = Loads(

@@ -64,7 +64,7 @@ def test_changes_of_tensions_are_those_of_differences(name: str) -> None:
         def at(step: float, condition: Condition = condition) -> FloatArray:
             return problem.evaluate(problem.acting(condition), z + step * change).acting.tensions
 
-        changes = problem.tension_changes(problem.evaluate(problem.acting(condition), z))
+        changes = problem.tension_derivatives(problem.evaluate(problem.acting(condition), z))
         assert changes is not None
         expected = (at(1e-6) - at(-1e-6)) / 2e-6
         found = changes.by_twists(change[..., np.newaxis])[..., 0]
@@ -94,26 +94,27 @@ def test_tensions_change_with_what_they_depend_on(name: str) -> None:
     tables, random = problem.tables, np.random.default_rng(4)
     for condition in conditions(problem, z):
         state = problem.evaluate(problem.acting(condition), z)
-        changes = problem.tension_changes(state)
+        changes = problem.tension_derivatives(state)
         assert changes is not None
+        tendons = problem.tendons(state)
         outwards = random.standard_normal((4, *tables.reach.shape)) * tables.reach
         paths = np.moveaxis(outwards, 0, -1)
         given = {
             'friction': (changes.by_friction, np.ones(6)),
-            'tendons': (changes.by_offset(outwards), paths),
+            'tendons': (changes.by_unit(tendons.by_path(outwards).unit), paths),
         }
         if tables.compliance.any():
             squares = -(tables.compliance**2)
-            given['compliance'] = (changes.by_sheath_stiffness, squares)
+            given['compliance'] = (changes.by_unit(tendons.by_sheath_stiffness.unit), squares)
         for field, (found, direction) in given.items():
             value, ends = getattr(tables, field), []
             step = {'friction': 1e-6, 'tendons': 1e-8, 'compliance': 300.0}[field]
             for side in (step, -step):
                 problem.tables = tables._replace(**{field: value + side * direction})
                 assert problem.friction is not None
-                problem.friction._tables = problem.tables
+                problem.friction.tables = problem.tables
                 ends.append(problem.evaluate(problem.acting(condition), z).acting.tensions)
-            problem.tables = problem.friction._tables = tables
+            problem.tables = problem.friction.tables = tables
             expected = (ends[0] - ends[1]) / (2.0 * step)
             if field == 'friction':
                 found = found * (tables.friction > 0.0)
@@ -127,6 +128,17 @@ def test_tensions_change_with_what_they_depend_on(name: str) -> None:
         scale = np.abs(expected).max()
         found = rates * condition.tensions
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-4 * scale)
+
+
+def test_tendons_in_sheaths_recover_from_an_impossible_shape() -> None:
+    problem = rubbed('neo_hookean in sheaths').problem(0)
+    z, acting = jumped(problem), problem.acting(Condition(TENSIONS, WRENCH))
+    expected = problem.evaluate(acting, z)
+    turned_inside_out = z * np.array([1.0, 1.0, 1.0, -1.0])
+    with np.errstate(invalid='ignore'):
+        assert np.isnan(problem.evaluate(acting, turned_inside_out).residual)
+    found = problem.evaluate(acting, z.copy())
+    np.testing.assert_allclose(found.acting.tensions, expected.acting.tensions, rtol=1e-12)
 
 
 @pytest.mark.parametrize('name', ['neo_hookean', 'shear in sheaths'])
