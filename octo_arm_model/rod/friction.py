@@ -209,8 +209,9 @@ class TensionDerivatives:
         self._pull = tendons.stretch_by_twist[:, self._pulled].swapaxes(1, 2)
         self._by_e, by_kappa = self._angle_derivatives(tendons)
         by_twist = self._by_element(tendons.unit_by_twist[..., self._pulled])[..., 0, :]
-        self._by_z = np.einsum('cejik,mcejk->ejikm', self._by_e, by_twist)
-        self._by_z[..., :3] += np.moveaxis(by_kappa, 0, -1)
+        by_z = np.einsum('cejik,mcejk->ejikm', self._by_e, by_twist)
+        by_z[..., :3] += np.moveaxis(by_kappa, 0, -1)
+        self._by_z = by_z.reshape(*by_z.shape[:3], -1)
         self._inverse: FloatArray | None = None
         if tendons.has_sheaths:
             by_tension = self._by_element(tendons.by_tension.unit[..., self._pulled])
@@ -245,7 +246,7 @@ class TensionDerivatives:
 
     def add_to(self, jacobian: FloatArray) -> None:
         """Add what the change of tensions adds to a ``jacobian`` (N m, N m) with them held."""
-        parts = self._by_z.reshape(*self._by_z.shape[:3], -1)
+        parts = self._by_z
         if self._inverse is not None:
             rates = self._inverse @ self._by_all_nodes(parts)
             jacobian += (self._pull @ rates.swapaxes(0, 1)).reshape(jacobian.shape)
@@ -287,7 +288,7 @@ class TensionDerivatives:
     def by_twists(self, change: FloatArray) -> FloatArray:
         """Changes (N, J, k) by those of the twists (N, m, k), base tensions held."""
         rows = change.reshape(len(self._by_z), 1, -1, change.shape[2])
-        return self._of_angles(self._by_z.reshape(*self._by_z.shape[:3], -1) @ rows)
+        return self._of_angles(self._by_z @ rows)
 
     def _angle_derivatives(self, tendons: Tendons) -> tuple[FloatArray, FloatArray]:
         """theta_e and theta_kappa of (4), (3, E, J, p + 1, p)."""
@@ -342,7 +343,7 @@ class TensionDerivatives:
     def _of_angles(self, parts: FloatArray) -> FloatArray:
         """Changes of tensions (N, J, k) where angles change by ``parts`` (E, J, p + 1, k)."""
         whole = parts[:, :, -1:]
-        held = self._by_angle @ (parts[:, :, :-1] + whole.cumsum(axis=0) - whole)
+        held = self._by_angle @ (parts[:, :, :-1] + (whole.cumsum(axis=0) - whole))
         found = np.zeros((*self._local.tensions.shape, parts.shape[3]))
         found[:, self._pulled] = held.swapaxes(1, 2).reshape(len(found), -1, parts.shape[3])
         return self._solved(found)
