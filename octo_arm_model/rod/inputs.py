@@ -72,17 +72,22 @@ def _flatten_rows(arm: Arm, tensions: ArrayLike) -> ArrayLike:
 
 
 def check_highest(arm: Arm, highest: ArrayLike) -> FloatArray:
-    """Return largest tensions, one number or of `Arm.tension_shape`, as (tendons,) [N].
+    """Return largest tensions as (tendons,) [N], of one number or what has `Arm.tension_shape`.
+
+    One for each section, (sections, 1), will do as well.
 
     Raises:
         TensionError: if they have another shape, or one is not finite and > 0.
     """
     given = real_numbers(highest)
-    if given is None or given.shape not in ((), arm.tension_shape):
+    try:
+        limits = np.broadcast_to(np.nan if given is None else given, arm.tension_shape).ravel()
+    except ValueError:
+        given = None
+    if given is None:
         raise TensionError(
             f'highest is {shown(highest)}, expected one number or shape {arm.tension_shape}'
         )
-    limits = np.broadcast_to(given, arm.tension_shape).ravel()
     for name, value in zip(arm.tendon_names, limits.tolist(), strict=True):
         if not 0.0 < value < np.inf:
             raise TensionError(
