@@ -32,6 +32,10 @@ FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH
 
 
 _LOG, _COMPILE_LOG = 'prepare.log', 'compile.log'
+_KERNELS = (
+    'rod/loops.py', 'rod/paper_loops.py', 'rod/compiled.py', 'rod/tables.py',
+    'estimation/beliefs/kernels.py',
+)  # fmt: skip
 # Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
 _COMPILE = """
 import dataclasses
@@ -284,7 +288,7 @@ def compiled_sources() -> str:
     """Hash of all that the solver is compiled from."""
     digest = hashlib.sha256()
     package = ROOT / 'octo_arm_model'
-    for path in ('rod/loops.py', 'rod/tables.py', 'estimation/beliefs/kernels.py'):
+    for path in _KERNELS:
         digest.update((package / path).read_bytes())
     return digest.hexdigest()
 

@@ -11,6 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from octo_arm_model.arm.hints import ComplexArray, FloatArray, Number
+from octo_arm_model.rod.paper_arrays import paper_twists
 from octo_arm_model.rod.resolution import position_errors
 from octo_arm_model.rod.rotations import quaternion_rates, rotation_matrices
 from octo_arm_model.rod.tables import (
@@ -21,12 +22,17 @@ from octo_arm_model.rod.tables import (
     SHEAR,
     SQUARED_RADIUS,
     TORSION,
-    PaperTables,
     Places,
     Tables,
     Work,
     force_scale,
 )
+
+# The node functions, see `forms.Form`.
+__all__ = [
+    'angles', 'balance', 'jacobian', 'orientations', 'paper_twists', 'poses', 'residual',
+    'sections',
+]  # fmt: skip
 
 _MOST_SWEEPS, _SWEPT = 80, 2e-13  # of orientations, and the change by the last
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
@@ -37,8 +43,6 @@ _ROUNDING = 1e-6  # residual below which steps are taken as they are
 _SHORTENED = 0.5  # factor of a step that is too long
 _OVERSHOOT = 0.9  # of the slope along a step, that may be left with the other sign at its end
 XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z
-MOST_PAPER_SWEEPS = 60  # of an element in equation (10)
-SWEEPS_A_CHECK = 2  # of these, as a check takes as long as a sweep
 # Indices for a cross product by one multiplication of permuted components.
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
@@ -612,11 +616,8 @@ def jacobian(
     count, strains = z.shape
     elements, points = tables.lengths.size, tables.to_end.shape[0]
     lengths, weights = tables.lengths[:, np.newaxis, np.newaxis, np.newaxis], tables.weights
-    turn = work.rotation
     lever = work.slope[:, :, np.newaxis] * force[:, np.newaxis]
-    product = (work.slope * force).sum(axis=1)
-    for a in range(3):
-        lever[:, a, a] -= product
+    lever -= (work.slope * force).sum(axis=1)[:, np.newaxis, np.newaxis] * np.eye(3)
     by_element = lever.reshape(elements, points, 9)
     whole = (weights.reshape(elements, 1, points) @ by_element)[:, 0]
     beyond = (whole[::-1].cumsum(axis=0)[::-1] - whole).reshape(elements, 1, 3, 3)
@@ -624,16 +625,15 @@ def jacobian(
     tail = tail.reshape(count, 3, 3)
     moment = np.zeros((count, 3, 3))
     moment[:, _LAST, _NEXT], moment[:, _NEXT, _LAST] = work.moment, -work.moment
-    across = _cross(turn.swapaxes(1, 2)[:, : strains - 3], force[:, np.newaxis])
-    # Factors of the blocks of nodes of different elements.
-    left, right = np.zeros((count, strains, 3)), np.zeros((count, strains, 3))
-    left[:, :3], left[:, 3:] = turn.swapaxes(1, 2) @ (tail + moment), across
-    right[:, :3] = turn.swapaxes(1, 2)
-    base_side, tip_side = np.zeros((count, strains, 3)), np.zeros((count, strains, 3))
-    base_side[:, :3] = turn.swapaxes(1, 2)
-    tip_side[:, :3], tip_side[:, 3:] = (tail @ turn).swapaxes(1, 2), across
+    # Factors of the blocks of nodes of different elements, where `axes` has R^T and t x F.
+    turn, axes = work.rotation, np.empty((count, strains, 3))
+    axes[:, :3] = turn.swapaxes(1, 2)
+    axes[:, 3:] = _cross(axes[:, : strains - 3], force[:, np.newaxis])
+    left, right, base_side, tip_side = (axes.copy() for _ in range(4))
+    left[:, :3] = axes[:, :3] @ (tail + moment)
+    right[:, 3:] = base_side[:, 3:] = 0.0
+    tip_side[:, :3] = (tail @ turn).swapaxes(1, 2)
     weight = -weights[:, np.newaxis, np.newaxis]
-    whole_size = count * strains
     before = left.reshape(-1, 3) @ (base_side * weight).reshape(-1, 3).T
     after = right.reshape(-1, 3) @ (tip_side * weight).reshape(-1, 3).T
     element = np.repeat(np.arange(elements), points * strains)
@@ -642,147 +642,18 @@ def jacobian(
     # And of one element.
     inner = (tables.twice.reshape(-1, points) @ by_element).reshape(elements, points, points, 3, 3)
     inner *= (lengths * lengths)[..., np.newaxis]
-    inner += (weights.reshape(elements, 1, points, 1, 1)) * beyond[:, :, np.newaxis]
-    reach = (tables.lengths[:, np.newaxis, np.newaxis] * tables.to_point)[
-        ..., np.newaxis, np.newaxis
-    ]
-    further = (tables.lengths[:, np.newaxis, np.newaxis] * tables.to_end)[
-        ..., np.newaxis, np.newaxis
-    ]
-    own = np.zeros((elements, points, points, strains, strains))
+    inner += weights.reshape(elements, 1, points, 1, 1) * beyond[:, :, np.newaxis]
+    reach = lengths[..., np.newaxis] * tables.to_point[..., np.newaxis, np.newaxis]
+    further = lengths[..., np.newaxis] * tables.to_end[..., np.newaxis, np.newaxis]
     inner += reach * moment.reshape(elements, points, 1, 3, 3)
-    row = turn.swapaxes(1, 2).reshape(elements, points, 1, 3, 3)
-    column = turn.reshape(elements, 1, points, 3, 3)
-    arms = across.reshape(elements, points, strains - 3, 3)
-    own[..., :3, :3] = -(row @ inner @ column)
-    own[..., :3, 3:] = -further * (row @ arms[:, np.newaxis].swapaxes(3, 4))
-    own[..., 3:, :3] = -reach * (arms[:, :, np.newaxis] @ column)
-    diagonal = np.arange(points)
+    rows = axes.reshape(elements, points, 1, strains, 3)
+    columns = axes.reshape(elements, 1, points, strains, 3).swapaxes(3, 4)
+    own = np.zeros((elements, points, points, strains, strains))
+    own[..., :3, :3] = -(rows[..., :3, :] @ inner @ columns[..., :3])
+    own[..., :3, 3:] = -further * (rows[..., :3, :] @ columns[..., 3:])
+    own[..., 3:, :3] = -reach * (rows[..., 3:, :] @ columns[..., :3])
+    diagonal, number = np.arange(points), np.arange(elements)
     own[:, diagonal, diagonal] += work.hessian.reshape(elements, points, strains, strains)
-    blocks = work.jacobian.reshape(elements, points * strains, elements, points * strains)
-    number = np.arange(elements)
-    blocks[number, :, number] = own.transpose(0, 1, 3, 2, 4).reshape(
-        elements, points * strains, points * strains
-    )
-    assert whole_size == len(work.jacobian)
-
-
-# The paper's models ----------------------------------------------------------------------------
-
-
-def paper_twists(
-    tables: PaperTables, sums: FloatArray, tolerance: float
-) -> tuple[FloatArray, FloatArray]:
-    """Twists (A, P, 4) in the paper's balance, and how equation (10) was solved, see `loops`.
-
-    ``sums`` may be complex.
-    """
-    axial, torsion, bending = tables.stiffness
-    pull, n, b, nn, bb, mixed, torque = sums.swapaxes(0, 1)
-    outcome = np.full((len(sums), 3), (0.0, 0.0, -1.0))
-    moment_t, moment_n, moment_b = -torque, -b, n
-    if tables.swept:
-        imbalance, outcome = _imbalances(tables, sums, tolerance)
-        moment_t, moment_n, moment_b = np.stack([moment_t, moment_n, moment_b]) + imbalance
-    about_n, about_b = bending + bb, bending + nn
-    over = 1.0 / (about_n * about_b - mixed * mixed)
-    xi = (about_b * moment_n + mixed * moment_b) * over
-    k = (about_n * moment_b + mixed * moment_n) * over
-    twist = np.empty((*pull.shape, 4), pull.dtype)
-    stretch = twist[..., 3] = (k * n - xi * b - pull) / axial + 1.0
-    twist[..., 0] = moment_t / (torsion + (nn + bb)) * stretch
-    twist[..., 1], twist[..., 2] = xi * stretch, k * stretch
-    return twist, outcome
-
-
-def _imbalances(
-    tables: PaperTables, sums: FloatArray, tolerance: float
-) -> tuple[FloatArray, FloatArray]:
-    """Imbalance p (3, A, P) [N m] at nodes and stations, and how it was found, (A, 3)."""
-    (stations, nodes), points = tables.stations.between.shape, tables.backwards.shape[1]
-    p = np.zeros((3, len(sums), sums.shape[2]), sums.dtype)
-    residual, sweeps, stuck = outcome = np.zeros((3, len(sums)))
-    stuck[:] = -1.0
-    largest = np.abs(sums[:, 1:3, :nodes]).max(axis=(1, 2), initial=1e-300)
-    end = np.zeros((3, len(sums)), sums.dtype)
-    for e in range(tables.swept - 1, -1, -1):
-        own, at = slice(e * points, (e + 1) * points), tables.anchorage[e]
-        if at >= 0:
-            end = _jumped(tables.stiffness[1:, at], sums[..., at], sums[..., at + 1], end)
-        coefficients = _slope_coefficients(tables.stiffness[1:, own], sums[..., own])
-        backwards = -tables.lengths[e] * tables.backwards.T
-        found, change, count = _sweep(coefficients, backwards, end, tolerance * largest)
-        stuck[(stuck < 0.0) & ~(change <= tolerance * largest)] = e
-        np.maximum(residual, change / largest, out=residual)
-        np.maximum(sweeps, count, out=sweeps)
-        p[..., own], end = found[..., :points], found[..., points]
-    p[..., nodes : nodes + stations] = p[..., :nodes] @ tables.stations.between.T
-    return p, outcome.T
-
-
-def _moments(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """F and the diagonal of D, (3, ...), of ``sums`` (A, 7, ...), see `paper_equations`."""
-    _, n, b, nn, bb = sums.swapaxes(0, 1)[:5]
-    return np.stack([np.zeros_like(n), -b, n]), np.stack([nn + bb, bb, nn])
-
-
-def _jumped(stiffness: FloatArray, base: FloatArray, tip: FloatArray, p: FloatArray) -> FloatArray:
-    """Imbalance (3, A) at the side of an anchorage to the base by (11), from ``p`` at the other.
-
-    From sums (A, 7) at both sides.
-    """
-    torsion, bending = stiffness
-    k = np.array([[torsion], [bending], [bending]])
-    (f, d), (f_tip, d_tip) = _moments(base), _moments(tip)
-    omega = (f_tip + p) / (k + d_tip) + (f - f_tip) / (k + (d - d_tip))
-    return np.asarray(omega * (k + d) - f)
-
-
-def _slope_coefficients(
-    stiffness: FloatArray, sums: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Coefficients of p' in an element: xi_0, k_0, that of p_n p_b, and of p_n' and p_b'.
-
-    Of the last two each has a row: c times k_0 and xi_0, and what is multiplied by p_b and p_n.
-    """
-    torsion, bending = stiffness
-    (_, f_n, f_b), (polar, bb, nn) = _moments(sums)
-    c_t, c_n, c_b = 1.0 / (torsion + polar), 1.0 / (bending + bb), 1.0 / (bending + nn)
-    xi, k, c = c_n * f_n, c_b * f_b, (bending + polar) * c_t
-    aside = np.stack([-c * k, c * xi]), np.stack([-bb * c_t * c_b, nn * c_t * c_n])
-    return xi, k, (bb - nn) * c_n * c_b, *aside
-
-
-def _sweep(
-    coefficients: tuple[FloatArray, ...], backwards: FloatArray, end: FloatArray,
-    allowed: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Imbalance (3, A, p + 1) at the points and the start of an element from that at its ``end``.
-
-    Returns:
-        It, its last change [N m] and the number of sweeps of each arm, (A,).
-    """
-    xi, k, product, linear, aside = coefficients
-    end = end[..., np.newaxis]
-    p = np.repeat(end, len(backwards) + 1, axis=2)
-    n, b, others = p[1, :, :-1], p[2, :, :-1], p[:0:-1, :, :-1]
-    settled: tuple[FloatArray, FloatArray, FloatArray] | None = None
-    for count in range(1, MOST_PAPER_SWEEPS + 1):
-        last = p.copy() if count % SWEEPS_A_CHECK == 0 else None
-        np.add(((product * b + k) * n - xi * b) @ backwards, end[0], out=p[0])
-        np.add(((aside * others + linear) * p[0, :, :-1]) @ backwards, end[1:], out=p[1:])
-        if last is None:
-            continue
-        change = np.abs(last - p).max(axis=(0, 2))
-        if settled is None:
-            settled = p.copy(), change, np.full(len(change), float(count))
-        else:
-            # A converged arm is swept no further, so that it does not depend on the others.
-            left = ~(settled[1] <= allowed)
-            np.copyto(settled[0], p, where=left[:, np.newaxis])
-            np.copyto(settled[1], change, where=left)
-            settled[2][left] = count
-        if (settled[1] <= allowed).all():
-            break
-    assert settled is not None
-    return settled
+    size = points * strains
+    blocks = work.jacobian.reshape(elements, size, elements, size)
+    blocks[number, :, number] = own.swapaxes(2, 3).reshape(elements, size, size)

@@ -11,19 +11,19 @@ With c = u / |u|, the gradient of |u| by e is g = c . du/de, and its Hessian
 (du/de . du/de - g g^T) / |u|.
 
 All take `Tables` and `Work`; z is (N, m), ``tensions`` (N, J) [N], ``force`` and ``couple`` the
-force and the free moment of all that acts beyond each node, (N, 3) in base_frame. What has more
-than seven arguments here has them for numba, which inlines it.
+force and the free moment of all that acts beyond each node, (N, 3) in base_frame.
+
+What is compiled by itself takes the arrays that it needs, as a call would copy the hundreds of
+numbers of tables, and what is inlined may as well: some have more than seven arguments for that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar, cast
-
 import numpy as np
-from numba import njit
 
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.compiled import compiled, helper, inlined
+from octo_arm_model.rod.paper_loops import paper_twists
 from octo_arm_model.rod.resolution import OF_BENDS, OF_DIRECTIONS
 from octo_arm_model.rod.tables import (
     ALONG_B,
@@ -35,150 +35,130 @@ from octo_arm_model.rod.tables import (
     SLOPE_N,
     SQUARED_RADIUS,
     TORSION,
-    PaperTables,
     Places,
     Tables,
     Work,
 )
 
-_F = TypeVar('_F', bound=Callable[..., object])
+# The node functions, see `forms.Form`.
+__all__ = [
+    'angles', 'balance', 'jacobian', 'orientations', 'paper_twists', 'poses', 'residual',
+    'sections',
+]  # fmt: skip
+
 _MOST_SWEEPS = 80  # of orientations
 _ROUNDING = 2e-13  # change by a sweep, which leaves a thirtieth of it
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
 _ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see `angles`
 _SETTLED = 1e-14  # change of an offset, over the lever
-MOST_PAPER_SWEEPS, SWEEPS_A_CHECK = 60, 2  # see `arrays`
 MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `arrays.balance`
-
-
-def _compiled(function: _F, inlined: bool = False) -> _F:
-    fast = {'contract', 'nsz'}
-    compiled = njit(cache=True, error_model='numpy', fastmath=fast, forceinline=inlined)
-    return cast(_F, compiled(function))
-
-
-def _inlined(function: _F) -> _F:
-    # Tables are hundreds of numbers that a call would copy.
-    return _compiled(function, inlined=True)
 
 
 # Orientations ----------------------------------------------------------------------------------
 
 
-@_compiled
+@compiled
 def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
     """Orientation and r' of every node: q' = q (0, kappa) / 2 collocated in each element.
 
     Of several arms where there are several times as many nodes.
     """
-    elements, points = tables.lengths.size, tables.to_point.shape[0]
-    to_point, weights = tables.to_point, tables.weights
-    rate, now, first = np.empty((points, 4)), np.empty((points, 4)), np.empty(4)
+    lengths, to_point, weights, base = tables.lengths, tables.to_point, tables.weights, tables.base
+    elements, points = lengths.size, to_point.shape[0]
+    rate, first = np.empty((points, 4)), np.empty(4)
     for number in range(z.shape[0] // points):
         start, e = number * points, number % elements
         if e == 0:
-            first[:] = tables.base
-        h, own = tables.lengths[e], z[start : start + points]
-        _turn(first, own, h, to_point, now)
-        for _ in range(_MOST_SWEEPS):
-            _rates(now, own, 0.5 * h, rate)
-            change = 0.0
-            for i in range(points):
-                w, x, y, b = first[0], first[1], first[2], first[3]
-                for k in range(points):
-                    part = to_point[i, k]
-                    w += part * rate[k, 0]
-                    x += part * rate[k, 1]
-                    y += part * rate[k, 2]
-                    b += part * rate[k, 3]
-                change = max(
-                    change, abs(w - now[i, 0]), abs(x - now[i, 1]), abs(y - now[i, 2]),
-                    abs(b - now[i, 3]),
-                )  # fmt: skip
-                now[i, 0], now[i, 1], now[i, 2], now[i, 3] = w, x, y, b
-            if not change > _ROUNDING:
-                break
-        _rates(now, own, 0.5 * h, rate)
+            for c in range(4):
+                first[c] = base[c]
+        quaternion = work.quaternion[start : start + points]
+        _collocate(first, z[start : start + points], 0.5 * lengths[e], to_point, rate, quaternion)
         for k in range(points):
             for c in range(4):
-                first[c] += weights[k] / tables.lengths[0] * rate[k, c]
-        size = 0.0
-        for c in range(4):
-            size += first[c] * first[c]
-        for c in range(4):
-            first[c] /= np.sqrt(size)
+                first[c] += weights[k] / lengths[0] * rate[k, c]
+        _normalise(first)
+    _orient(z, work.quaternion, work.rotation, work.slope)
+
+
+@helper
+def _collocate(
+    first: FloatArray, z: FloatArray, half: float, to_point: FloatArray, rate: FloatArray,
+    now: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in the quaternions ``now`` (p, 4) of an element and their ``rate`` in it.
+
+    Swept from the start to the end until they stay: at every point with the rates of those before
+    it from the same sweep, those after it from the last, and its own solved for.
+    """
+    points = z.shape[0]
+    rate[:] = 0.0
+    now[:] = 0.0
+    for _ in range(_MOST_SWEEPS):
+        change = 0.0
         for i in range(points):
-            _orient(now[i], own[i], start + i, work)
+            w, x, y, b = first[0], first[1], first[2], first[3]
+            # That before it last, so that the others need not wait for it.
+            for k in range(i + 1, points):
+                part = to_point[i, k]
+                w += part * rate[k, 0]
+                x += part * rate[k, 1]
+                y += part * rate[k, 2]
+                b += part * rate[k, 3]
+            for k in range(i):
+                part = to_point[i, k]
+                w += part * rate[k, 0]
+                x += part * rate[k, 1]
+                y += part * rate[k, 2]
+                b += part * rate[k, 3]
+            p, q, r, own = half * z[i, 0], half * z[i, 1], half * z[i, 2], to_point[i, i]
+            square = p * p + q * q + r * r
+            over = 1.0 / (1.0 + own * own * square)
+            turn_w, turn_x = -(x * p + y * q + b * r), w * p + y * r - b * q
+            turn_y, turn_b = w * q + b * p - x * r, w * r + x * q - y * p
+            back = own * square
+            rate[i, 0], rate[i, 1] = (turn_w - back * w) * over, (turn_x - back * x) * over
+            rate[i, 2], rate[i, 3] = (turn_y - back * y) * over, (turn_b - back * b) * over
+            w, x = (w + own * turn_w) * over, (x + own * turn_x) * over
+            y, b = (y + own * turn_y) * over, (b + own * turn_b) * over
+            moved = abs(w - now[i, 0]) + abs(x - now[i, 1]) + abs(y - now[i, 2])
+            change = max(change, moved + abs(b - now[i, 3]))
+            now[i, 0], now[i, 1], now[i, 2], now[i, 3] = w, x, y, b
+        if not change > _ROUNDING:
+            break
 
 
-@_compiled
-def _turn(
-    first: FloatArray, z: FloatArray, h: float, to_point: FloatArray, out: FloatArray
+@inlined
+def _normalise(q: FloatArray) -> None:
+    over = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    for c in range(4):
+        q[c] *= over
+
+
+@helper
+def _orient(
+    z: FloatArray, quaternion: FloatArray, rotation: FloatArray, slope: FloatArray
 ) -> None:
-    """Nearly the quaternions (p, 4) of an element: turned by its mean bend so far."""
-    w, x, y, b = first[0], first[1], first[2], first[3]
-    for i in range(out.shape[0]):
-        p = q = r = 0.0
-        for k in range(out.shape[0]):
-            p += to_point[i, k] * z[k, 0]
-            q += to_point[i, k] * z[k, 1]
-            r += to_point[i, k] * z[k, 2]
-        half = 0.5 * h * np.sqrt(p * p + q * q + r * r) + 1e-150
-        cosine, sine = np.cos(half), 0.5 * h * np.sin(half) / half
-        p, q, r = sine * p, sine * q, sine * r
-        out[i, 0] = w * cosine - x * p - y * q - b * r
-        out[i, 1] = x * cosine + w * p + y * r - b * q
-        out[i, 2] = y * cosine + w * q + b * p - x * r
-        out[i, 3] = b * cosine + w * r + x * q - y * p
-
-
-@_compiled
-def _rates(quaternions: FloatArray, z: FloatArray, half: float, rate: FloatArray) -> None:
-    """Derivative of quaternions (p, 4) per element, (p, 4)."""
-    for k in range(quaternions.shape[0]):
-        w, x, y, b = quaternions[k, 0], quaternions[k, 1], quaternions[k, 2], quaternions[k, 3]
-        p, q, r = half * z[k, 0], half * z[k, 1], half * z[k, 2]
-        rate[k, 0] = -(x * p + y * q + b * r)
-        rate[k, 1] = w * p + y * r - b * q
-        rate[k, 2] = w * q + b * p - x * r
-        rate[k, 3] = w * r + x * q - y * p
-
-
-@_compiled
-def _orient(quaternion: FloatArray, z: FloatArray, i: int, work: Work) -> None:
-    """Fill in orientation and r' of node ``i``."""
-    w, x, y, b = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    over = 1.0 / np.sqrt(w * w + x * x + y * y + b * b)
-    w, x, y, b = w * over, x * over, y * over, b * over
-    work.quaternion[i, 0], work.quaternion[i, 1] = w, x
-    work.quaternion[i, 2], work.quaternion[i, 3] = y, b
-    r = work.rotation[i]
-    r[0, 0], r[0, 1], r[0, 2] = (
-        w * w + x * x - y * y - b * b,
-        2 * (x * y - w * b),
-        2 * (x * b + w * y),
-    )
-    r[1, 0], r[1, 1], r[1, 2] = (
-        2 * (x * y + w * b),
-        w * w - x * x + y * y - b * b,
-        2 * (y * b - w * x),
-    )
-    r[2, 0], r[2, 1], r[2, 2] = (
-        2 * (x * b - w * y),
-        2 * (y * b + w * x),
-        w * w - x * x - y * y + b * b,
-    )
-    for c in range(3):
-        slope = r[c, 0] * z[3]
-        if z.size == 6:
-            slope += r[c, 1] * z[4] + r[c, 2] * z[5]
-        work.slope[i, c] = slope
+    """Fill in rotation matrices and r' of nodes, and divide quaternions by their length."""
+    for i in range(z.shape[0]):
+        q, r = quaternion[i], rotation[i]
+        _normalise(q)
+        w, x, y, b = q[0], q[1], q[2], q[3]
+        r[0, 0] = w * w + x * x - y * y - b * b
+        r[1, 1] = w * w - x * x + y * y - b * b
+        r[2, 2] = w * w - x * x - y * y + b * b
+        r[0, 1], r[1, 0] = 2 * (x * y - w * b), 2 * (x * y + w * b)
+        r[0, 2], r[2, 0] = 2 * (x * b + w * y), 2 * (x * b - w * y)
+        r[1, 2], r[2, 1] = 2 * (y * b - w * x), 2 * (y * b + w * x)
+        for c in range(3):
+            slope[i, c] = r[c, 0] * z[i, 3]
+            if z.shape[1] == 6:
+                slope[i, c] += r[c, 1] * z[i, 4] + r[c, 2] * z[i, 5]
 
 
 # Poses -----------------------------------------------------------------------------------------
 
 
-@_compiled
+@compiled
 def poses(
     tables: Tables, z: FloatArray, places: Places, work: Work
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -190,45 +170,59 @@ def poses(
         Positions from the base (A, S, 3) [m], orientations x, y, z, w (A, S, 4) and the estimated
         error of positions over the length of the arm (A,), see `resolution`, of A arms.
     """
-    points, elements = tables.to_point.shape[0], tables.lengths.size
-    nodes, stations = elements * points, places.element.size
-    arms = z.shape[0] // nodes
+    lengths, weights, integration = tables.lengths, tables.weights, places.integration
+    nodes, elements, stations = integration.shape[1], lengths.size, integration.shape[0]
+    points, arms = nodes // elements, z.shape[0] // nodes
     position, quaternion = np.empty((arms, stations, 3)), np.empty((arms, stations, 4))
-    error, turn, reached = np.empty(arms), np.empty((nodes, 4)), np.empty((elements + 1, 7))
-    now = np.empty(7)
+    # Of x, y, z, position and quaternion: rates, at the starts of elements, and at a place.
+    rate, reached, now = np.empty((nodes, 7)), np.zeros((elements + 1, 7)), np.empty(7)
+    error = np.empty(arms)
+    for c in range(4):
+        reached[0, 3 + c] = tables.base[c]
     for arm in range(arms):
         first = arm * nodes
         slope, own = work.slope[first : first + nodes], z[first : first + nodes]
-        _rates(work.quaternion[first : first + nodes], own, 0.5, turn)
-        reached[0, :3], reached[0, 3:] = 0.0, tables.base
+        _rates(slope, work.quaternion[first : first + nodes], own, rate)
         for e in range(elements):
-            now[:] = reached[e]
-            for i in range(e * points, (e + 1) * points):
-                _advance(tables.weights[i], slope[i], turn[i], now)
-            reached[e + 1] = now
+            _advance(reached[e], weights, rate, e * points, points, reached[e + 1])
         for at in range(stations):
             e = places.element[at]
-            now[:] = reached[e]
-            for i in range(e * points, (e + 1) * points):
-                _advance(places.integration[at, i], slope[i], turn[i], now)
-            over = 1.0 / np.sqrt(now[3] ** 2 + now[4] ** 2 + now[5] ** 2 + now[6] ** 2)
+            _advance(reached[e], integration[at], rate, e * points, points, now)
+            _normalise(now[3:])
             for c in range(3):
-                position[arm, at, c], quaternion[arm, at, c] = now[c], now[4 + c] * over
-            quaternion[arm, at, 3] = now[3] * over
-        error[arm] = _position_error(tables.lengths, places.tail, own, slope)
+                position[arm, at, c], quaternion[arm, at, c] = now[c], now[4 + c]
+            quaternion[arm, at, 3] = now[3]
+        error[arm] = _position_error(lengths, places.tail, own, slope)
     return position, quaternion, error
 
 
-@_inlined
-def _advance(weight: float, slope: FloatArray, turn: FloatArray, now: FloatArray) -> None:
-    """Add the rates of position and quaternion of a node, times its ``weight``."""
-    for c in range(3):
-        now[c] += weight * slope[c]
-    for c in range(4):
-        now[3 + c] += weight * turn[c]
+@helper
+def _rates(slope: FloatArray, quaternion: FloatArray, z: FloatArray, rate: FloatArray) -> None:
+    """Fill in r' and q' of nodes, (N, 7)."""
+    for i in range(z.shape[0]):
+        q, to = quaternion[i], rate[i]
+        w, x, y, b = 0.5 * q[0], 0.5 * q[1], 0.5 * q[2], 0.5 * q[3]
+        p, q, r = z[i, 0], z[i, 1], z[i, 2]
+        for c in range(3):
+            to[c] = slope[i, c]
+        to[3], to[4] = -(x * p + y * q + b * r), w * p + y * r - b * q
+        to[5], to[6] = w * q + b * p - x * r, w * r + x * q - y * p
 
 
-@_compiled
+@inlined
+def _advance(
+    start: FloatArray, weights: FloatArray, rate: FloatArray, first: int, count: int,
+    out: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in ``start`` and the integral over so many nodes from the ``first`` on."""
+    for c in range(7):
+        out[c] = start[c]
+    for i in range(first, first + count):
+        for c in range(7):
+            out[c] += weights[i] * rate[i, c]
+
+
+@helper
 def _position_error(
     lengths: FloatArray, tail: FloatArray, z: FloatArray, slope: FloatArray
 ) -> float:
@@ -257,7 +251,7 @@ def _position_error(
 # Cross sections --------------------------------------------------------------------------------
 
 
-@_inlined
+@inlined
 def _density(
     widens: bool, stretch: float, bend: float
 ) -> tuple[float, float, float, float, float]:
@@ -282,7 +276,7 @@ def _density(
     )
 
 
-@_inlined
+@inlined
 def _widening(widens: bool, stretch: float) -> tuple[float, float, float]:
     """Radius over reference radius, and its two derivatives by the stretch."""
     if not widens:
@@ -293,7 +287,7 @@ def _widening(widens: bool, stretch: float) -> tuple[float, float, float]:
     return width, slope, -1.5 * slope * over
 
 
-@_inlined
+@inlined
 def _scaled(z: FloatArray, width: float, strain: FloatArray) -> None:
     """The six scaled strains of one node, (t, n, b, lambda, v_n, v_b)."""
     strain[4] = strain[5] = 0.0
@@ -301,7 +295,7 @@ def _scaled(z: FloatArray, width: float, strain: FloatArray) -> None:
         strain[c] = width * z[c] if c < 3 else z[c]
 
 
-@_compiled
+@helper
 def _offset(
     tendon: FloatArray, strain: FloatArray, width: float, yielding: float, lever: float
 ) -> tuple[float, float]:
@@ -314,10 +308,7 @@ def _offset(
         over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
         p_n, p_b = (t * u_b - b * u_t) * over, (n * u_t - t * u_n) * over
         r_n, r_b = d_n + yielding * p_n, d_b + yielding * p_b
-        stiff = yielding * over
-        nn = 1.0 + stiff * (b * b + t * t - p_n * p_n)
-        bb = 1.0 + stiff * (n * n + t * t - p_b * p_b)
-        nb = -stiff * (b * n + p_n * p_b)
+        nn, nb, bb = _offset_stiffness(yielding * over, (t, n, b), p_n, p_b)
         over = 1.0 / (nn * bb - nb * nb)
         s_n, s_b = (bb * r_n - nb * r_b) * over, (nn * r_b - nb * r_n) * over
         d_n, d_b = d_n - s_n, d_b - s_b
@@ -329,7 +320,7 @@ def _offset(
     return d_n, d_b
 
 
-@_inlined
+@inlined
 def _along(
     tendon: FloatArray, strain: FloatArray, width: float, d_n: float, d_b: float
 ) -> tuple[float, float, float]:
@@ -342,83 +333,93 @@ def _along(
     )
 
 
-@_inlined
-def _stress(tables: Tables, i: int, strain: FloatArray, g: FloatArray) -> None:
-    """Gradient of the energy of the material by the scaled strain."""
-    body, n, b = tables.body[i], strain[1], strain[2]
-    by_stretch, by_bend, _, _, _ = _density(
-        tables.widens, strain[3], (n * n + b * b) * body[SQUARED_RADIUS]
-    )
-    once = 2.0 * body[AXIAL] * body[SQUARED_RADIUS] * by_bend
-    g[0], g[1], g[2] = body[TORSION] * strain[0], once * n, once * b
-    g[3] = body[AXIAL] * by_stretch
+@inlined
+def _material(
+    widens: bool, body: FloatArray, strain: FloatArray, g: FloatArray, h: FloatArray
+) -> None:
+    """Gradient and lower half of the Hessian of the energy of the material by the strain."""
+    n, b, axial, square = strain[1], strain[2], body[AXIAL], body[SQUARED_RADIUS]
+    by_s, by_bend, by_ss, by_sb, by_bb = _density(widens, strain[3], (n * n + b * b) * square)
+    twice = 2.0 * axial * square
+    once = twice * by_bend
+    g[0], g[1], g[2], g[3] = body[TORSION] * strain[0], once * n, once * b, axial * by_s
     g[4], g[5] = body[SHEAR] * strain[4], body[SHEAR] * strain[5]
+    if h.shape[0]:
+        both, second = twice * by_sb, 2.0 * square * twice * by_bb
+        for a in range(6):
+            for c in range(a):
+                h[a, c] = 0.0
+        h[0, 0], h[4, 4], h[5, 5] = body[TORSION], body[SHEAR], body[SHEAR]
+        h[1, 1], h[2, 1], h[2, 2] = once + second * n * n, second * n * b, once + second * b * b
+        h[3, 1], h[3, 2], h[3, 3] = both * n, both * b, axial * by_ss
 
 
-@_inlined
-def _unscale_gradient(z: FloatArray, width: float, slope: float, g: FloatArray) -> None:
-    """From the gradient by the scaled strain to that by the twist."""
-    g[3] += slope * (z[0] * g[0] + z[1] * g[1] + z[2] * g[2])
-    for c in range(3):
-        g[c] *= width
-
-
-@_compiled
+@compiled
 def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient and Hessian of the energy of every cross section by the twist."""
-    g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((7, 6))
+    body, tendons, compliance = tables.body, tables.tendons, tables.compliance
+    active, offsets = tables.active, work.offsets
+    g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
     for i in range(z.shape[0]):
-        _section(tables, i, z[i], tensions[i], True, g, h, room, work)
-        for a in range(z.shape[1]):
-            work.gradient[i, a] = g[a]
-            for c in range(a + 1):
-                work.hessian[i, a, c] = work.hessian[i, c, a] = h[a, c]
+        _section(
+            tables.widens, body[i], tendons[i], compliance, active[i],
+            z[i], tensions[i], offsets[i], g, h, room,
+        )  # fmt: skip
+        _keep(g, h, work.gradient[i], work.hessian[i])
 
 
-@_inlined
+@inlined
+def _keep(g: FloatArray, h: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
+    """Fill in what `_section` found."""
+    for a in range(gradient.size):
+        gradient[a] = g[a]
+        for c in range(a + 1):
+            hessian[a, c] = hessian[c, a] = h[a, c]
+
+
+@inlined
 def _section(
-    tables: Tables, i: int, z: FloatArray, tensions: FloatArray, curves: bool, g: FloatArray,
-    h: FloatArray, room: FloatArray, work: Work,
+    widens: bool, body: FloatArray, tendons: FloatArray, compliance: FloatArray, active: int,
+    z: FloatArray, tensions: FloatArray, offsets: FloatArray, g: FloatArray, h: FloatArray,
+    room: FloatArray,
 ) -> None:  # fmt: skip
-    """Gradient and, if it ``curves``, lower half of the Hessian at node ``i`` into g and h.
+    """Gradient by the twist and lower half of the Hessian at one node into ``g`` and ``h``.
 
-    ``room`` has rows of one tendon in a sheath, du/de, its gradient and C, and the scaled strain.
+    Without rows in ``h`` there is no Hessian. ``room`` has rows of one tendon in a sheath, du/de
+    and C, and the scaled strain, as the last.
     """
-    own, strain, shears = room[:6], room[6], z.size == 6
-    tendons, compliance, offsets = tables.tendons[i], tables.compliance, work.offsets
-    width, slope, bend = _widening(tables.widens, z[3])
+    strain = room[5]
+    width, slope, bend = _widening(widens, z[3])
     _scaled(z, width, strain)
-    _stress(tables, i, strain, g)
-    if curves:
-        _stiffness(tables, i, strain, h)
-    lever = tables.body[i, LEVER]
-    for j in range(tables.active[i]):
+    _material(widens, body, strain, g, h)
+    for j in range(active):
         tension = tensions[j]
         if tension == 0.0:
             continue
         d_n = d_b = 0.0
         if compliance[j] > 0.0:
-            yielding = compliance[j] * tension
-            d_n, d_b = _offset(tendons[j], strain, width, yielding, lever)
-            offsets[i, j, 0], offsets[i, j, 1] = d_n, d_b
+            d_n, d_b = _offset(tendons[j], strain, width, compliance[j] * tension, body[LEVER])
+            offsets[j, 0], offsets[j, 1] = d_n, d_b
         x, y = tendons[j, ALONG_N] + d_n, tendons[j, ALONG_B] + d_b
-        u_t, u_n, u_b = _along(tendons[j], strain, width, d_n, d_b)
+        dx, dy = tendons[j, SLOPE_N], tendons[j, SLOPE_B]
+        u_t = strain[3] + strain[1] * y - strain[2] * x
+        u_n = width * dx - strain[0] * y + strain[4]
+        u_b = width * dy + strain[0] * x + strain[5]
         over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
         u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
-        dx, dy = tendons[j, SLOPE_N], tendons[j, SLOPE_B]
-        along = tension * (dx * u_n + dy * u_b)
+        along = bend * tension * (dx * u_n + dy * u_b)
         dx, dy = slope * dx, slope * dy
-        w, p, q = tension * over, x * u_b - y * u_n, u_t + dx * u_n + dy * u_b
-        y_t, x_t = y * u_t, x * u_t
+        p, y_t, x_t, q = x * u_b - y * u_n, y * u_t, x * u_t, u_t + dx * u_n + dy * u_b
         g[0] += tension * p
         g[1] += tension * y_t
         g[2] -= tension * x_t
         g[3] += tension * q
         g[4] += tension * u_n
         g[5] += tension * u_b
-        if not curves:
+        if not h.shape[0]:
             continue
         # Lower half of du/de . du/de - g g^T, g = (p, y_t, -x_t, q, u_n, u_b).
+        w = tension * over
         h[0, 0] += w * (x * x + y * y - p * p)
         h[1, 0] -= w * y_t * p
         h[1, 1] += w * (y * y - y_t * y_t)
@@ -428,23 +429,18 @@ def _section(
         h[3, 0] += w * (x * dy - y * dx - q * p)
         h[3, 1] += w * (y - q * y_t)
         h[3, 2] -= w * (x - q * x_t)
-        h[3, 3] += w * (1.0 + dx * dx + dy * dy - q * q) + bend * along
-        if shears:
+        h[3, 3] += w * (1.0 + dx * dx + dy * dy - q * q) + along
+        if z.size == 6:
             _add_shear(w, (x, y, dx, dy), (p, y_t, -x_t, q, u_n, u_b), h)
         if compliance[j] > 0.0:
-            own[1, 0], own[2, 0], own[0, 1], own[0, 2] = -y, x, y, -x
-            own[0, 3], own[1, 3], own[2, 3] = 1.0, dx, dy
-            own[1, 4] = own[2, 5] = 1.0
-            for c in range(6):
-                own[3, c] = own[0, c] * u_t + own[1, c] * u_n + own[2, c] * u_b
-            _condense(compliance[j], tension, strain, (u_t, u_n, u_b, over), own, h)
-    if curves:
+            room[1, 0], room[2, 0], room[0, 1], room[0, 2] = -y, x, y, -x
+            room[0, 3], room[1, 3], room[2, 3], room[1, 4], room[2, 5] = 1.0, dx, dy, 1.0, 1.0
+            _condense(compliance[j], tension, (u_t, u_n, u_b, over), room, h)
+    if widens:
         _unscale(z, (width, slope, bend), g, h)
-    else:
-        _unscale_gradient(z, width, slope, g)
 
 
-@_compiled
+@helper
 def _add_shear(
     w: float, path: tuple[float, float, float, float],
     g: tuple[float, float, float, float, float, float], h: FloatArray,
@@ -462,79 +458,73 @@ def _add_shear(
     h[5, 5] += w
 
 
-@_compiled
+@helper
 def _condense(
-    compliance: float, tension: float, strain: FloatArray, unit: tuple[float, float, float, float],
-    own: FloatArray, h: FloatArray,
+    compliance: float, tension: float, unit: tuple[float, float, float, float],
+    room: FloatArray, h: FloatArray,
 ) -> None:  # fmt: skip
     """Subtract C D^-1 C^T, as an offset follows the strain; ``unit`` ends with 1 / |u|."""
-    t, n, b = strain[0], strain[1], strain[2]
+    t, n, b = room[5, 0], room[5, 1], room[5, 2]
     u_t, u_n, u_b, over = unit
     p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
     weight, stiff = tension * over, compliance * tension * over
     for c in range(6):
-        own[4, c] = weight * (t * own[2, c] - b * own[0, c] - p_n * own[3, c])
-        own[5, c] = weight * (n * own[0, c] - t * own[1, c] - p_b * own[3, c])
-    own[4, 0] += tension * u_b
-    own[4, 2] -= tension * u_t
-    own[5, 0] -= tension * u_n
-    own[5, 1] += tension * u_t
-    nn, bb = 1.0 + stiff * (b * b + t * t - p_n * p_n), 1.0 + stiff * (n * n + t * t - p_b * p_b)
-    nb = -stiff * (b * n + p_n * p_b)
+        along = room[0, c] * u_t + room[1, c] * u_n + room[2, c] * u_b
+        room[3, c] = weight * (t * room[2, c] - b * room[0, c] - p_n * along)
+        room[4, c] = weight * (n * room[0, c] - t * room[1, c] - p_b * along)
+    room[3, 0] += tension * u_b
+    room[3, 2] -= tension * u_t
+    room[4, 0] -= tension * u_n
+    room[4, 1] += tension * u_t
+    nn, nb, bb = _offset_stiffness(stiff, (t, n, b), p_n, p_b)
     factor = compliance / (nn * bb - nb * nb)
     for a in range(6):
-        of_n, of_b = bb * own[4, a] - nb * own[5, a], nn * own[5, a] - nb * own[4, a]
+        of_n, of_b = bb * room[3, a] - nb * room[4, a], nn * room[4, a] - nb * room[3, a]
         for c in range(a + 1):
-            h[a, c] -= factor * (of_n * own[4, c] + of_b * own[5, c])
+            h[a, c] -= factor * (of_n * room[3, c] + of_b * room[4, c])
 
 
-@_inlined
-def _stiffness(tables: Tables, i: int, strain: FloatArray, h: FloatArray) -> None:
-    """Hessian of the energy of the material by the scaled strain."""
-    body, n, b = tables.body[i], strain[1], strain[2]
-    axial, square = body[AXIAL], body[SQUARED_RADIUS]
-    _, by_bend, by_ss, by_sb, by_bb = _density(tables.widens, strain[3], (n * n + b * b) * square)
-    once, both, second = (
-        2.0 * axial * square * by_bend,
-        2.0 * axial * square * by_sb,
-        4.0 * axial * square * square * by_bb,
-    )
-    h[:] = 0.0
-    h[0, 0] = body[TORSION]
-    h[1, 1], h[2, 1], h[2, 2] = once + second * n * n, second * n * b, once + second * b * b
-    h[3, 1], h[3, 2], h[3, 3] = both * n, both * b, axial * by_ss
-    h[4, 4] = h[5, 5] = body[SHEAR]
+@inlined
+def _offset_stiffness(
+    stiff: float, bend: tuple[float, float, float], p_n: float, p_b: float
+) -> tuple[float, float, float]:
+    """Second derivatives of the energy by d over k, nn, nb and bb."""
+    t, n, b = bend
+    nn = 1.0 + stiff * (b * b + t * t - p_n * p_n)
+    bb = 1.0 + stiff * (n * n + t * t - p_b * p_b)
+    return nn, -stiff * (b * n + p_n * p_b), bb
 
 
-@_inlined
+@inlined
 def _unscale(
     z: FloatArray, widening: tuple[float, float, float], g: FloatArray, h: FloatArray
 ) -> None:
-    """From gradient and lower half of the Hessian by the scaled strain to those by the twist."""
+    """From gradient and lower half of the Hessian by the scaled strain to those by the twist.
+
+    Of rubber, which has no shear.
+    """
     width, slope, bend = widening
-    along, twice, mixed = 0.0, 0.0, 0.0
-    for a in range(3):
-        along += z[a] * g[a]
-        mixed += z[a] * h[3, a]
-        for c in range(3):
-            twice += z[a] * z[c] * (h[a, c] if c <= a else h[c, a])
-    h[3, 3] += slope * (2.0 * mixed + slope * twice) + bend * along
-    for a in range(3):
-        by = 0.0
-        for c in range(3):
-            by += z[c] * (h[a, c] if c <= a else h[c, a])
-        h[3, a] = width * (h[3, a] + slope * by) + slope * g[a]
-    for a in range(4, 6):
-        # Shear goes with the linear law, which does not widen.
-        for c in range(3):
-            h[a, c] *= width
-    _unscale_gradient(z, width, slope, g)
-    for a in range(3):
-        for c in range(a + 1):
-            h[a, c] *= width * width
+    t, n, b = z[0], z[1], z[2]
+    along = t * g[0] + n * g[1] + b * g[2]
+    if h.shape[0]:
+        by_t = t * h[0, 0] + n * h[1, 0] + b * h[2, 0]
+        by_n = t * h[1, 0] + n * h[1, 1] + b * h[2, 1]
+        by_b = t * h[2, 0] + n * h[2, 1] + b * h[2, 2]
+        mixed = t * h[3, 0] + n * h[3, 1] + b * h[3, 2]
+        twice = t * by_t + n * by_n + b * by_b
+        h[3, 3] += slope * (2.0 * mixed + slope * twice) + bend * along
+        h[3, 0] = width * (h[3, 0] + slope * by_t) + slope * g[0]
+        h[3, 1] = width * (h[3, 1] + slope * by_n) + slope * g[1]
+        h[3, 2] = width * (h[3, 2] + slope * by_b) + slope * g[2]
+        for a in range(3):
+            for c in range(a + 1):
+                h[a, c] *= width * width
+    g[3] += slope * along
+    for c in range(3):
+        g[c] *= width
 
 
-@_compiled
+@compiled
 def balance(
     tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, tolerance: float,
     work: Work,
@@ -548,65 +538,70 @@ def balance(
     Returns:
         The largest residual before the last step, and the largest number of steps.
     """
-    g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((7, 6))
-    count, worst, most = z.shape[1], 0.0, 0
-    step, left, scale = np.zeros(count), np.zeros(count), np.zeros(count)
-    largest = np.zeros(count)
-    for c in range(count):
-        for i in range(z.shape[0]):
+    g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
+    largest, worst, most = np.zeros(6), 0.0, 0
+    compliance = tables.compliance
+    step, scale, count = np.zeros(6), np.zeros(6), z.shape[1]
+    for i in range(z.shape[0]):
+        for c in range(count):
             largest[c] = max(largest[c], abs(wrench[i, c]))
     for i in range(z.shape[0]):
-        if z[i, 3] == 0.0:
-            _guess(tables, i, tensions[i], z[i])
+        body, tendons, active = tables.body[i], tables.tendons[i], tables.active[i]
+        own, pulls, offsets = z[i], tensions[i], work.offsets[i]
+        gradient, hessian, left = work.gradient[i], work.hessian[i], work.residual[i]
+        if own[3] == 0.0:
+            _guess(tables.widens, body, tendons, active, pulls, own)
         force = tables.least_scale[i]
-        for j in range(tables.active[i]):
-            force += tensions[i, j]
+        for j in range(active):
+            force += pulls[j]
         for c in range(count):
-            scale[c] = largest[c] + force * (tables.body[i, LEVER] if c < 3 else 1.0)
-        slope, own, steps = 0.0, np.inf, 0
-        while steps < MOST_STEPS and not own <= tolerance:
+            scale[c] = largest[c] + force * (body[LEVER] if c < 3 else 1.0)
+        slope, size, steps = 0.0, np.inf, 0
+        while steps < MOST_STEPS and not size <= tolerance:
             steps += 1
-            _section(tables, i, z[i], tensions[i], True, g, h, room, work)
-            along, own = 0.0, 0.0
+            _section(
+                tables.widens, body, tendons, compliance, active, own, pulls, offsets, g, h, room,
+            )  # fmt: skip
+            along, size = 0.0, 0.0
             for c in range(count):
                 left[c] = g[c] - wrench[i, c]
                 along += left[c] * step[c]
                 value = abs(left[c]) / scale[c]
-                if not value <= own:  # also NaN, which stays
-                    own = value
-            if steps > 1 and not (own <= ROUNDING or along <= OVERSHOOT * slope):
+                if not value <= size:  # also NaN, which stays
+                    size = value
+            if steps > 1 and not (size <= ROUNDING or along <= OVERSHOOT * slope):
                 slope *= SHORTENED
                 for c in range(count):
                     step[c] *= SHORTENED
-                    z[i, c] -= step[c]
+                    own[c] -= step[c]
                 continue
-            for a in range(count):
-                work.gradient[i, a], work.residual[i, a], step[a] = g[a], left[a], -left[a]
-                for c in range(a + 1):
-                    work.hessian[i, a, c] = work.hessian[i, c, a] = h[a, c]
-            _solve_ldl(h, step)
+            _keep(g, h, gradient, hessian)
+            _solve_ldl(h, left, step)
             slope = 0.0
             for c in range(count):
-                z[i, c] += step[c]
+                own[c] += step[c]
                 slope -= left[c] * step[c]
-        if not own <= worst:
-            worst = own
+        if not size <= worst:
+            worst = size
         most = max(most, steps)
     return worst, most
 
 
-@_inlined
-def _guess(tables: Tables, i: int, tensions: FloatArray, z: FloatArray) -> None:
-    """Twist of node ``i`` as if tendons were parallel, see `arrays.initial_twists`."""
-    body, tendons = tables.body[i], tables.tendons[i]
+@helper
+def _guess(
+    widens: bool, body: FloatArray, tendons: FloatArray, active: int, tensions: FloatArray,
+    z: FloatArray,
+) -> None:  # fmt: skip
+    """Twist of a node as if tendons were parallel, see `arrays.initial_twists`."""
     axial, radius = body[AXIAL], np.sqrt(body[SQUARED_RADIUS])
     force = about_n = about_b = 0.0
-    for j in range(tables.active[i]):
-        force += tensions[j] / axial
-        about_n += tensions[j] * tendons[j, ALONG_B] / axial
-        about_b -= tensions[j] * tendons[j, ALONG_N] / axial
+    for j in range(active):
+        pull = tensions[j] / axial
+        force += pull
+        about_n += pull * tendons[j, ALONG_B]
+        about_b -= pull * tendons[j, ALONG_N]
     moment = np.sqrt(about_n * about_n + about_b * about_b)
-    if tables.widens:
+    if widens:
         stress = 1.0 + force + force + force * force / (1.0 + force)
         straight = 1.0 / np.sqrt(stress)
         ratio = 12.0 * moment / radius / (straight + 2.0 * stress)
@@ -619,16 +614,17 @@ def _guess(tables: Tables, i: int, tensions: FloatArray, z: FloatArray) -> None:
     if not stretch > curvature * body[LEVER]:
         stretch, curvature = straight, 0.0
     curvature /= -max(moment, 1e-300)
-    if tables.widens:
+    if widens:
         curvature *= np.sqrt(stretch)
     z[1], z[2], z[3] = about_n * curvature, about_b * curvature, stretch
 
 
-@_inlined
-def _solve_ldl(h: FloatArray, x: FloatArray) -> None:
-    """Replace ``x`` by the solution of a symmetric system whose lower half is ``h``."""
-    count = x.size
+@inlined
+def _solve_ldl(h: FloatArray, left: FloatArray, x: FloatArray) -> None:
+    """Fill in ``x``, which a symmetric matrix of lower half ``h`` takes to minus ``left``."""
+    count = left.size
     for a in range(count):
+        x[a] = -left[a]
         for c in range(a):
             for k in range(c):
                 h[a, c] -= h[a, k] * h[c, k] * h[k, k]
@@ -642,25 +638,10 @@ def _solve_ldl(h: FloatArray, x: FloatArray) -> None:
             x[a] -= h[k, a] * x[k]
 
 
-@_compiled
-def _relative(wrench: FloatArray, work: Work) -> float:
-    """Largest residual over its scale and the largest ``wrench`` (N, m) along the arm."""
-    worst = 0.0
-    for c in range(wrench.shape[1]):
-        largest = 0.0
-        for i in range(wrench.shape[0]):
-            largest = max(largest, abs(wrench[i, c]))
-        for i in range(wrench.shape[0]):
-            value = abs(work.residual[i, c]) / (work.scale[i, c // 3] + largest)
-            if not value <= worst:  # also NaN, which stays
-                worst = value
-    return worst
-
-
 # Tendons with friction -------------------------------------------------------------------------
 
 
-@_compiled
+@compiled
 def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Angle by which every tendon under tension has turned between the base and every node.
 
@@ -668,91 +649,123 @@ def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> N
     and the angles between tangents where strains jump; its length has a kink where it vanishes,
     and is taken at fine points where it may. ``tensions`` displace tendons in sheaths.
     """
-    elements, points, tendons = tables.lengths.size, tables.to_end.shape[0], tables.friction.size
-    width, strain = np.empty(points), np.empty((points, 6))
+    lengths, to_point, friction = tables.lengths, tables.to_point, tables.friction
+    points, angle, strain = to_point.shape[0], work.angle, np.empty(6)
     unit, bend, rate = np.empty((points, 3)), np.empty((points, 3)), np.empty(points)
-    last, total = np.zeros((tendons, 3)), np.zeros(tendons)
-    work.angle[:] = 0.0
-    for e in range(elements):
-        start, h = e * points, tables.lengths[e]
-        for k in range(points):
-            width[k], _, _ = _widening(tables.widens, z[start + k, 3])
-            _scaled(z[start + k], width[k], strain[k])
+    last, total = np.zeros((friction.size, 3)), np.zeros(friction.size)
+    angle[:] = 0.0
+    for e in range(lengths.size):
+        start, h = e * points, lengths[e]
         for j in range(tables.active[start]):
-            if tensions[start, j] == 0.0 or tables.friction[j] == 0.0:
+            if tensions[start, j] == 0.0 or friction[j] == 0.0:
                 continue
             for k in range(points):
-                tendon, d_n, d_b = tables.tendons[start + k, j], 0.0, 0.0
-                if tables.compliance[j] > 0.0:
-                    yielding = tables.compliance[j] * tensions[start + k, j]
-                    lever = tables.body[start + k, LEVER]
-                    d_n, d_b = _offset(tendon, strain[k], width[k], yielding, lever)
-                    work.offsets[start + k, j, 0], work.offsets[start + k, j, 1] = d_n, d_b
-                u_t, u_n, u_b = _along(tendon, strain[k], width[k], d_n, d_b)
-                over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
-                unit[k, 0], unit[k, 1], unit[k, 2] = over * u_t, over * u_n, over * u_b
-            square = 0.0
-            for c in range(3):
-                first = end = 0.0
-                for k in range(points):
-                    first += tables.ends[0, k] * unit[k, c]
-                    end += tables.ends[1, k] * unit[k, c]
-                square += (first - last[j, c]) ** 2
-                last[j, c] = end
+                i = start + k
+                _tangent(
+                    tables.widens, z[i], tables.tendons[i, j], tables.body[i, LEVER],
+                    tables.compliance[j] * tensions[i, j], strain, work.offsets[i, j], unit[k],
+                )  # fmt: skip
+            kink = _kink(tables.ends, unit, last[j])
             if tables.sharp[e]:
-                total[j] += 2.0 * np.arcsin(min(0.5 * np.sqrt(square), 1.0))
-            for k in range(points):
-                p = q = r = 0.0
-                for n in range(points):
-                    slope = tables.differentiation[k, n]
-                    p += slope * unit[n, 0]
-                    q += slope * unit[n, 1]
-                    r += slope * unit[n, 2]
-                _cross(z[start + k], unit[k], bend[k])
-                bend[k, 0] += p / h
-                bend[k, 1] += q / h
-                bend[k, 2] += r / h
-                rate[k] = np.sqrt(bend[k, 0] ** 2 + bend[k, 1] ** 2 + bend[k, 2] ** 2)
-            along = 0.0
+                total[j] += kink
+            _bends(tables.differentiation, h, z[start : start + points], unit, bend, rate)
+            along, end = 0.0, points - 1
             for c in range(3):
-                along += bend[0, c] * bend[points - 1, c]
-            if along < _ROUGH * rate[0] * rate[points - 1]:
-                _turn_finely(tables, e, bend, total, work.angle[:, j], j)
+                along += bend[0, c] * bend[end, c]
+            own = angle[start : start + points, j]
+            if along < _ROUGH * rate[0] * rate[end]:
+                total[j] = _turn_finely(
+                    tables.to_fine, tables.fine_weights, h, bend, total[j], own
+                )
                 continue
             for i in range(points):
-                angle = 0.0
+                value = 0.0
                 for k in range(points):
-                    angle += tables.to_point[i, k] * rate[k]
-                work.angle[start + i, j] = total[j] + h * angle
+                    value += to_point[i, k] * rate[k]
+                own[i] = total[j] + h * value
             for k in range(points):
                 total[j] += tables.weights[start + k] * rate[k]
 
 
-@_compiled
+@helper
+def _tangent(
+    widens: bool, z: FloatArray, tendon: FloatArray, lever: float, yielding: float,
+    strain: FloatArray, offset: FloatArray, unit: FloatArray,
+) -> None:  # fmt: skip
+    """Unit tangent of a tendon and its offset in its sheath, see `_offset`."""
+    width, _, _ = _widening(widens, z[3])
+    _scaled(z, width, strain)
+    d_n = d_b = 0.0
+    if yielding > 0.0:
+        d_n, d_b = _offset(tendon, strain, width, yielding, lever)
+        offset[0], offset[1] = d_n, d_b
+    u_t, u_n, u_b = _along(tendon, strain, width, d_n, d_b)
+    over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+    unit[0], unit[1], unit[2] = over * u_t, over * u_n, over * u_b
+
+
+@helper
+def _kink(ends: FloatArray, unit: FloatArray, last: FloatArray) -> float:
+    """Angle between the tangents at the start of an element and the ``last``, before it."""
+    square = 0.0
+    for c in range(3):
+        first = end = 0.0
+        for k in range(unit.shape[0]):
+            first += ends[0, k] * unit[k, c]
+            end += ends[1, k] * unit[k, c]
+        square += (first - last[c]) ** 2
+        last[c] = end
+    return 2.0 * np.arcsin(min(0.5 * np.sqrt(square), 1.0))
+
+
+@helper
+def _bends(
+    differentiation: FloatArray, h: float, z: FloatArray, unit: FloatArray, bend: FloatArray,
+    rate: FloatArray,
+) -> None:  # fmt: skip
+    """Derivatives of the tangents ``unit`` (p, 3) by s, and their lengths."""
+    for k in range(z.shape[0]):
+        p = q = r = 0.0
+        for n in range(z.shape[0]):
+            slope = differentiation[k, n] / h
+            p += slope * unit[n, 0]
+            q += slope * unit[n, 1]
+            r += slope * unit[n, 2]
+        _cross(z[k], unit[k], bend[k])
+        p, q, r = bend[k, 0] + p, bend[k, 1] + q, bend[k, 2] + r
+        bend[k, 0], bend[k, 1], bend[k, 2] = p, q, r
+        rate[k] = np.sqrt(p * p + q * q + r * r)
+
+
+@helper
 def _turn_finely(
-    tables: Tables, e: int, bend: FloatArray, total: FloatArray, angle: FloatArray, j: int
-) -> None:
-    """Angles of a tendon in an element of which ``bend`` (p, 3) is the bend, at fine points."""
+    to_fine: FloatArray, weights: FloatArray, h: float, bend: FloatArray, total: float,
+    angle: FloatArray,
+) -> float:  # fmt: skip
+    """Angles (p,) of a tendon at the points of an element with its ``bend``, by fine points.
+
+    From ``total`` at its start; returns that at its end.
+    """
     points = bend.shape[0]
-    first = total[j]
     for i in range(points):
-        angle[e * points + i] = first
-    for f in range(tables.to_fine.shape[0]):
+        angle[i] = total
+    for f in range(to_fine.shape[0]):
         p = q = r = 0.0
         for k in range(points):
-            p += tables.to_fine[f, k] * bend[k, 0]
-            q += tables.to_fine[f, k] * bend[k, 1]
-            r += tables.to_fine[f, k] * bend[k, 2]
-        size = tables.lengths[e] * np.sqrt(p * p + q * q + r * r)
+            p += to_fine[f, k] * bend[k, 0]
+            q += to_fine[f, k] * bend[k, 1]
+            r += to_fine[f, k] * bend[k, 2]
+        size = h * np.sqrt(p * p + q * q + r * r)
         for i in range(points):
-            angle[e * points + i] += tables.fine_weights[i, f] * size
-        total[j] += tables.fine_weights[points, f] * size
+            angle[i] += weights[i, f] * size
+        total += weights[points, f] * size
+    return total
 
 
 # The whole arm ---------------------------------------------------------------------------------
 
 
-@_compiled
+@compiled
 def residual(
     tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
     work: Work,
@@ -762,57 +775,74 @@ def residual(
     ``work.scale`` is given, see `tables.force_scale`.
 
     Returns:
-        Largest residual over its scale [-]; NaN where a strain is impossible.
+        Largest residual over its scale and the largest wrench along the arm [-]; NaN where a
+        strain is impossible.
     """
     orientations(tables, z, work)
-    _moments(tables, force, couple, work)
-    wrench, g, h, room = np.empty(z.shape), np.empty(6), np.empty((6, 6)), np.zeros((7, 6))
+    moment, left, scale, count = work.moment, work.residual, work.scale, z.shape[1]
+    _moments(tables.lengths, tables.weights, tables.to_end, work.slope, force, couple, moment)
+    body, tendons, compliance = tables.body, tables.tendons, tables.compliance
+    active, offsets = tables.active, work.offsets
+    g, h, room = np.empty(6), np.empty((0, 6)), np.zeros((6, 6))
+    wrench, largest, worst = np.empty(6), np.zeros(6), 0.0
     for i in range(z.shape[0]):
-        _section(tables, i, z[i], tensions[i], False, g, h, room, work)
-        r = work.rotation[i]
-        for c in range(3):
-            wrench[i, c] = (
-                r[0, c] * work.moment[i, 0] + r[1, c] * work.moment[i, 1]
-                + r[2, c] * work.moment[i, 2]
-            )  # fmt: skip
-        for c in range(z.shape[1] - 3):
-            wrench[i, 3 + c] = (
-                r[0, c] * force[i, 0] + r[1, c] * force[i, 1] + r[2, c] * force[i, 2]
-            )
-        for c in range(z.shape[1]):
-            work.gradient[i, c] = g[c]
-            work.residual[i, c] = g[c] - wrench[i, c]
-    return _relative(wrench, work)
+        gradient, own, turn = work.gradient[i], left[i], work.rotation[i]
+        _section(
+            tables.widens, body[i], tendons[i], compliance, active[i],
+            z[i], tensions[i], offsets[i], g, h, room,
+        )  # fmt: skip
+        _turn_back(turn, moment[i], 0, wrench)
+        _turn_back(turn, force[i], 3, wrench)
+        for c in range(count):
+            gradient[c] = g[c]
+            own[c] = gradient[c] - wrench[c]
+            largest[c] = max(largest[c], abs(wrench[c]))
+    for i in range(z.shape[0]):
+        for c in range(count):
+            value = abs(left[i, c]) / (scale[i, c // 3] + largest[c])
+            if not value <= worst:  # also NaN, which stays
+                worst = value
+    return worst
 
 
-@_compiled
-def _moments(tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
-    """M = M_free + integral to the tip of r' x F."""
-    elements, points = tables.lengths.size, tables.to_end.shape[0]
-    beyond, rate = np.zeros(3), np.empty((points, 3))
-    for e in range(elements - 1, -1, -1):
-        start, h = e * points, tables.lengths[e]
-        for k in range(points):
-            _cross(work.slope[start + k], force[start + k], rate[k])
-        for i in range(points):
-            for c in range(3):
-                value = 0.0
-                for k in range(points):
-                    value += tables.to_end[i, k] * rate[k, c]
-                work.moment[start + i, c] = couple[start + i, c] + beyond[c] + h * value
-        for k in range(points):
-            for c in range(3):
-                beyond[c] += tables.weights[start + k] * rate[k, c]
+@inlined
+def _turn_back(turn: FloatArray, vector: FloatArray, first: int, out: FloatArray) -> None:
+    """Components of a ``vector`` along the columns of a rotation, from ``first`` on."""
+    for c in range(3):
+        out[first + c] = turn[0, c] * vector[0] + turn[1, c] * vector[1] + turn[2, c] * vector[2]
 
 
-@_compiled
+@inlined
 def _cross(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@_compiled
+@helper
+def _moments(
+    lengths: FloatArray, weights: FloatArray, to_end: FloatArray, slope: FloatArray,
+    force: FloatArray, couple: FloatArray, moment: FloatArray,
+) -> None:  # fmt: skip
+    """M = M_free + integral to the tip of r' x F."""
+    points = to_end.shape[0]
+    beyond, rate = np.zeros(3), np.empty((points, 3))
+    for e in range(lengths.size - 1, -1, -1):
+        start, h = e * points, lengths[e]
+        for k in range(points):
+            _cross(slope[start + k], force[start + k], rate[k])
+        for i in range(points):
+            for c in range(3):
+                value = 0.0
+                for k in range(points):
+                    value += to_end[i, k] * rate[k, c]
+                moment[start + i, c] = couple[start + i, c] + beyond[c] + h * value
+        for k in range(points):
+            for c in range(3):
+                beyond[c] += weights[start + k] * rate[k, c]
+
+
+@compiled
 def jacobian(
     tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, work: Work
 ) -> None:
@@ -824,297 +854,156 @@ def jacobian(
     within one; by the stretch of k it is R_i^T (F_k x t_k) B_ik.
     """
     sections(tables, z, tensions, work)
-    count, strains = z.shape
-    elements, points = tables.lengths.size, tables.to_end.shape[0]
-    lever = np.empty((count, 3, 3))
-    for i in range(count):
-        r, f = work.slope[i], force[i]
-        product = r[0] * f[0] + r[1] * f[1] + r[2] * f[2]
-        for a in range(3):
-            for c in range(3):
-                lever[i, a, c] = r[a] * f[c]
-            lever[i, a, a] -= product
+    lengths, weights, to_end, moment = tables.lengths, tables.weights, tables.to_end, work.moment
+    (count, strains), points = z.shape, to_end.shape[0]
+    # X, and rows of R^T, then t x F and what shear has of it.
+    lever, axes = np.empty((count, 9)), np.empty((count, strains, 3))
+    _levers(work.slope, work.rotation, force, lever, axes)
     # Rows of node i times 1 and k before; columns of node k times R^T and i before.
     left, base_side = np.zeros((count, strains, 3)), np.zeros((3, count * strains))
     tip_side = np.zeros((3, count * strains))
-    beyond, own = np.zeros((3, 3)), np.empty((3, 3))
-    for e in range(elements - 1, -1, -1):
-        start = e * points
+    beyond, own = np.zeros(9), np.empty(9)
+    for e in range(lengths.size - 1, -1, -1):
+        start, h = e * points, lengths[e]
         for i in range(start, start + points):
-            own[:] = beyond
+            for c in range(9):
+                own[c] = beyond[c]
             for k in range(points):
-                weight = tables.lengths[e] * tables.to_end[i - start, k]
-                for a in range(3):
-                    for c in range(3):
-                        own[a, c] += weight * lever[start + k, a, c]
-            _sides(tables.weights[i], own, force[i], i, work, left[i], base_side, tip_side)
-        _own_element(tables, e, beyond, lever, force, work)
+                for c in range(9):
+                    own[c] += h * to_end[i - start, k] * lever[start + k, c]
+            _sides(weights[i], own, moment[i], axes[i], left[i], i, base_side, tip_side)
+        _own_element(
+            (h, weights[start : start + points]), (tables.to_point, to_end, tables.twice), beyond,
+            lever[start : start + points], moment[start : start + points],
+            axes[start : start + points], start * strains, work.jacobian,
+        )  # fmt: skip
         for k in range(start, start + points):
-            for a in range(3):
-                for c in range(3):
-                    beyond[a, c] += tables.weights[k] * lever[k, a, c]
+            for c in range(9):
+                beyond[c] += weights[k] * lever[k, c]
+    _other_elements(points * strains, left, axes, base_side, tip_side, work.jacobian)
     for i in range(count):
-        first = i // points * points * strains
-        last = first + points * strains
-        for a in range(strains):
-            row = work.jacobian[i * strains + a]
-            p, q, r = left[i, a, 0], left[i, a, 1], left[i, a, 2]
-            for k in range(first):
-                row[k] = -(p * base_side[0, k] + q * base_side[1, k] + r * base_side[2, k])
-            if a < 3:
-                turn = work.rotation[i]
-                p, q, r = turn[0, a], turn[1, a], turn[2, a]
-                for k in range(last, row.size):
-                    row[k] = -(p * tip_side[0, k] + q * tip_side[1, k] + r * tip_side[2, k])
-            else:
-                for k in range(last, row.size):
-                    row[k] = 0.0
-
-
-@_compiled
-def _sides(
-    weight: float, tail: FloatArray, force: FloatArray, i: int, work: Work,
-    left: FloatArray, base_side: FloatArray, tip_side: FloatArray,
-) -> None:  # fmt: skip
-    """Factors of the blocks of node ``i`` with other elements; ``tail`` is S."""
-    turn, strains = work.rotation[i], left.shape[0]
-    for a in range(3):
-        # S + M x, without forming the matrix of M x.
-        m = work.moment[i]
-        column = turn[0, a], turn[1, a], turn[2, a]
-        for c in range(3):
-            left[a, c] = column[0] * tail[0, c] + column[1] * tail[1, c] + column[2] * tail[2, c]
-        left[a, 0] += column[1] * m[2] - column[2] * m[1]
-        left[a, 1] += column[2] * m[0] - column[0] * m[2]
-        left[a, 2] += column[0] * m[1] - column[1] * m[0]
-        for c in range(3):
-            base_side[c, i * strains + a] = weight * column[c]
-            tip_side[c, i * strains + a] = weight * (
-                tail[c, 0] * column[0] + tail[c, 1] * column[1] + tail[c, 2] * column[2]
-            )
-    for a in range(strains - 3):
-        _cross(turn[:, a], force, left[3 + a])
-        for c in range(3):
-            tip_side[c, i * strains + 3 + a] = weight * left[3 + a, c]
-
-
-@_compiled
-def _own_element(
-    tables: Tables, e: int, beyond: FloatArray, lever: FloatArray, force: FloatArray, work: Work
-) -> None:
-    """Blocks of nodes of one element; ``beyond`` is the integral of X beyond it."""
-    points, strains = tables.to_end.shape[0], work.hessian.shape[1]
-    start, h = e * points, tables.lengths[e]
-    inner, right = np.empty((3, 3)), np.empty((3, 3))
-    across = np.empty((points, 3, 3))
-    for k in range(points):
-        for a in range(strains - 3):
-            _cross(work.rotation[start + k][:, a], force[start + k], across[k, a])
-    for i in range(points):
-        turn, m = work.rotation[start + i], work.moment[start + i]
-        for k in range(points):
-            for a in range(3):
-                for c in range(3):
-                    value = 0.0
-                    for n in range(points):
-                        value += tables.twice[i, k, n] * lever[start + n, a, c]
-                    inner[a, c] = h * h * value + tables.weights[start + k] * beyond[a, c]
-            reach = h * tables.to_point[i, k]
-            inner[0, 1] -= reach * m[2]
-            inner[0, 2] += reach * m[1]
-            inner[1, 0] += reach * m[2]
-            inner[1, 2] -= reach * m[0]
-            inner[2, 0] -= reach * m[1]
-            inner[2, 1] += reach * m[0]
-            other = work.rotation[start + k]
-            for a in range(3):
-                for c in range(3):
-                    right[a, c] = (
-                        inner[a, 0] * other[0, c] + inner[a, 1] * other[1, c]
-                        + inner[a, 2] * other[2, c]
-                    )  # fmt: skip
-            further = h * tables.to_end[i, k]
-            row, column = (start + i) * strains, (start + k) * strains
-            for a in range(3):
-                for c in range(3):
-                    work.jacobian[row + a, column + c] = -(
-                        turn[0, a] * right[0, c] + turn[1, a] * right[1, c]
-                        + turn[2, a] * right[2, c]
-                    )  # fmt: skip
-                for c in range(strains - 3):
-                    work.jacobian[row + a, column + 3 + c] = -further * (
-                        turn[0, a] * across[k, c, 0] + turn[1, a] * across[k, c, 1]
-                        + turn[2, a] * across[k, c, 2]
-                    )  # fmt: skip
-            for a in range(strains - 3):
-                for c in range(3):
-                    work.jacobian[row + 3 + a, column + c] = -reach * (
-                        across[i, a, 0] * other[0, c] + across[i, a, 1] * other[1, c]
-                        + across[i, a, 2] * other[2, c]
-                    )  # fmt: skip
-                for c in range(strains - 3):
-                    work.jacobian[row + 3 + a, column + 3 + c] = 0.0
         for a in range(strains):
             for c in range(strains):
-                work.jacobian[(start + i) * strains + a, (start + i) * strains + c] += (
-                    work.hessian[start + i, a, c]
+                work.jacobian[i * strains + a, i * strains + c] += work.hessian[i, a, c]
+
+
+@helper
+def _levers(
+    slope: FloatArray, rotation: FloatArray, force: FloatArray, lever: FloatArray, axes: FloatArray
+) -> None:
+    for i in range(slope.shape[0]):
+        r, f, turn, own = slope[i], force[i], rotation[i], axes[i]
+        product = r[0] * f[0] + r[1] * f[1] + r[2] * f[2]
+        for a in range(3):
+            for c in range(3):
+                lever[i, 3 * a + c] = r[a] * f[c]
+                own[a, c] = turn[c, a]
+            lever[i, 4 * a] -= product
+        for a in range(3, own.shape[0]):
+            _cross(own[a - 3], f, own[a])
+
+
+@inlined
+def _add_cross(part: float, m: FloatArray, out: FloatArray) -> None:
+    """Add ``part`` of the matrix (9,) that takes the cross product with ``m``."""
+    x, y, b = part * m[0], part * m[1], part * m[2]
+    out[1] -= b
+    out[2] += y
+    out[3] += b
+    out[5] -= x
+    out[6] -= y
+    out[7] += x
+
+
+@inlined
+def _times(matrix: FloatArray, vector: FloatArray, factor: float, out: FloatArray) -> None:
+    """A matrix (9,) times a vector, times a ``factor``."""
+    for c in range(3):
+        out[c] = factor * (
+            matrix[3 * c] * vector[0] + matrix[3 * c + 1] * vector[1]
+            + matrix[3 * c + 2] * vector[2]
+        )  # fmt: skip
+
+
+@helper
+def _sides(
+    weight: float, tail: FloatArray, moment: FloatArray, axes: FloatArray, left: FloatArray,
+    i: int, base_side: FloatArray, tip_side: FloatArray,
+) -> None:  # fmt: skip
+    """Factors of the blocks of node ``i`` with other elements; ``tail`` is S, overwritten."""
+    strains = axes.shape[0]
+    side = np.empty(3)
+    for a in range(strains):
+        if a < 3:
+            _times(tail, axes[a], weight, side)
+        for c in range(3):
+            if a < 3:
+                base_side[c, i * strains + a] = weight * axes[a, c]
+            else:
+                side[c] = weight * axes[a, c]
+            tip_side[c, i * strains + a] = side[c]
+    _add_cross(1.0, moment, tail)
+    for a in range(strains):
+        for c in range(3):
+            left[a, c] = axes[a, c]
+            if a < 3:
+                left[a, c] = (
+                    axes[a, 0] * tail[c] + axes[a, 1] * tail[3 + c] + axes[a, 2] * tail[6 + c]
                 )
 
 
-# The paper's models ----------------------------------------------------------------------------
+@helper
+def _own_element(
+    lengths: tuple[float, FloatArray], rule: tuple[FloatArray, FloatArray, FloatArray],
+    beyond: FloatArray, lever: FloatArray, moment: FloatArray, axes: FloatArray, first: int,
+    out: FloatArray,
+) -> None:  # fmt: skip
+    """Blocks of nodes of one element but Hessians, from row and column ``first`` on.
 
-
-@_compiled
-def paper_twists(
-    tables: PaperTables, sums: FloatArray, tolerance: float
-) -> tuple[FloatArray, FloatArray]:
-    """Twists of cross sections that balance their tendons as in the paper, see `paper_equations`.
-
-    From ``sums`` (A, 7, P) over the tendons of A arms at P places. Where moments are not in
-    balance, equation (10) is swept until its solution changes by less than ``tolerance`` times
-    the largest moment in the arm.
-
-    Returns:
-        Twists (A, P, 4), and of each arm that change, the most sweeps in an element, and the
-        element that did not converge, or -1, (A, 3).
+    ``beyond`` is the integral of X beyond it.
     """
-    arms, places = sums.shape[0], sums.shape[2]
-    twist, outcome, p = np.empty((arms, places, 4)), np.zeros((arms, 3)), np.zeros((3, places))
-    stiffness = tables.stiffness
-    for arm in range(arms):
-        outcome[arm, 2] = -1.0
-        own = sums[arm]
-        if tables.swept:
-            _imbalances(tables, own, tolerance, p, outcome[arm])
-        for i in range(places):
-            n, b, nn, bb, mixed = own[1, i], own[2, i], own[3, i], own[4, i], own[5, i]
-            about_n, about_b = stiffness[2, i] + bb, stiffness[2, i] + nn
-            moment_n, moment_b = p[1, i] - b, p[2, i] + n
-            over = 1.0 / (about_n * about_b - mixed * mixed)
-            xi = (about_b * moment_n + mixed * moment_b) * over
-            k = (about_n * moment_b + mixed * moment_n) * over
-            stretch = (k * n - xi * b - own[0, i]) / stiffness[0, i] + 1.0
-            tau = (p[0, i] - own[6, i]) / (stiffness[1, i] + (nn + bb))
-            twist[arm, i, 0], twist[arm, i, 1] = tau * stretch, xi * stretch
-            twist[arm, i, 2], twist[arm, i, 3] = k * stretch, stretch
-    return twist, outcome
+    h, weights = lengths
+    to_point, to_end, twice = rule
+    points, strains = axes.shape[0], axes.shape[1]
+    # Moment at i, and direction there, by a strain of k.
+    inner, moved, turned = np.empty(9), np.empty(3), np.zeros(3)
+    for i in range(points):
+        for k in range(points):
+            reach, further = h * to_point[i, k], h * to_end[i, k]
+            for c in range(9):
+                value = 0.0
+                for n in range(points):
+                    value += twice[i, k, n] * lever[n, c]
+                inner[c] = h * h * value + weights[k] * beyond[c]
+            _add_cross(reach, moment[i], inner)
+            for c in range(strains):
+                if c < 3:
+                    _times(inner, axes[k, c], 1.0, moved)
+                for n in range(3):
+                    if c >= 3:
+                        moved[n] = further * axes[k, c, n]
+                    turned[n] = reach * axes[k, c, n] if c < 3 else 0.0
+                for a in range(strains):
+                    by = moved if a < 3 else turned
+                    out[first + i * strains + a, first + k * strains + c] = -(
+                        axes[i, a, 0] * by[0] + axes[i, a, 1] * by[1] + axes[i, a, 2] * by[2]
+                    )
 
 
-@_compiled
-def _imbalances(
-    tables: PaperTables, sums: FloatArray, tolerance: float, p: FloatArray, outcome: FloatArray
-) -> None:
-    """Fill in the imbalance p (3, P) [N m] of one arm at nodes and stations."""
-    points, stations = tables.backwards.shape[1], tables.stations
-    largest = 1e-300
-    for i in range(stations.between.shape[1]):
-        largest = max(largest, abs(sums[1, i]), abs(sums[2, i]))
-    end, room, slopes = np.zeros(3), np.empty((3, points + 1)), np.empty((7, points))
-    for e in range(tables.swept - 1, -1, -1):
-        at, first = tables.anchorage[e], e * points
-        if at >= 0:
-            _jump(tables.stiffness[:, at], sums[:, at], sums[:, at + 1], end)
-        _slope_coefficients(tables.stiffness, sums, first, slopes)
-        change, count = _sweep(tables, e, slopes, tolerance * largest, end, room)
-        if outcome[2] < 0.0 and not change <= tolerance * largest:
-            outcome[2] = e
-        if not change / largest <= outcome[0]:
-            outcome[0] = change / largest
-        outcome[1] = max(outcome[1], count)
-        for c in range(3):
-            for i in range(points):
-                p[c, first + i] = room[c, i]
-            end[c] = room[c, points]
-    nodes = stations.between.shape[1]
-    for at in range(stations.element.size):
-        first = stations.element[at] * points
-        for c in range(3):
-            value = 0.0
-            if first < tables.swept * points:
-                for i in range(first, first + points):
-                    value += stations.between[at, i] * p[c, i]
-            p[c, nodes + at] = value
-
-
-@_inlined
-def _jump(stiffness: FloatArray, base: FloatArray, tip: FloatArray, p: FloatArray) -> None:
-    """Imbalance at the side of an anchorage to the base by (11), from that at the other."""
-    for c in range(3):
-        k = stiffness[1] if c == 0 else stiffness[2]
-        f, d = _moment(base, c)
-        f_tip, d_tip = _moment(tip, c)
-        omega = (f_tip + p[c]) / (k + d_tip) + (f - f_tip) / (k + (d - d_tip))
-        p[c] = omega * (k + d) - f
-
-
-@_inlined
-def _moment(sums: FloatArray, c: int) -> tuple[float, float]:
-    """Component ``c`` of F and of the diagonal of D, see `paper_equations`."""
-    if c == 0:
-        return 0.0, sums[3] + sums[4]
-    return (-sums[2], sums[4]) if c == 1 else (sums[1], sums[3])
-
-
-@_compiled
-def _slope_coefficients(
-    stiffness: FloatArray, sums: FloatArray, first: int, out: FloatArray
-) -> None:
-    """Coefficients (7, p) of p' in the element of nodes from ``first`` on."""
-    for i in range(out.shape[1]):
-        torsion, bending = stiffness[1, first + i], stiffness[2, first + i]
-        n, b = sums[1, first + i], sums[2, first + i]
-        nn, bb = sums[3, first + i], sums[4, first + i]
-        c_t, c_n, c_b = 1.0 / (torsion + (nn + bb)), 1.0 / (bending + bb), 1.0 / (bending + nn)
-        xi, k, c = -c_n * b, c_b * n, (bending + (nn + bb)) * c_t
-        out[0, i], out[1, i], out[2, i] = xi, k, (bb - nn) * c_n * c_b
-        out[3, i], out[4, i] = -c * k, c * xi
-        out[5, i], out[6, i] = -bb * c_t * c_b, nn * c_t * c_n
-
-
-@_compiled
-def _sweep(
-    tables: PaperTables, e: int, slopes: FloatArray, allowed: float, end: FloatArray,
-    p: FloatArray,
-) -> tuple[float, int]:  # fmt: skip
-    """Imbalance p (3, p + 1) at the points and the start of an element, from that at its end.
-
-    Returns:
-        Its last change [N m] and the number of sweeps.
-    """
-    points = slopes.shape[1]
-    rate, aside = np.empty(points), np.empty((2, points))
-    for c in range(3):
-        p[c] = end[c]
-    change, count = np.inf, 0
-    while not (change <= allowed and count % SWEEPS_A_CHECK == 0) and count < MOST_PAPER_SWEEPS:
-        count += 1
-        for i in range(points):
-            n, b = p[1, i], p[2, i]
-            rate[i] = (slopes[2, i] * b + slopes[1, i]) * n - slopes[0, i] * b
-        change = _integrate_back(tables, e, rate, end[0], p[0])
-        for i in range(points):
-            aside[0, i] = (slopes[5, i] * p[2, i] + slopes[3, i]) * p[0, i]
-            aside[1, i] = (slopes[6, i] * p[1, i] + slopes[4, i]) * p[0, i]
-        for c in range(2):
-            moved = _integrate_back(tables, e, aside[c], end[1 + c], p[1 + c])
-            if not moved <= change:
-                change = moved
-    return change, count
-
-
-@_inlined
-def _integrate_back(
-    tables: PaperTables, e: int, rate: FloatArray, end: float, p: FloatArray
-) -> float:
-    """``p`` (p + 1,) from its ``rate`` at the points of an element and its ``end``; the change."""
-    change = 0.0
-    for i in range(p.size):
-        value = 0.0
-        for k in range(rate.size):
-            value += tables.backwards[i, k] * rate[k]
-        value = end - tables.lengths[e] * value
-        moved = abs(value - p[i])
-        if not moved <= change:
-            change = moved
-        p[i] = value
-    return change
+@helper
+def _other_elements(
+    size: int, left: FloatArray, axes: FloatArray, base_side: FloatArray, tip_side: FloatArray,
+    out: FloatArray,
+) -> None:  # fmt: skip
+    """Blocks of nodes of different elements of ``size`` rows, by their factors."""
+    strains = axes.shape[1]
+    for at in range(out.shape[0]):
+        i, a, row, first = at // strains, at % strains, out[at], at // size * size
+        p, q, r = left[i, a, 0], left[i, a, 1], left[i, a, 2]
+        for k in range(first):
+            row[k] = -(p * base_side[0, k] + q * base_side[1, k] + r * base_side[2, k])
+        p, q, r = axes[i, a, 0], axes[i, a, 1], axes[i, a, 2]
+        if a >= 3:
+            p = q = r = 0.0
+        for k in range(first + size, row.size):
+            row[k] = -(p * tip_side[0, k] + q * tip_side[1, k] + r * tip_side[2, k])

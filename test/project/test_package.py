@@ -15,6 +15,7 @@ from checkout import ROOT
 import octo_arm_model
 
 # Folders that need neither ROS nor any optional extra, but for the loops that numba compiles.
+LOOPS = ('compiled', 'loops', 'paper_loops')
 BASE = ('arm', 'rod', 'config', 'analysis', 'wire')
 CORE = sorted(
     module.name
@@ -22,7 +23,7 @@ CORE = sorted(
     for module in pkgutil.walk_packages(
         [f'{octo_arm_model.__path__[0]}/{folder}'], f'octo_arm_model.{folder}.'
     )
-    if not module.ispkg and module.name != 'octo_arm_model.rod.loops'
+    if not module.ispkg and module.name.rpartition('.')[2] not in LOOPS
 )
 
 
