@@ -24,7 +24,7 @@ MOST = {
     'octo_arm_model/estimation': 5_800,
     'octo_arm_model/experiment': 6_350,
     'octo_arm_model/reproduce': 1_450,
-    'octo_arm_model/rod': 8_950,
+    'octo_arm_model/rod': 9_000,
     'octo_arm_model/ros': 5_050,
     'octo_arm_model/simulation': 1_450,
     'octo_arm_model/viewer': 2_400,

@@ -463,19 +463,27 @@ def _section_steps(work: Work) -> FloatArray:
 def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatArray:
     """Twists (n, m) near the balance under ``tensions`` (n, J) [N], as if tendons were parallel.
 
-    Force and moment then do not depend on the strain, and the section bends in one plane; for
-    rubber from stretch and bend of the straight section and a secant, see `planar` in `_planar`.
+    Force and moment then do not depend on the strain, and the section bends in one plane; exact to
+    first order in the moment, for rubber from the straight section and a secant.
     """
-    acts = np.arange(tensions.shape[1]) < tables.active[:, np.newaxis]
-    pull = tensions * acts
-    axial = tables.body[:, AXIAL]
-    radius = np.sqrt(tables.body[:, SQUARED_RADIUS])
+    axial, radius = tables.body[:, AXIAL], np.sqrt(tables.body[:, SQUARED_RADIUS])
+    pull = tensions * (np.arange(tensions.shape[1]) < tables.active[:, np.newaxis])
     force = pull.sum(axis=1) / axial
     about_n = (pull * tables.tendons[..., ALONG_B]).sum(axis=1) / axial
     about_b = -(pull * tables.tendons[..., ALONG_N]).sum(axis=1) / axial
     moment = np.hypot(about_n, about_b)
-    straight, stretch, bend = _planar(tables.widens, moment / radius, force)
-    curvature = bend / radius
+    if tables.widens:
+        # Straight rubber is in balance where this is lambda + 3 force, nearly, and 1 / lambda^2.
+        stress = 1.0 + force + force + force * force / (1.0 + force)
+        straight = 1.0 / np.sqrt(stress)
+        ratio = 12.0 * moment / radius / (straight + 2.0 * stress)
+        # Bending lengthens rubber.
+        secant = np.sqrt(1.0 + ratio * ratio)
+        stretch = straight * np.sqrt(secant)
+        curvature = stretch * ratio / secant / radius
+    else:
+        straight = stretch = np.maximum(1.0 - force, 0.05)
+        curvature = 4.0 * moment / radius / radius
     fails = ~(stretch > curvature * tables.body[:, LEVER])
     stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
     # Scaled curvatures; moments are those of the tendons' pull with opposite sign.
@@ -485,26 +493,6 @@ def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatA
     z = np.zeros((len(tensions), strains))
     z[:, 1], z[:, 2], z[:, 3] = about_n * curvature, about_b * curvature, stretch
     return z
-
-
-def _planar(
-    widens: bool, load: FloatArray, force: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Stretch without the moment, stretch, and bend: curvature times R.
-
-    For a moment ``load`` over E A R and a compressive ``force`` over E A, exact to first order.
-    """
-    if not widens:
-        stretch = np.maximum(1.0 - force, 0.05)
-        return stretch, stretch, 4.0 * load
-    # Straight rubber is in balance where this is lambda + 3 force, nearly, and 1 / lambda^2.
-    stress = 1.0 + force + force + force * force / (1.0 + force)
-    straight = 1.0 / np.sqrt(stress)
-    ratio = 12.0 * load / (straight + 2.0 * stress)
-    # Bending lengthens rubber.
-    secant = np.sqrt(1.0 + ratio * ratio)
-    stretch = straight * np.sqrt(secant)
-    return straight, stretch, stretch * ratio / secant
 
 
 def _relative(wrench: FloatArray, scale: FloatArray, work: Work) -> float:

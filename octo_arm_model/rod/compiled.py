@@ -8,7 +8,7 @@ Python, and no array is assigned to another as a whole, for which numba compiles
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from numba import njit
 
@@ -17,10 +17,11 @@ _F = TypeVar('_F', bound=Callable[..., object])
 
 def compiled(function: _F, *, has_entry: bool = True, inlined: bool = False) -> _F:
     """A node function, whose machine code numba keeps."""
+    options: dict[str, Any] = {'no_cpython_wrapper': not has_entry, 'no_cfunc_wrapper': True}
+    fast = {'contract', 'nsz'}
     compiler = njit(
-        cache=has_entry, error_model='numpy', fastmath={'contract', 'nsz'}, forceinline=inlined,
-        no_cpython_wrapper=not has_entry, no_cfunc_wrapper=True,
-    )  # fmt: skip
+        cache=has_entry, error_model='numpy', fastmath=fast, forceinline=inlined, **options
+    )
     return cast(_F, compiler(function))
 
 

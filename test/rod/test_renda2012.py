@@ -11,7 +11,7 @@ from strategies import arms, fractions, loaded_arms, tensions_for
 
 from octo_arm_model import Arm, Config, ConvergenceError, SolveError, Solver
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.rod import arrays, elements, paper_equations
+from octo_arm_model.rod import arrays, elements, paper_arrays, paper_equations
 
 # Largest tensions of the paper on each arm [N], by section: Tables 1, 3 and 5; what the paper
 # pulled in Figure 8 is not printed, so the tip of that arm is compressed like that of Figure 15.
@@ -154,7 +154,7 @@ def test_one_loaded_section_does_not_twist(table2: Config, tensions: tuple) -> N
 def test_no_convergence_is_an_error_that_says_how_far_it_got(
     table4: Config, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(arrays, 'MOST_PAPER_SWEEPS', 2)
+    monkeypatch.setattr(paper_arrays, 'MOST_PAPER_SWEEPS', 2)
     with pytest.raises(ConvergenceError, match=r'equation \(10\) in section 3 did not conv') as e:
         table4.solver('renda2012', compiled=False).solve(10.0 * np.array(FETCHING_IN_SPACE))
     assert isinstance(e.value, SolveError)
