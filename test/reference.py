@@ -191,7 +191,7 @@ def integrate_kinematics(
         if start == stretches[0][0]:
             inside = np.append(start, inside)
         solution = solve_ivp(
-            rates, (start, stop), state, 'DOP853', inside, rtol=1e-11, atol=1e-12, args=(strains,)
+            rates, (start, stop), state, 'DOP853', inside, rtol=1e-10, atol=1e-11, args=(strains,)
         )
         assert solution.success
         state = solution.y[:, -1]

@@ -79,12 +79,11 @@ def test_limits_are_friction_alone_and_sheaths_alone(loads: Loads) -> None:
 def test_a_loop_closes_and_encloses_something(loads: Loads) -> None:
     solver = Solver(HELICAL, 'exact', loads=loads)
     last, tips = solver.solve(PULL), []
-    for part in 3 * (0.7, 0.4, 0.7, 1.0):
+    for part in 2 * (0.7, 0.4, 0.7, 1.0):
         last = solver.follow(part * PULL, last)
         tips.append(last.tip)
     # The first may be on fewer nodes, where a tendon begins to stick a little elsewhere.
-    np.testing.assert_allclose(tips[:4], tips[4:8], atol=5e-6 * HELICAL.length)
-    np.testing.assert_allclose(tips[4:8], tips[8:], atol=1e-7 * HELICAL.length)
+    np.testing.assert_allclose(tips[:4], tips[4:], atol=5e-6 * HELICAL.length)
     assert np.linalg.norm(tips[0] - tips[2]) > 2e-3 * HELICAL.length
 
 

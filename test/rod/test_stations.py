@@ -118,7 +118,11 @@ def resolved(arm: Arm, tensions: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ('change', 'at', 'width', 'part'),
-    [(necked, 0.09, 8e-3, 0.6), (softened, 0.4, 4e-3, 0.5), (rerouted, 0.09, 8e-3, 0.6)],
+    [
+        pytest.param(necked, 0.09, 8e-3, 0.6, marks=pytest.mark.endurance),
+        (softened, 0.4, 4e-3, 0.5),
+        (rerouted, 0.09, 8e-3, 0.6),
+    ],
 )
 def test_what_changes_within_few_millimetres_is_integrated_as_by_an_ode_solver(
     table4: Config, change: Callable[..., Arm], at: float, width: float, part: float
