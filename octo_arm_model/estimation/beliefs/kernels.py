@@ -5,22 +5,13 @@ One call makes everything of one state, or a whole iteration within what is know
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
-
 import numpy as np
-from numba import njit
 
 from octo_arm_model.arm.hints import FloatArray
-
-_F = TypeVar('_F', bound=Callable[..., Any])
-
-
-def _compiled(function: _F) -> _F:
-    return cast(_F, njit(cache=True, error_model='numpy')(function))
+from octo_arm_model.rod.compiled import compiled, helper
 
 
-@_compiled
+@helper
 def divide(upper: FloatArray, right: FloatArray, out: FloatArray) -> None:
     """Fill in ``out`` (n,), which ``upper`` (n, n), of its triangle, takes to ``right`` (n,)."""
     for i in range(out.size - 1, -1, -1):
@@ -30,7 +21,7 @@ def divide(upper: FloatArray, right: FloatArray, out: FloatArray) -> None:
         out[i] = value / upper[i, i]
 
 
-@_compiled
+@helper
 def divide_transposed(upper: FloatArray, right: FloatArray, out: FloatArray) -> None:
     """As `divide`, by the transpose of ``upper``."""
     for i in range(out.size):
@@ -40,7 +31,7 @@ def divide_transposed(upper: FloatArray, right: FloatArray, out: FloatArray) -> 
         out[i] = value / upper[i, i]
 
 
-@_compiled
+@helper
 def find_away(mean: FloatArray, root: FloatArray, x: FloatArray, z: FloatArray) -> None:
     """Fill in ``z`` (n,), how far ``x`` (n,) is from the ``mean``, divided by the ``root``."""
     for i in range(z.size):
@@ -50,7 +41,7 @@ def find_away(mean: FloatArray, root: FloatArray, x: FloatArray, z: FloatArray) 
         z[i] = value / root[i, i]
 
 
-@_compiled
+@helper
 def is_definite(matrix: FloatArray) -> bool:
     """Whether the symmetric part of ``matrix`` (n, n) is positive definite.
 
@@ -68,7 +59,7 @@ def is_definite(matrix: FloatArray) -> bool:
     return True
 
 
-@_compiled
+@helper
 def eliminate_definite(matrix: FloatArray) -> None:
     """Factorise definite matrices (n, n, count) in place as L D L^T, in their lower halves.
 
@@ -86,7 +77,7 @@ def eliminate_definite(matrix: FloatArray) -> None:
                     matrix[i, k, p] -= factor[p] * matrix[k, j, p]
 
 
-@_compiled
+@helper
 def substitute_definite(matrix: FloatArray, right: FloatArray) -> None:
     """Solve in place for ``right`` (n, count), from the factors of `eliminate_definite`."""
     n, count = right.shape
@@ -102,7 +93,7 @@ def substitute_definite(matrix: FloatArray, right: FloatArray) -> None:
             right[j, p] *= matrix[j, j, p]
 
 
-@_compiled
+@helper
 def solve_definite(matrix: FloatArray, right: FloatArray) -> None:
     """Solve for ``right`` (n, count) in place, with definite matrices (n, n, count).
 
@@ -112,7 +103,7 @@ def solve_definite(matrix: FloatArray, right: FloatArray) -> None:
     substitute_definite(matrix, right)
 
 
-@_compiled
+@helper
 def stiffen(bent: FloatArray, most: float, halvings: int, change: FloatArray) -> None:
     """Divide ``change`` (n,) by 1 - ``bent`` (n, n), in place.
 
@@ -132,7 +123,7 @@ def stiffen(bent: FloatArray, most: float, halvings: int, change: FloatArray) ->
         bent *= 0.5
 
 
-@_compiled
+@helper
 def triangulate(array: FloatArray, columns: int) -> None:
     """Make the first ``columns`` of ``array`` upper triangular by reflections (Householder)."""
     rows, all_columns = array.shape
@@ -155,7 +146,7 @@ def triangulate(array: FloatArray, columns: int) -> None:
         array[c, c] = length
 
 
-@_compiled
+@compiled
 def second_order_step(
     mean: FloatArray, root: FloatArray, x: FloatArray, about: FloatArray, left: FloatArray,
     jacobian: FloatArray, second: FloatArray, slope: FloatArray, most_bent: float, halvings: int,
@@ -221,7 +212,7 @@ def second_order_step(
     return np.sqrt(size / n), cost
 
 
-@_compiled
+@helper
 def find_gain(
     root: FloatArray, jacobian: FloatArray, noise_root: FloatArray, array: FloatArray,
     gain: FloatArray, innovation_root: FloatArray, root_after: FloatArray,
@@ -261,7 +252,7 @@ def find_gain(
         divide(array, array[:m, m + i], gain[i])
 
 
-@_compiled
+@helper
 def add_up_gradient(gain: FloatArray, second: FloatArray, gradient: FloatArray) -> None:
     """Fill in the ``gradient`` (n,) of `posterior_mean.gradient`."""
     n, m = gain.shape
@@ -274,7 +265,7 @@ def add_up_gradient(gain: FloatArray, second: FloatArray, gradient: FloatArray) 
                 gradient[p] += factor * second[k, i, p]
 
 
-@_compiled
+@helper
 def find_gradient(
     part: FloatArray, jacobian: FloatArray, second: FloatArray, innovation_root: FloatArray,
     gain: FloatArray, gradient: FloatArray,
@@ -301,7 +292,7 @@ def find_gradient(
     add_up_gradient(gain, second, gradient)
 
 
-@_compiled
+@helper
 def whiten_residuals(
     mean: FloatArray, root: FloatArray, per_noise: FloatArray, x: FloatArray, left: FloatArray,
     jacobian: FloatArray, second: FloatArray, bent: FloatArray, half: FloatArray, z: FloatArray,
@@ -354,7 +345,7 @@ def whiten_residuals(
                     white_second[k, i, p] += factor * half[j, p]
 
 
-@_compiled
+@compiled
 def find_posterior(
     mean: FloatArray, root: FloatArray, scattered: FloatArray, noise_root: FloatArray,
     per_noise: FloatArray, weight: float, x: FloatArray, residuals: FloatArray,
@@ -418,7 +409,7 @@ def find_posterior(
     return size, cost, np.sqrt(off), np.sqrt(turned)
 
 
-@_compiled
+@compiled
 def second_order_mean(
     mean: FloatArray, root: FloatArray, about: FloatArray, left: FloatArray, jacobian: FloatArray,
     second: FloatArray, slope: FloatArray, most_bent: float, halvings: int, first: int, stop: int,
@@ -459,7 +450,7 @@ def second_order_mean(
     return True
 
 
-@_compiled
+@compiled
 def conclude(
     mean: FloatArray, scattered: FloatArray, x: FloatArray, left: FloatArray, jacobian: FloatArray,
     second: FloatArray, gain: FloatArray, innovation_root: FloatArray, root_after: FloatArray,
