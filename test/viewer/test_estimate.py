@@ -27,7 +27,7 @@ def test_the_page_shows_what_pushes_the_arm_and_how_well_that_is_known():
         try:
             url = re.search(r'http://\S+', viewer.stdout.readline())[0]
             client.connect()
-            browser = Browser(url, 320, 240)
+            browser = Browser(url, 500, 400)
             try:
                 is_seen(client, browser)
                 assert not browser.complaints()
