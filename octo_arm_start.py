@@ -31,7 +31,7 @@ def _run(module: str, interrupted: int) -> int:
         terminal = importlib.import_module('octo_arm_model.terminal')
         name = os.path.basename(sys.argv[0])
         if module.startswith('octo_arm_model.ros.'):  # which imports ROS before it reads arguments
-            importlib.import_module('octo_arm_model.ros.arguments').arguments_of_ros(name)
+            importlib.import_module('octo_arm_model.ros.processes').arguments_of_ros(name)
         status = terminal.fail(name, terminal.missing(error))
     return status
 

@@ -25,16 +25,15 @@ import numpy as np
 from brief import IS_BRIEF, make_parser
 
 from octo_arm_model import Config, load_config
+from octo_arm_model.bags.answers import Answers
 from octo_arm_model.bags.arms import find_arms
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.replay.answers import Answers
-from octo_arm_model.bags.replay.replay import replay
-from octo_arm_model.bags.store.types import known_types
+from octo_arm_model.bags.replay import replay
 from octo_arm_model.bags.tensions import TYPES, TensionTopic, read_topic
+from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 
 RATE = 1000.0  # [Hz]
 WANTED = 20.0  # times real time

@@ -45,10 +45,10 @@ from rclpy.subscription import Subscription
 
 from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.messages import backbone_messages
 from octo_arm_model.ros.node import main as our_node
-from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
+from octo_arm_model.wire.tensions import TENDON_TENSIONS
 
 sys.path.insert(0, os.path.join(os.path.dirname(__file__), '..', 'test'))
 from ros_domains import new_domain

@@ -38,9 +38,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
 from octo_arm_model import Config, load_config
-from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.node.inputs.tension_subscription import INPUT_QOS
-from octo_arm_model.wire.cdr.backbone import BackboneWriter
+from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.ros.node.inputs import INPUT_QOS
+from octo_arm_model.wire.backbone import BackboneWriter
 
 FILE = preset_path('renda2012_table4')
 CONFIG = load_config(FILE)

@@ -35,7 +35,7 @@ from octo_arm_model import (
     load_config,
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.forms import is_available
 
 STATIONS = 101

@@ -24,11 +24,11 @@ from brief import IS_BRIEF, make_parser
 from node import COMMANDS, Client, new_domain, question
 from rclpy.node import Node
 
-from octo_arm_model.ros.child_processes import stop_signals
 from octo_arm_model.ros.client.client import ArmClient
-from octo_arm_model.viewer.address import free_port, serving, url
-from octo_arm_model.viewer.app import Viewer
+from octo_arm_model.ros.processes import stop_signals
 from octo_arm_model.viewer.options import LOOPBACK, PORT
+from octo_arm_model.viewer.page import Viewer
+from octo_arm_model.viewer.server import free_port, serving, url
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'test'))
 

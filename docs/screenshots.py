@@ -23,11 +23,11 @@ from browser import Browser  # noqa: E402 - what drives the browser is with the 
 from ros_domains import new_domain  # noqa: E402
 
 from octo_arm_model import load_config  # noqa: E402
-from octo_arm_model.config.presets import preset_path  # noqa: E402
-from octo_arm_model.ros.child_processes import children  # noqa: E402
+from octo_arm_model.config.parameter_files import preset_path  # noqa: E402
+from octo_arm_model.ros.processes import children  # noqa: E402
 from octo_arm_model.simulation.profiles.limits import figures  # noqa: E402
-from octo_arm_model.viewer.address import free_port, url  # noqa: E402
 from octo_arm_model.viewer.options import LOOPBACK, PORT  # noqa: E402
+from octo_arm_model.viewer.server import free_port, url  # noqa: E402
 
 WIDTH, HEIGHT = 1280, 860  # of the window; the page is a little less high
 _ROUND = 165  # pixels

@@ -4,7 +4,7 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
-from octo_arm_model.analysis.geometry.octopus_layout import ARMS, RADIUS, base_pose
+from octo_arm_model.analysis.drawing import ARMS, RADIUS, base_pose
 from octo_arm_model.ros.launch_parts import (
     declare,
     node,

@@ -22,7 +22,7 @@ from workspaces import HIGHEST
 
 from octo_arm_model import MODELS, Config, load_config
 from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.forms import is_available
 
 settings.register_profile(

@@ -11,7 +11,7 @@ from octo_arm_msgs.msg import BackboneCovariance, TendonTensions
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.messages import pose_message
 
 FILE = preset_path('renda2012_prototype')

@@ -22,8 +22,7 @@ from recordings import (
 
 from octo_arm_model import Arm
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path
 from octo_arm_model.experiment.recording.recording import Recording
 from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.curves import resample

@@ -33,7 +33,7 @@ from ros_domains import new_domain, reserved_domain
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros import refusal_log
 from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node import diagnostics
@@ -41,7 +41,7 @@ from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
 from octo_arm_model.ros.node.main import OctoArmNode, make_executor
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.ros.start import read_here
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 # [s] for anything that takes milliseconds on an idle machine; long, since only what fails waits.
 DEADLINE = 120.0

@@ -14,11 +14,11 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model import Arm, Config, load_config
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.store.types import known_types
 from octo_arm_model.bags.tensions import Reading, TensionTopic, read_topic
-from octo_arm_model.config.presets import preset_path
-from octo_arm_model.wire.cdr.layout import Layout
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+from octo_arm_model.bags.types import known_types
+from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.wire.cdr import Layout
+from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 START = 1_700_000_000 * 10**9  # [ns]
 STEP = 10**6  # between messages [ns]

@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.bags.demo.demo import add_demo
-from octo_arm_model.bags.demo.experiment import TOUCH_DIRECTION, Experiment, custom_data
+from octo_arm_model.bags.demo import TOUCH_DIRECTION, Experiment, add_demo, custom_data
 from octo_arm_model.bags.writer import BagWriter
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 
 # Hypothesis has no fixtures that last for all examples.
 _FOLDER = tempfile.TemporaryDirectory()

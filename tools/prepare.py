@@ -41,7 +41,7 @@ _COMPILE = """
 import dataclasses
 import numpy as np
 from octo_arm_model import Solver, load_config
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
 from octo_arm_model.estimation.state.prediction import ArmModel

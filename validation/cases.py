@@ -16,7 +16,7 @@ from elasticity import Contact
 
 from octo_arm_model import Arm, load_config
 from octo_arm_model.config.paper_data import BENDING
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 
 BASIC, _WIDE, _LONG, _SHORT = Mesh(1, 1), Mesh(2, 1), Mesh(1, 2), Mesh(1, 0.5)
 _STUDY = ((_WIDE, BASIC), (_LONG, BASIC))

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.experiment.fitting.held_back import AUTO
 from octo_arm_model.experiment.fitting.identify import identify
 from octo_arm_model.experiment.fitting.least_squares.fit import LOSSES

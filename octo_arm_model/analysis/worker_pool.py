@@ -1,4 +1,4 @@
-"""Chunks of tensions solved in this process, on all its cores or on a Dask cluster."""
+"""Batches of tensions solved in this process, on all its cores or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -18,12 +18,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.solved_parts import solve_parts
 from octo_arm_model.arm.errors import ConfigError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
+from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.solver import Solver
+
+
+def solve_parts(
+    solver: Solver, tensions: FloatArray, first: int = 0
+) -> Iterator[tuple[slice, Backbone | SolveError]]:
+    """Shapes of all sets of ``tensions`` (n, ...), which are numbered from ``first`` on.
+
+    A batch with a set that has none is halved, down to that set, which has its error.
+    """
+    part = slice(first, first + len(tensions))
+    try:
+        yield part, solver.solve(tensions)
+    except SolveError as error:
+        half = len(tensions) // 2
+        if not half:
+            yield part, error
+            return
+        yield from solve_parts(solver, tensions[:half], first)
+        yield from solve_parts(solver, tensions[half:], first + half)
+
 
 _POOL_START = 1.5  # typical time in which a pool starts [s]
 _CONNECT = 5.0  # timeout of the connection to a scheduler [s]

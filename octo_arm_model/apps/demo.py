@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from octo_arm_model.apps.domain import own_domain
+from octo_arm_model.apps.shared import add_optional_page, open_page, own_domain
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.config.config import load_config
-from octo_arm_model.config.presets import find_path
-from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
+from octo_arm_model.config.parameter_files import find_path
+from octo_arm_model.ros.processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.touched_arm import touched
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
-from octo_arm_model.viewer.options import add_optional_page, open_page, page_title
+from octo_arm_model.viewer.options import page_title
 
 if TYPE_CHECKING:
     from octo_arm_model.ros.client.client import ArmClient
@@ -129,7 +129,7 @@ def _show(options: argparse.Namespace) -> int:
         if server is None:
             step = _watching(client)
         else:
-            from octo_arm_model.viewer.app import Viewer  # needs viser
+            from octo_arm_model.viewer.page import Viewer  # needs viser
 
             step = Viewer(server, client, always=True, title=title).step
         line = stack.enter_context(StatusLine(sys.stdout, LINE_PERIOD))

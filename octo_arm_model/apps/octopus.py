@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from octo_arm_model.analysis.geometry.octopus_layout import ARMS, base_pose
+from octo_arm_model.analysis.drawing import ARMS, base_pose
 from octo_arm_model.apps.demo import LINE_PERIOD, movement_of
-from octo_arm_model.apps.domain import own_domain
+from octo_arm_model.apps.shared import add_optional_page, open_page, own_domain
 from octo_arm_model.config.config import Config, load_config
-from octo_arm_model.config.presets import find_path
-from octo_arm_model.ros.child_processes import children, ended, parameter_arguments, stop_signals
+from octo_arm_model.config.parameter_files import find_path
+from octo_arm_model.ros.processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.simulation.profiles.commands import find_profile
 from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
-from octo_arm_model.viewer.options import add_optional_page, open_page, page_title
+from octo_arm_model.viewer.options import page_title
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -52,7 +52,7 @@ class Crawl:
             ProfileError: if there is no such ``movement`` of this arm, or it goes beyond the
                 limit of a tendon.
         """
-        from octo_arm_model.ros.client.command_publisher import CommandPublisher
+        from octo_arm_model.ros.client.commands import CommandPublisher
 
         self._node = node
         self._profile = find_profile(movement, config.arm)
@@ -184,7 +184,7 @@ def _show(options: argparse.Namespace) -> int:
         title = page_title('an octopus')
         server = open_page(options, stack, title)
         if server is not None:
-            from octo_arm_model.viewer.page.octopus_page import OctopusPage  # needs viser
+            from octo_arm_model.viewer.octopus_page import OctopusPage  # needs viser
 
             page = OctopusPage(server, clients, lambda: describe(clients), title)
         started = stack.enter_context(children(commands))

@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 
 from octo_arm_model.arm.errors import BagError, ConfigError
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.store.types import STRING
 from octo_arm_model.bags.tensions import pick_tensions
 from octo_arm_model.bags.topics import DESCRIPTION, holds_displacements, namespace, usual_topics
+from octo_arm_model.bags.types import STRING
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import naming, parameters_of
-from octo_arm_model.wire.displacement_messages import DISPLACEMENT_TYPE, DISPLACEMENTS
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+from octo_arm_model.wire.tensions import DISPLACEMENT_TYPE, DISPLACEMENTS, TENSION_TOPICS
 
 
 class RecordedArm(NamedTuple):

@@ -8,14 +8,14 @@ from typing import Any
 from rosbags.interfaces import Connection
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.replay.replay import open_copies
+from octo_arm_model.bags.replay import open_copies
 from octo_arm_model.bags.topics import DESCRIPTION
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.wire.cdr.estimate import ESTIMATES, EstimateMessages
+from octo_arm_model.wire.estimate import ESTIMATES, EstimateMessages
 from octo_arm_model.wire.stamp import Stamp
 
 

@@ -13,11 +13,15 @@ from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.typesys.store import Typestore
 
 from octo_arm_model.arm.errors import BagError, OctoArmError, listed, shown
-from octo_arm_model.bags.store.limits import check_size, expand_message
-from octo_arm_model.bags.store.metadata import check_folder
-from octo_arm_model.bags.store.records import Key, Record, count_messages, counts_of, stamp_of
-from octo_arm_model.bags.store.storages import BoundedReader, CheckedSqlite3Reader
-from octo_arm_model.bags.store.types import numeric_fields, types_for
+from octo_arm_model.bags.metadata import check_folder
+from octo_arm_model.bags.records import Key, Record, count_messages, counts_of, stamp_of
+from octo_arm_model.bags.storages import (
+    BoundedReader,
+    CheckedSqlite3Reader,
+    check_size,
+    expand_message,
+)
+from octo_arm_model.bags.types import numeric_fields, types_for
 from octo_arm_model.wire.stamp import Stamp
 
 T = TypeVar('T')

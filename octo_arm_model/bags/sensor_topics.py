@@ -14,15 +14,15 @@ from octo_arm_model.arm.errors import BagError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.store.records import Record
+from octo_arm_model.bags.records import Record
 from octo_arm_model.bags.tensions import TYPES, TensionTopic, pick_tensions, read_topic
 from octo_arm_model.bags.topics import measured_topics, names, namespace, only_one, pick_usual
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.measurements import Measurement, Tensions
-from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS, MeasuredArm
+from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS, MeasuredArm
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 NONE = '-'  # in place of a topic that is not to be used
 MOST_MESSAGES = 1_000_000  # of all topics; they are kept until all are read

@@ -12,14 +12,13 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import BagError, MessageError, TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.store.records import Record
-from octo_arm_model.bags.store.types import known_types
+from octo_arm_model.bags.records import Record
 from octo_arm_model.bags.topics import pick_topic
+from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
-from octo_arm_model.wire.displacement_messages import read_displacements
 from octo_arm_model.wire.stamp import Stamp, time_of
 from octo_arm_model.wire.tension_layout import TensionLayout
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS, FieldMessage
+from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, read_displacements
 
 TYPES = tuple(kind.type_name for kind in TENSION_TOPICS.values())
 _KINDS = {kind.type_name: kind for kind in TENSION_TOPICS.values()}

@@ -6,10 +6,9 @@ from collections.abc import Iterable, Sequence
 
 from octo_arm_model.arm.errors import BagError, listed
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.wire.cdr.backbone import BACKBONE_TOPICS, TENDON_LENGTHS, TENSION_ESTIMATES
-from octo_arm_model.wire.cdr.estimate import ESTIMATES
-from octo_arm_model.wire.displacement_messages import DISPLACEMENT_TYPE, DISPLACEMENTS
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+from octo_arm_model.wire.backbone import BACKBONE_TOPICS, TENDON_LENGTHS, TENSION_ESTIMATES
+from octo_arm_model.wire.estimate import ESTIMATES
+from octo_arm_model.wire.tensions import DISPLACEMENT_TYPE, DISPLACEMENTS, TENSION_TOPICS
 
 # What the model answers with, and the types of that: never a measurement.
 ANSWERS: dict[str, str] = {

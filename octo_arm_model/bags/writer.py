@@ -27,7 +27,7 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.store.types import STRING, known_types
+from octo_arm_model.bags.types import STRING, known_types
 
 STORAGES = tuple(plugin.name.lower() for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3))
 # A topic of the writer, when the message was received [ns], and the message.

@@ -12,13 +12,11 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.cli.options.experiment import RECORDINGS, add_recording
-from octo_arm_model.cli.options.shared import add_json, add_path
-from octo_arm_model.cli.output.files import check_out, refuse_inside, writing
-from octo_arm_model.cli.output.progress import Bar
-from octo_arm_model.cli.read_experiment import of_each, read_options
+from octo_arm_model.cli.files import Bar, check_out, refuse_inside, writing
+from octo_arm_model.cli.options import add_json, add_path
+from octo_arm_model.cli.recordings import RECORDINGS, add_recording, of_each, read_options
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.csv_files import CsvFiles
+from octo_arm_model.config.files import CsvFiles
 from octo_arm_model.experiment.compare import ModelComparison, compare
 from octo_arm_model.experiment.shapes.observations import Observations
 

@@ -6,18 +6,16 @@ import argparse
 import contextlib
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.validation import finite, not_negative
-from octo_arm_model.cli.options.estimator import (
-    TENSIONS,
-    add_estimator,
-    read_estimator,
-    refuse_idle,
-)
-from octo_arm_model.cli.options.shared import (
+from octo_arm_model.cli.files import Bar, check_out, refuse_inside, unwritten, writing
+from octo_arm_model.cli.options import (
     add_config_option,
     add_flag,
     add_json,
@@ -29,18 +27,261 @@ from octo_arm_model.cli.options.shared import (
     read_config_option,
     refuse_without_effect,
 )
-from octo_arm_model.cli.output.estimate import as_dict, summary
-from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten, writing
-from octo_arm_model.cli.output.progress import Bar
-from octo_arm_model.cli.read_experiment import read_alignment
-from octo_arm_model.wire.measurement_messages import MEASUREMENT_TOPICS
+from octo_arm_model.cli.recordings import read_alignment
+from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.estimation.parameters import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX
+from octo_arm_model.estimation.state.unknowns import Unknowns
+from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, MEASUREMENT_TOPICS, TIP_POSE
+from octo_arm_model.wire.tensions import DISPLACEMENTS
 
 if TYPE_CHECKING:
+    from octo_arm_model.arm.hints import FloatArray
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.experiment.estimating.estimates import TimedEstimate
-    from octo_arm_model.experiment.estimating.history import Moment
+    from octo_arm_model.experiment.estimating.history import Moment, Touch
     from octo_arm_model.experiment.estimating.recorded import Recorded, Sources
     from octo_arm_model.experiment.estimating.run import Result
+
+
+# Parameters that say how exact sensors are; the others say what is unknown.
+_SENSORS = ('displacement', 'marker', 'tip_', 'base_')
+_APART = ('contact', 'contact_s', 'window')  # in options of their own, or for a node alone
+TENSIONS = 'tensions'
+# What options count for: sensors by the beginnings of their names, and contacts.
+_OF_SENSOR = {
+    'tendons': TENSIONS,
+    'tension_stddev': TENSIONS,
+    f'{PREFIX}tension_bias': TENSIONS,
+    f'{PREFIX}displacement': DISPLACEMENTS,
+    f'{PREFIX}marker': MARKERS,
+    f'{PREFIX}tip': TIP_POSE,
+    f'{PREFIX}base': BASE_WRENCH,
+}
+_OF_CONTACT = {
+    f'{PREFIX}force_stddev': ('tip', 'at', 'somewhere', 'current'),
+    f'{PREFIX}moment_stddev': ('tip',),
+    f'{PREFIX}current_stddev': ('current',),
+    f'{PREFIX}change_time': ('somewhere',),
+}
+# Options for standard deviations that are parameters of the arm.
+_OF_ARM = {
+    '--tension-stddev': ('tension_stddev', 'N', 'standard deviation of the tensions [N] (default: '
+                         'tension_stddev of the arm, or else as the recording varies)'),
+    '--modulus-stddev': ('material.youngs_modulus_stddev', 'PART', 'standard deviation of E, '
+                         'relative to it [-]; 0 where it is known (default: that of the arm)'),
+}  # fmt: skip
+
+
+def add_estimator(parser: argparse.ArgumentParser) -> None:
+    """Add the options, whose defaults are those of the arm's file or of the table."""
+    unknown = parser.add_argument_group('what is unknown')
+    unknown.add_argument(
+        '--contact',
+        nargs='+',
+        metavar='C',
+        help=f'{", ".join(CONTACTS)}: what acts on the arm besides its known loads; at S is a '
+        'force at the arc coordinate S [m], somewhere one at S ..., or, without these, at five '
+        'even steps (default: tip)',
+    )
+    sensors = parser.add_argument_group('how exact sensors are')
+    for option, (name, metavar, text) in _OF_ARM.items():
+        group = sensors if option == '--tension-stddev' else unknown
+        group.add_argument(option, dest=name, type=float, metavar=metavar, help=text)
+    for parameter in _offered():
+        name = parameter.name.removeprefix(PREFIX)
+        group = sensors if name.startswith(_SENSORS) else unknown
+        shown = 'none' if parameter.is_array else f'{parameter.default:g}'
+        group.add_argument(
+            _option(name),
+            dest=parameter.name,
+            type=parameter.kind,
+            nargs='+' if parameter.is_array else None,
+            metavar='S' if name == 'marker_s' else 'X',
+            help=f'{parameter.description} (default: {shown})'.replace('%', '%%'),
+        )
+
+
+def _offered() -> list[Parameter]:
+    """The parameters that are options of their own name."""
+    return [one for one in ESTIMATOR_PARAMETERS if one.name.removeprefix(PREFIX) not in _APART]
+
+
+def refuse_idle(
+    options: argparse.Namespace, sensors: Collection[str], unknowns: Mapping[str, Unknowns]
+) -> None:
+    """Check that each of the options that are given counts.
+
+    Args:
+        options: as they were parsed.
+        sensors: what was recorded: `TENSIONS`, and rows of `MEASUREMENT_TOPICS`.
+        unknowns: of each hypothesis.
+
+    Raises:
+        ConfigError: if one does not.
+    """
+    (contact, first), *others = unknowns.items()
+    contact = 'somewhere' if others else contact
+    for name in sorted(options.given):
+        why = ''
+        for beginning, sensor in _OF_SENSOR.items():
+            if name.startswith(beginning) and sensor not in sensors:
+                why = f'without {sensor}; there are {", ".join(sensors)}'
+        if contact not in _OF_CONTACT.get(name, CONTACTS):
+            why = f'with --contact {contact}'
+        if name == f'{PREFIX}tension_bias_rate' and first.tension_bias is None:
+            why = 'without --tension-bias-stddev'
+        if why:
+            raise ConfigError(f'{_option(name)} has no effect {why}')
+
+
+def _option(name: str) -> str:
+    """The option of the parameter ``name``."""
+    return f'--{name.removeprefix(PREFIX).replace("_", "-")}'
+
+
+def read_estimator(options: argparse.Namespace) -> dict[str, Any]:
+    """Parameters of the estimator and of the arm that the options give.
+
+    Raises:
+        ConfigError: if --contact is none.
+    """
+    names = [name for name, _, _ in _OF_ARM.values()] + [one.name for one in _offered()]
+    values = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    if options.contact is not None:
+        contact, *places = options.contact
+        if contact not in CONTACTS:
+            raise ConfigError(f'--contact is {contact}, expected one of {", ".join(CONTACTS)}')
+        try:
+            values[f'{PREFIX}contact_s'] = [float(place) for place in places]
+        except ValueError:
+            raise ConfigError(
+                f'--contact {contact} is followed by {" ".join(places)}, expected arc coordinates '
+                '[m]'
+            ) from None
+        values[f'{PREFIX}contact'] = contact
+    return values
+
+
+def as_dict(result: Result) -> dict[str, Any]:
+    """All but the estimates themselves, in SI units."""
+    return {
+        'times': len(result.moments),
+        'touches': [
+            {
+                'start': touch.start, 'stop': touch.stop, 'contact': touch.hypothesis,
+                'force': touch.force.tolist(), 'force_stddev': touch.stddev.tolist(),
+            }
+            for touch in result.touches
+        ],
+        'innovations': {
+            name: {
+                'accepted': one.accepted, 'refused': one.refused,
+                'mean_square': _or_none(one.mean),
+            }
+            for name, one in result.consistency.items()
+        },
+        'restarts': list(result.restarts),
+        'without_estimate': result.failures.of(''),
+        'left_out': result.recorded.refusals.lines(),
+        'keeps_prior': list(result.unlearnt),
+        'hypotheses': dict(result.hypotheses),
+        'camera': None if result.camera is None else {
+            'frames': len(result.camera.time),
+            'tip_error': [_or_none(_median(one)) for one in result.camera.tip],
+            'mean_error': [_or_none(_median(one)) for one in result.camera.mean],
+        },
+        'notes': [*result.recorded.notes, *result.recorded.settings.notes],
+    }  # fmt: skip
+
+
+def summary(result: Result, files: Sequence[str]) -> str:
+    """The same in text, and the ``files`` written."""
+    recorded = result.recorded
+    lines = [*recorded.notes, *recorded.settings.notes]
+    lines.append(f'{len(result.moments)} times estimated from {", ".join(recorded.sensors.all)}')
+    lines += [_touch(touch) for touch in result.touches]
+    if not result.touches:
+        lines.append('not touched: no force is larger than its uncertainty explains')
+    if len(result.hypotheses) > 1:
+        parts = [f'{name} {100.0 * part:.0f} %' for name, part in result.hypotheses.items()]
+        lines.append(f'place of contact, mean probability: {", ".join(parts)}')
+    tip = np.median([one.tip_stddev for one in result.moments], axis=0)
+    lines.append(f'tip known to {_millimetres(tip)} mm in x, y, z (median standard deviation)')
+    for name, one in result.consistency.items():
+        mean = f', normalised innovation {one.mean:.2f} (1)' if one.size else ''
+        lines.append(f'{name}: {one.accepted} used{mean}')
+        if one.refused_from is not None and one.refused_to is not None:
+            start, stop = (
+                1e-9 * (stamp - recorded.origin_ns) for stamp in (one.refused_from, one.refused_to)
+            )
+            lines.append(
+                f'  {one.refused} refused, which do not fit the rest, from {start:.2f} to '
+                f'{stop:.2f} s'
+            )
+    lines += [
+        f'begun anew at {time:.2f} s: sensors contradicted the estimate, and agreed'
+        for time in result.restarts
+    ]
+    lines += [
+        f'{count} times without an estimate, as {reason}'
+        for reason, count in result.failures.of('').items()
+    ]
+    lines += recorded.refusals.lines()
+    if result.camera is not None:
+        lines += _camera(result)
+    lines += [f'not observable: {reason}' for reason in result.unlearnt]
+    lines += [f'{file} written' for file in files]
+    return '\n'.join(lines)
+
+
+def _touch(touch: Touch) -> str:
+    """One touch in words."""
+    size = 1e3 * float(np.linalg.norm(touch.force))
+    parts = ', '.join(
+        f'{1e3 * value:.1f} +- {1e3 * stddev:.1f}'
+        for value, stddev in zip(touch.force, touch.stddev, strict=True)
+    )
+    where = {'tip': 'at the tip', 'current': 'by a current'}.get(
+        touch.hypothesis, f'at {touch.hypothesis}'
+    )
+    return f'touched {where} from {touch.start:.2f} to {touch.stop:.2f} s: {size:.1f} mN ({parts})'
+
+
+def _camera(result: Result) -> list[str]:
+    """Errors against the camera, of all frames and of those while the arm was touched."""
+    camera = result.camera
+    assert camera is not None
+    touched = np.zeros(camera.time.size, dtype=bool)
+    for touch in result.touches:
+        touched |= (camera.time >= touch.start) & (camera.time <= touch.stop)
+    lines = []
+    every = np.ones_like(touched)
+    for what, which in (('', every), (' while touched', touched)):
+        if not which.any():
+            continue
+        for name, pair in (('tip', camera.tip), ('midline', camera.mean)):
+            found, plain = (1e3 * _median(one[which]) for one in pair)
+            if np.isfinite(found):
+                lines.append(
+                    f'against {result.recorded.camera_topic}{what}: {name} off by {found:.2f} mm, '
+                    f'without the estimator {plain:.2f} mm (medians of {which.sum()} frames)'
+                )
+    return lines
+
+
+def _or_none(value: float) -> float | None:
+    """The ``value``; None of NaN, which is no JSON."""
+    return None if math.isnan(value) else value
+
+
+def _median(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float('nan')
+
+
+def _millimetres(values: FloatArray) -> str:
+    return ', '.join(f'{1e3 * value:.2f}' for value in values)
+
 
 SUMMARY = 'estimate shape and contact force from all that a bag holds'
 DESCRIPTION = """\

@@ -13,7 +13,7 @@ from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose,
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.stiffness import default_highest
-from octo_arm_model.cli.options.shared import (
+from octo_arm_model.cli.options import (
     add_config,
     add_highest,
     add_json,
@@ -21,7 +21,7 @@ from octo_arm_model.cli.options.shared import (
     read_config,
     read_highest,
 )
-from octo_arm_model.cli.output.solution import as_dict, millimetres
+from octo_arm_model.cli.solve import as_dict, millimetres
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 
 from octo_arm_model.arm.validation import positive
-from octo_arm_model.cli.options.shared import add_config_argument, add_number
+from octo_arm_model.cli.options import add_config_argument, add_number
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown
-from octo_arm_model.config.parameter_files import load_parameters, naming
+from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.config.presets import find_path
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
 

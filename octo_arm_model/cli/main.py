@@ -21,7 +21,7 @@ from octo_arm_model.cli import (
     solve,
     workspace,
 )
-from octo_arm_model.cli.output.files import folders_made
+from octo_arm_model.cli.files import folders_made
 from octo_arm_model.logs import show_logs
 from octo_arm_model.terminal import fail, make_parser, missing, on_signals, pipe_closed
 

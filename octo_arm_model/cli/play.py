@@ -12,7 +12,8 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError
 from octo_arm_model.arm.limits import MAX_PROFILE_ROWS
 from octo_arm_model.arm.validation import not_negative, positive
-from octo_arm_model.cli.options.shared import (
+from octo_arm_model.cli.files import check_out, writing
+from octo_arm_model.cli.options import (
     add_config_option,
     add_flag,
     add_highest,
@@ -21,7 +22,6 @@ from octo_arm_model.cli.options.shared import (
     read_highest,
     refuse_without_effect,
 )
-from octo_arm_model.cli.output.files import check_out, writing
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.simulation.profiles.commands import TOPIC, find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile import CommandProfile
@@ -129,7 +129,7 @@ def _write(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> No
 
 def _play(options: argparse.Namespace, profile: CommandProfile, config: Config) -> None:
     try:
-        from octo_arm_model.ros.client.profile_player import play
+        from octo_arm_model.ros.client.commands import play
     except ModuleNotFoundError as error:
         without = '--list, --csv and --plot do without'
         raise ConfigError(f'playing {missing(error)}; {without}') from error

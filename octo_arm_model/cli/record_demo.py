@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from octo_arm_model.cli.options.shared import (
+from octo_arm_model.cli.files import unwritten
+from octo_arm_model.cli.options import (
     add_config_option,
     add_number,
     add_path,
@@ -12,7 +13,6 @@ from octo_arm_model.cli.options.shared import (
     add_value,
     add_values,
 )
-from octo_arm_model.cli.output.files import unwritten
 from octo_arm_model.config.parameter_files import load_parameters
 
 SUMMARY = 'write a bag of a synthetic experiment'
@@ -77,8 +77,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Write the bag."""
-    from octo_arm_model.bags.demo.demo import add_demo
-    from octo_arm_model.bags.demo.experiment import Experiment, custom_data
+    from octo_arm_model.bags.demo import Experiment, add_demo, custom_data
     from octo_arm_model.bags.writer import BagWriter
 
     parameters, stiffness = load_parameters(options.config), options.stiffness

@@ -9,7 +9,8 @@ import json
 import time
 from typing import TYPE_CHECKING
 
-from octo_arm_model.cli.options.shared import (
+from octo_arm_model.cli.files import Bar, check_out, refuse_inside, unwritten, writing
+from octo_arm_model.cli.options import (
     add_config_option,
     add_flag,
     add_json,
@@ -21,11 +22,9 @@ from octo_arm_model.cli.options.shared import (
     read_config_option,
     refuse_without_effect,
 )
-from octo_arm_model.cli.output.files import check_out, refuse_inside, unwritten, writing
-from octo_arm_model.cli.output.progress import Bar
 
 if TYPE_CHECKING:
-    from octo_arm_model.bags.replay.report import Report
+    from octo_arm_model.bags.replay import Report
 
 SUMMARY = 'add to a bag of tensions the shapes of the arm'
 DESCRIPTION = """\
@@ -84,8 +83,7 @@ def run(options: argparse.Namespace) -> None:
     """Write the bag of answers, and print how many messages have one."""
     from octo_arm_model.bags.arms import find_arms
     from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.bags.replay.csv_output import CsvAnswers
-    from octo_arm_model.bags.replay.replay import replay
+    from octo_arm_model.bags.replay import CsvAnswers, replay
     from octo_arm_model.bags.writer import BagWriter
 
     parameters = read_config_option(options)

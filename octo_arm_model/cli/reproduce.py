@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 
-from octo_arm_model.cli.options.shared import add_path
-from octo_arm_model.cli.output.files import check_out, writing
-from octo_arm_model.cli.output.progress import Bar
-from octo_arm_model.reproduce.claims.all_claims import CLAIMS
+from octo_arm_model.cli.files import Bar, check_out, writing
+from octo_arm_model.cli.options import add_path
+from octo_arm_model.reproduce.claims import CLAIMS
 
 SUMMARY = "compute the paper's figures, tables and claims anew, on one page"
 DESCRIPTION = """\
@@ -32,8 +31,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the page; 1 where a claim does not hold for the paper's own model."""
     # Imported before the work, so that a missing matplotlib is reported at once.
-    from octo_arm_model.reproduce.page import content
-    from octo_arm_model.reproduce.page.html_page import as_html
+    from octo_arm_model.reproduce import page as content
+    from octo_arm_model.reproduce.page import as_html
 
     check_out(options, 'outdir', folder=True)
     claims = [claim() for claim in CLAIMS]

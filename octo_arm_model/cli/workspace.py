@@ -9,7 +9,8 @@ from pathlib import Path
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
-from octo_arm_model.cli.options.shared import (
+from octo_arm_model.cli.files import Bar, check_out, writing
+from octo_arm_model.cli.options import (
     add_config,
     add_highest,
     add_json,
@@ -19,8 +20,6 @@ from octo_arm_model.cli.options.shared import (
     read_config,
     read_highest,
 )
-from octo_arm_model.cli.output.files import check_out, writing
-from octo_arm_model.cli.output.progress import Bar
 
 SUMMARY = 'draw where the tip can go'
 DESCRIPTION = """\
@@ -84,7 +83,7 @@ def run(options: argparse.Namespace) -> None:
             progress=bar,
         )
     if picture is not None:
-        from octo_arm_model.analysis.workspace_figure import draw_workspace
+        from octo_arm_model.analysis.workspace import draw_workspace
 
         with writing(picture) as place:
             draw_workspace(workspace, config.solver(), place)

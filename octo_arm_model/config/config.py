@@ -22,18 +22,15 @@ from octo_arm_model.arm.material import DEFAULT_LAW
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.config.build import (
+    LoadCellCalibration,
     build_arm,
     build_limits,
     build_load_cells,
     build_uncertainty,
 )
-from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
-from octo_arm_model.config.load_cells import LoadCellCalibration
-from octo_arm_model.config.loads import build_loads
 from octo_arm_model.config.parameter import Parameter, refuse_unknown
-from octo_arm_model.config.parameter_files import load_parameters, naming
-from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.config.presets import find_path
+from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
+from octo_arm_model.config.parameters import PARAMETERS, DiagnosticLimits, build_loads
 from octo_arm_model.rod.sensitivity import Uncertainty
 from octo_arm_model.rod.solver import Solver
 

@@ -1,8 +1,9 @@
-"""ROS parameter files read and written: parameters by their dotted names."""
+"""ROS parameter files, read and written, and those of the arms that come with the package."""
 
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -10,14 +11,44 @@ from typing import Any, TypeAlias
 
 from octo_arm_model.arm.errors import ConfigError, OctoArmError, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
-from octo_arm_model.config.presets import find_path
-from octo_arm_model.config.yaml_files import (
+from octo_arm_model.config.files import (
     dump_numbers,
     dump_yaml,
     load_yaml,
     read_text,
     reading,
 )
+
+
+def find_path(name: str | Path) -> Path:
+    """Parameter file ``name``, or that of the preset where ``name`` is no path.
+
+    A path has a suffix or a folder, or exists.
+
+    Raises:
+        ConfigError: if there is no such preset.
+    """
+    path = Path(name)
+    is_path = path.suffix or len(path.parts) > 1 or os.path.exists(name)
+    return path if is_path else preset_path(str(name))
+
+
+def preset_path(name: str) -> Path:
+    """Parameter file of a preset arm such as ``renda2012_table4``, in a checkout or installed.
+
+    Raises:
+        ConfigError: if there is no such preset; the message lists those there are.
+    """
+    for parent in Path(__file__).resolve().parents[1:]:
+        for folder in (parent / 'config', parent / 'share' / 'octo_arm_model' / 'config'):
+            if (folder / 'renda2012_table4.yaml').is_file():
+                names = {file.stem for file in folder.glob('*.yaml')} - {'simulator'}
+                if name in names:
+                    return folder / f'{name}.yaml'
+                known = ', '.join(sorted(names))
+                raise ConfigError(f'no preset arm {shown(name)}, expected one of {known}')
+    raise ConfigError(f'no preset arm {shown(name)}: the presets are not installed')
+
 
 # Names of nodes, with their namespaces, and the parameters of each by their dotted names.
 Nodes: TypeAlias = list[tuple[str, dict[str, Any]]]

@@ -15,7 +15,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison
 from octo_arm_model.experiment.figure_files import TensionColours, new_figure
 from octo_arm_model.experiment.shapes.branches import LOADING, REST, UNLOADING
-from octo_arm_model.reproduce.plotting import LINES
+from octo_arm_model.reproduce.figures import LINES
 from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.rotations import axes_of
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.config.csv_files import STATION_COLUMNS, CsvFiles, tension_columns
+from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, tension_columns
 from octo_arm_model.experiment.compare import ModelComparison
 from octo_arm_model.experiment.fitting.least_squares.pairing import shape_residuals
 

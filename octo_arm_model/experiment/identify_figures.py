@@ -16,7 +16,7 @@ from octo_arm_model.experiment.fitting.identification import Identification
 from octo_arm_model.experiment.fitting.least_squares.pairing import shape_residuals
 from octo_arm_model.experiment.fitting.unknowns.unknown import is_of_arm
 from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
-from octo_arm_model.reproduce.plotting import LINES
+from octo_arm_model.reproduce.figures import LINES
 
 _FEW = 2  # points: tips have no residuals along the arm
 

@@ -9,7 +9,7 @@ import numpy as np
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import Tensions
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.solver import Solver

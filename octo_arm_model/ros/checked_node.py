@@ -22,7 +22,7 @@ from rosgraph_msgs.msg import Clock
 
 from octo_arm_model.ros.refusal_log import WARNING_PERIOD
 from octo_arm_model.ros.start import read_here
-from octo_arm_model.ros.work.interruption import interruptible
+from octo_arm_model.ros.work import interruptible
 
 # builtin_interfaces/Time holds seconds of 32 bits, and rclpy takes no negative ones.
 _LAST_SECOND = 2**31 - 1

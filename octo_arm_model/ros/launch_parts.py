@@ -15,7 +15,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from octo_arm_model.config.presets import find_path
+from octo_arm_model.config.parameter_files import find_path
 
 PACKAGE = 'octo_arm_model'
 # Default value and description.

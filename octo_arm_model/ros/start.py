@@ -14,15 +14,15 @@ from rclpy.signals import SignalHandlerOptions
 
 from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
+from octo_arm_model.config.files import dump_numbers, load_yaml, read_text
 from octo_arm_model.config.parameter_files import (
     Nodes,
+    find_path,
     naming,
     nodes_of,
     text_of_nodes,
     value_of_one_type,
 )
-from octo_arm_model.config.presets import find_path
-from octo_arm_model.config.yaml_files import dump_numbers, load_yaml, read_text
 
 # What to do about an error of rcl, by a part of its text.
 _HINTS = {

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.config.load_cells import LoadCellCalibration
+from octo_arm_model.config.build import LoadCellCalibration
 from octo_arm_model.simulation.load_cells import LoadCells, SimulatedLoadCells
 from octo_arm_model.simulation.relaxation import Relaxation, SimulatedRelaxation
 from octo_arm_model.simulation.winches import SimulatedWinches, Winches

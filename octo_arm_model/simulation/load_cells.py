@@ -8,7 +8,7 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import positive
-from octo_arm_model.config.parameter_group import ParameterGroup, stated
+from octo_arm_model.config.parameter import ParameterGroup, stated
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.config.parameter_group import ParameterGroup, stated
+from octo_arm_model.config.parameter import ParameterGroup, stated
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import not_negative
-from octo_arm_model.config.parameter_group import ParameterGroup, stated
+from octo_arm_model.config.parameter import ParameterGroup, stated
 from octo_arm_model.estimation.parameters import MAX_MARKERS
 
 _RATE = 'how often it is measured [Hz], at most rate; 0 for never'

@@ -1,17 +1,26 @@
-"""The rules for the headers Host and Origin of requests to the viewer.
+"""Who may command, and what: the headers Host and Origin of requests, and their messages.
 
 A browser sends the origin of the page with every WebSocket that the page opens; other origins are
 refused. A page whose name resolves to this machine (DNS rebinding) has the origin of the viewer,
 but its own name in Host, which is checked too.
+
+The pages here need five of viser's messages: the camera, the value of a control, and a dragged
+point with the start and end of the drag. All others are refused: uploads, other attributes of a
+control, sharing over the internet, notifications of other pages.
 """
 
 from __future__ import annotations
 
 import ipaddress
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
-from octo_arm_model.arm.errors import ConfigError, shown
+import msgspec
+import viser
+
+from octo_arm_model.arm.errors import ConfigError, in_short, shown
 
 _DEFAULT_PORTS = {'http': 80, 'https': 443}
 _THIS_MACHINE = ('localhost', '127.0.0.1', '::1')
@@ -80,3 +89,165 @@ def _is_address(name: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+_FARTHEST = 1e6  # [m] of the camera or a dragged point from the origin
+_MOST_PIXELS = 100_000  # along one side of a window
+_ROUNDING = 1e-9  # relative to the range of a slider
+
+_Vector = tuple[float, float, float]
+_Rotation = tuple[float, float, float, float]
+
+
+class _Request(msgspec.Struct, tag_field='type', forbid_unknown_fields=True):
+    """A message of a page, in msgpack."""
+
+
+class _Camera(_Request, tag='ViewerCameraMessage'):
+    wxyz: _Rotation
+    position: _Vector
+    fov: float
+    near: float
+    far: float
+    image_height: int
+    image_width: int
+    look_at: _Vector
+    up_direction: _Vector
+
+    def objection(self) -> str:
+        numbers = (*self.wxyz, *self.position, *self.look_at, *self.up_direction)
+        sizes = (self.image_height, self.image_width)
+        is_fine = (
+            _are_bounded((*numbers, self.near, self.far), _FARTHEST)
+            and 0.0 < self.fov < math.pi
+            and all(0 <= size <= _MOST_PIXELS for size in sizes)
+        )
+        return '' if is_fine else 'a camera that cannot be'
+
+
+class _Value(_Request, tag='GuiUpdateMessage'):
+    uuid: str
+    updates: dict[str, Any]
+
+
+class _Drag(_Request, tag='TransformControlsUpdateMessage'):
+    name: str
+    wxyz: _Rotation
+    position: _Vector
+    owner: str = ''
+
+
+class _DragStart(_Request, tag='TransformControlsDragStartMessage'):
+    name: str
+    owner: str = ''
+
+
+class _DragEnd(_Request, tag='TransformControlsDragEndMessage'):
+    name: str
+    owner: str = ''
+
+
+_decoder = msgspec.msgpack.Decoder(_Camera | _Value | _Drag | _DragStart | _DragEnd)
+
+
+class Requests:
+    """Checks the messages of pages to one server."""
+
+    def __init__(self) -> None:
+        """Check values and drags only once `watch` is called."""
+        self._server: viser.ViserServer | None = None
+
+    def watch(self, server: viser.ViserServer) -> None:
+        """Check against the controls and points of ``server``."""
+        self._server = server
+
+    def objection(self, data: str | bytes) -> str:
+        """Why a message is refused; empty if it is not."""
+        if isinstance(data, str):
+            return 'text where a message was expected'
+        try:
+            request = _decoder.decode(data)
+        except (msgspec.MsgspecError, RecursionError, ValueError) as error:
+            return f'no request of this page: {in_short(error)}'
+        if isinstance(request, _Camera):
+            return request.objection()
+        if isinstance(request, _Value):
+            return self._value_objection(request)
+        return self._drag_objection(request)
+
+    def _value_objection(self, request: _Value) -> str:
+        if list(request.updates) != ['value']:
+            return f'{shown(list(request.updates))} of a control, expected its value alone'
+        control = self._control(request.uuid)
+        if control is None:
+            return ''  # removed since, as for another arm; viser ignores it
+        return value_objection(control, request.updates['value'])
+
+    def _control(self, uuid: str) -> object | None:
+        if self._server is None:
+            return None
+        clients = self._server.get_clients().values()
+        for gui in (self._server.gui, *(client.gui for client in clients)):
+            # viser has no public lookup of a control by its uuid.
+            control: object | None = gui._gui_input_handle_from_uuid.get(uuid)
+            if control is not None:
+                return control
+        return None
+
+    def _drag_objection(self, request: _Drag | _DragStart | _DragEnd) -> str:
+        handle = self._server and self._server.scene.get_handle_by_name(request.name)
+        if not isinstance(handle, viser.TransformControlsHandle) or request.owner:
+            return f'{shown(request.name)} is nothing to be dragged'
+        if isinstance(request, _Drag):
+            is_rotation = _are_bounded(request.wxyz, 1.0 + 1e-3)
+            if not (is_rotation and _are_bounded(request.position, _FARTHEST)):
+                return f'dragged to {shown(request.position)}, expected a place in the scene'
+        return ''
+
+
+def value_objection(control: object, value: object) -> str:
+    """Why ``value`` is refused for ``control``; empty if it is not."""
+    for kind, expected_of in _EXPECTED.items():
+        if isinstance(control, kind):
+            expected = expected_of(control, value)
+            label = getattr(control, 'label', 'control')
+            return expected and f'{label!r} set to {shown(value)}, expected {expected}'
+    return f'a value for a {type(control).__name__}, which takes none from a page'
+
+
+# For each type of control: the expected value, in words; empty if ``value`` is as expected.
+
+
+def _of_slider(control: Any, value: object) -> str:
+    margin = _ROUNDING * (control.max - control.min)
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        if control.min - margin <= value <= control.max + margin:
+            return ''
+    return f'a number from {control.min} to {control.max}'
+
+
+def _of_choice(control: Any, value: object) -> str:
+    is_one = isinstance(value, str) and value in control.options
+    return '' if is_one else f'one of {", ".join(control.options)}'
+
+
+def _of_checkbox(control: Any, value: object) -> str:
+    return '' if isinstance(value, bool) else 'true or false'
+
+
+def _of_button(control: Any, value: object) -> str:
+    return '' if value is True else 'true'
+
+
+_EXPECTED: dict[type, Callable[[Any, object], str]] = {
+    viser.GuiSliderHandle: _of_slider,
+    viser.GuiDropdownHandle: _of_choice,
+    viser.GuiButtonGroupHandle: _of_choice,
+    viser.GuiCheckboxHandle: _of_checkbox,
+    viser.GuiButtonHandle: _of_button,
+}
+
+
+def _are_bounded(values: Iterable[float], most: float) -> bool:
+    """Whether all are within ``most`` of 0; NaN is not."""
+    return all(-most <= value <= most for value in values)

@@ -6,8 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from octo_arm_model.ros.arguments import split_arguments
-from octo_arm_model.ros.child_processes import stop_signals
+from octo_arm_model.ros.processes import split_arguments, stop_signals
 from octo_arm_model.terminal import make_parser, status_of
 from octo_arm_model.viewer.options import add_address, page_title
 
@@ -38,8 +37,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Needs ROS and viser, --help neither.
     from octo_arm_model.ros.client.client import ArmClient
     from octo_arm_model.ros.start import client_node
-    from octo_arm_model.viewer.address import serving
-    from octo_arm_model.viewer.app import Viewer
+    from octo_arm_model.viewer.page import Viewer
+    from octo_arm_model.viewer.server import serving
 
     title = page_title(options.namespace.strip('/'))
 

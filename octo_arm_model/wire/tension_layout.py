@@ -15,9 +15,9 @@ import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.wire.cdr.layout import ENCAPSULATION, Comparison, Layout
+from octo_arm_model.wire.cdr import ENCAPSULATION, Comparison, Layout
 from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tension_messages import TensionMessage
+from octo_arm_model.wire.tensions import TensionMessage
 
 _FIELDS = len(ENCAPSULATION)
 _STAMP = struct.Struct('<iI')

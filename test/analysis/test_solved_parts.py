@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model import Config, SolveError
-from octo_arm_model.analysis.solved_parts import solve_parts
+from octo_arm_model.analysis.worker_pool import solve_parts
 
 
 def test_every_set_has_its_shape_or_its_error(table4: Config) -> None:

@@ -25,9 +25,9 @@ from live_nodes import DEADLINE, PERIOD, RosClient, hosting, new_domain, spinnin
 
 from octo_arm_model import load_config
 from octo_arm_model.apps import demo, octopus
-from octo_arm_model.apps.domain import own_domain
+from octo_arm_model.apps.shared import own_domain
 from octo_arm_model.arm.errors import ConfigError
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.simulation.profiles.commands import find_profile
@@ -189,7 +189,7 @@ def test_eight_arms_crawl_and_leave_nothing_behind(run_here):
 # A program with two children that do nothing for long.
 PARENT = """
 import time
-from octo_arm_model.ros.child_processes import children, stop_signals
+from octo_arm_model.ros.processes import children, stop_signals
 is_over = stop_signals()
 with children(2 * [('timeit', '-n1', '-r1', 'import time; time.sleep(1000)')]):
     print('started', flush=True)

@@ -7,9 +7,9 @@ import pytest
 
 from octo_arm_model import TargetError, TensionError, TipPose, load_config
 from octo_arm_model.arm.errors import in_short, listed, shown
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.displacements import check_displacements
-from octo_arm_model.wire.tension_fields import values_by_name
+from octo_arm_model.wire.tensions import values_by_name
 
 # Clears the screen, goes on in another line, and writes from right to left.
 HOSTILE = 'tendon\x1b[2J\n\u2028\u202e\x07'

@@ -34,14 +34,13 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from octo_arm_model import load_config
 from octo_arm_model.arm.errors import BagError
-from octo_arm_model.bags.demo.demo import add_demo
-from octo_arm_model.bags.demo.experiment import Experiment
+from octo_arm_model.bags import storages
+from octo_arm_model.bags import storages as limits
+from octo_arm_model.bags.demo import Experiment, add_demo
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.store import limits, storages
 from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.cli.main import main
-from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path
 
 if sys.version_info >= (3, 14):
     from compression import zstd

@@ -18,7 +18,7 @@ from recordings import Sample, header, make, message
 from octo_arm_model.arm.errors import TensionError
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.main import main
-from octo_arm_model.wire.tension_fields import field_values, tensions_by_names
+from octo_arm_model.wire.tensions import field_values, tensions_by_names
 
 S = ['--marker-s', *map(str, MARKER_S)]
 STILL = ['--clock-offset', '0', '--json']

@@ -28,10 +28,9 @@ from octo_arm_model.bags.sensor_topics import (
     read_tension_rows,
 )
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.estimation.settings import EstimatorSettings
-from octo_arm_model.wire.measurement_messages import MeasuredArm
+from octo_arm_model.wire.measurements import MeasuredArm
 from octo_arm_model.wire.refusals import Refusals
 
 CONFIG = Config.from_parameters(load_parameters(preset_path('renda2012_prototype')))

@@ -33,11 +33,11 @@ from recordings import (
 )
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.store.records import stamp_of
+from octo_arm_model.bags.records import stamp_of
 from octo_arm_model.bags.tensions import TYPES as TENSION_TYPES
 from octo_arm_model.bags.tensions import TensionTopic
 from octo_arm_model.bags.topics import pick_topic
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 BAG_OF_ALL = bag_of_all()
 

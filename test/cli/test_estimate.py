@@ -14,9 +14,9 @@ from command_line import run
 from touched_demo import MARKERS, PUSH, TOUCHED, record, touched_bag
 
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.store.types import known_types
+from octo_arm_model.bags.types import known_types
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS, PREFIX
-from octo_arm_model.wire.cdr.covariance import read_covariance
+from octo_arm_model.wire.estimate import read_covariance
 
 TIP = ('--markers', '-')
 

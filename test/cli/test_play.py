@@ -103,7 +103,7 @@ def test_without_ros_playing_says_what_to_do(
 ) -> None:
     for name in ['rclpy', *(one for one in sys.modules if one.startswith('rclpy.'))]:
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delitem(sys.modules, 'octo_arm_model.ros.client.profile_player', raising=False)
+    monkeypatch.delitem(sys.modules, 'octo_arm_model.ros.client.commands', raising=False)
     status, _, err = run(capsys, 'play', 'ramps')
     assert status == 2
     assert 'playing needs ROS 2' in err

@@ -11,14 +11,15 @@ import pytest
 from octo_arm_model import MODELS
 from octo_arm_model.cli import reproduce
 from octo_arm_model.cli.main import main
-from octo_arm_model.reproduce.claims.claim import Claim, Finding
+from octo_arm_model.reproduce.claims import Claim, Finding
 
 
 def test_a_claim_that_fails_is_said_and_is_status_1(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('matplotlib')
-    from octo_arm_model.reproduce.page import content, html_page
+    from octo_arm_model.reproduce import page as content
+    from octo_arm_model.reproduce import page as html_page
 
     claim = Claim(
         'The arm is straight.', 'section 8', '', dict.fromkeys(MODELS, Finding('2 mm', False))

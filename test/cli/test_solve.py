@@ -12,7 +12,7 @@ from command_line import SOLVE, TENSIONS, run
 
 from octo_arm_model import Config, Loads, Solver
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 
 
 def test_the_summary_says_where_the_tip_is_in_millimetres(

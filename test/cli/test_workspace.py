@@ -57,7 +57,7 @@ def test_the_command_writes_a_picture_and_says_how_far_the_tips_reach(
 
 def test_a_cloud_without_tips_is_a_picture_of_the_arm(tmp_path: Path, table4: Config) -> None:
     pytest.importorskip('matplotlib')
-    from octo_arm_model.analysis.workspace_figure import draw_workspace
+    from octo_arm_model.analysis.workspace import draw_workspace
 
     empty = sample_workspace(table4, 1e9, 8, processes=1)
     draw_workspace(empty, table4.solver(), tmp_path / 'empty.png')

@@ -21,9 +21,8 @@ from octo_arm_model import (
     load_config,
 )
 from octo_arm_model.arm.errors import ContinuationError
-from octo_arm_model.config.parameter_files import parameters_as_yaml, parse_parameters
+from octo_arm_model.config.parameter_files import parameters_as_yaml, parse_parameters, preset_path
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.config.presets import preset_path
 from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
 
 GOOD = preset_path('renda2012_table4').read_text(encoding='utf-8')

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, OctoArmError, TensionError
+from octo_arm_model.config.build import LoadCellCalibration
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.load_cells import LoadCellCalibration
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.hardware import Hardware, SimulatedHardware
 
 TABLE4 = load_parameters(preset_path('renda2012_table4'))

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import pytest
 
 from octo_arm_model import ArmDefinitionError
-from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.config.parameter_group import ParameterGroup, stated
+from octo_arm_model.config.parameter import Parameter, ParameterGroup, stated
 
 
 @dataclass(frozen=True)

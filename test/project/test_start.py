@@ -17,7 +17,7 @@ import pytest
 from checkout import ROOT
 
 import octo_arm_start
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 
 PROGRAMS = [name for name, value in vars(octo_arm_start).items() if isinstance(value, partial)]
 PARAMETERS = str(preset_path('renda2012_prototype'))
@@ -214,7 +214,7 @@ def test_ctrl_c_stays_ignored_where_it_was() -> None:
 
 def test_without_memory_that_is_said() -> None:
     before = (
-        'import octo_arm_model.cli.output.solution as report\n'
+        'import octo_arm_model.cli.solve as report\n'
         'def summary(*given): raise MemoryError\n'
         'report.summary = summary'
     )

@@ -26,7 +26,7 @@ from compare import run_case, solve_models
 from elasticity import Contact, ElasticArm, SolidShape
 
 from octo_arm_model import load_config
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 
 COARSE = Mesh(1, 0.4)
 

@@ -8,7 +8,7 @@ import pytest
 from octo_arm_model import Config, Pose, Solver
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE
 from octo_arm_model.reproduce import cases
-from octo_arm_model.reproduce.claims.results_claims import PLANES
+from octo_arm_model.reproduce.claims import PLANES
 
 
 @pytest.mark.parametrize('plane', PLANES)

@@ -10,7 +10,7 @@ import pytest
 from octo_arm_model import MODELS
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE
 from octo_arm_model.reproduce import cases
-from octo_arm_model.reproduce.claims.results_claims import PLANES
+from octo_arm_model.reproduce.claims import PLANES
 
 FIGURES = [f'Figure {number}' for number in (8, 9, 10, 11, 12, 14, 15)]
 
@@ -18,7 +18,8 @@ FIGURES = [f'Figure {number}' for number in (8, 9, 10, 11, 12, 14, 15)]
 @pytest.mark.parametrize('name', FIGURES)
 def test_every_figure_shows_all_models_inside_its_axes(name: str) -> None:
     figure_module = pytest.importorskip('matplotlib.figure')
-    from octo_arm_model.reproduce import figures, plotting
+    from octo_arm_model.reproduce import figures
+    from octo_arm_model.reproduce import figures as plotting
 
     figure = figure_module.Figure(figsize=(6.7, 4.0))
     getattr(figures, name.lower().replace(' ', '_'))(figure)

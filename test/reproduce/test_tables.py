@@ -9,7 +9,7 @@ import pytest
 
 from octo_arm_model import MODELS, load_config
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.reproduce import tables
 
 

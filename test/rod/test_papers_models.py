@@ -18,8 +18,7 @@ from octo_arm_model import (
     find_tensions,
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 
 TENSIONS = np.array(FETCHING_IN_SPACE) + [[0.05], [0.3], [1.0]]
 

@@ -35,7 +35,7 @@ from octo_arm_model.analysis.targets import Stiffness, TipPosition
 from octo_arm_model.arm.limits import MAX_STATIONS
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 
 # Different in every tendon; no two sections bend in one plane.
 MIXED = np.array([[0.1, 0.3, 0.0, 0.05], [1.0, 0.2, 0.0, 2.0], [0.0, 5.0, 1.0, 2.0]])

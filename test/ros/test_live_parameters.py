@@ -27,7 +27,7 @@ from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import is_of_every_node, parse_parameters
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
+from octo_arm_model.ros.node.outputs import LATCHED_QOS
 
 # Everything in tables: none of the parameters that they take the place of is given.
 TABULATED = """\

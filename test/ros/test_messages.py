@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Time
 
 from octo_arm_model import ConfigError, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.messages import backbone_messages, message_class
 
 CONFIG = load_config(preset_path('renda2012_table4'))

@@ -8,9 +8,9 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from octo_arm_model import load_config
-from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.node.outputs.markers import MARKERS_TOPIC
-from octo_arm_model.wire.cdr.backbone import BACKBONE_TOPICS
+from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.ros.node.outputs import MARKERS_TOPIC
+from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 CONFIG = load_config(preset_path('renda2012_table4'))
 

@@ -15,7 +15,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from rclpy.node import Node
 
 from octo_arm_model.arm.errors import MeasurementError
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
 from octo_arm_model.ros.estimator.main import EstimatorNode

@@ -7,8 +7,7 @@ import pytest
 
 from octo_arm_model import ArmDefinitionError, ConfigError
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.load_cells import LoadCells
 from octo_arm_model.simulation.parameters import (

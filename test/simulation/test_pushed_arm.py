@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model import Loads, PointLoad
 from octo_arm_model.arm.errors import ConfigError, OctoArmError
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.parameters import SimulatorConfig
 from octo_arm_model.simulation.pushed_arm import PushedArm
 from octo_arm_model.simulation.sensors import Push, Sensors

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from strategies import times
 
 from octo_arm_model import Config
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.relaxation import Relaxation, SimulatedRelaxation
 
 ARM = load_parameters(preset_path('renda2012_prototype'))

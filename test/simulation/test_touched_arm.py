@@ -7,8 +7,7 @@ import pytest
 from checkout import PRESETS
 
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.estimation.contact import contact_of
 from octo_arm_model.estimation.measurements import Markers, Tensions, TipPosition
 from octo_arm_model.estimation.settings import EstimatorSettings

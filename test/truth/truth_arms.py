@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 
 Parameters = dict[str, Any]
 PRESETS = (

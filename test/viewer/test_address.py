@@ -9,7 +9,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 pytest.importorskip('viser', reason='needs viser')
 
 
-from octo_arm_model.viewer.address import AddressError, free_port, url
+from octo_arm_model.viewer.server import AddressError, free_port, url
 
 DEADLINE = 30.0  # [s]
 
@@ -21,7 +21,7 @@ def test_a_port_in_use_is_passed_over():
 
 
 def test_all_ports_in_use_is_an_error(monkeypatch):
-    monkeypatch.setattr('octo_arm_model.viewer.address._TRIED', 1)
+    monkeypatch.setattr('octo_arm_model.viewer.server._TRIED', 1)
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(AddressError, match=f'ports {port} to {port} of 127.0.0.1 are all'):

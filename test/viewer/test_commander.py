@@ -15,11 +15,11 @@ pytest.importorskip('viser', reason='needs viser')
 
 
 from octo_arm_model import load_config
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.simulation.profiles.commands import find_profile
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
-from octo_arm_model.wire.tension_messages import TENDON_TENSIONS
+from octo_arm_model.wire.tensions import TENDON_TENSIONS
 
 CONFIG = load_config(preset_path('renda2012_table4'))
 RAMP = CommandProfile([0.0, 2.0, 3.0], [[1.0, 0.0], [3.0, 1.0], [1.0, 0.0]], 'linear')

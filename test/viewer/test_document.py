@@ -14,7 +14,7 @@ import viser
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
-from octo_arm_model.viewer.document import Document
+from octo_arm_model.viewer.server import Document
 
 PLAIN = b'<html><head><title>Viser</title></head><body><title>Viser</title></body></html>'
 

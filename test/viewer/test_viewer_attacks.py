@@ -23,7 +23,7 @@ from viewer_setup import Setup
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from octo_arm_model.ros.client.topic import Topic
+from octo_arm_model.ros.client.client import Topic
 from octo_arm_model.simulation.profiles.limits import tendon_limits
 
 LIMITS = tendon_limits(CONFIG)

@@ -15,19 +15,18 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
-from octo_arm_model.bags.store.types import known_types
+from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
-from octo_arm_model.wire.measurement_messages import (
+from octo_arm_model.wire.measurements import (
     MEASUREMENT_TOPICS,
     MeasuredArm,
     tensions_of,
 )
-from octo_arm_model.wire.tension_messages import JOINT_STATE, FieldMessage
+from octo_arm_model.wire.tensions import JOINT_STATE, FieldMessage
 
 PARAMETERS = {
     **load_parameters(preset_path('renda2012_prototype')), 'base.position': [0.1, -0.2, 0.3],

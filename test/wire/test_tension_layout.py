@@ -15,9 +15,9 @@ from octo_arm_msgs.msg import TendonTensions
 from rclpy.serialization import deserialize_message, serialize_message
 
 from octo_arm_model import load_config
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.wire.tension_layout import TensionLayout
-from octo_arm_model.wire.tension_messages import (
+from octo_arm_model.wire.tensions import (
     TENDON_TENSIONS,
     TENSION_TOPICS,
 )

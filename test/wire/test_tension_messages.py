@@ -7,8 +7,8 @@ import pytest
 from checkout import ROOT
 
 from octo_arm_model import TensionError, load_config
-from octo_arm_model.config.presets import preset_path
-from octo_arm_model.wire.tension_messages import (
+from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.wire.tensions import (
     FLOAT64_ARRAY,
     JOINT_STATE,
     TENDON_TENSIONS,

@@ -35,7 +35,7 @@ from octo_arm_model.experiment.shapes.alignment import Alignment
 from octo_arm_model.experiment.shapes.curves import without_spikes
 from octo_arm_model.experiment.shapes.observations import Pairing, base_first, camera_offset
 from octo_arm_model.experiment.shapes.steady_windows import reading_noise
-from octo_arm_model.wire.measurement_messages import MeasuredArm, PoseOf
+from octo_arm_model.wire.measurements import MeasuredArm, PoseOf
 from octo_arm_model.wire.refusals import Refusals
 
 _TIMES = 3.0  # standard deviations that the largest change of a tension may be

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from octo_arm_model.config.csv_files import CsvFiles
+from octo_arm_model.config.files import CsvFiles
 from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.estimation.state.unknowns import State
 from octo_arm_model.experiment.estimating.estimates import TimedEstimate

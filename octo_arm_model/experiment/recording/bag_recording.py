@@ -11,7 +11,7 @@ import numpy as np
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.arms import describe, find_arms
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.store.records import Record
+from octo_arm_model.bags.records import Record
 from octo_arm_model.bags.tensions import (
     Reading,
     TensionTopic,
@@ -24,8 +24,8 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.csv_recording import NO_READING, CsvSources
 from octo_arm_model.experiment.recording.recording import Stamped
-from octo_arm_model.wire.displacement_messages import DISPLACEMENT_TYPE, DISPLACEMENTS
 from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.tensions import DISPLACEMENT_TYPE, DISPLACEMENTS
 
 
 class BagRecording:

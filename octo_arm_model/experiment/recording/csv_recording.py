@@ -22,7 +22,7 @@ from octo_arm_model.experiment.recording.measured_points import (
 )
 from octo_arm_model.experiment.recording.recording import Stamped
 from octo_arm_model.wire.refusals import Refusals
-from octo_arm_model.wire.tension_fields import NONE
+from octo_arm_model.wire.tensions import NONE
 
 DISPLACEMENT = 'displacement_'  # and the name of a tendon: what its encoder reads
 NO_READING = 'no encoder reading'

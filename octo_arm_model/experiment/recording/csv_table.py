@@ -17,8 +17,7 @@ import numpy as np
 from octo_arm_model.arm.errors import MeasurementError, listed, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_CSV_BYTES, MAX_CSV_COLUMNS, MAX_CSV_ROWS
-from octo_arm_model.config.csv_files import NUMBER
-from octo_arm_model.config.yaml_files import read_text, reading
+from octo_arm_model.config.files import NUMBER, read_text, reading
 from octo_arm_model.experiment.recording.count import Count
 
 TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}

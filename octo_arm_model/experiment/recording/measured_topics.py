@@ -11,7 +11,7 @@ import numpy as np
 from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.store.records import Record, stamp_of
+from octo_arm_model.bags.records import Record, stamp_of
 from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.experiment.recording.count import Count
 from octo_arm_model.experiment.recording.measured_points import Frame, Measured, MeasuredPoints

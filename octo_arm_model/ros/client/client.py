@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import collections
 import time
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -21,26 +22,205 @@ from std_msgs.msg import String
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, MessageError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parse_parameters
-from octo_arm_model.ros.client.command_publisher import CommandPublisher
-from octo_arm_model.ros.client.published import (
-    PublishedShape,
-    PublishedStrains,
-    covariance_of,
-    force_of,
-    shape_of,
-    strains_of,
-    tip_deviation_of,
-)
-from octo_arm_model.ros.client.topic import Meter, Topic
+from octo_arm_model.ros.client.commands import CommandPublisher
 from octo_arm_model.ros.messages import decoded
-from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
+from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.simulation.profiles.commands import TOPIC
-from octo_arm_model.wire.cdr.backbone import TENDON_LENGTHS
-from octo_arm_model.wire.cdr.covariance import COVARIANCE, BackboneCovariance
-from octo_arm_model.wire.cdr.estimate import CONTACT, TIP_WRENCH
-from octo_arm_model.wire.tension_messages import JOINT_STATE
+from octo_arm_model.wire.backbone import TENDON_LENGTHS, read_poses
+from octo_arm_model.wire.estimate import (
+    CONTACT,
+    COVARIANCE,
+    TIP_WRENCH,
+    BackboneCovariance,
+    read_covariance,
+)
+from octo_arm_model.wire.tensions import JOINT_STATE
+
+# Best effort: a slow reader never blocks the publisher.
+NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_WINDOW = 2.0  # [s] over which rates are counted
+
+
+class Topic:
+    """The newest message of a topic; older ones are never taken from the middleware."""
+
+    def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile = NEWEST_QOS) -> None:
+        """Subscribe on ``node``, which need not be spun."""
+        self._kind = kind
+        self._subscription = node.create_subscription(kind, topic, _never, qos, raw=True)
+
+    def close(self, node: Node) -> None:
+        """Unsubscribe."""
+        node.destroy_subscription(self._subscription)
+
+    @property
+    def publishers(self) -> int:
+        """Number of publishers of the topic."""
+        return int(self._subscription.get_publisher_count())
+
+    def take_raw(self) -> list[tuple[bytes, dict[str, Any]]]:
+        """Serialised messages since the last call, at most the queue's depth, oldest first."""
+        taken = []
+        handle = self._subscription.handle
+        with handle:
+            while (message := handle.take_message(self._kind, True)) is not None:
+                taken.append(message)
+        return taken
+
+    def take(self) -> list[Any]:
+        """As `take_raw`, deserialised.
+
+        Raises:
+            MessageError: if bytes are no message of the type.
+        """
+        return [decoded(data, self._kind) for data, _ in self.take_raw()]
+
+
+class Meter:
+    """Rate of events over the last two seconds."""
+
+    def __init__(self) -> None:
+        """Start with no events."""
+        self._seen: collections.deque[tuple[float, int]] = collections.deque()
+
+    def count(self, now: float, number: int) -> None:
+        """Record that ``number`` events have happened by ``now`` [s]; fewer means a restart."""
+        if self._seen and number < self._seen[-1][1]:
+            self._seen.clear()
+        self._seen.append((now, number))
+
+    def rate(self, now: float) -> float:
+        """Events per second [Hz] at ``now`` [s]."""
+        while self._seen and self._seen[0][0] < now - _WINDOW:
+            self._seen.popleft()
+        if len(self._seen) < 2:
+            return 0.0
+        (first, before), (last, after) = self._seen[0], self._seen[-1]
+        return (after - before) / max(last - first, 1e-3)
+
+
+def _never(message: bytes) -> None:
+    """Callback that is never called, because the node's messages are taken by `take_raw`."""
+
+
+_UNIT = 1e-3  # by which the length of a quaternion may be off
+
+
+class PublishedShape(NamedTuple):
+    """One shape as the node published it.
+
+    Attributes:
+        position: of the stations in `base_frame`, base first, (stations, 3) [m].
+        quaternion: their orientation x, y, z, w, (stations, 4).
+        stamp: stamp of the tensions it was solved for [s].
+        received: time of arrival [s].
+    """
+
+    position: FloatArray
+    quaternion: FloatArray
+    stamp: float
+    received: float
+
+
+class PublishedStrains(NamedTuple):
+    """Strains as the node published them, each (stations,); see `Backbone`."""
+
+    model: str
+    s: FloatArray
+    tau: FloatArray
+    xi: FloatArray
+    k: FloatArray
+    q: FloatArray
+
+
+def shape_of(data: bytes, received: float) -> PublishedShape | None:
+    """Shape in the serialised poses ``data``, which arrived at ``received`` [s].
+
+    None where it is one pose at most, which is no backbone.
+
+    Raises:
+        MessageError: if a number is not finite, or a quaternion not of length 1.
+    """
+    stamp, poses = read_poses(data)
+    if len(poses) < 2:
+        return None
+    _finite('poses', poses)
+    if np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1.0).max() > _UNIT:
+        raise MessageError('poses have quaternions that are not of length 1')
+    return PublishedShape(poses[:, :3], poses[:, 3:], stamp, received)
+
+
+def strains_of(message: Any) -> PublishedStrains:
+    """Strains in an ``octo_arm_msgs/msg/SectionStrains``.
+
+    Raises:
+        MessageError: if they differ in number, or one cannot be that of an arm.
+    """
+    names, count = PublishedStrains._fields[1:], len(message.s)
+    parts = [_finite(name, getattr(message, name), count) for name in names]
+    strains = PublishedStrains(message.model, *parts)
+    if (strains.q <= -1.0).any():
+        raise MessageError('q compresses the arm to nothing')
+    return strains
+
+
+def covariance_of(message: Any) -> BackboneCovariance:
+    """Covariance in an ``octo_arm_msgs/msg/BackboneCovariance``.
+
+    Raises:
+        MessageError: if it cannot be one.
+    """
+    found = read_covariance(message)
+    _variances('pose', _finite('pose', found.pose))
+    _variances('contact', _finite('contact', found.contact))
+    # NaN is that of what acts all along.
+    if np.isinf(found.contact_s):
+        raise MessageError('contact_s is infinite')
+    return found
+
+
+def force_of(message: Any) -> FloatArray:
+    """Force in a ``geometry_msgs/msg/WrenchStamped`` (3,) [N]; MessageError if not finite."""
+    force = message.wrench.force
+    return _finite('force', [force.x, force.y, force.z])
+
+
+def tip_deviation_of(message: Any) -> FloatArray:
+    """Standard deviation of the position of a ``geometry_msgs/msg/PoseWithCovarianceStamped``.
+
+    Along x, y and z [m], (3,).
+
+    Raises:
+        MessageError: if it has none.
+    """
+    covariance = _finite('covariance', message.pose.covariance).reshape(6, 6)
+    return np.sqrt(_variances('covariance', covariance)[:3])
+
+
+def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
+    """``values`` of a message, as many as ``size`` if given.
+
+    Raises:
+        MessageError: if they are not so many, or one is not finite or beyond `LARGEST`.
+    """
+    array = np.asarray(values, np.float64)
+    if size is not None and array.size != size:
+        raise MessageError(f'{name} has {array.size} numbers, expected {size}')
+    if not (np.abs(array) <= LARGEST).all():
+        raise MessageError(f'{name} holds numbers that are not finite, or beyond {LARGEST:g}')
+    return array
+
+
+def _variances(name: str, covariance: FloatArray) -> FloatArray:
+    """Diagonals (..., n) of a ``covariance`` (..., n, n); MessageError if one is below zero."""
+    found = np.diagonal(covariance, axis1=-2, axis2=-1)
+    if (found < 0.0).any():
+        raise MessageError(f'{name} has variances below zero')
+    return found
+
 
 # Topics of the backbone, and of further quantities at the same stations, with their types.
 _SHAPES = 'backbone/poses'

@@ -9,9 +9,9 @@ from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.messages import message_class
-from octo_arm_model.ros.node.outputs.backbone_publishers import BackbonePublishers
-from octo_arm_model.wire.cdr.estimate import BESIDES, EstimateWriter
-from octo_arm_model.wire.cdr.uncertainty import UncertaintyMarkersWriter
+from octo_arm_model.ros.node.outputs import BackbonePublishers
+from octo_arm_model.wire.estimate import BESIDES, EstimateWriter
+from octo_arm_model.wire.markers import UncertaintyMarkersWriter
 from octo_arm_model.wire.stamp import Stamp
 
 

@@ -19,11 +19,10 @@ from octo_arm_model.ros.estimator.sensor_frames import SensorFrames
 from octo_arm_model.ros.estimator.stamps import Stamps
 from octo_arm_model.ros.estimator.waiting_messages import WaitingMessages
 from octo_arm_model.ros.messages import decoded, message_class
-from octo_arm_model.ros.node.inputs.tension_subscription import LatestSubscription
+from octo_arm_model.ros.node.inputs import LatestSubscription
 from octo_arm_model.ros.node.server import Server
-from octo_arm_model.ros.work.queued_service import Steps
-from octo_arm_model.ros.work.sliced_call import SLICE, SlicedCall
-from octo_arm_model.wire.measurement_messages import (
+from octo_arm_model.ros.work import SLICE, SlicedCall, Steps
+from octo_arm_model.wire.measurements import (
     MEASUREMENT_TOPICS,
     MeasuredArm,
     MeasurementMessage,

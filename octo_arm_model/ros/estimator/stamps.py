@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from octo_arm_model.arm.errors import MeasurementError
-from octo_arm_model.ros.node.stepped_clock import SteppedClock
+from octo_arm_model.ros.node.diagnostics import SteppedClock
 from octo_arm_model.wire.stamp import Stamp
 
 _BACK = 1.0  # [s] beyond the window by which the stamps of one sensor run back, to begin anew

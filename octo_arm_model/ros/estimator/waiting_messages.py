@@ -12,7 +12,7 @@ from rclpy.timer import Timer
 
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.ros.estimator.sensor_frames import NotKnownYet, SensorFrames
-from octo_arm_model.ros.node.inputs.tension_subscription import Intake
+from octo_arm_model.ros.node.inputs import Intake
 
 MOST_WAITING = 50  # messages, beyond which the oldest is refused
 LARGEST = 50_000  # bytes of a message that waits

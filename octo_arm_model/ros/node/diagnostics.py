@@ -2,25 +2,119 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from octo_arm_model.arm.errors import ContinuationError, OctoArmError, SolveError, in_short
-from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
+from octo_arm_model.config.parameters import DiagnosticLimits
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.ros.node.heard_inputs import HeardInputs
-from octo_arm_model.ros.node.stepped_clock import SteppedClock
 from octo_arm_model.ros.qos import create_publisher
-from octo_arm_model.ros.work.interruption import until_shutdown
+from octo_arm_model.ros.work import until_shutdown
 from octo_arm_model.wire.refusals import Refusals
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.stamp import Stamp, time_of
+
+
+class HeardInputs:
+    """When each input was heard last.
+
+    Attributes:
+        apart: whole names of topics that are no further source of tensions.
+        unanswered: those among them whose messages have no answer of their own.
+        is_used: whether what came last on a topic still counts.
+    """
+
+    def __init__(self) -> None:
+        """Begin to listen."""
+        self.apart: frozenset[str] = frozenset()
+        self.unanswered: frozenset[str] = frozenset()
+        self.is_used: Callable[[str], bool] = lambda topic: True
+        self.begin()
+
+    def begin(self) -> None:
+        """Listen from now on: nothing is heard yet."""
+        self._began = time.monotonic()
+        self._is_answered = False
+        self._last: dict[str, tuple[str, float]] = {}
+
+    def source(self, topic: str) -> str:
+        """Key of the input of ``topic``: one for all of tensions, which may replace each other."""
+        return topic if topic in self.apart else ''
+
+    def note(self, topic: str) -> None:
+        """Note a message on ``topic``."""
+        self._last[self.source(topic)] = topic, time.monotonic()
+        self._is_answered |= topic not in self.unanswered
+
+    def silent(self, limit: float) -> list[str]:
+        """A sentence for each used input without a message for more than ``limit`` [s]."""
+        now = time.monotonic()
+        silent = [
+            f'{topic} is silent for {now - heard:.1f} s'
+            for topic, heard in sorted(self._last.values())
+            if now - heard > limit and self.is_used(topic)
+        ]
+        if not self._is_answered and now - self._began > limit:
+            silent.append(f'silent for {now - self._began:.1f} s')
+        return silent
+
+
+# Tolerance in steps of /clock: a message may precede the next one, and one may be lost.
+_STEPS = 2.0
+
+
+class SteppedClock:
+    """The clock of a node, which /clock moves in steps where time is simulated."""
+
+    def __init__(self, node: Node) -> None:
+        """Follow the clock of ``node``."""
+        self._clock = node.get_clock()
+        self._step = 0.0
+        every_step = JumpThreshold(
+            min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=False
+        )
+        self._jumps = self._clock.create_jump_callback(every_step, post_callback=self._on_step)
+
+    def _on_step(self, jump: TimeJump) -> None:
+        """Record the last step of simulated time."""
+        step = 1e-9 * jump.delta.nanoseconds
+        # Not the first one, from zero.
+        self._step = step if 1e-9 * self.now_ns > step else 0.0
+
+    @property
+    def now(self) -> Stamp:
+        """The time; zero while it is simulated and not known yet."""
+        return Stamp.from_ns(self.now_ns)
+
+    @property
+    def now_ns(self) -> int:
+        """The same [ns]."""
+        # For every message: the clock's own `now` takes five times as long.
+        return int(self._clock.handle.get_now().nanoseconds)
+
+    def time_of(self, stamp: Stamp | None) -> Stamp:
+        """The ``stamp`` of a message; the time of receipt where it has none.
+
+        Raises:
+            MessageError: if it is no time.
+        """
+        return time_of(stamp) or self.now
+
+    def ahead(self, stamp: Stamp, now_ns: int) -> float:
+        """How far ``stamp`` is ahead of ``now_ns`` by more than the clock's steps explain [s].
+
+        Negative where it is behind, and zero while the time is not known.
+        """
+        return 1e-9 * (stamp.ns - now_ns) - _STEPS * self._step if now_ns else 0.0
+
 
 TOPIC = '/diagnostics'
 QOS = QoSProfile(depth=5)

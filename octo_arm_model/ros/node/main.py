@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import faulthandler
+import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, MutableMapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -19,14 +21,41 @@ from rclpy.signals import SignalHandlerOptions
 
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.logs import show_logs
-from octo_arm_model.ros.arguments import arguments_of_ros
 from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.node.arm_server import ArmServer
-from octo_arm_model.ros.node.middleware import bound_memory
 from octo_arm_model.ros.node.server import Server
+from octo_arm_model.ros.processes import arguments_of_ros
 from octo_arm_model.ros.start import start_ros
-from octo_arm_model.ros.work.interruption import ignore_signals, install, interruptible
+from octo_arm_model.ros.work import ignore_signals, install, interruptible
 from octo_arm_model.terminal import fail
+
+PROFILES = Path(__file__).with_name('fastdds.xml')
+_FILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
+_FROM_XML = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
+# A user who sets one of these, or has one of these files, has configured Fast DDS.
+_DECISIONS = (*_FILES, _FROM_XML, 'RMW_FASTRTPS_PUBLICATION_MODE')
+_LOCAL_FILES = ('DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml')
+
+
+def bound_memory(
+    environment: MutableMapping[str, str] = os.environ, folder: Path = Path()
+) -> bool:
+    """Let Fast DDS load `PROFILES` in this process, by its environment variables.
+
+    By default every slot of every queue keeps the memory of the largest message it has held, so
+    the memory of some hundred large messages is never freed.
+
+    Returns:
+        False where the user has configured Fast DDS, whose settings then stay.
+    """
+    if any(name in environment for name in _DECISIONS):
+        return False
+    if any((folder / name).exists() for name in _LOCAL_FILES):
+        return False
+    environment.update(dict.fromkeys(_FILES, str(PROFILES)))
+    environment[_FROM_XML] = '1'
+    return True
+
 
 LONGEST_WAIT = 0.5  # [s] between checks for shutdown
 LONGEST_END = 4.0  # [s] for ROS to destroy a node

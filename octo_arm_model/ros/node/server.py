@@ -13,13 +13,12 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.node.diagnostics import Diagnostics
-from octo_arm_model.ros.node.inputs.tension_inputs import TensionInputs, field_of
-from octo_arm_model.ros.node.inputs.tension_subscription import Intake
-from octo_arm_model.ros.node.outputs.backbone_publishers import BackbonePublishers
+from octo_arm_model.ros.node.inputs import Intake, TensionInputs, field_of
+from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
-from octo_arm_model.ros.work.work_queue import WorkQueue
+from octo_arm_model.ros.work import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
 
 ArmT = TypeVar('ArmT', bound=Prepared)

@@ -29,28 +29,26 @@ from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import decoded, tensions_message
 from octo_arm_model.ros.node import diagnostics
-from octo_arm_model.ros.node.inputs.tension_subscription import (
+from octo_arm_model.ros.node.inputs import (
     TOPICS,
     Intake,
     LatestSubscription,
     TensionSubscription,
 )
 from octo_arm_model.ros.node.main import run
-from octo_arm_model.ros.node.outputs.backbone_publishers import OUTPUT_QOS
+from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.ros.simulator.diagnostics import SimulatorDiagnostics
 from octo_arm_model.ros.simulator.push_service import PushService
 from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
-from octo_arm_model.ros.work.interruption import until_shutdown
-from octo_arm_model.ros.work.work_queue import WorkQueue
+from octo_arm_model.ros.work import WorkQueue, until_shutdown
 from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.length_control import LengthControl
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.simulation.profiles.limits import check_command
-from octo_arm_model.wire.displacement_messages import DISPLACEMENTS, read_displacements
 from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tension_fields import NONE
+from octo_arm_model.wire.tensions import DISPLACEMENTS, NONE, read_displacements
 
 
 class SimulatorNode(CheckedNode):

@@ -21,10 +21,10 @@ from std_msgs.msg import Header
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.ros.messages import pose_message
-from octo_arm_model.ros.node.outputs.backbone_publishers import OUTPUT_QOS
+from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.simulation.parameters import SimulatorConfig
-from octo_arm_model.wire.measurement_messages import BASE_WRENCH, MARKERS, TIP_POSE
+from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, TIP_POSE
 
 TRUE_WRENCH = 'ground_truth/tip_wrench'
 

@@ -13,7 +13,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.inputs import check_tensions
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 

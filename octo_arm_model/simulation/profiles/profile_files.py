@@ -16,8 +16,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ProfileError, listed, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROFILE_BYTES, MAX_PROFILE_ROWS, MAX_YAML_BYTES
-from octo_arm_model.config.csv_files import NUMBER, tension_columns
-from octo_arm_model.config.yaml_files import compose_yaml, read_text, reading
+from octo_arm_model.config.files import NUMBER, compose_yaml, read_text, reading, tension_columns
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 
 

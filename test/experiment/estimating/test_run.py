@@ -15,9 +15,9 @@ from recordings import TYPES, Sample, write_bag
 from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touched, touched_bag
 
 from octo_arm_model.arm.errors import MeasurementError, SolveError
-from octo_arm_model.bags.demo.experiment import TrueArm
+from octo_arm_model.bags.demo import TrueArm
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.cli.output.estimate import summary
+from octo_arm_model.cli.estimate import summary
 from octo_arm_model.estimation.measurements import Tensions
 from octo_arm_model.experiment.estimating.recorded import Recorded, Sources, read_recorded
 from octo_arm_model.experiment.estimating.run import Result, estimate

@@ -23,8 +23,7 @@ from rclpy.task import Future
 from octo_arm_model import load_config
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.ros.client.arm_swap import swap_arm
 from octo_arm_model.ros.estimator.main import EstimatorNode
 

@@ -16,9 +16,8 @@ from std_msgs.msg import String
 from octo_arm_model import load_config
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.messages import backbone_messages
-from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS, OUTPUT_QOS
-from octo_arm_model.wire.cdr.covariance import COVARIANCE
-from octo_arm_model.wire.cdr.estimate import CONTACT
+from octo_arm_model.ros.node.outputs import LATCHED_QOS, OUTPUT_QOS
+from octo_arm_model.wire.estimate import CONTACT, COVARIANCE
 
 TOPICS = {**POSES, 'strains': DETAILS['strains']}
 

@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 
-from octo_arm_model.ros.client.topic import Meter
+from octo_arm_model.ros.client.client import Meter
 
 
 def test_rates_count_what_was_passed_over_and_begin_anew_with_the_node():

@@ -24,9 +24,9 @@ from octo_arm_model.ros.estimator.waiting_messages import (
     MOST_WAITING,
     WaitingMessages,
 )
-from octo_arm_model.ros.node.inputs.tension_subscription import Intake
+from octo_arm_model.ros.node.inputs import Intake
 from octo_arm_model.ros.qos import check_overrides
-from octo_arm_model.ros.work.work_queue import WorkQueue
+from octo_arm_model.ros.work import WorkQueue
 
 TOPIC = '/measured/tip_pose'
 

@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Clock
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.ros.node.main import OctoArmNode
-from octo_arm_model.wire.tension_messages import TENSION_TOPICS
+from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 
 @pytest.fixture(scope='module')

@@ -11,11 +11,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from octo_arm_model import load_config
 from octo_arm_model.arm.errors import MessageError
-from octo_arm_model.config.diagnostic_limits import DiagnosticLimits
-from octo_arm_model.config.presets import preset_path
-from octo_arm_model.ros.node import heard_inputs
-from octo_arm_model.ros.node.diagnostics import Diagnostics
-from octo_arm_model.ros.node.heard_inputs import HeardInputs
+from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.config.parameters import DiagnosticLimits
+from octo_arm_model.ros.node import diagnostics as heard_inputs
+from octo_arm_model.ros.node.diagnostics import Diagnostics, HeardInputs
 
 LIMIT = 2.0  # [s]
 WINCHES, WRENCH = '/tendon_displacements', '/tip_wrench'

@@ -28,7 +28,7 @@ from octo_arm_model import Config, OctoArmError, load_config
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.ros.node import lifecycle
 from octo_arm_model.ros.node.main import OctoArmNode, main
-from octo_arm_model.ros.node.outputs.backbone_publishers import LATCHED_QOS
+from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator import main as simulator
 
 

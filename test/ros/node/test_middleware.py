@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 
-from octo_arm_model.ros.node.middleware import PROFILES, bound_memory
+from octo_arm_model.ros.node.main import PROFILES, bound_memory
 
 
 def test_fast_dds_takes_our_profiles_unless_it_is_set_up_otherwise(tmp_path):

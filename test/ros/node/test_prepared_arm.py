@@ -13,9 +13,8 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.config.presets import preset_path
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
 from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.ros.estimator.prepared import PreparedEstimator

@@ -10,7 +10,7 @@ from rosgraph_msgs.msg import Clock
 
 from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.ros.estimator.stamps import Stamps
-from octo_arm_model.ros.node.stepped_clock import SteppedClock
+from octo_arm_model.ros.node.diagnostics import SteppedClock
 from octo_arm_model.wire.stamp import Stamp
 
 MILLISECOND = 10**6  # [ns]

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from octo_arm_model import displacements_of, load_config, solve_displacements, wound_sensitivity
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.node.main import OctoArmNode
 
 TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)

@@ -13,7 +13,7 @@ from live_nodes import RosClient, hosting, new_domain
 from std_srvs.srv import SetBool
 
 from octo_arm_model import load_config
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.estimator.main import EstimatorNode
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.simulation.touched_arm import touched

@@ -11,8 +11,7 @@ import octo_arm_model
 from octo_arm_model import ArmDefinitionError, ConfigError, TensionError, load_config
 from octo_arm_model.arm.errors import ProfileError
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.presets import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 from octo_arm_model.simulation.profiles.limits import (
     check_command,

@@ -1,0 +1,295 @@
+"""Solved arms as triangles, discs and lines, and how well one is known as a tube and an arrow."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.stiffness import bending_force
+from octo_arm_model.rod.interpolation import interpolated, nearest
+from octo_arm_model.rod.rotations import axes_of, quaternion_product
+from octo_arm_model.rod.sensitivity import chi_square_limit
+
+SIDES = 12
+# More rings would not be resolved on a screen.
+MOST_RINGS = 101
+
+SLACK_COLOUR = (0.6, 0.6, 0.6, 1.0)
+TAUT_COLOUR = (1.0, 0.0, 0.0, 1.0)
+
+# Sizes relative to the length of the arm, but for the rim of the discs, relative to the radius.
+LINE_WIDTH = 0.002
+DISC_THICKNESS = 0.004
+_DISC_RIM = 1.05  # discs are wider than the body, as coincident surfaces flicker
+
+# A cylinder's axis is its z axis, that of a cross section its x axis: a quarter turn about y.
+_UPRIGHT = np.array([0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)])
+
+
+class Drawn(NamedTuple):
+    """Geometry of one shape, in the frame of its backbone.
+
+    Attributes:
+        vertices: of the body, joined by `Drawing.triangles`, (vertices, 3) [m].
+        disc_position: centres of the anchorage discs, from the tip, (sections, 3) [m].
+        disc_quaternion: their orientation x, y, z, w; the axis of a disc is z, (sections, 4).
+        disc_radius: (sections,) [m].
+        tendons: points from the base to the anchorage of each tendon, each (points, 3) [m].
+    """
+
+    vertices: FloatArray
+    disc_position: FloatArray
+    disc_quaternion: FloatArray
+    disc_radius: FloatArray
+    tendons: list[FloatArray]
+
+
+class Drawing:
+    """Geometry of shapes of one arm, from tables that do not depend on the shape.
+
+    Attributes:
+        triangles: vertices of each triangle of the body, anticlockwise seen from outside,
+            (triangles, 3).
+        disc_count: number of discs.
+        disc_thickness: [m].
+        tendon_points: number of points of each tendon.
+        line_width: of a tendon [m].
+    """
+
+    def __init__(
+        self, arm: Arm, s: FloatArray, *, widen: bool = False, sides: int = SIDES
+    ) -> None:
+        """Prepare to draw ``arm``.
+
+        Args:
+            arm: the arm.
+            s: stations of the backbones to come [m], (stations,), as `Solver.grid` has them.
+            widen: whether cross sections and the distances of their tendons are scaled by
+                (1 + q)^-1/2, as in an elastic law of constant volume.
+            sides: corners of the polygons drawn for circles.
+        """
+        self._widen = widen
+        self._anchorages = anchorage_stations(arm, s)
+        self._rings = np.union1d(ring_stations(s.size), self._anchorages)
+        ends = np.searchsorted(self._rings, self._anchorages)
+        self._tendon_ends = ends[arm.tendon_section - 1]
+        radius = arm.body.radius(s[self._rings])
+        self._outline = unit_circle(sides)[:, :, np.newaxis] * radius
+        self._offsets = np.array(arm.tendon_offsets(s[self._rings]))
+        self._disc_radius = _DISC_RIM * np.maximum(radius, arm.body.disc_radius)[ends]
+        self.triangles = tube_triangles(self._rings.size, sides)
+        self.disc_count = self._anchorages.size
+        self.tendon_points = [int(end) + 1 for end in self._tendon_ends]
+        self.disc_thickness = DISC_THICKNESS * arm.length
+        self.line_width = LINE_WIDTH * arm.length
+
+    def draw(self, position: FloatArray, quaternion: FloatArray, q: FloatArray) -> Drawn:
+        """Geometry of one shape.
+
+        Args:
+            position: of the stations this was prepared for [m], (stations, 3).
+            quaternion: their orientation x, y, z, w, (stations, 4).
+            q: their longitudinal strain [-], (stations,).
+        """
+        width = (1.0 + q) ** -0.5 if self._widen else np.ones(q.size)
+        centre = position[self._rings]
+        frame = axes_of(quaternion[self._rings])
+        # Rows are x, y, z in the frame of the backbone, columns the axes n and b.
+        across = frame[:, 1:] * width[self._rings]
+        surface = _place(centre, across, self._outline).reshape(-1, 3)
+        paths = _place(centre, across, self._offsets)
+        return Drawn(
+            vertices=np.concatenate([surface, centre[[0, -1]]]),
+            disc_position=position[self._anchorages],
+            disc_quaternion=quaternion_product(quaternion[self._anchorages], _UPRIGHT),
+            disc_radius=self._disc_radius * width[self._anchorages],
+            tendons=[path[: end + 1] for path, end in zip(paths, self._tendon_ends, strict=True)],
+        )
+
+
+def ring_stations(stations: int) -> IntArray:
+    """Indices of those of so many ``stations`` that a ring is drawn at, at most `MOST_RINGS`."""
+    rings = np.linspace(0.0, stations - 1.0, min(stations, MOST_RINGS))
+    return np.unique(rings.round().astype(np.int64))
+
+
+def unit_circle(sides: int) -> FloatArray:
+    """Corners (2, sides) of the polygon that is drawn for a circle of radius 1."""
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def anchorage_stations(arm: Arm, s: FloatArray) -> IntArray:
+    """Index of the station at each anchorage, from the tip, (sections,).
+
+    ``s`` [m], (stations,), are those of a solver of ``arm``, which has one at every anchorage.
+    """
+    anchorages = np.array([section.anchorage for section in arm.sections])
+    return nearest(anchorages, s)
+
+
+def tension_colours(tensions: FloatArray, largest: float | None = None) -> FloatArray:
+    """Red, green, blue, alpha in [0, 1] of each of ``tensions`` (n,) [N], (n, 4), grey to red.
+
+    Full red is the ``largest`` [N]; None for that of ``tensions``.
+    """
+    scale = tensions.max(initial=0.0) if largest is None else largest
+    share = np.zeros(tensions.shape)
+    if scale > 0.0:
+        share = np.clip(tensions / scale, 0.0, 1.0)
+    slack, taut = np.array(SLACK_COLOUR), np.array(TAUT_COLOUR)
+    return slack + share[:, np.newaxis] * (taut - slack)
+
+
+def _place(position: FloatArray, across: FloatArray, places: FloatArray) -> FloatArray:
+    """Points (k, rings, 3) [m] at ``places`` (2, k, rings) [m] along n and b of each ring."""
+    return position + np.einsum('xar,akr->krx', across, places)
+
+
+def tube_triangles(rings: int, sides: int) -> IntArray:
+    """Vertices of each triangle of a closed tube (triangles, 3), anticlockwise from outside.
+
+    Its vertices are those of the rings, first all along one side, then along the next one
+    anticlockwise about the axis, and last the centres of both ends.
+    """
+    number = np.arange(sides * rings).reshape(sides, rings)
+    beside = np.roll(number, -1, axis=0)
+    near, far = number[:, :-1], number[:, 1:]
+    near_beside, far_beside = beside[:, :-1], beside[:, 1:]
+    base, tip = np.full((2, sides), [[sides * rings], [sides * rings + 1]])
+    parts = (
+        (near, near_beside, far),
+        (near_beside, far_beside, far),
+        (base, beside[:, 0], number[:, 0]),
+        (tip, number[:, -1], beside[:, -1]),
+    )
+    return np.concatenate([np.stack(part, axis=-1).reshape(-1, 3) for part in parts])
+
+
+INSIDE = 0.95  # probability of what is drawn to hold the truth
+_ONE, _TWO, _THREE = (chi_square_limit(INSIDE, size) for size in (1, 2, 3))
+# A force that moves the tip by _BENT of the length is drawn as _LENGTH of it.
+_BENT, _LENGTH = 0.2, 0.3
+_LONGEST = 0.6  # of the length
+_RIM = 1.03  # tubes are wider than the body, as coincident surfaces flicker
+SHAFT = 0.008  # radius of an arrow, relative to the length of the arm
+_HEAD, _WIDER = 0.25, 2.5  # of an arrow: its part of the length, and its radius over the shaft's
+CORNERS = 24  # of cones and arrows
+
+
+class Arrow(NamedTuple):
+    """A force and how well it is known.
+
+    Attributes:
+        start, end: of the arrow [m], (3,).
+        shaft: vertices of the arrow, joined by `ARROW_TRIANGLES`, (vertices, 3) [m].
+        cone: vertices of the cone of the directions that the force may have, from ``start`` on,
+            joined by `CONE_TRIANGLES`, (vertices, 3) [m].
+    """
+
+    start: FloatArray
+    end: FloatArray
+    shaft: FloatArray
+    cone: FloatArray
+
+
+class UncertaintyDrawing:
+    """Tubes about shapes of one arm, and arrows of forces on it.
+
+    Attributes:
+        triangles: vertices of each triangle of a tube, (triangles, 3).
+    """
+
+    def __init__(self, arm: Arm, s: FloatArray, *, sides: int = SIDES) -> None:
+        """Prepare for ``arm`` and stations ``s`` (stations,) [m]; ``sides`` as in `Drawing`."""
+        self._rings = ring_stations(s.size)
+        self._s = s
+        self._radius = _RIM * arm.body.radius(s[self._rings])
+        self._circle = unit_circle(sides)
+        self.triangles = tube_triangles(self._rings.size, sides)
+        self._scale = _LENGTH * arm.length / bending_force(arm, _BENT)
+        self._longest, self._shaft = _LONGEST * arm.length, SHAFT * arm.length
+
+    def tube(
+        self, position: FloatArray, quaternion: FloatArray, covariance: FloatArray
+    ) -> FloatArray:
+        """Vertices (vertices, 3) [m] of the tube within which the body is.
+
+        In each direction across the arm, where a cross section ends with a probability of
+        `INSIDE`.
+
+        Args:
+            position: of the stations [m], (stations, 3).
+            quaternion: their orientation x, y, z, w, (stations, 4).
+            covariance: of their positions [m^2], (stations, 3, 3).
+        """
+        centre = position[self._rings]
+        frame = axes_of(quaternion[self._rings])
+        out = np.einsum('xar,ak->krx', frame[:, 1:], self._circle)
+        variance = np.einsum('krx,rxy,kry->kr', out, covariance[self._rings], out)
+        reach = self._radius + np.sqrt(_ONE * np.maximum(variance, 0.0))
+        surface = centre + reach[..., np.newaxis] * out
+        return np.concatenate([surface.reshape(-1, 3), centre[[0, -1]]])
+
+    def place(self, position: FloatArray, s: float) -> FloatArray:
+        """Where a force at ``s`` [m] acts, (3,) [m]; ``position`` is as that of `tube`.
+
+        The resultant of a current, whose ``s`` is NaN, acts everywhere and is drawn at the middle.
+        """
+        at = 0.5 * self._s[-1] if np.isnan(s) else s
+        return interpolated(at, self._s, position)
+
+    def arrow(self, start: FloatArray, force: FloatArray, covariance: FloatArray) -> Arrow | None:
+        """The arrow of a ``force`` (3,) [N] of ``covariance`` (3, 3) from ``start`` (3,) on [m].
+
+        None where no force at all is as well within `INSIDE` of what is probable.
+        """
+        size = float(np.linalg.norm(force))
+        if not size or force @ np.linalg.pinv(covariance) @ force <= _THREE:
+            return None
+        scale = min(self._scale, self._longest / size)
+        along = force / size
+        across = np.linalg.svd(along[np.newaxis])[2][1:]
+        values, axes = np.linalg.eigh(across @ covariance @ across.T)
+        reach = scale * np.sqrt(_TWO * np.maximum(values, 0.0))
+        end = start + scale * force
+        around = unit_circle(CORNERS)
+        rim = end + (axes @ (reach[:, np.newaxis] * around)).T @ across
+        cone = np.concatenate([rim, [start, end]])
+        neck = end - _HEAD * (end - start)
+        rings = [
+            middle + radius * (around.T @ across)
+            for middle, radius in (
+                (start, self._shaft), (neck, self._shaft), (neck, _WIDER * self._shaft),
+                (end, 0.0),
+            )
+        ]  # fmt: skip
+        sides = np.stack(rings, axis=1).reshape(-1, 3)
+        return Arrow(start, end, np.concatenate([sides, [start, end]]), cone)
+
+
+ARROW_TRIANGLES: IntArray = tube_triangles(4, CORNERS)
+_NEXT = np.roll(np.arange(CORNERS), -1)
+CONE_TRIANGLES: IntArray = np.concatenate([
+    np.stack([np.arange(CORNERS), _NEXT, np.full(CORNERS, middle)], axis=1)
+    for middle in (CORNERS, CORNERS + 1)
+])  # fmt: skip
+
+
+ARMS = 8
+RADIUS = 0.05  # of the circle of their bases [m]
+
+
+def base_pose(number: int, radius: float = RADIUS) -> tuple[list[float], list[float]]:
+    """Position [m] and quaternion x, y, z, w of the base of arm ``number``, from 1 on.
+
+    The bases are on a circle in the plane x, y of the body, the first on its x axis. Every arm
+    points outwards; its n is along the circle, its b along z of the body.
+    """
+    angle = 2.0 * math.pi * (number - 1) / ARMS
+    position = [radius * math.cos(angle), radius * math.sin(angle), 0.0]
+    return position, [0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)]

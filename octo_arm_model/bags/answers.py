@@ -1,0 +1,151 @@
+"""Answers of the node: shapes and their messages, many sets of tensions at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.analysis.driven_arm import DrivenArm
+from octo_arm_model.analysis.worker_pool import solve_parts
+from octo_arm_model.arm.errors import OctoArmError, SolveError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.stiffness import default_highest
+from octo_arm_model.bags.tensions import Reading
+from octo_arm_model.bags.topics import ANSWERS
+from octo_arm_model.config.config import Config
+from octo_arm_model.rod.friction_memory import FrictionMemory
+from octo_arm_model.wire.backbone import (
+    TENDON_LENGTHS,
+    TENSION_ESTIMATES,
+    TIP_POSE,
+    BackboneBatchWriter,
+    BackboneWriter,
+)
+
+_ARRAYS = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')  # that depend on tensions
+_TRIED, _TRIED_STEP = 128, 9  # sets compared in a batch, and the step between those alone
+_TRIED_PART = 0.1  # by which each tendon compresses the arm at most, see `default_highest`
+
+
+class Answer(NamedTuple):
+    """The answer to one message of tensions or displacements.
+
+    Attributes:
+        messages: bytes of the message on each of the topics, in their order, but on
+            `TENSION_ESTIMATES`, the last, only where tendons are driven by length; None instead
+            of one that cannot be written. None at all where there is no trustworthy answer.
+        reason: why one or all are missing, or ''.
+        is_failure: whether the model had no answer, and not the message nothing for the arm.
+        tensions: those of all tendons that hold the shape [N]; None if the message had them.
+    """
+
+    messages: Sequence[bytes | memoryview | None]
+    reason: str = ''
+    is_failure: bool = False
+    tensions: FloatArray | None = None
+
+
+class Answers:
+    """Answers tensions and displacements of one arm in their order, byte for byte like the node.
+
+    Attributes:
+        topics: what it answers on, of `ANSWERS`.
+        is_quick: whether sets are solved in batches, many times quicker than one by one.
+    """
+
+    def __init__(self, config: Config, lengths: bool = False, displacements: bool = False) -> None:
+        """Answer for the arm of ``config``.
+
+        ``lengths`` says whether with those of its tendons, and ``displacements`` whether any come.
+
+        Raises:
+            ConfigError: if the model does not cover the arm or its loads.
+        """
+        self._config = config
+        self._solver = config.solver()
+        wanted = {TENDON_LENGTHS: lengths, TENSION_ESTIMATES: displacements}
+        self.topics = tuple(topic for topic in ANSWERS if wanted.get(topic, True))
+        self._winding = DrivenArm(FrictionMemory())
+        grid = self._solver.grid
+        described = config.base_frame, config.model, grid.s, grid.section
+        self._writer = BackboneWriter(*described, config.arm.tendon_names)
+        self._batch_writer = BackboneBatchWriter(*described)
+        is_plain = not (
+            config.loads.any or config.arm.friction or config.uncertainty.is_any
+            or lengths or displacements
+        )  # fmt: skip
+        # By NumPy the cross sections of a batch take as many steps as the slowest of them needs.
+        is_alone = config.model == 'exact' and not self._solver.is_compiled
+        self.is_quick = is_plain and not is_alone and self._is_alike()
+
+    def answer(self, readings: Sequence[Reading]) -> list[Answer]:
+        """An answer to each of ``readings``, whose messages hold until the next are answered."""
+        good = [reading for reading in readings if not reading.is_refused]
+        found = (
+            iter(self._answer_together(good)) if self.is_quick else map(self._answer_alone, good)
+        )
+        return [
+            Answer((), reading.reason) if reading.is_refused else next(found)
+            for reading in readings
+        ]
+
+    def _answer_alone(self, reading: Reading) -> Answer:
+        try:
+            backbone, covariance, unknown = self._winding.answer(
+                self._solver, self._config, None, reading.stamp_ns,
+                reading.tensions, reading.displacements,
+            )  # fmt: skip
+        except OctoArmError as error:
+            # Displacements may be those of tendons that the arm does not have.
+            return Answer((), str(error), is_failure=isinstance(error, SolveError))
+        writer, stamp = self._writer, reading.stamp
+        known = np.zeros((6, 6)) if covariance is None else covariance
+        messages: list[bytes | None] = [*writer.all(backbone, known, *stamp)]
+        if covariance is None:
+            messages[self.topics.index(TIP_POSE)] = None
+        if TENDON_LENGTHS in self.topics:
+            lengths = self._solver.tendon_lengths(backbone)
+            messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
+        if self._winding.displacements:
+            messages.append(writer.tensions(backbone.tensions, *stamp))
+        reason = '' if unknown is None else f'{TIP_POSE} unknown: {unknown}'
+        return Answer(messages, reason, tensions=backbone.tensions)
+
+    def _answer_together(self, readings: Sequence[Reading]) -> list[Answer]:
+        if not readings:
+            return []
+        sets = [np.asarray(reading.tensions) for reading in readings]
+        tensions = np.concatenate(sets).reshape(-1, *sets[0].shape)
+        stamps = np.array([reading.stamp for reading in readings])
+        answers: list[Answer] = []
+        for part, result in solve_parts(self._solver, tensions):
+            if isinstance(result, SolveError):
+                answers.append(Answer((), str(result), is_failure=True))
+                continue
+            messages = self._batch_writer.write(result, stamps[part], part.start)
+            answers += map(Answer, messages)
+        return answers
+
+    def _is_alike(self) -> bool:
+        """Whether a batch gives the same shapes as single solutions, to the last bit.
+
+        That is a matter of the model, of NumPy and of BLAS; where they do not, they are solved
+        alone, as in the node. So it is tried.
+        """
+        highest = default_highest(self._solver.arm, _TRIED_PART).ravel()
+        some = np.random.default_rng(0).random((_TRIED, highest.size)) * highest
+        tensions = some.reshape(-1, *self._solver.arm.tension_shape)
+        try:
+            for part in (tensions, tensions[:3], tensions[:_TRIED_STEP]):
+                together = self._solver.solve(part)
+                for number in range(0, len(part), _TRIED_STEP):
+                    alone = self._solver.solve(part[number])
+                    for name in _ARRAYS:
+                        one, other = getattr(alone, name), getattr(together, name)[number]
+                        if not np.array_equal(one, other):
+                            return False
+        except SolveError:
+            return False
+        return True

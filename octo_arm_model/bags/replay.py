@@ -1,0 +1,321 @@
+"""A bag of tensions or displacements replayed: the answers of the node, and a report."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from rosbags.interfaces import Connection
+
+from octo_arm_model.arm.errors import BagError, SolveError
+from octo_arm_model.bags.answers import Answer, Answers
+from octo_arm_model.bags.arms import RecordedArm
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.records import Record
+from octo_arm_model.bags.tensions import Reading, TensionTopic, read_lengths
+from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
+from octo_arm_model.bags.types import known_types
+from octo_arm_model.bags.writer import BagWriter, Message
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, tension_columns
+from octo_arm_model.config.parameter_files import parameters_as_yaml
+from octo_arm_model.wire.backbone import read_poses
+from octo_arm_model.wire.refusals import Refusals
+
+_LISTED = 100  # of the messages left out of each topic; all are counted
+
+
+class Skip(NamedTuple):
+    """A message that was left out: its stamp [ns] and why."""
+
+    stamp_ns: int
+    reason: str
+
+
+@dataclass
+class TopicReport:
+    """How the messages of one topic of tensions or displacements were answered.
+
+    Attributes:
+        model: what answered them.
+        answered: how many have an answer.
+        refused: how many hold nothing that drives this arm.
+        failed: how many the model had no trustworthy answer to.
+        unsorted: how many have a stamp before that of the last one.
+        skips: the first of those refused and failed.
+        reasons: how many answers, or poses of the tip, are missing for each reason, by an
+            example of it.
+    """
+
+    model: str
+    answered: int = 0
+    refused: int = 0
+    failed: int = 0
+    unsorted: int = 0
+    skips: list[Skip] = field(default_factory=list)
+    reasons: dict[str, int] = field(default_factory=dict)
+    refusals: Refusals = field(default_factory=Refusals)
+
+    def count(self, stamp_ns: int, answer: Answer) -> None:
+        """Count an ``answer``."""
+        if answer.messages:
+            self.answered += 1
+            if answer.reason:
+                self.refusals.count('', answer.reason)
+            return
+        if answer.is_failure:
+            self.failed += 1
+        else:
+            self.refused += 1
+        self.refusals.count('', answer.reason)
+        if len(self.skips) < _LISTED:
+            self.skips.append(Skip(stamp_ns, answer.reason))
+
+
+@dataclass
+class Report:
+    """The result of a replay.
+
+    Attributes:
+        topics: how the messages of each topic of tensions or displacements were answered.
+        copied: how many messages were copied.
+        not_copied: topics that were to be and were not, and why.
+        notes: what else there is to know.
+    """
+
+    topics: dict[str, TopicReport]
+    copied: int = 0
+    not_copied: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+def check_answered(path: Path, report: Report) -> None:
+    """Refuse a replay of the bag at ``path`` without a single answer.
+
+    Raises:
+        SolveError: if the model had none.
+        BagError: if no message fits the arm.
+    """
+    if any(topic.answered for topic in report.topics.values()):
+        return
+    for name, topic in report.topics.items():
+        if topic.skips:
+            number = topic.refused + topic.failed
+            problem = f'{path}: none of {number} messages on {name} could be answered, '
+            reason, count = next(iter(topic.reasons.items()))
+            problem += f'{count} as {reason}'
+            raise SolveError(problem) if topic.failed else BagError(problem)
+    raise BagError(f'{path}: no messages on {", ".join(report.topics)}')
+
+
+STATIONS = ('topic', 'stamp [ns]', 'time [s]', *STATION_COLUMNS)
+
+
+class CsvAnswers(CsvFiles):
+    """Writes stations.csv, a row for each station of each answer, and tensions, a file a topic.
+
+    The tensions are as `octo-arm play` reads them. Times count from the first answer.
+    """
+
+    def __init__(self, folder: Path, topics: Sequence[str]) -> None:
+        """Write into ``folder`` the answers to tensions on ``topics``.
+
+        Raises:
+            OSError: if a file cannot be written.
+        """
+        super().__init__()
+        self._stations = self.open(folder / 'stations.csv')
+        self._stations.writerow(STATIONS)
+        names = ['tensions.csv'] if len(topics) == 1 else [
+            f'tensions{re.sub("[^A-Za-z0-9_]", "_", topic)}.csv' for topic in topics
+        ]  # fmt: skip
+        self._tensions = {topic: self.open(folder / name) for topic, name in zip(topics, names)}
+        self._begun: set[str] = set()
+        self._origin: int | None = None
+
+    def write(
+        self, topic: str, reading: Reading, answer: Answer, topics: Sequence[str],
+        tendons: Sequence[str],
+    ) -> None:  # fmt: skip
+        """Write the ``answer`` to a ``reading``, whose messages are those on ``topics``.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        if not answer.messages:
+            return
+        if self._origin is None:
+            self._origin = reading.stamp_ns
+        time = 1e-9 * (reading.stamp_ns - self._origin)
+        if topic not in self._begun:
+            self._begun.add(topic)
+            self._tensions[topic].writerow(tension_columns(tendons))
+        tensions = reading.tensions if answer.tensions is None else answer.tensions
+        assert tensions is not None
+        self._tensions[topic].writerow([round(time, 9), *tensions.ravel().tolist()])
+        data = {name: bytes(one) for name, one in zip(topics, answer.messages) if one is not None}
+        _, poses = read_poses(data['backbone/poses'])
+        one: Any = known_types().deserialize_cdr(data['strains'], ANSWERS['strains'])
+        table = np.column_stack([one.s, poses[:, :3], one.tau, one.xi, one.k, one.q])
+        head = (topic, reading.stamp_ns, round(time, 9))
+        self._stations.writerows([*head, *row] for row in table.tolist())
+
+
+_WRENCH = 'tip_wrench'
+_TOGETHER = 128  # messages of tensions at a time, and less where others come between
+_LARGEST = 8 * 2**20  # messages at a time [bytes]
+
+
+def replay(
+    reader: BagReader,
+    writer: BagWriter,
+    arms: Sequence[RecordedArm],
+    *,
+    copy: bool = True,
+    lengths: bool = False,
+    table: CsvAnswers | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Report:
+    """Write the answers to what drives the arms, with its stamps and received when it was.
+
+    Args:
+        reader: the bag to read.
+        writer: the bag to write.
+        arms: whose tensions and displacements they are, see `find_arms`.
+        copy: whether to copy what is in the bag already.
+        lengths: whether to answer with the lengths of the tendons too.
+        table: where answers go besides.
+        progress: called with the numbers of messages done and of all.
+
+    Raises:
+        BagError: if a bag is damaged or cannot be written, or none of the messages fits the arm.
+        ConfigError: if a model does not cover the arm or its loads.
+        SolveError: if the model has an answer to none of the messages.
+    """
+    outputs = [_Output(reader, writer, arm, lengths) for arm in arms]
+    of_topic = {topic: output for output in outputs for topic in output.topics}
+    report = Report({topic: TopicReport(str(output.model)) for topic, output in of_topic.items()})
+    for arm in arms:
+        if reader.topics.get(arm.prefix + _WRENCH) and reader.count([arm.prefix + _WRENCH]):
+            report.notes.append(f'{arm.prefix}{_WRENCH} is not applied, which the node would')
+    written = {topic for output in outputs for topic in output.written}
+    copies, report.not_copied = open_copies(reader, writer, written) if copy else ({}, {})
+    wanted = sorted({*of_topic, *(topic for topic, _ in copies)})
+    done, total = 0, reader.count(wanted)
+    progress(done, total)
+    for records in _together(reader.messages(wanted), of_topic):
+        answers: dict[int, Answer] = {}
+        for output in outputs:
+            answers.update(output.answer(records, report, table))
+        messages: list[Message] = []
+        for number, record in enumerate(records):
+            received = record.received_ns
+            if copied := copies.get((record.topic, record.type_name)):
+                messages.append((copied, received, record.data))
+                report.copied += 1
+            if number in answers:
+                answered = zip(of_topic[record.topic].connections, answers[number].messages)
+                messages += [(one, received, data) for one, data in answered if data is not None]
+        writer.write(messages)
+        done += len(records)
+        progress(done, total)
+    for one in report.topics.values():
+        one.reasons = one.refusals.of('')
+        report.notes += [hint for hint in one.refusals.hints if hint not in report.notes]
+    check_answered(reader.path, report)
+    report.notes += reader.notes
+    return report
+
+
+class _Output:
+    """Writes the answers of one arm into a bag.
+
+    Attributes:
+        topics: those of its tensions and displacements.
+        written: those written for it.
+        model: what answers.
+        connections: where the answers go.
+    """
+
+    def __init__(
+        self, reader: BagReader, writer: BagWriter, arm: RecordedArm, lengths: bool
+    ) -> None:
+        config = Config.from_parameters(arm.parameters)
+        self.topics, self.model = arm.topics, config.model
+        self._tendons = config.arm.tendon_names
+        self._inputs = {
+            topic: partial(read_lengths, reader, config.arm)
+            if topic in arm.displacements
+            else TensionTopic(reader, config, arm.fields.get(topic, '')).read
+            for topic in arm.topics
+        }
+        self._newest: dict[str, int] = {}
+        self._answers = Answers(config, lengths, bool(arm.displacements))
+        description = arm.prefix + DESCRIPTION
+        writer.add_text(description, parameters_as_yaml(arm.parameters), reader.start_ns)
+        self.connections = [
+            writer.add(arm.prefix + topic, ANSWERS[topic]) for topic in self._answers.topics
+        ]
+        self.written = [description, *(connection.topic for connection in self.connections)]
+
+    def answer(
+        self, records: Sequence[Record], report: Report, table: CsvAnswers | None
+    ) -> dict[int, Answer]:
+        """Answers to those of ``records`` that are of this arm, by their places."""
+        readings: dict[int, Reading] = {}
+        for topic, read in self._inputs.items():
+            places = [i for i, record in enumerate(records) if record.topic == topic]
+            readings.update(zip(places, read([records[i] for i in places])))
+        places = sorted(readings)
+        answers = self._answers.answer([readings[place] for place in places])
+        for place, answer in zip(places, answers):
+            topic, stamp = records[place].topic, readings[place].stamp_ns
+            report.topics[topic].count(stamp, answer)
+            if table is not None:
+                names = self._answers.topics
+                table.write(topic, readings[place], answer, names, self._tendons)
+            report.topics[topic].unsorted += stamp < self._newest.get(topic, stamp)
+            self._newest[topic] = stamp
+        return dict(zip(places, answers))
+
+
+def open_copies(
+    reader: BagReader, writer: BagWriter, written: Iterable[str]
+) -> tuple[dict[tuple[str, str], Connection], dict[str, str]]:
+    """Where to copy messages to, by topic and type, and which topics are not copied, and why.
+
+    Those ``written`` anew are not.
+    """
+    copies: dict[tuple[str, str], Connection] = {}
+    left_out: dict[str, str] = {}
+    for source in reader.connections():
+        key = source.topic, source.msgtype
+        if source.topic in written:
+            left_out[source.topic] = 'written anew'
+        elif key not in copies:
+            copied = writer.add_copy(reader, source)
+            if copied is None:
+                left_out[source.topic] = f'nothing says what {source.msgtype} is'
+            else:
+                copies[key] = copied
+    return copies, left_out
+
+
+def _together(records: Iterator[Record], topics: Mapping[str, object]) -> Iterator[list[Record]]:
+    """Messages in batches that hold some of ``topics`` and fit into memory."""
+    some: list[Record] = []
+    count = size = 0
+    for record in records:
+        some.append(record)
+        count += record.topic in topics
+        size += len(record.data)
+        if count >= _TOGETHER or size >= _LARGEST:
+            yield some
+            some, count, size = [], 0, 0
+    if some:
+        yield some

@@ -1,0 +1,242 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from octo_arm_model.arm.errors import ConfigError, TensionError, shown
+from octo_arm_model.arm.material import LAWS
+from octo_arm_model.config.config import Config, load_config
+from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.rod.solver import MODELS
+
+_CONFIG = 'ROS parameter file of the arm, or the name of a preset'
+
+
+def refuse_without_effect(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
+    """Check that options ``names`` are not given, since they do nothing ``why``.
+
+    Raises:
+        ConfigError: if one is.
+    """
+    for name in names:
+        if is_given(options, name.lstrip('-').replace('-', '_')):
+            raise ConfigError(f'{name} has no effect {why}')
+
+
+def is_given(options: argparse.Namespace, key: str) -> bool:
+    """Whether the option stored as ``key`` is given."""
+    return key in getattr(options, 'given', ()) or getattr(options, key) != options.default_of(key)
+
+
+def add_number(
+    parser: Any, name: str, default: float, text: str, metavar: str | None = None
+) -> None:
+    """Add the option ``name`` for a number of the type of its ``default``."""
+    parser.add_argument(
+        name,
+        type=type(default),
+        default=default,
+        metavar=metavar,
+        help=text if '%(default)s' in text else f'{text} (default: %(default)s)',
+    )
+
+
+def add_vector(parser: Any, name: str, metavar: str, text: str) -> None:
+    """Add the option ``name`` for numbers, one for each word of ``metavar``."""
+    names = tuple(metavar.split())
+    parser.add_argument(name, nargs=len(names), type=float, metavar=names, help=text)
+
+
+def add_path(parser: Any, name: str, metavar: str, text: str) -> None:
+    """Add the option, or the argument, ``name`` for a file or folder."""
+    add_value(parser, name, metavar, text, path_of)
+
+
+def path_of(text: str) -> Path:
+    """The path ``text`` is.
+
+    Raises:
+        ArgumentTypeError: if it is empty, as of a variable of a shell that is not set: it would
+            stand for the folder one is in.
+    """
+    if not text:
+        raise argparse.ArgumentTypeError('empty, expected a path')
+    return Path(text)
+
+
+def add_value(
+    parser: Any, name: str, metavar: str, text: str, kind: Callable[[str], Any] = str
+) -> None:
+    """Add the option ``name`` for a value of a ``kind``; None where it is not given."""
+    parser.add_argument(name, type=kind, metavar=metavar, help=text)
+
+
+def add_values(parser: Any, name: str, metavar: str, text: str, kind: type = str) -> None:
+    """Add the option ``name`` for one or more values of a ``kind``; none by default."""
+    parser.add_argument(name, nargs='+', type=kind, default=[], metavar=metavar, help=text)
+
+
+def add_flag(parser: Any, name: str, text: str) -> None:
+    """Add the option ``name`` that is given or not."""
+    parser.add_argument(name, action='store_true', help=text)
+
+
+def add_config_option(
+    parser: argparse.ArgumentParser, default: str | None, otherwise: str = '', more: str = ''
+) -> None:
+    """Add ``--config``; its help names the ``default``, or ``otherwise`` where there is none."""
+    parser.add_argument(
+        '--config',
+        default=default,
+        metavar='CONFIG',
+        help=f'{_CONFIG} (default: {otherwise or "%(default)s"}){more}',
+    )
+
+
+def read_config_option(options: argparse.Namespace) -> dict[str, Any] | None:
+    """Parameters that ``--config`` names; None where it is not given.
+
+    Raises:
+        ConfigError: if there is no such file or preset, or it cannot be read.
+    """
+    return None if options.config is None else load_parameters(options.config)
+
+
+def add_tendons(parser: argparse.ArgumentParser) -> None:
+    """Add ``--tendons``."""
+    text = (
+        'what each tendon of the arm, from the tip, is called in what is read: a name, or a '
+        'number from 0 on where there are none, or - for one that is slack (default: '
+        'tension_names of the arm)'
+    )
+    add_values(parser, '--tendons', 'NAME', text)
+
+
+def add_model(parser: argparse.ArgumentParser) -> None:
+    """Add ``--model``."""
+    parser.add_argument('--model', choices=MODELS, help='model, instead of that of the config')
+
+
+def add_storage(parser: argparse.ArgumentParser) -> None:
+    """Add ``--storage`` of a bag to write."""
+    parser.add_argument(
+        '--storage',
+        choices=('mcap', 'sqlite3'),
+        default='mcap',
+        help='of OUT (default: %(default)s)',
+    )
+
+
+def add_json(parser: argparse.ArgumentParser, more: str = ', in SI units') -> None:
+    """Add ``--json``."""
+    add_flag(parser, '--json', f'print one JSON object{more}')
+
+
+def add_highest(parser: argparse.ArgumentParser, default: str, of: str = '') -> None:
+    """Add ``--highest``, bounds of the tensions; ``default`` describes the default."""
+    text = f'largest tension [N]{of}: one number, or rows as --tensions of solve; by default '
+    add_value(parser, '--highest', 'N', text + default)
+
+
+def read_highest(options: argparse.Namespace) -> Any:
+    """Value of ``--highest``; None where it is not given.
+
+    Raises:
+        TensionError: if it is not JSON, or neither a number nor a list.
+    """
+    text = options.highest
+    if text is None:
+        return None
+    highest = read_json(text, '--highest', "3 or '[[0.5,0.5,0.5,0.5]]'")
+    if highest is None or isinstance(highest, (str, dict)):
+        raise TensionError(f'--highest is {text}, expected a number or rows of numbers [N]')
+    return highest
+
+
+def add_config_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the argument ``CONFIG``."""
+    parser.add_argument('config', metavar='CONFIG', help=f'{_CONFIG} such as renda2012_table4')
+
+
+def add_config(parser: argparse.ArgumentParser) -> None:
+    """Add the arm, and the options that replace values of its file."""
+    add_config_argument(parser)
+    add_model(parser)
+    add_value(parser, '--stations', 'N', 'stations, instead of those of the config', int)
+    physics = parser.add_argument_group(
+        'physics', 'instead of what the config says; with --model exact'
+    )
+    physics.add_argument('--material', choices=LAWS, help='elastic law of the cross sections')
+    gravity = 'acceleration of gravity in base_frame [m/s^2], e.g. 0 0 -9.81'
+    add_vector(physics, '--gravity', 'X Y Z', gravity)
+    add_value(physics, '--density', 'RHO', 'of the arm [kg/m^3]', float)
+    add_value(physics, '--fluid-density', 'RHO', 'of the surrounding fluid [kg/m^3]', float)
+    add_vector(physics, '--tip-force', 'X Y Z', 'in base_frame [N]')
+    add_vector(physics, '--tip-moment', 'X Y Z', 'in base_frame [N m]')
+
+
+def read_config(options: argparse.Namespace) -> Config:
+    """The config of `add_config`'s options.
+
+    Raises:
+        ConfigError: if there is no such file or preset, or it does not describe an arm, or the
+            model has no choice of material.
+        ArmDefinitionError: if a value given on the command line is impossible.
+    """
+    config = load_config(options.config)
+    model = options.model or config.model
+    if model != 'exact':
+        refuse_without_effect(
+            options, ('--material', '--density'), f'on {model}, which knows neither: choose exact'
+        )
+    if options.density is not None:
+        arm = config.arm.with_density(options.density)
+        config = dataclasses.replace(config, arm=arm)
+    names = ('gravity', 'fluid_density', 'tip_force', 'tip_moment')
+    given = {name: getattr(options, name) for name in names}
+    loads: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in given.items()
+        if value is not None
+    }
+    acting = dataclasses.replace(config.loads, **loads)
+    if not any(acting.gravity):
+        refuse_without_effect(options, ('--density', '--fluid-density'), 'without --gravity')
+    return dataclasses.replace(
+        config,
+        model=model,
+        stations=config.stations if options.stations is None else options.stations,
+        law=options.material or config.law,
+        loads=acting,
+    )
+
+
+def read_json(text: str, option: str, example: str) -> Any:
+    """Value of a JSON ``option``.
+
+    Raises:
+        TensionError: if it is not JSON, of which the message shows the ``example``, or a name is
+            given twice.
+    """
+
+    def named(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            raise TensionError(f'{option} is {shown(text)}, expected each name once')
+        return found
+
+    try:
+        return json.loads(text, object_pairs_hook=named)
+    except TensionError:
+        raise
+    except (RecursionError, ValueError) as error:
+        where = f' at character {error.pos + 1}' if isinstance(error, json.JSONDecodeError) else ''
+        raise TensionError(
+            f'{option} is not JSON{where}, expected rows of numbers such as {example}'
+        ) from error

@@ -1,4 +1,0 @@
-"""Options that commands share.
-
-May import what cli may; of the commands nothing.
-"""

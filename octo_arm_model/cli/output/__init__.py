@@ -1,4 +1,0 @@
-"""What commands print, and the files they write.
-
-May import what cli may; of the commands and options nothing.
-"""

@@ -1,0 +1,322 @@
+"""Options that compare and identify share, and the recording read as they say."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from octo_arm_model.arm.errors import ConfigError, MeasurementError, SolveError, shown
+from octo_arm_model.arm.limits import MAX_YAML_BYTES
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.arm.validation import finite, not_negative
+from octo_arm_model.cli.files import Bar
+from octo_arm_model.cli.options import (
+    add_config_option,
+    add_flag,
+    add_number,
+    add_path,
+    add_tendons,
+    add_value,
+    add_values,
+    path_of,
+    refuse_without_effect,
+)
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.files import load_yaml, read_text, reading
+from octo_arm_model.experiment.fitting.unknowns.unknown import AXIAL
+from octo_arm_model.experiment.recording.csv_recording import DISPLACEMENT, CsvSources
+from octo_arm_model.experiment.recording.measured_points import LENGTH_UNITS, Measured
+from octo_arm_model.experiment.recording.read_recording import read_recording
+from octo_arm_model.experiment.recording.recording import Recording
+from octo_arm_model.experiment.shapes.alignment import Alignment
+from octo_arm_model.experiment.shapes.observations import (
+    POSES,
+    RAMP,
+    STEPS,
+    Observations,
+    Pairing,
+    observe,
+)
+from octo_arm_model.experiment.shapes.steady_windows import SteadyRule
+from octo_arm_model.rod.solver import MODELS
+
+ALL = 'all'
+# How recordings are read, behind the examples of each of the commands.
+RECORDINGS = """\
+recordings of laboratories, for compare and identify alike:
+  octo-arm compare trial --tensions /daq/cells:data --tendons 3 0 1 -
+  octo-arm compare trial --midlines /mocap/markers --marker-s 0 0.09 0.18 0.27 --length-unit mm
+  octo-arm compare trial --marker-s 0.09 0.27 --marker-frames middle tip
+  octo-arm compare trial --displacements /winches/encoders
+  octo-arm compare trial --ramp
+  octo-arm compare --config arm.yaml --tension-csv poses.csv --midline-csv tips.csv --poses
+  octo-arm compare --config arm.yaml --tension-csv loads.csv --midline-csv track.csv \\
+      --columns time=Zeit tendon_1_1="LC 1" tendon_1_2=0 tendon_1_3=0 tendon_1_4=0
+
+how a recording is read:
+  Tensions are steady while none of them leaves a band of twice --steady, for at least --hold; the
+  first --settle seconds do not count. With --poses each row is a step, with the frames within
+  --tolerance of its stamp. The frames of the camera in a step become its mean midline, without
+  those more than three times as far from the median as the median frame. The base is the end of
+  the midlines that moves least, or --base-end. The offset of the camera's clock is found from the
+  motion, or --clock-offset. What the model published itself (backbone/path, tip_pose) is no
+  measurement unless named by --midlines. All these decisions are printed.
+
+exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input is wrong
+"""
+
+
+def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the config') -> None:
+    """Add the bag and how it is read; without --model it is the ``default``."""
+    bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
+    parser.add_argument('bag', nargs='?', type=path_of, metavar='BAG', help=bag)
+    add_config_option(parser, None, 'the arm_description in the bag')
+    parser.add_argument(
+        '--model',
+        nargs='+',
+        choices=(*MODELS, ALL),
+        metavar='MODEL',
+        help=f'models: {", ".join(MODELS)} or {ALL} (default: {default})',
+    )
+    text = (
+        'measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
+        '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped, PointStamped, TransformStamped); '
+        'by default the only ones there; with --marker-s perhaps one of each marker, with '
+        '--marker-frames topics of TF'
+    )
+    add_values(parser, '--midlines', 'TOPIC', text)
+    text = (
+        'arc coordinates of markers [m], from the base on: what is measured are points at these, '
+        'NaN where a marker is hidden, and no midlines'
+    )
+    add_values(parser, '--marker-s', 'S', text, float)
+    text = (
+        'their frames in /tf and /tf_static, or in the topics of --midlines, in the same order; '
+        'chains of frames are followed to base_frame, or else to their root'
+    )
+    add_values(parser, '--marker-frames', 'FRAME', text)
+    parser.add_argument(
+        '--length-unit',
+        choices=LENGTH_UNITS,
+        default='m',
+        help='of what was measured (default: %(default)s)',
+    )
+    text = 'tensions, or any numeric field of any topic; by default the only ones there'
+    add_value(parser, '--tensions', 'TOPIC[:FIELD]', text)
+    text = (
+        'lengths that winches have reeled in, as encoders read them (sensor_msgs/JointState, '
+        'position [m] by name); by default tendon_displacements; where no tensions were recorded '
+        'these follow from them (model exact)'
+    )
+    add_value(parser, '--displacements', 'TOPIC', text)
+    add_tendons(parser)
+    parser.add_argument(
+        '--align',
+        nargs='+',
+        metavar='A',
+        help="'fit' the camera's pose; 'none': it measures in base_frame; or X Y Z QX QY QZ QW, "
+        "its pose in base_frame (default: 'none' if the midlines are in base_frame, else 'fit')",
+    )
+    tables = parser.add_argument_group(
+        'CSV files', 'in place of topics; with midlines and readings from them there is no BAG'
+    )
+    text = 'tensions: time [s] and a column for each tendon [N]'
+    add_path(tables, '--tension-csv', 'CSV', text)
+    text = 'midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ... [m]'
+    add_path(tables, '--midline-csv', 'CSV', text)
+    text = f'encoders: time [s] and a column {DISPLACEMENT}TENDON for each that has one [m]'
+    add_path(tables, '--displacement-csv', 'CSV', text)
+    text = (
+        'columns of other names, or a number in place of one (tendon_1_2=0), or a YAML file of '
+        'such; units are those in the header, such as "force [mN]"'
+    )
+    add_values(tables, '--columns', 'NAME=COLUMN', text)
+    pairing = parser.add_argument_group('pairing of frames and tensions')
+    tolerance = (
+        'how far stamps may be off [s] (default: %(default)s): a frame has a sample of tensions '
+        'within this time, and lies at least that far inside its steady step'
+    )
+    add_number(pairing, '--tolerance', 0.1, tolerance, 'S')
+    text = 'to add to the stamps of frames [s]; by default found from the motion'
+    add_value(pairing, '--clock-offset', 'S', text, float)
+    pairing.add_argument(
+        '--base-end',
+        choices=('first', 'last'),
+        help='point of the midlines at the base; by default the end that moves least',
+    )
+    text = (
+        'half the band that steady tensions stay in [N], or lengths [m] where there are no '
+        'tensions (default: the larger of 2 percent of the highest and four times the noise, as '
+        'far as that is below 5 percent of it)'
+    )
+    add_value(pairing, '--steady', 'N', text, float)
+    add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
+    kind = pairing.add_mutually_exclusive_group()
+    kind.add_argument(
+        '--ramp',
+        nargs='?',
+        type=float,
+        const=True,
+        metavar='N',
+        help='tensions change slowly instead of in steps, and the arm is in equilibrium all the '
+        'time: windows of so many N (default: 5 percent of the highest tension, or eight times '
+        'the noise)',
+    )
+    text = 'each row of tensions is a static pose, as in a table of poses'
+    add_flag(kind, '--poses', text)
+    settle = 'time from its beginning until the arm is at rest [s]'
+    add_number(pairing, '--settle', 0.5, settle, 'S')
+
+
+T = TypeVar('T')
+
+
+def read_options(
+    options: argparse.Namespace, default_models: Sequence[str] = ()
+) -> tuple[Recording, Observations, list[str], Alignment | None, list[str]]:
+    """The recording of `add_recording`'s options, and how it is to be compared.
+
+    Without --model it is ``default_models``, or the config's if there are none.
+
+    Returns:
+        The recording, its shapes, the models, the alignment (None for one to be fitted) and
+        notes on all choices.
+
+    Raises:
+        OctoArmError: if the bag or an option is wrong, or the bag holds nothing to compare.
+    """
+    tolerance, offset = options.tolerance, options.clock_offset
+    not_negative('--tolerance', tolerance, 'time', 's')
+    if offset is not None:
+        finite('--clock-offset', offset, 'a finite time [s]')
+    steady = SteadyRule(options.steady, options.hold, options.settle)
+    kind = POSES if options.poses else STEPS if options.ramp is None else RAMP
+    if kind != STEPS:
+        idle = '--steady', '--hold', '--settle'
+        refuse_without_effect(options, idle, f'with --{"poses" if options.poses else "ramp"}')
+    alignment = None if options.align is None else read_alignment(options.align)
+    measured = Measured(
+        tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
+        options.length_unit,
+    )  # fmt: skip
+    columns = _columns(options.columns)
+    with Bar('messages, rows and values') as bar:
+        recording = read_recording(
+            options.bag,
+            options.config,
+            options.tensions,
+            measured,
+            CsvSources(
+                options.tension_csv, options.midline_csv, options.displacement_csv, columns
+            ),
+            options.tendons,
+            options.displacements,
+            progress=bar.on_terminal,
+        )
+    if recording.is_driven:
+        refuse_without_effect(options, ('--tendons',), 'on encoder readings, which have names')
+    elif AXIAL not in getattr(options, 'fit', ()):
+        why = f'beside tensions, which count, but for identify --fit {AXIAL}'
+        refuse_without_effect(options, ('--displacements', '--displacement-csv'), why)
+    if recording.is_tips or recording.marker_s is not None:
+        refuse_without_effect(options, ('--base-end',), 'on tips and markers')
+    config = Config.from_parameters(recording.parameters)
+    notes: list[str] = []
+    if options.align is None and recording.frame_id == config.base_frame:
+        alignment = Alignment.none()
+        notes.append(f'midlines are in base_frame, {config.base_frame}: no alignment')
+    elif options.align is None:
+        notes.append(
+            f'midlines are in {recording.frame_id!r}, base_frame is {config.base_frame!r}: the '
+            'alignment is fitted'
+        )
+    width = None if options.ramp is True else options.ramp
+    pairing = Pairing(steady, tolerance, offset, options.base_end, kind, width)
+    with Bar('clock offsets') as bar:
+        observations = observe(recording, pairing, alignment, bar.on_terminal)
+    models = _models(options.model or default_models, config)
+    return recording, observations, models, alignment, [*observations.notes, *notes]
+
+
+def of_each(
+    models: Sequence[str], done: str, notes: list[str], work: Callable[[str], T]
+) -> list[T]:
+    """Results of ``work`` for those ``models`` where it raises no ConfigError or SolveError.
+
+    For the others ``notes`` say why they are not ``done``, such as 'compared'.
+
+    Raises:
+        ConfigError: that of the last model, if there is no result for any.
+        SolveError: likewise.
+    """
+    found: list[T] = []
+    for model in models:
+        try:
+            found.append(work(model))
+        except (ConfigError, SolveError) as error:
+            if model == models[-1] and not found:
+                raise
+            notes.append(f'{model} is not {done}: {error}')
+    return found
+
+
+def _models(given: Sequence[str], config: Config) -> list[str]:
+    if not given:
+        return [config.model]
+    return list(MODELS) if ALL in given else list(dict.fromkeys(given))
+
+
+def read_alignment(words: Sequence[str]) -> Alignment | None:
+    """The alignment of ``--align``; None for one to be fitted.
+
+    Raises:
+        ConfigError: if it is none.
+    """
+    if list(words) == ['fit']:
+        return None
+    if list(words) == ['none']:
+        return Alignment.none()
+    try:
+        x, y, z, *quaternion = (float(word) for word in words)
+        a, b, c, d = quaternion
+    except ValueError:
+        raise ConfigError(
+            f'--align is {" ".join(words)}, expected fit, none or X Y Z QX QY QZ QW'
+        ) from None
+    pose = Pose.called('--align: position', '--align: quaternion', (x, y, z), (a, b, c, d))
+    return Alignment.from_pose(pose)
+
+
+def _columns(words: Sequence[str]) -> dict[str, str]:
+    """Columns by what they are, from ``words`` name=COLUMN, or the name of a YAML file of such.
+
+    Raises:
+        MeasurementError: if a word is neither, or the file cannot be read.
+    """
+    found: dict[str, str] = {}
+
+    def take(name: str, column: str) -> None:
+        if name in found:
+            raise MeasurementError(f'--columns names {shown(name)} twice, expected once')
+        found[name] = column
+
+    for word in words:
+        name, equals, column = word.partition('=')
+        if equals and name and column:
+            take(name, column)
+            continue
+        if not word.endswith(('.yaml', '.yml')):
+            raise MeasurementError(
+                f'--columns has {shown(word)}, expected name=COLUMN or a YAML file'
+            )
+        with reading(word, MeasurementError):
+            content = load_yaml(read_text(word, MAX_YAML_BYTES))
+        if not isinstance(content, dict) or not all(
+            isinstance(value, (str, int, float)) and not isinstance(value, bool)
+            for value in content.values()
+        ):
+            raise MeasurementError(f'{word}: expected names with a column each, such as time: t')
+        for key, value in content.items():
+            take(str(key), str(value))
+    return found

@@ -1,0 +1,309 @@
+"""The publishers of the node: backbone, strains, tip, tendons, frames and markers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from octo_arm_msgs.msg import TendonTensions
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.timer import Timer
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import String
+from visualization_msgs.msg import Marker, MarkerArray
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.config.config import Config
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
+from octo_arm_model.ros.messages import message_class
+from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.ros.work import until_shutdown
+from octo_arm_model.wire.backbone import (
+    BACKBONE_TOPICS,
+    TENDON_LENGTHS,
+    TENSION_ESTIMATES,
+    TENSION_PROFILES,
+    BackboneWriter,
+    TensionProfilesWriter,
+)
+from octo_arm_model.wire.markers import FramesWriter, MarkersWriter
+from octo_arm_model.wire.stamp import Stamp
+
+_STILL_HEARD = 0.1  # [s] after it was, that who is gone may still be published to
+
+
+class Output:
+    """A publisher of a node, and whether what it publishes reaches anybody.
+
+    Attributes:
+        publisher: the publisher.
+    """
+
+    def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile) -> None:
+        """Publish messages of type ``kind`` on ``topic``, see `create_publisher`.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be.
+        """
+        self.publisher: Publisher = create_publisher(node, kind, topic, qos)
+        durability = self.publisher.qos_profile.durability
+        # What it keeps, a later subscriber receives as well.
+        self._keeps = durability == DurabilityPolicy.TRANSIENT_LOCAL
+        # For every message: rclpy's own methods take three times as long.
+        self._count = self.publisher.handle.get_subscription_count
+        self._publish_bytes = self.publisher.handle.publish_raw
+        self._heard_until = 0.0
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether a message published now will be received."""
+        if self._keeps:
+            return True
+        now = time.monotonic()
+        if now >= self._heard_until and self._count() > 0:
+            self._heard_until = now + _STILL_HEARD
+        return now < self._heard_until
+
+    def publish(self, message: Any) -> None:
+        """Publish a ``message``, or the bytes of one."""
+        if isinstance(message, bytes):
+            self._publish_bytes(message)
+        else:
+            self.publisher.publish(message)
+
+
+MARKERS_TOPIC = 'markers'
+
+
+class _StampedBackbone(NamedTuple):
+    backbone: Backbone
+    stamp: Stamp
+    more: Callable[[], bytes] | None
+
+
+class MarkerPublisher:
+    """Publishes markers of the newest backbone at a limited rate, while somebody subscribes."""
+
+    def __init__(self, node: Node, output: Output) -> None:
+        """Publish with ``output`` of ``node``."""
+        self._node, self._output = node, output
+        self._writer: MarkersWriter | None = None
+        self._timer: Timer | None = None
+        self._waiting: _StampedBackbone | None = None
+        self._is_clean, self._largest = False, 0.0
+        self._arm: Arm | None = None
+        self._rate = 0.0
+
+    def describe(self, writer: MarkersWriter, rate: float, arm: Arm) -> None:
+        """Draw ``arm`` with ``writer`` from now on, at ``rate`` [Hz] at most; 0 for each shape.
+
+        Markers of another arm are deleted first. Of the same one they are replaced, as where
+        another hypothesis has become the most probable.
+        """
+        if arm is not self._arm:
+            self._is_clean, self._largest = False, 0.0
+        self.forget()
+        self._writer, self._arm = writer, arm
+        if rate == self._rate:
+            return
+        self._stop_timer()
+        self._rate = rate
+        if rate:
+            # Steady: ROS time may run faster than real time.
+            clock = Clock(clock_type=ClockType.STEADY_TIME)
+            self._timer = self._node.create_timer(1.0 / rate, self._on_time, clock=clock)
+            self._timer.cancel()
+
+    def stop(self) -> None:
+        """Publish nothing until `describe`."""
+        self._stop_timer()
+        self._waiting = self._writer = self._arm = None
+
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+        self._timer, self._rate = None, 0.0
+
+    def forget(self) -> None:
+        """Drop the backbone that waits for the timer."""
+        self._waiting = None
+
+    def publish(
+        self, backbone: Backbone, stamp: Stamp, more: Callable[[], bytes] | None = None
+    ) -> None:
+        """Publish this backbone now, or at the next timer if there is no newer one by then.
+
+        ``more`` makes a message of further markers that go with it.
+        """
+        if not self._output.is_heard:
+            self.forget()
+            return
+        stamped = _StampedBackbone(backbone, stamp, more)
+        if self._timer is None:
+            self._draw(stamped)
+        elif self._timer.is_canceled():
+            self._draw(stamped)
+            self._timer.reset()
+        else:
+            self._waiting = stamped
+
+    def _on_time(self) -> None:
+        """Publish the backbone that waits; if none does, the next is published at once."""
+        stamped, self._waiting = self._waiting, None
+        if stamped is None:
+            if self._timer is not None:
+                self._timer.cancel()
+            return
+        with until_shutdown(self._node.context):
+            self._draw(stamped)
+
+    def _draw(self, stamped: _StampedBackbone) -> None:
+        if self._writer is None:
+            return
+        if not self._is_clean:
+            # Markers of the arm before may still be shown.
+            self._output.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+            self._is_clean = True
+        # Red is the largest tension so far: colours stay comparable over time.
+        self._largest = max(self._largest, float(stamped.backbone.tensions.max()))
+        data = self._writer.write(stamped.backbone, *stamped.stamp, self._largest or None)
+        self._output.publish(data)
+        if stamped.more is not None:
+            self._output.publish(stamped.more())
+
+
+OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
+# Transient local: late subscribers receive the description too.
+LATCHED_QOS = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+# As in tf2_ros; frames of many nodes share the topic.
+TF_TOPIC = '/tf'
+TF_QOS = QoSProfile(depth=100)
+
+
+class BackbonePublishers:
+    """Publishes solved backbones on all topics of one node that somebody receives."""
+
+    def __init__(self, node: Node) -> None:
+        """Create the publishers on ``node``.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be; then there are none.
+        """
+        self._node = node
+        self._opened: list[Output] = []
+        self._path, self._poses, self._strains, self._tip = (
+            self._open(message_class(kind), topic) for topic, kind in BACKBONE_TOPICS.items()
+        )
+        self._lengths = self._open(JointState, TENDON_LENGTHS)
+        self._estimates = self._open(TendonTensions, TENSION_ESTIMATES)
+        self._profiles = self._open(PointCloud2, TENSION_PROFILES)
+        self._description = self._open(String, 'arm_description', LATCHED_QOS)
+        self._drawing = MarkerPublisher(node, self._open(MarkerArray, MARKERS_TOPIC))
+        kind = frames_class(node)
+        self._transforms = None if kind is None else self._open(kind, TF_TOPIC, TF_QOS)
+        self._solver: Solver | None = None  # until `describe`, as all writers
+
+    def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Output:
+        """Create a publisher; a bad QoS override is a ConfigError, and leaves no publishers."""
+        try:
+            output = Output(self._node, kind, topic, qos)
+        except ConfigError:
+            self._destroy()
+            raise
+        self._opened.append(output)
+        return output
+
+    def close(self) -> None:
+        """Destroy the publishers."""
+        self._drawing.stop()
+        self._destroy()
+
+    def _destroy(self) -> None:
+        for output in self._opened:
+            self._node.destroy_publisher(output.publisher)
+
+    def pause(self) -> None:
+        """Drop the backbone that waits for the markers' timer."""
+        self._drawing.forget()
+
+    def describe(self, solver: Solver, config: Config) -> None:
+        """Prepare the messages for backbones of ``solver``, with the frames of ``config``."""
+        arm, grid, frame = solver.arm, solver.grid, config.base_frame
+        self._solver = solver
+        self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
+        self._profiles_writer = TensionProfilesWriter(frame, grid.s, arm.tendon_names)
+        self._frames = FramesWriter(arm, grid.s, frame, config.frame_prefix)
+        markers = MarkersWriter(arm, grid.s, frame, widen=solver.law.widens)
+        self._drawing.describe(markers, config.markers_rate, config.arm)
+
+    def announce(self, description: str) -> None:
+        """Publish ``description``, the arm as a ROS parameter file."""
+        self._description.publish(String(data=description))
+
+    @property
+    def is_tip_heard(self) -> bool:
+        """Whether somebody receives the pose of the tip, with its covariance."""
+        return self._tip.is_heard
+
+    def publish(
+        self,
+        backbone: Backbone,
+        covariance: FloatArray | None,
+        stamp: Stamp,
+        more: Callable[[], bytes] | None = None,
+    ) -> None:
+        """Publish one backbone.
+
+        ``covariance`` (6, 6) is that of the tip; None where `is_tip_heard` has said that it need
+        not be known. ``more`` makes a message of further markers.
+        """
+        assert self._solver is not None
+        writer = self._writer
+        # Published before the next one is written, for the least latency of each.
+        if self._path.is_heard:
+            self._path.publish(writer.path(backbone, *stamp))
+        if self._poses.is_heard:
+            self._poses.publish(writer.poses(backbone, *stamp))
+        if self._strains.is_heard:
+            self._strains.publish(writer.strains(backbone, *stamp))
+        if covariance is not None:
+            self._tip.publish(writer.tip_pose(backbone, covariance, *stamp))
+        if self._transforms is not None and self._transforms.is_heard:
+            self._transforms.publish(self._frames.write(backbone, *stamp))
+        if self._lengths.is_heard:
+            lengths = self._solver.tendon_lengths(backbone)
+            self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
+        if self._profiles.is_heard:
+            self._profiles.publish(self._profiles_writer.write(backbone, *stamp))
+        self._drawing.publish(backbone, stamp, more)
+
+    def publish_tensions(self, backbone: Backbone, stamp: Stamp) -> None:
+        """Publish the tensions that hold the tendons driven by length, and those of the others."""
+        if self._estimates.is_heard:
+            self._estimates.publish(self._writer.tensions(backbone.tensions, *stamp))
+
+
+def frames_class(node: Node) -> Any | None:
+    """The class ``tf2_msgs/msg/TFMessage``; None, and a log line of ``node``, without tf2_msgs.
+
+    tf2_msgs is in every ROS installation but has no Python wheel; ``tools/prepare.py`` builds it.
+    """
+    try:
+        from tf2_msgs.msg import TFMessage
+    except ImportError:
+        node.get_logger().warning(
+            'no frames on /tf: tf2_msgs cannot be imported (apt: ros-jazzy-tf2-msgs)'
+        )
+        return None
+    return TFMessage

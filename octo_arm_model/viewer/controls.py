@@ -1,0 +1,285 @@
+"""The controls of the page: sliders, figures of the paper, profiles, copies, other models."""
+
+from __future__ import annotations
+
+import html
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import numpy as np
+import viser
+
+from octo_arm_model.arm.errors import OctoArmError, ProfileError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.config.config import Config
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import MODELS, Solver
+from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
+from octo_arm_model.simulation.profiles.limits import check_profile, figures, tendon_limits
+from octo_arm_model.viewer import numbers
+from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
+from octo_arm_model.viewer.scene import OTHER_COLOUR, ArmScene, beside
+
+# Queues a function for the thread of the viewer, as viser calls back in many threads.
+Later = Callable[[Callable[[], None]], None]
+_STEPS = 200  # of a slider
+_COPY = (
+    '<pre style="white-space:pre-wrap;word-break:break-all;user-select:all;margin:0 1em 0.6em;'
+    'font-size:0.85em" class="octo-arm-copied">{text}</pre><button style="margin:0 1.2em 1em" '
+    'onclick="navigator.clipboard.writeText(this.previousElementSibling.innerText);'
+    "this.innerText='copied'\">copy</button>"
+)
+
+
+class Controls:
+    """The controls for the tensions of one arm.
+
+    What browsers do with them is done in that order: viser calls coroutines at once and one after
+    the other, functions by any of many threads.
+
+    Attributes:
+        highest: limit of each tendon and end of its slider [N], (tendons,).
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        config: Config,
+        commander: Commander,
+        topic: str,
+        later: Later,
+    ) -> None:
+        """Add them to the page of ``server``; commands are published on ``topic``."""
+        self._gui, self._arm, self._commander = server.gui, config.arm, commander
+        self._loop = server.get_event_loop()
+        self._topic, self._later = topic, later
+        self._lock, self._is_closed = threading.Lock(), False
+        self.highest = tendon_limits(config)
+        self._sliders: list[viser.GuiSliderHandle[float]] = []
+        # Where browsers have moved each slider to, until that is commanded [N].
+        self._moved: list[deque[float]] = []
+        self._add_figures()
+        self._add_sliders()
+        self._add_copies()
+        self._problem = self._gui.add_html('')
+
+    def follow(self) -> None:
+        """Have the controls set to what is commanded, soon.
+
+        It is done where viser takes what browsers set: else it could come between a value and its
+        callback, and that value would be lost.
+        """
+        self._loop.call_soon_threadsafe(self.follow_at_once)
+
+    def close(self) -> None:
+        """Set the controls no more, as they will be removed."""
+        with self._lock:
+            self._is_closed = True
+
+    def follow_at_once(self) -> None:
+        """Set the sliders to the commanded tensions, but for those whose command is due."""
+        with self._lock:
+            if not self._is_closed:
+                self._set()
+
+    def _set(self) -> None:
+        tensions = self._commander.tensions.tolist()
+        for slider, moved, tension in zip(self._sliders, self._moved, tensions, strict=True):
+            # One that a browser moves farther meanwhile would jump back.
+            if not moved and round(tension, 4) != round(slider.value, 4):
+                # Rounding may exceed the maximum of the slider. mypy misses the setter.
+                slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]
+        is_playing = self._commander.profile is not None
+        self._play.visible, self._stop.visible = not is_playing, is_playing
+
+    def complain(self, problem: object) -> None:
+        """Show ``problem`` until the next command."""
+        self._problem.content = numbers.failed(problem)
+
+    def _add_figures(self) -> None:
+        slack = self._gui.add_button('Let all go slack')
+        rest = np.zeros(len(self._arm.tendons))
+
+        slack.on_click(_in_order(lambda event: self._move(rest)))
+        tensions_of = figures(self._arm)
+        if tensions_of:
+            group = self._gui.add_button_group(
+                'Figure', tuple(tensions_of), hint='Tensions of the figures of Renda et al. 2012'
+            )
+            group.on_click(_in_order(lambda event: self._move(tensions_of[event.target.value])))
+
+    def _move(self, tensions: FloatArray) -> None:
+        def move() -> None:
+            self._problem.content = ''
+            self._commander.move(tensions, time.monotonic())
+
+        self._later(move)
+
+    def _add_sliders(self) -> None:
+        tendon = 0
+        count = len(self._arm.sections)
+        for number, section in enumerate(self._arm.sections, start=1):
+            where = ' (tip)' if number == 1 < count else ' (base)' if number == count > 1 else ''
+            with self._gui.add_folder(f'Section {number}{where}: tension [N]'):
+                for _ in section.tendons:
+                    self._add_slider(tendon)
+                    tendon += 1
+
+    def _add_slider(self, tendon: int) -> None:
+        name, highest = self._arm.tendon_names[tendon], float(self.highest[tendon])
+        slider = self._gui.add_slider(
+            name,
+            min=0.0,
+            max=highest,
+            step=highest / _STEPS,
+            initial_value=0.0,
+            hint=f'Commanded tension of {name} [N]',
+        )
+        moved = deque[float]()
+        self._sliders.append(slider)
+        self._moved.append(moved)
+
+        def pull() -> None:
+            self._pull(tendon, moved[0])
+            moved.popleft()  # no earlier, as the slider follows what is commanded from then on
+
+        def moved_by(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+            if event.client_id is not None:  # from a browser, not by `follow`
+                moved.append(event.target.value)
+                self._later(pull)
+
+        slider.on_update(_in_order(moved_by))
+
+    def _pull(self, tendon: int, tension: float) -> None:
+        self._problem.content = ''
+        self._commander.pull(tendon, tension)
+
+    def add_profiles(self) -> None:
+        """Add the controls that play movements, within the current container."""
+        names = profile_names(self._arm)
+        chosen = self._gui.add_dropdown('Movement', tuple(names))
+        text = self._gui.add_html(numbers.note(names[chosen.value]))
+        speed = self._gui.add_slider('Speed', min=0.1, max=3.0, step=0.1, initial_value=1.0)
+        loop = self._gui.add_checkbox('Loop', initial_value=True)
+        self._play = self._gui.add_button('Play', icon=viser.Icon.PLAYER_PLAY)
+        self._stop = self._gui.add_button('Stop', icon=viser.Icon.PLAYER_STOP, visible=False)
+
+        def play() -> None:
+            # Names in the list only; `find_profile` reads others as paths of files.
+            if chosen.value not in names:
+                raise ProfileError(f'no movement {chosen.value!r}, expected one that is listed')
+            profile = find_profile(chosen.value, self._arm)
+            check_profile(profile, self._arm, self.highest)
+            self._problem.content = ''
+            self._commander.play(profile, time.monotonic(), speed=speed.value, loop=loop.value)
+
+        def describe(event: object) -> None:
+            text.content = numbers.note(names[chosen.value])
+
+        def change_speed() -> None:
+            self._commander.change_speed(speed.value, time.monotonic())
+
+        chosen.on_update(describe)
+        self._play.on_click(_in_order(lambda event: self._later(play)))
+        self._stop.on_click(_in_order(lambda event: self._later(self._commander.stop)))
+        speed.on_update(_in_order(lambda event: self._later(change_speed)))
+
+    def _add_copies(self) -> None:
+        group = self._gui.add_button_group('Tensions as', ('YAML', 'ros2 line'))
+
+        @group.on_click
+        def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
+            tensions = self._commander.tensions
+            text = as_yaml(self._arm, tensions)
+            if event.target.value != 'YAML':
+                text = as_shell_line(self._arm, tensions, self._topic)
+            if event.client is not None:
+                _show_copy(event.client.gui, text)
+
+
+def _in_order(act: Callable[[Any], None]) -> Callable[[Any], Coroutine[Any, Any, None]]:
+    """``act``, called with an event, as a coroutine: see `Controls`."""
+
+    async def call(event: Any) -> None:
+        act(event)
+
+    return call
+
+
+def _show_copy(gui: viser.GuiApi, text: str) -> None:
+    """Show ``text`` to be copied, in a window of one browser."""
+    modal = gui.add_modal('Commanded tensions [N]')
+    with modal:
+        gui.add_html(_COPY.format(text=html.escape(text)))
+        gui.add_button('Close').on_click(lambda event: modal.close())
+
+
+NONE = 'none'
+
+
+class ModelOverlay:
+    """The second arm, shown while a model is chosen.
+
+    Attributes:
+        backbone: its backbone; None for none.
+    """
+
+    def __init__(self, server: viser.ViserServer, config: Config, later: Later) -> None:
+        """Add the choice among the models that the node does not use."""
+        self._server, self._config, self._later = server, config, later
+        self.backbone: Backbone | None = None
+        self._solver: Solver | None = None
+        self._arm: ArmScene | None = None
+        self._label: viser.LabelHandle | None = None
+        others = tuple(model for model in MODELS if model != config.model)
+        server.gui.add_html(
+            numbers.note(
+                f'The node uses <b>{config.model}</b>. Another model is solved in this viewer, '
+                'for the same tensions, and stands beside it.'
+            )
+        )
+        chosen = server.gui.add_dropdown('Compare with', (NONE, *others))
+        self._text = server.gui.add_html('')
+        chosen.on_update(lambda event: later(lambda: self.choose(chosen.value)))
+
+    def choose(self, model: str) -> None:
+        """Compare with ``model``, or with none."""
+        for part in (self._arm, self._label):
+            if part is not None:
+                part.remove()
+        self._arm = self._label = self._solver = self.backbone = None
+        self._text.content = ''
+        if model == NONE:
+            return
+        try:
+            self._solver = self._config.solver(model)
+        except OctoArmError as error:
+            self._text.content = numbers.failed(error)
+            return
+        offset = beside(self._config)
+        self._arm = ArmScene(
+            self._server.scene, 'other', self._solver, colour=OTHER_COLOUR, offset=offset
+        )
+        above = np.array(self._config.base.position) + [0.0, 0.0, 0.06 * self._config.arm.length]
+        self._label = self._server.scene.add_label('/other_name', model, position=above + offset)
+
+    def show(self, tensions: FloatArray, pull: FloatArray, tip: FloatArray) -> None:
+        """Solve and draw for ``tensions`` (tendons,) [N].
+
+        ``pull`` (tendons,) is the tension over its limit, ``tip`` (3,) [m] the tip of the node.
+        """
+        if self._solver is None or self._arm is None:
+            return
+        shaped = tensions.reshape(self._config.arm.tension_shape)
+        try:
+            self.backbone = self._solver.follow(shaped, self.backbone)
+        except OctoArmError as error:
+            self.backbone = None
+            self._text.content = numbers.failed(error)
+        self._arm.root.visible = self.backbone is not None
+        if self.backbone is not None:
+            self._arm.show(self.backbone, pull)
+            self._text.content = numbers.compared(tip, self.backbone)

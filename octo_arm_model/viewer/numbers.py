@@ -1,0 +1,143 @@
+"""The texts of the page as HTML: numbers in millimetres and degrees, problems and notes."""
+
+from __future__ import annotations
+
+import html
+
+import numpy as np
+
+from octo_arm_model.analysis.inverse import Inverse
+from octo_arm_model.analysis.self_intersection import Overlap
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_NAME
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.rotations import axes_of
+from octo_arm_model.ros.client.client import ArmClient, PublishedShape
+from octo_arm_model.wire.estimate import BackboneCovariance
+
+STALE = 1.0  # [s] without a shape after which the arm is hidden
+_STYLE = (
+    '<div class="octo-arm" style="padding:0 1em 0.4em;font-size:0.85em;line-height:1.5;'
+    'font-variant-numeric:tabular-nums">{}</div>'
+)
+
+_PROBLEM = 'color:#b4410e;min-height:1.5em'
+
+
+def waiting(topic: str) -> str:
+    """Text until the description of an arm arrives."""
+    safe = html.escape(topic)
+    text = f'Waiting for an <code>octo_arm_node</code>, commanded on <code>{safe}</code> …'
+    return _STYLE.format(f'<span class="octo-arm-state">{text}</span>')
+
+
+def live(client: ArmClient) -> str:
+    """Tip, rate and latency of the newest shape, and the node's problems."""
+    shape = client.shape
+    if shape is None:
+        text = 'no shape yet'
+        return _STYLE.format(_warning(f'{client.problem or "the node is silent"}: {text}'))
+    x, y, z = 1e3 * shape.position[-1]
+    deviation = 1e3 * client.tip_deviation
+    spread = ''
+    if deviation.any():
+        spread = f' &plusmn; {deviation[0]:.1f} {deviation[1]:.1f} {deviation[2]:.1f}'
+    distance = 1e3 * np.linalg.norm(shape.position[-1] - shape.position[0])
+    rate = client.rate()
+    model = html.escape(client.strains.model[:MAX_NAME]) if client.strains else ''
+    rows = [
+        ('Tip', f'<span class="octo-arm-tip">{x:.2f} {y:.2f} {z:.2f}</span>{spread} mm'),
+        ('To the base', f'{distance:.1f} mm, turned by {tip_angle(shape):.0f}°'),
+        ('Node', model if np.isnan(rate) else f'{model}, {rate:.0f} Hz'),
+        ('Latency', _milliseconds(client.latency)),
+    ]
+    if client.force is not None and client.covariance is not None:
+        rows.append(('Force', pushed(client.force, client.covariance)))
+    table = ''.join(
+        f'<tr><td style="padding-right:1em;opacity:0.6">{name}</td><td>{value}</td></tr>'
+        for name, value in rows
+    )
+    problem = client.problem
+    if client.age() > STALE:
+        problem = f'no shape for {client.age():.0f} s' + (f'; {problem}' if problem else '')
+    return _STYLE.format(f'<table>{table}</table>{_warning(problem)}')
+
+
+def pushed(force: FloatArray, known: BackboneCovariance) -> str:
+    """An estimated ``force`` (3,) [N], its standard deviations and where it acts, in HTML."""
+    stddev = 1e3 * np.sqrt(known.contact.diagonal()[:3])
+    place = 'all along' if np.isnan(known.contact_s) else f'at s = {1e3 * known.contact_s:.0f} mm'
+    parts = [f'{1e3 * one:.1f} &plusmn; {off:.1f}' for one, off in zip(force, stddev, strict=True)]
+    return f'<span class="octo-arm-force">{", ".join(parts)}</span> mN {place}'
+
+
+def overlapping(overlap: Overlap | None) -> str:
+    """Warning that the arm passes through itself; empty if it does not."""
+    if overlap is None:
+        return ''
+    first, second = (1e3 * s for s in overlap.s)
+    return _STYLE.format(
+        f'<span class="octo-arm-overlap" style="{_PROBLEM}">The arm passes through itself: at s = '
+        f'{first:.0f} and {second:.0f} mm by {1e3 * overlap.depth:.1f} mm. No model here has '
+        'contact.</span>'
+    )
+
+
+def tip_angle(shape: PublishedShape | Backbone) -> float:
+    """Angle between the tangents of base and tip [deg]."""
+    tangent = axes_of(shape.quaternion[[0, -1]])[:, 0]
+    cosine = float(np.clip(tangent[:, 0] @ tangent[:, 1], -1.0, 1.0))
+    return float(np.rad2deg(np.arccos(cosine)))
+
+
+def compared(tip: FloatArray, other: Backbone) -> str:
+    """How far the tip of ``other`` is from ``tip`` (3,) [m]."""
+    distance = 1e3 * np.linalg.norm(other.tip - tip)
+    part = 100.0 * 1e-3 * distance / other.s[-1]
+    return _STYLE.format(
+        f'The tip of <b>{other.model}</b> is <span class="octo-arm-apart">{distance:.2f}</span> mm'
+        f' from that of the node, {part:.1f} % of the length.'
+    )
+
+
+def searching() -> str:
+    """Text while tensions for a target are searched."""
+    return _STYLE.format('<span class="octo-arm-search">searching …</span>')
+
+
+def found(answer: Inverse) -> str:
+    """Result of the search for a target."""
+    if answer.reached:
+        text = f'reached: the tip is within {_length(answer.error)} of the target'
+    else:
+        text = (
+            f'out of reach: the nearest found leaves {_length(answer.error)}. The search is local '
+            'and may have missed nearer ones.'
+        )
+    return _STYLE.format(f'<span class="octo-arm-search">{text}</span>')
+
+
+def failed(problem: object) -> str:
+    """An error of a command, a comparison, a search or the description of an arm."""
+    return _STYLE.format(_warning(str(problem)))
+
+
+def note(text: str) -> str:
+    """Explanatory text, in HTML."""
+    return _STYLE.format(f'<span style="opacity:0.7">{text}</span>')
+
+
+def _milliseconds(latency: float) -> str:
+    # Stamps of a bag or of simulated time.
+    if not -0.01 < latency < 10.0:
+        return 'stamps are of another clock'
+    return f'{1e3 * latency:.1f} ms from tension to shape'
+
+
+def _length(error: float) -> str:
+    return f'{1e3 * error:.1f} mm' if error >= 1e-4 else '0.1 mm'
+
+
+def _warning(text: str) -> str:
+    # Of constant height, so that the page does not move.
+    return f'<div class="octo-arm-problem" style="{_PROBLEM}">{html.escape(text)}</div>'

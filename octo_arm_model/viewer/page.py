@@ -1,0 +1,395 @@
+"""The page of one arm, and the loop that draws published shapes and publishes its commands."""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import viser
+from viser import uplot
+
+from octo_arm_model.analysis.inverse import Inverse
+from octo_arm_model.analysis.self_intersection import deepest_overlap
+from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.config.config import Config
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.ros.client.client import (
+    DETAILS,
+    POSES,
+    ArmClient,
+    PublishedShape,
+    PublishedStrains,
+)
+from octo_arm_model.simulation.profiles.limits import tendon_limits
+from octo_arm_model.viewer import numbers
+from octo_arm_model.viewer.cameras import Cameras, framing, reached, tangent_of
+from octo_arm_model.viewer.commander import Answer, Commander, TargetSearch
+from octo_arm_model.viewer.controls import Controls, Later, ModelOverlay
+from octo_arm_model.viewer.options import TITLE
+from octo_arm_model.viewer.scene import (
+    GHOST_COLOUR,
+    GHOST_OPACITY,
+    ArmScene,
+    LiveShape,
+    UncertaintyScene,
+    middle_of,
+    set_base,
+    set_scene,
+    set_theme,
+)
+from octo_arm_model.viewer.server import RefusalLog
+
+_LABELS = (
+    ('torsion τ [1/m]', 'tau', 1.0),
+    ('curvature ξ about n [1/m]', 'xi', 1.0),
+    ('curvature k about b [1/m]', 'k', 1.0),
+    ('longitudinal strain q [%]', 'q', 100.0),
+)
+_NODE, _OTHER = '#c8553d', '#4f7cac'
+# Smallest range of an axis, in which rounding errors are a flat curve.
+_LEAST = 1.0
+
+
+class StrainPlots:
+    """Four plots over s, of the node and of another model if one is chosen."""
+
+    def __init__(self, gui: viser.GuiApi, s: FloatArray) -> None:
+        """Add them to ``gui``, for the stations ``s`` [m]."""
+        self._s = 1e3 * s
+        end = {'pad': 0.1, 'mode': 1}
+        self._plots = [
+            gui.add_uplot(
+                (self._s, 0.0 * s, 0.0 * s),
+                series=(
+                    uplot.Series(label='s [mm]'),
+                    uplot.Series(label='other', stroke=_OTHER, width=2),
+                    uplot.Series(label='node', stroke=_NODE, width=2),
+                ),
+                scales={
+                    'x': uplot.Scale(time=False),
+                    'y': uplot.Scale(
+                        range={'min': {**end, 'soft': -_LEAST}, 'max': {**end, 'soft': _LEAST}}
+                    ),
+                },
+                axes=(
+                    uplot.Axis(size=30),
+                    uplot.Axis(size=44),
+                    # Space for the upper half of the topmost number.
+                    uplot.Axis(
+                        side=0,
+                        size=8,
+                        stroke='transparent',
+                        grid={'show': False},
+                        ticks={'show': False},
+                    ),
+                ),
+                title=label,
+                legend=uplot.Legend(show=False),
+                height=112,
+                # Until there is a shape: zeros are the strains of a straight arm.
+                visible=False,
+            )
+            for label, _, _ in _LABELS
+        ]
+
+    def show(self, node: PublishedStrains, other: Backbone | None) -> None:
+        """Plot the strains of the node, and those of another model if given."""
+        for plot, (_, name, scale) in zip(self._plots, _LABELS, strict=True):
+            # Without another model its curve coincides with that of the node, which hides it.
+            below = other or node
+            plot.data = (self._s, scale * getattr(below, name), scale * getattr(node, name))
+            if not plot.visible:
+                plot.visible = True
+
+
+_READING = 0.2  # [s] between updates of the numbers
+_PLOTTING = 0.1  # [s] between updates of the plots
+_APPROACH = 0.3  # [s] of the transition to tensions that were found
+
+
+class Page:
+    """The page of one arm, drawn and read by one thread.
+
+    Attributes:
+        commander: the commanded tensions.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        cameras: Cameras,
+        client: ArmClient,
+        config: Config,
+        later: Later,
+    ) -> None:
+        """Build it for the arm that ``config`` describes."""
+        self._server, self._client = server, client
+        self._queue, self._is_closed = later, False
+        self._solver = config.solver()
+        self.commander = Commander(np.zeros(len(config.arm.tendons)))
+        self._is_ours = False
+        self._read = self._plotted = -np.inf
+        self._config = config
+        length = config.arm.length
+        points = reached(config, tendon_limits(config))
+        set_scene(server, middle_of(config), length, 0.55 * length)
+        cameras.aim(partial(framing, points, tangent_of(config)), 0.01 * length)
+        set_base(server.scene, config)
+        self._arm = ArmScene(server.scene, 'arm', self._solver)
+        self._uncertainty = UncertaintyScene(server.scene, self._solver)
+        self._add_ghost()
+        gui = server.gui
+        self._text = gui.add_html(numbers.live(client))
+        self._overlap = gui.add_html('')
+        whole = gui.add_button('Show the whole arm', color='gray', icon=viser.Icon.FOCUS_CENTERED)
+
+        @whole.on_click
+        def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            if event.client is not None:
+                cameras.show(event.client)
+
+        tabs = gui.add_tab_group()
+        with tabs.add_tab('Tendons'):
+            self._controls = Controls(
+                server, config, self.commander, client.command_topic, self._later
+            )
+        with tabs.add_tab('Profile'):
+            self._controls.add_profiles()
+        with tabs.add_tab('Target'):
+            self._add_target(config)
+        with tabs.add_tab('Models'):
+            self._comparison = ModelOverlay(server, config, self._later)
+        panel = gui.add_panel()
+        with panel.add_tab('Strains over s [mm]'):
+            self._plots = StrainPlots(gui, self._solver.grid.s)
+        panel.dock_left()
+
+    def close(self) -> None:
+        """End the thread of the search; queued actions are dropped."""
+        self._is_closed = True
+        self._search.close()
+        self._controls.close()
+
+    def _later(self, action: Callable[[], None]) -> None:
+        self._queue(lambda: None if self._is_closed else action())
+
+    def command(self) -> None:
+        """Publish the commanded tensions if they have changed."""
+        tensions = self.commander.advance(time.monotonic())
+        if tensions is not None:
+            self._is_ours = True
+            self._client.command(tensions)
+
+    def refuse(self, problem: object) -> None:
+        """Hold the tensions and show ``problem``."""
+        self.commander.stop()
+        self._controls.complain(problem)
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether the numbers are to be updated without a new shape."""
+        return time.monotonic() - self._read > 1.0
+
+    def draw(self) -> None:
+        """Draw the newest shape, its strains and its numbers."""
+        now = time.monotonic()
+        client, shape, strains = self._client, self._client.shape, self._client.strains
+        count = self._solver.grid.s.size
+        with self._server.atomic():
+            if shape is not None and strains is not None:
+                if len(shape.position) == len(strains.s) == count:
+                    self._draw_arm(shape, strains, now)
+            self._arm.root.visible = client.age() < numbers.STALE
+            if not self._arm.root.visible:
+                self._uncertainty.hide()
+            if now - self._read > _READING:
+                self._read = now
+                self._text.content = numbers.live(client)
+                self._controls.follow()
+
+    def _draw_arm(self, shape: PublishedShape, strains: PublishedStrains, now: float) -> None:
+        tensions = self._client.tensions
+        if tensions is None:
+            tensions = np.zeros(self._controls.highest.size)
+        pull = tensions / self._controls.highest
+        self._arm.show(LiveShape(shape.position, shape.quaternion, strains.q), pull)
+        self._comparison.show(tensions, pull, shape.position[-1])
+        if (known := self._client.covariance) is not None:
+            self._uncertainty.show(shape.position, shape.quaternion, known, self._client.force)
+        if not self._is_ours and not self.commander.is_moving:
+            # Another node commands: commands start from its tensions.
+            self.commander.tensions = tensions.copy()
+        if now - self._plotted > _PLOTTING:
+            self._plotted = now
+            self._plots.show(strains, self._comparison.backbone)
+            found = deepest_overlap(strains.s, shape.position, self._radius(strains.q))
+            self._overlap.content = numbers.overlapping(found)
+
+    def _radius(self, q: FloatArray) -> FloatArray:
+        radius = self._config.arm.body.radius(self._solver.grid.s)
+        return radius * (1.0 + q) ** -0.5 if self._solver.law.widens else radius
+
+    def _add_ghost(self) -> None:
+        rest = np.zeros(self._solver.arm.tension_shape)
+        try:
+            unloaded = self._solver.solve(rest)
+        except OctoArmError:
+            return  # no equilibrium under the loads alone
+        ghost = ArmScene(
+            self._server.scene,
+            'ghost',
+            self._solver,
+            colour=GHOST_COLOUR,
+            opacity=GHOST_OPACITY,
+            has_tendons=False,
+        )
+        ghost.show(unloaded, rest.ravel())
+
+    def _add_target(self, config: Config) -> None:
+        gui = self._server.gui
+        shown = gui.add_checkbox('Show target', initial_value=False)
+        self._found = gui.add_html(
+            numbers.note('Drag it: tensions that bring the tip there are searched in this viewer.')
+        )
+        self._search = TargetSearch(self._solver, self._controls.highest, self._deliver)
+        target = self._server.scene.add_transform_controls(
+            '/target',
+            scale=0.18 * config.arm.length,
+            disable_rotations=True,
+            depth_test=False,
+            visible=False,
+        )
+
+        def show() -> None:
+            if self._client.shape is not None:
+                target.position = self._client.shape.position[-1]
+            target.visible = shown.value
+
+        def look() -> None:
+            self._found.content = numbers.searching()
+            self._search.request(target.position, self.commander.tensions)
+
+        shown.on_update(lambda event: self._later(show))
+
+        @target.on_update
+        def _(event: viser.TransformControlsEvent) -> None:
+            self._later(look)
+
+    def _deliver(self, answer: Answer) -> None:
+        self._later(lambda: self._take(answer))
+
+    def _take(self, answer: Answer) -> None:
+        if isinstance(answer, Inverse):
+            self._found.content = numbers.found(answer)
+            self.commander.move(answer.backbone.tensions, time.monotonic(), _APPROACH)
+        else:
+            self._found.content = numbers.failed(answer)
+
+
+FRAME = 1.0 / 30.0  # [s] between pictures
+_IDLE = 0.2  # [s] between polls of the node while no browser is connected
+
+
+class Viewer:
+    """Shows one arm and commands it, in the thread that calls `step`.
+
+    Attributes:
+        pictures: number of pictures drawn.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        client: ArmClient,
+        *,
+        always: bool = False,
+        title: str = TITLE,
+    ) -> None:
+        """Show on ``server`` what ``client`` receives, under ``title``.
+
+        It subscribes to shapes while a browser is connected, or ``always``.
+        """
+        self._always, self._title = always, title
+        self._cameras = Cameras(server)
+        self._server, self._client = server, client
+        self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._page: Page | None = None
+        self._config: Config | None = None
+        self._due = time.monotonic()
+        self.pictures = 0
+        self._refusals = RefusalLog()
+        self._clear()
+        server.gui.add_html(numbers.waiting(client.command_topic))
+        # Draw at once for a new browser.
+        server.on_client_connect(lambda client: self._todo.put(self._refresh))
+
+    def step(self) -> None:
+        """Handle requests of the page until the next picture is due; then draw it."""
+        while (wait := self._due - time.monotonic()) > 0.0:
+            try:
+                action = self._todo.get(timeout=wait)
+            except queue.Empty:
+                break
+            self._do(action)
+            self._command()
+        has_changed = self._listen()
+        self._command()
+        page = self._page
+        if page is not None and self._is_watched and (has_changed or page.is_stale):
+            page.draw()
+            self.pictures += 1
+        is_busy = self._is_watched or (page is not None and page.commander.is_moving)
+        now = time.monotonic()
+        self._due = max(self._due + (FRAME if is_busy else _IDLE), now)
+
+    def _do(self, action: Callable[[], None]) -> None:
+        """Run ``action``; an error is logged and shown on the page."""
+        try:
+            action()
+        except OctoArmError as error:
+            self._refusals.add(str(error))
+            if self._page is not None:
+                self._page.refuse(error)
+
+    def _command(self) -> None:
+        if self._page is not None:
+            self._do(self._page.command)
+
+    @property
+    def _is_watched(self) -> bool:
+        return bool(self._server.get_clients())
+
+    def _refresh(self) -> None:
+        if self._page is not None:
+            self._page.draw()
+
+    def _listen(self) -> bool:
+        """Poll the client, build a page for a new arm; returns whether there is a new shape."""
+        self._client.listen({**POSES, **DETAILS} if self._always or self._is_watched else {})
+        try:
+            has_shape = self._client.poll()
+            config = self._client.config
+            if config is not self._config and config is not None:
+                self._clear()
+                self._config = config
+                self._page = Page(
+                    self._server, self._cameras, self._client, config, self._todo.put
+                )
+        except OctoArmError as error:
+            self._clear()
+            self._server.gui.add_html(numbers.failed(error))
+            return False
+        return has_shape
+
+    def _clear(self) -> None:
+        if self._page is not None:
+            self._page.close()
+            self._page = None
+        server = self._server
+        server.scene.reset()
+        server.gui.reset()
+        set_theme(server.gui, self._title)

@@ -1,0 +1,259 @@
+"""The scene: arms, what is known of an estimated one, base frame, floor and light."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from octo_arm_model.analysis.drawing import (
+    ARROW_TRIANGLES,
+    CONE_TRIANGLES,
+    Drawing,
+    Drawn,
+    UncertaintyDrawing,
+    tension_colours,
+    tube_triangles,
+    unit_circle,
+)
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.config.config import Config
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.rotations import axes_of
+from octo_arm_model.rod.solver import Solver
+from octo_arm_model.viewer.cameras import across, tangent_of
+from octo_arm_model.wire.estimate import BackboneCovariance
+
+Colour = tuple[int, int, int]
+_BRAND: Colour = (200, 85, 61)
+BODY_COLOUR: Colour = (222, 140, 126)
+OTHER_COLOUR: Colour = (112, 152, 196)
+GHOST_COLOUR: Colour = (150, 150, 155)
+DISC_COLOUR: Colour = (62, 62, 74)
+_SIDES = 24
+_THICKER = 1.5  # width of tendons over that in RViz, as the body partly hides them
+_BODY_OPACITY = 0.45  # so that tendons inside are visible
+GHOST_OPACITY = 0.16
+
+
+class LiveShape(NamedTuple):
+    """The published shape and stretch of an arm, to be drawn."""
+
+    position: FloatArray
+    quaternion: FloatArray
+    q: FloatArray
+
+
+class ArmScene:
+    """One arm in the scene, redrawn with every shape."""
+
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        name: str,
+        solver: Solver,
+        *,
+        colour: Colour = BODY_COLOUR,
+        opacity: float | None = _BODY_OPACITY,
+        has_tendons: bool = True,
+        offset: FloatArray | None = None,
+    ) -> None:
+        """Add the arm of ``solver`` under ``name``; it is visible from the first `show` on.
+
+        With ``has_tendons`` tendons and anchorage discs are drawn, ``opacity`` is that of the
+        body (None for opaque) and ``offset`` (3,) [m] moves the arm.
+        """
+        self._scene, self._colour, self._opacity = scene, colour, opacity
+        self._has_tendons = has_tendons
+        self._drawing = Drawing(solver.arm, solver.grid.s, widen=solver.law.widens, sides=_SIDES)
+        self._name = f'/{name}'
+        self.root = scene.add_frame(
+            self._name, show_axes=False, position=np.zeros(3) if offset is None else offset
+        )
+        self._disc = _unit_disc(self._drawing.disc_thickness)
+        self._body: viser.MeshHandle | None = None
+        self._discs: viser.MeshHandle | None = None
+        self._tendons: viser.LineSegmentsHandle | None = None
+
+    def show(self, shape: Backbone | LiveShape, pull: FloatArray) -> None:
+        """Draw ``shape``; ``pull`` (tendons,) is each tension over its limit, 0 to 1."""
+        drawn = self._drawing.draw(shape.position, shape.quaternion, shape.q)
+        self._body = show_mesh(
+            self._scene, self._body, f'{self._name}/body', drawn.vertices, self._drawing.triangles,
+            color=self._colour, opacity=self._opacity,
+        )  # fmt: skip
+        if not self._has_tendons:
+            return
+        self._show_discs(drawn)
+        points = [np.stack([path[:-1], path[1:]], axis=1) for path in drawn.tendons]
+        # The square root makes low tensions visible.
+        colours = (255.0 * tension_colours(np.sqrt(pull), 1.0)[:, :3]).astype(np.uint8)
+        counts = [len(part) for part in points]
+        self._show_tendons(
+            np.concatenate(points).astype(np.float32),
+            np.repeat(np.repeat(colours, counts, axis=0)[:, np.newaxis], 2, axis=1),
+        )
+
+    def _show_discs(self, drawn: Drawn) -> None:
+        unit, triangles = self._disc
+        radius = drawn.disc_radius[:, np.newaxis]
+        local = np.stack([radius * unit[0], radius * unit[1], 0.0 * radius + unit[2]])
+        turn = axes_of(drawn.disc_quaternion)
+        placed = drawn.disc_position[:, np.newaxis] + np.einsum('xyd,ydv->dvx', turn, local)
+        each = unit.shape[1] * np.arange(len(radius))[:, np.newaxis, np.newaxis]
+        self._discs = show_mesh(
+            self._scene, self._discs, f'{self._name}/discs', placed.reshape(-1, 3),
+            (triangles + each).reshape(-1, 3), color=DISC_COLOUR, flat_shading=True,
+        )  # fmt: skip
+
+    def _show_tendons(self, points: NDArray[np.float32], colours: NDArray[np.uint8]) -> None:
+        if self._tendons is None:
+            self._tendons = self._scene.add_line_segments(
+                f'{self._name}/tendons',
+                points,
+                colours,
+                thickness=_THICKER * self._drawing.line_width,
+            )
+        self._tendons.points = points
+        self._tendons.colors = colours
+
+    def remove(self) -> None:
+        """Remove the arm from the scene."""
+        self.root.remove()
+
+
+def show_mesh(
+    scene: viser.SceneApi,
+    mesh: viser.MeshHandle | None,
+    name: str,
+    vertices: FloatArray,
+    triangles: IntArray,
+    **options: Any,
+) -> viser.MeshHandle:
+    """The ``mesh`` with other ``vertices``; where it is None it is added to ``scene``."""
+    points: NDArray[np.float32] = vertices.astype(np.float32)
+    if mesh is None:
+        return scene.add_mesh_simple(name, points, triangles.astype(np.uint32), **options)
+    mesh.vertices = points
+    return mesh
+
+
+def _unit_disc(thickness: float) -> tuple[FloatArray, IntArray]:
+    """Vertices (3, vertices) of a disc about z, radius 1, and its triangles (triangles, 3)."""
+    ring = np.concatenate([unit_circle(_SIDES), np.zeros((1, _SIDES))])
+    up = np.array([[0.0], [0.0], [0.5 * thickness]])
+    rim = np.stack([ring - up, ring + up], axis=-1).reshape(3, -1)
+    return np.concatenate([rim, -up, up], axis=1), tube_triangles(2, _SIDES)
+
+
+def set_theme(gui: viser.GuiApi, title: str) -> None:
+    """Set the colours and the title, and dock the panel at the right edge."""
+    gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_BRAND)
+    gui.set_panel_label(title)
+    gui.main_panel.dock_right()
+
+
+def set_scene(server: viser.ViserServer, middle: FloatArray, length: float, depth: float) -> None:
+    """Set floor and light for arms of a ``length`` about ``middle`` [m].
+
+    The floor is so much in ``depth`` below ``middle`` (3,) [m].
+    """
+    # Without a graphics card shadows take half of the rendering time.
+    server.scene.configure_default_lights(cast_shadow=False)
+    cell = 10.0 ** np.floor(np.log10(length)) / 2.0
+    server.scene.add_grid(
+        '/floor',
+        width=60.0 * cell,
+        height=60.0 * cell,
+        cell_size=cell,
+        section_size=5.0 * cell,
+        cell_color=(226, 228, 232),
+        section_color=(206, 210, 216),
+        position=(middle[0], middle[1], middle[2] - depth),
+        fade_distance=6.0 * length,
+        fade_from='origin',
+    )
+
+
+def set_base(scene: viser.SceneApi, config: Config) -> None:
+    """Add the base frame: t red, n green, b blue."""
+    length = config.arm.length
+    scene.add_frame(
+        '/base',
+        wxyz=np.roll(np.array(config.base.quaternion), 1),
+        position=np.array(config.base.position),
+        axes_length=0.12 * length,
+        axes_radius=0.004 * length,
+        origin_radius=0.0,
+    )
+
+
+def middle_of(config: Config) -> FloatArray:
+    """Centre of the arm's motion (3,) [m], in its half towards the base, as the arm curls."""
+    return np.array(config.base.position) + 0.38 * config.arm.length * tangent_of(config)
+
+
+def beside(config: Config) -> FloatArray:
+    """Offset of a second arm from the first, for comparison (3,) [m]."""
+    return 0.5 * config.arm.length * across(tangent_of(config))
+
+
+TUBE_COLOUR: Colour = (90, 140, 215)
+FORCE_COLOUR: Colour = (25, 110, 50)
+TUBE_OPACITY, CONE_OPACITY = 0.22, 0.35
+
+
+class UncertaintyScene:
+    """The tube and the arrow in the scene, redrawn with every estimate."""
+
+    def __init__(self, scene: viser.SceneApi, solver: Solver) -> None:
+        """Prepare for the arm of ``solver``; nothing is seen before `show`."""
+        self._scene = scene
+        self._drawing = UncertaintyDrawing(solver.arm, solver.grid.s, sides=_SIDES)
+        self._stations = solver.grid.s.size
+        self._meshes: dict[str, viser.MeshHandle] = {}
+
+    def hide(self) -> None:
+        """Show nothing."""
+        for mesh in self._meshes.values():
+            mesh.visible = False
+
+    def show(
+        self,
+        position: FloatArray,
+        quaternion: FloatArray,
+        known: BackboneCovariance,
+        force: FloatArray | None,
+    ) -> None:
+        """Draw how well a shape and the ``force`` (3,) [N] on it are ``known``.
+
+        ``position`` (stations, 3) [m] and ``quaternion`` (stations, 4) are those of the shape.
+        """
+        self.hide()
+        if not len(known.s) == len(position) == self._stations:
+            return  # of another arm, whose description has not arrived yet
+        tube = self._drawing.tube(position, quaternion, known.pose[:, :3, :3])
+        self._draw('tube', tube, self._drawing.triangles, TUBE_COLOUR, TUBE_OPACITY)
+        if force is None:
+            return
+        start = self._drawing.place(position, known.contact_s)
+        arrow = self._drawing.arrow(start, force, known.contact[:3, :3])
+        if arrow is not None:
+            self._draw('force', arrow.shaft, ARROW_TRIANGLES, FORCE_COLOUR, None)
+            self._draw('cone', arrow.cone, CONE_TRIANGLES, FORCE_COLOUR, CONE_OPACITY)
+
+    def _draw(
+        self,
+        name: str,
+        vertices: FloatArray,
+        triangles: IntArray,
+        colour: Colour,
+        opacity: float | None,
+    ) -> None:
+        mesh = self._meshes[name] = show_mesh(
+            self._scene, self._meshes.get(name), f'/estimate/{name}', vertices, triangles,
+            color=colour, opacity=opacity, side='double',
+        )  # fmt: skip
+        mesh.visible = True

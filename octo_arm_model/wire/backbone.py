@@ -1,0 +1,292 @@
+"""The messages of a backbone as bytes, written and read without objects."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from octo_arm_model.arm.errors import ConfigError, MessageError
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.wire.cdr import (
+    ENCAPSULATION,
+    POSE,
+    BatchTemplate,
+    Layout,
+    Template,
+    aligned,
+    text_field,
+)
+
+# Of tendons; the second only where some are driven by length.
+TENDON_LENGTHS, TENSION_ESTIMATES = 'tendon_lengths', 'tendon_tension_estimates'
+TIP_POSE = 'tip_pose'  # whose covariance may be unknown
+# Topics on which a backbone is published, and their types.
+BACKBONE_TOPICS: dict[str, str] = {
+    'backbone/path': 'nav_msgs/msg/Path',
+    'backbone/poses': 'geometry_msgs/msg/PoseArray',
+    'strains': 'octo_arm_msgs/msg/SectionStrains',
+    TIP_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
+}
+
+
+class BackboneWriter:
+    """Writes the messages of single solutions of one arm, for one thread at a time.
+
+    The bytes are those of the messages `octo_arm_model.ros.messages` builds, and stay as they are
+    when the next are written. Every method raises ConfigError if a ROS stamp cannot hold ``sec``
+    [s] and ``nanosec`` [ns], or if what is to be written is not of the shape laid out for.
+    """
+
+    def __init__(
+        self,
+        frame_id: str,
+        model: str,
+        s: FloatArray,
+        section: IntArray,
+        tendon_names: Sequence[str] = (),
+    ) -> None:
+        """Lay out the messages of `Backbone` with this ``model``, ``s`` [m] and ``section``.
+
+        Raises:
+            ConfigError: if ``s`` and ``section`` are not those of at least two stations, or a name
+                is not one that UTF-8 can hold.
+        """
+        if s.ndim != 1 or s.size < 2 or section.shape != s.shape:
+            shapes = f's is of shape {s.shape} and section of {section.shape}'
+            raise ConfigError(f'{shapes}, expected one value for each of two or more stations')
+        self._model, self._s, self._section = model, s, section
+        self._position_shape, self._tendons = (s.size, 3), len(tendon_names)
+        frame = text_field('frame_id', frame_id)
+        self._poses = Template(pose_array(frame, s.size))
+        self._path = Template(path(frame, s.size))
+        self._strains = Template(_section_strains(frame, text_field('model', model), s, section))
+        self._tip = Template(pose_with_covariance(frame))
+        self._lengths = Template(_joint_state(frame, tendon_names))
+        self._tensions = Template(tendon_tensions(frame, tendon_names))
+
+    def poses(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
+        """Message geometry_msgs/PoseArray."""
+        self._check(backbone)
+        return self._poses.write(sec, nanosec, backbone.position, backbone.quaternion)
+
+    def path(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
+        """Message nav_msgs/Path, every pose with the same header."""
+        self._check(backbone)
+        return self._path.write(sec, nanosec, backbone.position, backbone.quaternion)
+
+    def strains(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
+        """Message octo_arm_msgs/SectionStrains; ConfigError also for another model or arm."""
+        self._check(backbone)
+        same = backbone.model == self._model
+        for own, given in ((self._s, backbone.s), (self._section, backbone.section)):
+            # Solutions of one solver share these arrays, which is quick to see.
+            same = same and (given is own or np.array_equal(given, own))
+        if not same:
+            raise ConfigError('the backbone is of another model or other stations')
+        new = backbone.tau, backbone.xi, backbone.k, backbone.q
+        return self._strains.write(sec, nanosec, *new)
+
+    def tip_pose(
+        self, backbone: Backbone, covariance: FloatArray, sec: int, nanosec: int
+    ) -> bytes:
+        """Message geometry_msgs/PoseWithCovarianceStamped of the tip, ``covariance`` (6, 6)."""
+        self._check(backbone)
+        if covariance.shape != (6, 6):
+            raise ConfigError(f'covariance is of shape {covariance.shape}, expected (6, 6)')
+        new = backbone.position[-1:], backbone.quaternion[-1:], covariance
+        return self._tip.write(sec, nanosec, *new)
+
+    def all(
+        self, backbone: Backbone, covariance: FloatArray, sec: int, nanosec: int
+    ) -> Iterator[bytes]:
+        """Messages on `BACKBONE_TOPICS` in their order, each written when it is iterated to."""
+        yield self.path(backbone, sec, nanosec)
+        yield self.poses(backbone, sec, nanosec)
+        yield self.strains(backbone, sec, nanosec)
+        yield self.tip_pose(backbone, covariance, sec, nanosec)
+
+    def tendon_lengths(
+        self, lengths: FloatArray, tensions: FloatArray, sec: int, nanosec: int
+    ) -> bytes:
+        """Message sensor_msgs/JointState: lengths [m] as position, tensions [N] as effort."""
+        counts = lengths.size, tensions.size
+        if counts != (self._tendons, self._tendons):
+            raise ConfigError(f'{counts} lengths and tensions, expected {self._tendons} of each')
+        return self._lengths.write(sec, nanosec, lengths.ravel(), tensions.ravel())
+
+    def tensions(self, tensions: FloatArray, sec: int, nanosec: int) -> bytes:
+        """Message octo_arm_msgs/TendonTensions of the ``tensions`` of all tendons [N]."""
+        if tensions.size != self._tendons:
+            raise ConfigError(f'{tensions.size} tensions, expected {self._tendons}')
+        return self._tensions.write(sec, nanosec, tensions.ravel())
+
+    def _check(self, backbone: Backbone) -> None:
+        if backbone.position.shape != self._position_shape:
+            shape, expected = backbone.position.shape, self._position_shape
+            what = 'a single solution with the stations of this writer'
+            raise ConfigError(f'position is of shape {shape}, expected {expected}: {what}')
+
+
+class BackboneBatchWriter:
+    """Writes the messages of many solutions of one arm at once, the bytes of `BackboneWriter`."""
+
+    def __init__(self, frame_id: str, model: str, s: FloatArray, section: IntArray) -> None:
+        """Lay out the messages as `BackboneWriter` does."""
+        frame = text_field('frame_id', frame_id)
+        layouts = (
+            path(frame, s.size),
+            pose_array(frame, s.size),
+            _section_strains(frame, text_field('model', model), s, section),
+            pose_with_covariance(frame),
+        )
+        self._templates = [BatchTemplate(layout) for layout in layouts]
+
+    def write(
+        self, backbones: Backbone, stamps: IntArray, first: int
+    ) -> list[tuple[memoryview, ...]]:
+        """For each solution its path, poses, strains and tip pose, whose covariance is zero.
+
+        Args:
+            backbones: a batch (n, ...) of solutions of the arm, model and stations laid out for.
+            stamps: sec and nanosec, an int32 and a uint32, (n, 2).
+            first: which of the messages in memory to overwrite; they hold until they are again.
+        """
+        poses = [backbones.position, backbones.quaternion]
+        strains = [backbones.tau, backbones.xi, backbones.k, backbones.q]
+        tip = [*(values[:, -1:] for values in poses), np.zeros((len(stamps), 6, 6))]
+        columns = (
+            template.write(stamps, values, first)
+            for template, values in zip(self._templates, (poses, poses, strains, tip))
+        )
+        return list(zip(*columns))
+
+
+def pose_array(frame: bytes, stations: int) -> Layout:
+    """Layout of a geometry_msgs/PoseArray."""
+    layout = Layout(frame)
+    layout.count(stations)
+    layout.poses(stations)
+    return layout
+
+
+def path(frame: bytes, stations: int) -> Layout:
+    """Layout of a nav_msgs/Path, every pose with the header of the whole."""
+    layout = Layout(frame)
+    layout.count(stations)
+    layout.poses(stations, frame)
+    return layout
+
+
+def _section_strains(frame: bytes, model: bytes, s: FloatArray, section: IntArray) -> Layout:
+    layout = Layout(frame)
+    layout.string(model)
+    layout.constant_sequence(s.astype('<f8'))
+    layout.constant_sequence(section.astype('<i4'))
+    for _ in ('tau', 'xi', 'k', 'q'):
+        layout.sequence(s.size)
+    return layout
+
+
+def pose_with_covariance(frame: bytes) -> Layout:
+    """Layout of a geometry_msgs/PoseWithCovarianceStamped."""
+    layout = Layout(frame)
+    layout.poses(1)
+    layout.numbers(6, 6)
+    return layout
+
+
+def tendon_tensions(frame: bytes, names: Sequence[str]) -> Layout:
+    """Layout of an octo_arm_msgs/TendonTensions of the tendons ``names``."""
+    layout = Layout(frame)
+    layout.strings([text_field('tendon name', name) for name in names])
+    layout.sequence(len(names))
+    return layout
+
+
+def _joint_state(frame: bytes, names: Sequence[str]) -> Layout:
+    layout = tendon_tensions(frame, names)  # but that the numbers are positions
+    layout.count(0)  # no velocities
+    layout.sequence(len(names))
+    return layout
+
+
+def read_poses(data: bytes) -> tuple[float, FloatArray]:
+    """Stamp [s] and poses (poses, 7) of a serialised geometry_msgs/PoseArray.
+
+    Ten times faster than deserialising every pose into an object.
+
+    Raises:
+        MessageError: if ``data`` is none.
+    """
+    try:
+        order, start = '<' if data[1] else '>', len(ENCAPSULATION)
+        sec, nanosec, length = struct.unpack_from(f'{order}iII', data, start)
+        place = start + aligned(12 + length, 4)
+        (count,) = struct.unpack_from(f'{order}I', data, place)
+        place = start + aligned(place + 4 - start, 8)
+        poses = np.frombuffer(data[place : place + 8 * POSE * count], f'{order}f8')
+        return sec + 1e-9 * nanosec, poses.astype(np.float64).reshape(count, POSE)
+    except (IndexError, ValueError, struct.error) as error:
+        raise MessageError(f'{len(data)} bytes that are no PoseArray') from error
+
+
+TENSION_PROFILES = 'tendon_tension_profiles'
+PREFIX = 'tension_'  # of the field of a tendon, so that none is called as a coordinate
+_FLOAT32, _FLOAT64 = 7, 8  # of sensor_msgs/PointField
+# A point in memory: x, y and z of 4 bytes, 4 that pad, then s and the tensions of 8.
+_AXES, _S, _TENDONS = 3, 2, 3
+
+
+class TensionProfilesWriter:
+    """Writes the tensions of all tendons at all stations of one arm, point by point.
+
+    A point has x, y, z [m] in single precision, as RViz reads them, s [m], and for each tendon
+    ``tension_`` and its name [N].
+    """
+
+    def __init__(self, frame_id: str, s: FloatArray, tendon_names: Sequence[str]) -> None:
+        """Lay out the messages of `Backbone` with these stations ``s`` [m], (stations,).
+
+        Raises:
+            ConfigError: if UTF-8 cannot hold a name.
+        """
+        points = np.zeros((s.size, _TENDONS + len(tendon_names)), '<f8')
+        points[:, _S] = s
+        self._points, self._tensions = points, points[:, _TENDONS:]
+        self._positions = points.view('<f4')[:, :_AXES]
+        fields = [(axis, 4 * number, _FLOAT32) for number, axis in enumerate('xyz')]
+        for number, name in enumerate(['s', *(PREFIX + name for name in tendon_names)], _S):
+            fields.append((name, 8 * number, _FLOAT64))
+        layout = Layout(text_field('frame_id', frame_id))
+        layout.count(1)  # height
+        layout.count(s.size)  # width
+        layout.count(len(fields))
+        for name, offset, kind in fields:
+            layout.string(text_field('tendon name', name))
+            layout.count(offset)
+            layout.constants(np.array([kind], np.uint8))
+            layout.count(1)  # numbers of this name
+        layout.zeros(1, 1)  # is_bigendian
+        layout.count(points.strides[0])  # bytes of a point
+        layout.count(points.nbytes)  # and of the row that all are in
+        layout.sequence(points.nbytes, kind='|u1')
+        layout.constants(np.array([1], np.uint8))  # is_dense: no number is missing
+        self._template = Template(layout)
+
+    def write(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
+        """Message of a single solution with the stations and tendons of this writer.
+
+        Raises:
+            ConfigError: if it has others, or a ROS stamp cannot hold ``sec`` [s] and ``nanosec``
+                [ns].
+        """
+        tensions = backbone.tendon_tensions
+        if tensions.shape != self._tensions.shape:
+            expected = f'expected {self._tensions.shape}: one for each station and tendon'
+            raise ConfigError(f'tensions are of shape {tensions.shape}, {expected}')
+        self._tensions[...] = tensions
+        self._positions[...] = backbone.position
+        return self._template.write(sec, nanosec, self._points.view(np.uint8).ravel())

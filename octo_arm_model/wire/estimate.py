@@ -1,0 +1,204 @@
+"""The messages of an estimate as bytes: its backbone, contact, biases and covariances."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError, MessageError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.estimation.contact import NO_CONTACT, Contact, contact_of
+from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.estimation.state.prediction import ArmModel
+from octo_arm_model.wire.backbone import (
+    BACKBONE_TOPICS,
+    TENSION_ESTIMATES,
+    BackboneWriter,
+    tendon_tensions,
+)
+from octo_arm_model.wire.cdr import Layout, Template, text_field
+
+COVARIANCE = 'backbone/covariance'
+COVARIANCE_TYPE = 'octo_arm_msgs/msg/BackboneCovariance'
+_PARTS = 6  # three of position or force, three of rotation or moment
+
+
+class BackboneCovariance(NamedTuple):
+    """Contents of the message.
+
+    Attributes:
+        s: arc coordinates of the stations [m], (stations,).
+        pose: covariance of position [m] and rotation vector [rad] of each, (stations, 6, 6).
+        contact_s: where the estimated wrench acts [m]; NaN for a current, or where there is none.
+        contact: covariance of force [N] and moment [N m], (6, 6).
+    """
+
+    s: FloatArray
+    pose: FloatArray
+    contact_s: float
+    contact: FloatArray
+
+
+class CovarianceWriter:
+    """Writes the covariances of estimates of one arm, for one thread at a time."""
+
+    def __init__(self, frame_id: str, s: FloatArray) -> None:
+        """Lay out the message for the stations ``s`` (stations,) [m].
+
+        Raises:
+            ConfigError: if UTF-8 cannot hold ``frame_id``.
+        """
+        self._shape = (s.size, _PARTS, _PARTS)
+        layout = Layout(text_field('frame_id', frame_id))
+        layout.constant_sequence(s.astype('<f8'))
+        layout.sequence(s.size * _PARTS**2)
+        layout.numbers(1)
+        layout.numbers(_PARTS**2)
+        self._template = Template(layout)
+
+    def write(
+        self, pose: FloatArray, contact_s: float, contact: FloatArray, sec: int, nanosec: int
+    ) -> bytes:
+        """The message; see `BackboneCovariance`.
+
+        Raises:
+            ConfigError: if the sizes are others, or a ROS stamp cannot hold ``sec`` [s] and
+                ``nanosec`` [ns].
+        """
+        if pose.shape != self._shape or contact.shape != self._shape[1:]:
+            raise ConfigError(
+                f'covariances are of shape {pose.shape} and {contact.shape}, expected '
+                f'{self._shape} and {self._shape[1:]}'
+            )
+        return self._template.write(
+            sec, nanosec, pose.ravel(), np.array(contact_s), contact.ravel()
+        )
+
+
+def read_covariance(message: Any) -> BackboneCovariance:
+    """Contents of a ``message``, an object of its type.
+
+    Raises:
+        MessageError: if it has not 36 numbers for each station.
+    """
+    s, pose = np.asarray(message.s, np.float64), np.asarray(message.pose, np.float64)
+    if pose.size != s.size * _PARTS**2:
+        raise MessageError(
+            f'pose has {pose.size} numbers, expected {_PARTS**2} for each of {s.size} stations'
+        )
+    contact = np.asarray(message.contact, np.float64).reshape(_PARTS, _PARTS)
+    return BackboneCovariance(
+        s, pose.reshape(-1, _PARTS, _PARTS), float(message.contact_s), contact
+    )
+
+
+TIP_WRENCH, CONTACT, BIAS = 'tip_wrench/estimate', 'contact/estimate', 'tension_bias'
+# Topics of an estimate besides those of its backbone, and all of them, and their types.
+BESIDES: dict[str, str] = {
+    COVARIANCE: COVARIANCE_TYPE,
+    TIP_WRENCH: 'geometry_msgs/msg/WrenchStamped',
+    CONTACT: 'geometry_msgs/msg/WrenchStamped',
+    BIAS: 'octo_arm_msgs/msg/TendonTensions',
+}
+ESTIMATES: dict[str, str] = {
+    **BACKBONE_TOPICS,
+    TENSION_ESTIMATES: 'octo_arm_msgs/msg/TendonTensions',
+    **BESIDES,
+}
+
+
+class EstimateWriter:
+    """Writes contacts, biases and covariances of one arm, for one thread at a time."""
+
+    def __init__(self, frame_id: str, arm: Arm, s: FloatArray) -> None:
+        """Lay out the messages of ``arm`` with the stations ``s`` (stations,) [m].
+
+        Raises:
+            ConfigError: if a name is not one that UTF-8 can hold.
+        """
+        frame = text_field('frame_id', frame_id)
+        self._covariance, self._tendons = CovarianceWriter(frame_id, s), len(arm.tendon_names)
+        wrench = Layout(frame)
+        wrench.numbers(6)
+        self._wrench = Template(wrench)
+        self._bias = Template(tendon_tensions(frame, arm.tendon_names))
+
+    def write(
+        self,
+        estimate: Estimate,
+        contact: Contact | None,
+        stamp: tuple[int, int],
+        without: Collection[str] = (),
+    ) -> dict[str, bytes]:
+        """Bytes by topic of `BESIDES`; those of a contact and of biases if they are estimated.
+
+        ``contact`` is that of the ``estimate``, ``stamp`` is in [s] and [ns], and nothing is
+        written for the topics ``without``.
+
+        Raises:
+            ConfigError: if it is of another arm, or a ROS stamp cannot hold the time.
+        """
+        messages = {}
+        topic = TIP_WRENCH if contact is not None and contact.is_at_tip else CONTACT
+        if contact is not None and topic not in without:
+            messages[topic] = self.wrench(contact.wrench, *stamp)
+        if COVARIANCE not in without:
+            known = contact or NO_CONTACT
+            messages[COVARIANCE] = self._covariance.write(
+                estimate.pose_covariance, known.s, known.covariance, *stamp
+            )
+        if estimate.tension_bias.size and BIAS not in without:
+            messages[BIAS] = self.tension_bias(estimate.tension_bias, *stamp)
+        return messages
+
+    def wrench(self, values: FloatArray, sec: int, nanosec: int) -> bytes:
+        """Message geometry_msgs/WrenchStamped: force [N] and moment [N m], (6,).
+
+        Raises:
+            ConfigError: if there are not six, or a ROS stamp cannot hold the time.
+        """
+        if values.shape != (6,):
+            raise ConfigError(f'wrench is of shape {values.shape}, expected (6,)')
+        return self._wrench.write(sec, nanosec, values)
+
+    def tension_bias(self, values: FloatArray, sec: int, nanosec: int) -> bytes:
+        """Message octo_arm_msgs/TendonTensions: what each load cell shows too much [N].
+
+        Raises:
+            ConfigError: if there is not one for each tendon, or no stamp can hold the time.
+        """
+        if values.shape != (self._tendons,):
+            raise ConfigError(f'bias is of shape {values.shape}, expected ({self._tendons},)')
+        return self._bias.write(sec, nanosec, values)
+
+
+class EstimateMessages:
+    """All messages of the estimates of one model of an arm."""
+
+    def __init__(self, frame_id: str, model: ArmModel) -> None:
+        """Lay them out for ``model`` in the frame ``frame_id``.
+
+        Raises:
+            ConfigError: if a name is not one that UTF-8 can hold.
+        """
+        grid, names = model.solver.grid, model.arm.tendon_names
+        self._arm = model.arm
+        self._shape = BackboneWriter(frame_id, model.solver.model, grid.s, grid.section, names)
+        self._besides = EstimateWriter(frame_id, model.arm, grid.s)
+
+    def write(self, estimate: Estimate, sec: int, nanosec: int) -> dict[str, bytes]:
+        """Bytes by topic of `ESTIMATES`; those of a contact and of biases if they are estimated.
+
+        Raises:
+            ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
+        """
+        stamp = sec, nanosec
+        shape = self._shape.all(estimate.backbone, estimate.pose_covariance[-1], *stamp)
+        return {
+            **dict(zip(BACKBONE_TOPICS, shape)),
+            TENSION_ESTIMATES: self._shape.tensions(estimate.tensions, *stamp),
+            **self._besides.write(estimate, contact_of(estimate, self._arm), stamp),
+        }

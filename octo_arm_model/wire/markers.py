@@ -1,0 +1,244 @@
+"""The markers and frames of an arm, and of how well an estimate is known, as messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.analysis.drawing import (
+    ARROW_TRIANGLES,
+    CONE_TRIANGLES,
+    Drawing,
+    UncertaintyDrawing,
+    anchorage_stations,
+    tension_colours,
+)
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.wire.cdr import Layout, Template, text_field
+
+# Of visualization_msgs/Marker.
+_TRIANGLE_LIST, _CYLINDER, _LINE_STRIP = 11, 3, 4
+ADD = 0
+
+BODY_COLOUR = (0.85, 0.55, 0.5, 0.45)  # transparent, so that the tendons inside are visible
+DISC_COLOUR = (0.25, 0.25, 0.3, 0.8)
+_ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], '<f8')  # position and quaternion
+
+
+class MarkersWriter:
+    """Writes shapes of one arm as visualization_msgs/MarkerArray.
+
+    Namespaces and ids stay the same from message to message, so each message replaces the one
+    before: ``body`` 0, ``anchorages`` and ``tendons`` from 1 on, in the arm's order.
+    """
+
+    def __init__(self, arm: Arm, s: FloatArray, frame_id: str, *, widen: bool = False) -> None:
+        """Lay out the markers of ``arm`` in ``frame_id``; ``s`` and ``widen`` as in `Drawing`.
+
+        Raises:
+            ConfigError: if UTF-8 cannot hold ``frame_id``.
+        """
+        self._drawing = drawing = Drawing(arm, s, widen=widen)
+        self._corners = drawing.triangles.ravel()
+        frame = text_field('frame_id', frame_id)
+        layout = Layout()
+        layout.count(1 + drawing.disc_count + len(drawing.tendon_points))
+        add_triangles(layout, frame, b'body', BODY_COLOUR, self._corners.size)
+        for index in range(drawing.disc_count):
+            _begin_marker(layout, frame, b'anchorages', index + 1, _CYLINDER)
+            layout.poses(1)
+            layout.numbers(2)
+            layout.constants(np.array([drawing.disc_thickness], '<f8'))
+            layout.constants(np.array(DISC_COLOUR, '<f4'))
+            _finish_marker(layout, 0)
+        for index, points in enumerate(drawing.tendon_points):
+            _begin_marker(layout, frame, b'tendons', index + 1, _LINE_STRIP)
+            layout.constants(_ORIGIN)
+            layout.constants(np.array([drawing.line_width, 0.0, 0.0], '<f8'))
+            layout.numbers(4, kind='<f4')
+            _finish_marker(layout, points)
+        self._template = Template(layout)
+
+    def write(
+        self, backbone: Backbone, sec: int, nanosec: int, largest_tension: float | None = None
+    ) -> bytes:
+        """Markers of one shape with the stations laid out for, all with the same header.
+
+        Tensions of ``largest_tension`` [N] and beyond are drawn in full red; None for the largest
+        of this shape.
+
+        Raises:
+            ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
+        """
+        drawn = self._drawing.draw(backbone.position, backbone.quaternion, backbone.q)
+        values = [drawn.vertices[self._corners]]
+        for position, quaternion, radius in zip(
+            drawn.disc_position, drawn.disc_quaternion, drawn.disc_radius, strict=True
+        ):
+            values += [position, quaternion, 2.0 * radius]
+        colours = tension_colours(backbone.tensions.ravel(), largest_tension)
+        for colour, path in zip(colours, drawn.tendons, strict=True):
+            values += [colour, path]
+        return self._template.write(sec, nanosec, *values)
+
+
+class FramesWriter:
+    """Writes the frames of shapes of one arm as tf2_msgs/TFMessage.
+
+    Frames are ``<prefix>tip`` and ``<prefix>anchorage_<i>``, numbered from the tip. Few on
+    purpose: every listener on ``/tf`` pays for each of them, so stations have none. Their x axis
+    is along the tangent, y along n and z along b, like the poses of the backbone. The tip and an
+    anchorage at it are two frames in one place.
+    """
+
+    def __init__(self, arm: Arm, s: FloatArray, base_frame: str, prefix: str = '') -> None:
+        """Lay out the frames of ``arm``, children of ``base_frame``.
+
+        Their names begin with ``prefix``. ``s`` (stations,) [m] are the stations of the backbones
+        to come, as `Solver.grid` has them.
+
+        Raises:
+            ConfigError: if UTF-8 cannot hold a name.
+        """
+        self._stations = [s.size - 1, *anchorage_stations(arm, s).tolist()]
+        parent = text_field('base_frame', base_frame)
+        names = ['tip', *(f'anchorage_{number}' for number in range(1, len(self._stations)))]
+        layout = Layout()
+        layout.count(len(names))
+        for name in names:
+            layout.header(parent)
+            layout.string(text_field('frame_prefix', prefix + name))
+            layout.poses(1)
+        self._template = Template(layout)
+
+    def write(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
+        """Frames of one shape, a single solution with the stations this was prepared for.
+
+        Raises:
+            ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
+        """
+        values = []
+        for station in self._stations:
+            values += [backbone.position[station], backbone.quaternion[station]]
+        return self._template.write(sec, nanosec, *values)
+
+
+def add_triangles(
+    layout: Layout,
+    frame: bytes,
+    namespace: bytes,
+    colour: tuple[float, float, float, float],
+    corners: int,
+    action: int = ADD,
+) -> None:
+    """A Marker of triangles, number 0 of its ``namespace``, whose ``corners`` vary."""
+    _begin_marker(layout, frame, namespace, 0, _TRIANGLE_LIST, action)
+    layout.constants(_ORIGIN)
+    layout.constants(np.ones(3, '<f8'))  # RViz multiplies the points by the scale
+    layout.constants(np.array(colour, '<f4'))
+    _finish_marker(layout, corners)
+
+
+def _begin_marker(
+    layout: Layout, frame: bytes, namespace: bytes, number: int, kind: int, action: int = ADD
+) -> None:
+    """The first fields of a Marker: its pose, scale and colour follow."""
+    layout.header(frame)
+    layout.string(namespace)
+    layout.constants(np.array([number, kind, action], '<i4'))
+
+
+def _finish_marker(layout: Layout, points: int) -> None:
+    """The last fields of a Marker from its lifetime on: it stays until the next of its name."""
+    layout.zeros(4, 2)  # lifetime
+    layout.zeros(1, 1)  # frame_locked
+    layout.count(points)
+    if points:
+        layout.numbers(points, 3)
+    layout.count(0)  # colors
+    layout.string(b'')  # texture_resource
+    layout.zeros(4, 2)  # stamp of the texture, which is none
+    layout.string(b'')  # its frame
+    layout.string(b'')  # its format
+    layout.count(0)  # its data
+    layout.count(0)  # uv_coordinates
+    for _ in ('text', 'mesh_resource', 'mesh_file.filename'):
+        layout.string(b'')
+    layout.count(0)  # mesh_file.data
+    layout.zeros(1, 1)  # mesh_use_embedded_materials
+
+
+_DELETE = 2  # of visualization_msgs/Marker
+
+
+class _Part(NamedTuple):
+    """A marker: its namespace, colour and triangles."""
+
+    name: bytes
+    colour: tuple[float, float, float, float]
+    triangles: IntArray
+
+
+class UncertaintyMarkersWriter:
+    """Writes them as visualization_msgs/MarkerArray.
+
+    Their namespaces are ``covariance``, ``contact`` and ``cone``. They replace those of the
+    message before; the force is deleted where it may as well be none.
+    """
+
+    def __init__(self, arm: Arm, s: FloatArray, frame_id: str) -> None:
+        """Lay out the markers of ``arm`` with stations ``s`` (stations,) [m] in ``frame_id``.
+
+        Raises:
+            ConfigError: if UTF-8 cannot hold ``frame_id``.
+        """
+        self._drawing = UncertaintyDrawing(arm, s)
+        frame = text_field('frame_id', frame_id)
+        tube = _Part(b'covariance', (0.35, 0.55, 0.85, 0.25), self._drawing.triangles)
+        force = _Part(b'contact', (0.1, 0.43, 0.2, 1.0), ARROW_TRIANGLES)
+        cone = _Part(b'cone', (0.1, 0.43, 0.2, 0.35), CONE_TRIANGLES)
+        parts = tube, force, cone
+        self._with_force, self._without = _template(frame, parts, 3), _template(frame, parts, 1)
+
+    def write(
+        self,
+        position: FloatArray,
+        quaternion: FloatArray,
+        covariance: FloatArray,
+        s: float,
+        force: FloatArray,
+        of_force: FloatArray,
+        sec: int,
+        nanosec: int,
+    ) -> bytes:
+        """Markers of one estimate; see `UncertaintyDrawing.tube` and `UncertaintyDrawing.arrow`.
+
+        ``force`` (3,) [N] acts at ``s`` [m], see `UncertaintyDrawing.place`; ``of_force`` (3, 3)
+        [N^2] is its covariance.
+
+        Raises:
+            ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
+        """
+        tube = self._drawing.tube(position, quaternion, covariance)[self._drawing.triangles]
+        arrow = self._drawing.arrow(self._drawing.place(position, s), force, of_force)
+        if arrow is None:
+            return self._without.write(sec, nanosec, tube.reshape(-1, 3))
+        parts = tube, arrow.shaft[ARROW_TRIANGLES], arrow.cone[CONE_TRIANGLES]
+        return self._with_force.write(sec, nanosec, *(part.reshape(-1, 3) for part in parts))
+
+
+def _template(frame: bytes, parts: Sequence[_Part], shown: int) -> Template:
+    """A message with markers of the first ``shown`` ``parts``, whose points vary.
+
+    The others are deleted.
+    """
+    layout = Layout()
+    layout.count(len(parts))
+    for number, part in enumerate(parts):
+        corners, action = (part.triangles.size, ADD) if number < shown else (0, _DELETE)
+        add_triangles(layout, frame, part.name, part.colour, corners, action)
+    return Template(layout)

@@ -1,0 +1,227 @@
+"""Measurements besides tensions: the types of their messages, and how each is read.
+
+A message is an object of whichever library decoded it, as in `wire.tensions`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model.arm.errors import MeasurementError, TensionError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_NAME
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.arm.validation import LARGEST
+from octo_arm_model.config.config import Config
+from octo_arm_model.estimation.measurements import (
+    Markers,
+    Measurement,
+    TendonDisplacements,
+    Tensions,
+    TipPose,
+    TipPosition,
+)
+from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
+from octo_arm_model.estimation.measurements.measurement import magnitudes
+from octo_arm_model.estimation.settings import SensorNoise
+from octo_arm_model.rod.rotations import skew
+from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.tensions import (
+    DISPLACEMENT_TYPE,
+    DISPLACEMENTS,
+    read_displacements,
+)
+
+# Rounding, in single precision, by which a covariance may not be symmetric, of its deviations.
+_ASYMMETRY = 1e-6
+# Of a quaternion that `TipPose` may take for one.
+_SHORTEST, _LONGEST = 0.5, 2.0
+# Pose of a frame in base_frame by its name and a stamp [ns].
+PoseOf: TypeAlias = Callable[[str, int], Pose]
+
+
+@dataclass(frozen=True)
+class MeasuredArm:
+    """The arm that is measured.
+
+    Attributes:
+        config: its description.
+        noise: of the sensors.
+        pose_of: pose of a frame in base_frame; None where measurements are in base_frame.
+    """
+
+    config: Config
+    noise: SensorNoise
+    pose_of: PoseOf | None = None
+
+    def frame(self, header: Any) -> tuple[Rotation, FloatArray]:
+        """Rotation and origin (3,) [m], in base_frame, of the frame of a message's ``header``.
+
+        Raises:
+            MeasurementError: if it is not known.
+        """
+        frame = str(header.frame_id)
+        if frame in ('', self.config.base_frame):
+            return Rotation.identity(), np.zeros(3)
+        if self.pose_of is None:
+            raise MeasurementError(
+                f'its frame is {frame[:MAX_NAME]!r}, expected {self.config.base_frame!r}'
+            )
+        pose = self.pose_of(frame, Stamp.of(header.stamp).ns)
+        return Rotation.from_quat(np.array(pose.quaternion)), np.array(pose.position)
+
+
+@dataclass(frozen=True)
+class MeasurementMessage:
+    """A type of message that something measured comes in.
+
+    Attributes:
+        type_name: its name, such as 'geometry_msgs/msg/PoseArray'.
+        description: what it says, for the manual.
+        read: what a message of an arm measures; raises OctoArmError where that is nothing.
+    """
+
+    type_name: str
+    description: str
+    read: Callable[[Any, MeasuredArm], Measurement]
+
+
+def tensions_of(readings: FloatArray, arm: MeasuredArm) -> Tensions:
+    """Tensions for ``readings`` of the load cells, of `Arm.tension_shape` [N], calibrated.
+
+    Readings below zero stay as they are: of a slack tendon they are as probable as those above.
+
+    Raises:
+        MeasurementError: if a tension is not finite.
+    """
+    tensions = arm.config.load_cells.scale_and_offset(readings)
+    return Tensions(tensions.ravel(), arm.noise.tension)
+
+
+def _displacements(message: Any, arm: MeasuredArm) -> Measurement:
+    found = read_displacements(message, arm.config.arm)
+    if not found:
+        raise TensionError('it has no displacements')
+    return TendonDisplacements(list(found.values()), arm.noise.displacement, tuple(found))
+
+
+def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
+    noise, (rotation, origin) = arm.noise, arm.frame(message.header)
+    at, turned = message.pose.pose.position, message.pose.pose.orientation
+    # All is checked as it came: a rotation makes of one wrong number several.
+    position = rotation.apply(magnitudes('tip pose: position', [at.x, at.y, at.z])) + origin
+    own: FloatArray = np.array(message.pose.covariance, np.float64).reshape(6, 6)
+    wrong = ~(np.abs(own) <= LARGEST**2)  # what is no number, too
+    if wrong.any():
+        i, j = np.argwhere(wrong)[0]
+        raise MeasurementError(
+            f'its covariance is {own[i, j]:g} at {i}, {j}, expected finite numbers of at most '
+            f'{LARGEST**2:g}'
+        )
+    # Of these `Measurement` sees the sum with the errors of the model, which may be positive.
+    if (np.diag(own) < 0.0).any():
+        i = int(np.diag(own).argmin())
+        raise MeasurementError(
+            f'its covariance is {own[i, i]:g} at {i}, {i}, expected a positive definite one'
+        )
+    deviation = np.sqrt(np.diag(own))
+    skew = np.abs(own - own.T) > _ASYMMETRY * np.outer(deviation, deviation)
+    if skew.any():
+        i, j = np.argwhere(skew)[0]
+        raise MeasurementError(
+            f'its covariance is {own[i, j]:g} at {i}, {j} and {own[j, i]:g} at {j}, {i}, '
+            'expected a symmetric one'
+        )
+    for part, stddev in ((slice(0, 3), noise.tip_position), (slice(3, 6), noise.tip_rotation)):
+        if not own[part, part].any():
+            own[part, part] = stddev**2 * np.eye(3)
+    if not own[:3, :3].any():
+        raise MeasurementError(
+            'its covariance is zero and estimator.tip_position_stddev is 0: its noise is not known'
+        )
+    turn = np.kron(np.eye(2), rotation.as_matrix())
+    covariance = turn @ own @ turn.T
+    covariance[:3, :3] += noise.model_position**2 * np.eye(3)
+    if not own[3:, 3:].any():
+        return TipPosition(position, covariance[:3, :3])
+    covariance[3:, 3:] += noise.model_rotation**2 * np.eye(3)
+    quaternion: FloatArray = np.array([turned.x, turned.y, turned.z, turned.w])
+    length = math.hypot(*quaternion.tolist())
+    if _SHORTEST < length < _LONGEST:
+        # `TipPose` checks the length, which a product with a rotation keeps.
+        quaternion = length * (rotation * Rotation.from_quat(quaternion)).as_quat()
+    return TipPose(position, quaternion, covariance)
+
+
+def _markers(message: Any, arm: MeasuredArm) -> Measurement:
+    noise, (rotation, origin) = arm.noise, arm.frame(message.header)
+    if not noise.marker_s:
+        raise MeasurementError(
+            'estimator.marker_s is empty: where the markers are on the arm is not known'
+        )
+    if len(message.poses) != len(noise.marker_s):
+        raise MeasurementError(
+            f'it has {len(message.poses)} marker(s), expected {len(noise.marker_s)}, one for each '
+            'of estimator.marker_s'
+        )
+    points: FloatArray = np.array(
+        [(p.x, p.y, p.z) for p in (pose.position for pose in message.poses)], np.float64
+    )
+    if np.isinf(points).any():
+        raise MeasurementError('a marker is infinite, expected finite numbers, or NaN if hidden')
+    seen = ~np.isnan(points).any(axis=1)
+    if not seen.any():
+        raise MeasurementError('it shows no marker')
+    s = np.array(noise.marker_s)[seen]
+    stddev = float(np.hypot(noise.marker, noise.model_position))
+    shown = magnitudes('markers: value', points[seen])
+    return Markers(s, rotation.apply(shown) + origin, stddev)
+
+
+def _base_wrench(message: Any, arm: MeasuredArm) -> Measurement:
+    noise, (rotation, origin) = arm.noise, arm.frame(message.header)
+    if not (noise.base_force and noise.base_moment):
+        raise MeasurementError(
+            'estimator.base_force_stddev or base_moment_stddev is 0: its noise is not known'
+        )
+    force, moment = message.wrench.force, message.wrench.torque
+    numbers = [force.x, force.y, force.z, moment.x, moment.y, moment.z]
+    wrench = magnitudes('base wrench: value', numbers)
+    # From the axes and the origin of its frame to those of base_frame, about the base.
+    turn = np.kron(np.eye(2), rotation.as_matrix())
+    away = skew((origin - np.array(arm.config.base.position))[:, np.newaxis])[..., 0]
+    turn[3:, :3] = away @ rotation.as_matrix()
+    stddev = np.repeat([noise.base_force, noise.base_moment], 3)
+    return BaseWrench(turn @ wrench, (turn * stddev**2) @ turn.T)
+
+
+TIP_POSE, MARKERS, BASE_WRENCH = 'measured/tip_pose', 'measured/markers', 'measured/base_wrench'
+# Everything measured but tensions, for the node, the bag tools and the manual: one row adds one.
+MEASUREMENT_TOPICS: dict[str, MeasurementMessage] = {
+    DISPLACEMENTS: MeasurementMessage(
+        DISPLACEMENT_TYPE, 'lengths reeled in by the winches, as positions by tendon name [m]',
+        _displacements,
+    ),
+    TIP_POSE: MeasurementMessage(
+        'geometry_msgs/msg/PoseWithCovarianceStamped',
+        'pose of the tip, x axis along the arm; the position alone where the covariance of the '
+        'rotation is zero',
+        _tip_pose,
+    ),
+    MARKERS: MeasurementMessage(
+        'geometry_msgs/msg/PoseArray',
+        'points of the midline at `estimator.marker_s`, NaN where hidden',
+        _markers,
+    ),
+    BASE_WRENCH: MeasurementMessage(
+        'geometry_msgs/msg/WrenchStamped',
+        'force and moment of all external loads as a sensor under the base feels them',
+        _base_wrench,
+    ),
+}  # fmt: skip

@@ -1,0 +1,309 @@
+"""Tensions and displacements as messages carry them: which those are, and how each is read.
+
+A message is an object of whichever library decoded it, ROS or `rosbags`: other classes with the
+same fields. For each tendon of the arm there is the name of its value in what comes in, or the
+number of the value from 0 on where these have no names, or `NONE`: that tendon has no load cell,
+and is slack.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import TensionError, listed, shown
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.displacements import check_displacements
+from octo_arm_model.wire.cdr import Layout
+
+NONE = '-'
+MAX_VALUES = 100_000  # of one message
+_STEP = re.compile(r'^([A-Za-z]\w*)((?:\[\d{1,9}\])*)$')
+
+
+def field_values(message: Any, path: str) -> FloatArray:
+    """Numbers of the field ``path`` of a ``message``, such as 'wrench.force.x' or 'data[2]', (n,).
+
+    Raises:
+        TensionError: if there is no such field, or it holds no numbers.
+    """
+    value = message
+    for step in path.split('.'):
+        match = _STEP.match(step)
+        if match is None or not hasattr(value, match[1]):
+            raise TensionError(f'no field {shown(path)}')
+        value = getattr(value, match[1])
+        for number in re.findall(r'\d+', match[2]):
+            if not isinstance(value, (list, tuple, np.ndarray)) or int(number) >= len(value):
+                raise TensionError(f'no field {shown(path)}: it has no entry {number}')
+            value = value[int(number)]
+    if isinstance(value, (list, tuple, np.ndarray)) and len(value) > MAX_VALUES:
+        raise TensionError(f'{path} has {len(value)} values, expected at most {MAX_VALUES}')
+    try:
+        array = np.atleast_1d(np.asarray(value))
+    except ValueError:
+        array = np.array([None])
+    if array.dtype.kind not in 'fiu' or array.ndim != 1:
+        raise TensionError(f'{path} is {shown(value)}, expected numbers')
+    return array.astype(np.float64)
+
+
+def values_by_name(names: Sequence[str], values: Sequence[float], field: str) -> dict[str, float]:
+    """The ``values`` of the ``field`` of a message by the ``names`` of their tendons.
+
+    Raises:
+        TensionError: if there are not as many names, or too many, or one is repeated.
+    """
+    if len(names) > MAX_VALUES:
+        raise TensionError(f'name has {len(names)} entries, expected at most {MAX_VALUES}')
+    if len(names) != len(values):
+        raise TensionError(f'name has {len(names)} entries but {field} has {len(values)}')
+    found = dict(zip(names, values))
+    if len(found) < len(names):
+        repeated = sorted(name for name, count in Counter(names).items() if count > 1)
+        raise TensionError(f'tendon named more than once: {listed(repeated)}')
+    return found
+
+
+def tensions_by_names(
+    values: FloatArray, names: Sequence[str] | None, wanted: Sequence[str], arm: Arm
+) -> FloatArray:
+    """Tensions of ``arm``, of `Arm.tension_shape` [N], from ``values`` (n,) of these ``names``.
+
+    ``wanted`` is the name or number of each tendon's value, or `NONE`; empty for the tendons' own
+    names, or, where there are no names, the order of the tendons.
+
+    Raises:
+        TensionError: if a value is missing, or named more than once, or there are too many.
+    """
+    if len(values) > MAX_VALUES:
+        raise TensionError(f'{len(values)} values, expected at most {MAX_VALUES}')
+    if names is not None and len(names) != len(values):
+        raise TensionError(f'{len(names)} names but {len(values)} values')
+    if not wanted:
+        count = len(arm.tendons)
+        if names is None and len(values) != count:
+            raise TensionError(
+                f'{len(values)} values, expected {count}, one for each tendon, or tension_names '
+                '(--tendons) that say which is which'
+            )
+        wanted = arm.tendon_names if names is not None else list(map(str, range(count)))
+    places = {str(n): n for n in range(len(values))}
+    if names is not None:
+        places |= {name: n for n, name in enumerate(names)}
+        for name, count in Counter(names).items():
+            if count > 1 and name in wanted:
+                raise TensionError(f'named more than once: {listed([name])}')
+    tensions = np.zeros(len(arm.tendons))
+    for tendon, name in enumerate(wanted):
+        if name == NONE:
+            continue
+        if name not in places:
+            raise TensionError(
+                f'no value {shown(name)} for {arm.tendon_names[tendon]}; there are '
+                f'{listed(names or list(places))}'
+            )
+        tensions[tendon] = values[places[name]]
+    return tensions.reshape(arm.tension_shape)
+
+
+def names_of(message: Any, count: int) -> list[str] | None:
+    """Names of the values in the field 'name' of a ``message``, if there are ``count``."""
+    names = getattr(message, 'name', None)
+    if isinstance(names, (list, tuple)) and len(names) == count and count:
+        return [str(name) for name in names]
+    return None
+
+
+# Adds a field that has this value in one message to the layout of all that are like it.
+Field: TypeAlias = Callable[[Layout, Any], None]
+
+
+def header(layout: Layout, value: Any) -> None:
+    """A std_msgs/Header, whose stamp varies."""
+    layout.header(_utf8(value.frame_id))
+
+
+def strings(layout: Layout, value: Sequence[str]) -> None:
+    """A sequence of strings."""
+    layout.strings([_utf8(text) for text in value])
+
+
+def float64(layout: Layout, value: Sequence[float]) -> None:
+    """A sequence of float64 that vary."""
+    layout.sequence(len(value))
+
+
+def float32(layout: Layout, value: Sequence[float]) -> None:
+    """A sequence of float32 that vary."""
+    layout.sequence(len(value), kind='<f4')
+
+
+def array_layout(layout: Layout, value: Any) -> None:
+    """A std_msgs/MultiArrayLayout."""
+    layout.count(len(value.dim))
+    for dimension in value.dim:
+        layout.string(_utf8(dimension.label))
+        layout.count(dimension.size)
+        layout.count(dimension.stride)
+    layout.count(value.data_offset)
+
+
+@dataclass(frozen=True)
+class TensionMessage:
+    """A type of message that carries the tensions of all tendons.
+
+    Attributes:
+        type_name: its name, such as 'sensor_msgs/msg/JointState'.
+        fields: all its fields in their order; with one called 'header' it has a stamp.
+        tensions: the field of the tensions [N].
+        names: the field of the tendons' names in their order; None where tensions are row-major
+            and the field 'layout' says of which shape.
+    """
+
+    type_name: str
+    fields: Mapping[str, Field]
+    tensions: str
+    names: str | None = None
+
+    @property
+    def has_stamp(self) -> bool:
+        """Whether it has a stamp."""
+        return 'header' in self.fields
+
+    def read_named(self, message: Any, arm: Arm, wanted: Sequence[str]) -> FloatArray:
+        """As `read`, of the values ``wanted``, see `tensions_by_names`; others may be there.
+
+        Raises:
+            TensionError: if a value is missing, or named more than once.
+        """
+        values = np.asarray(getattr(message, self.tensions), dtype=np.float64)
+        names = None if self.names is None else list(getattr(message, self.names))
+        return tensions_by_names(values, names, wanted, arm)
+
+    def read(self, message: Any, arm: Arm) -> FloatArray:
+        """Tensions [N], of `Arm.tension_shape`, of a ``message`` of this type.
+
+        Raises:
+            TensionError: if names are unknown, repeated or missing, lengths differ, or the layout
+                is neither empty, flat nor that shape.
+        """
+        values = getattr(message, self.tensions)
+        if self.names is None:
+            return _row_major(values, message.layout, self.tensions, arm)
+        return _by_name(getattr(message, self.names), values, self.tensions, arm)
+
+
+@dataclass(frozen=True)
+class FieldMessage:
+    """A type of message of which one field holds tensions.
+
+    Attributes:
+        type_name: its name.
+        field: the field, see `field_values`; the names of its values are those in the field 'name'
+            if there are as many.
+    """
+
+    type_name: str
+    field: str
+
+    def read_named(self, message: Any, arm: Arm, wanted: Sequence[str]) -> FloatArray:
+        """As `TensionMessage.read_named`.
+
+        Raises:
+            TensionError: if there is no such field of numbers, a value is missing, or named more
+                than once.
+        """
+        values = field_values(message, self.field)
+        return tensions_by_names(values, names_of(message, len(values)), wanted, arm)
+
+
+TENDON_TENSIONS = TensionMessage(
+    'octo_arm_msgs/msg/TendonTensions',
+    {'header': header, 'name': strings, 'tension': float64},
+    tensions='tension',
+    names='name',
+)
+FLOAT64_ARRAY = TensionMessage(
+    'std_msgs/msg/Float64MultiArray', {'layout': array_layout, 'data': float64}, tensions='data'
+)
+FLOAT32_ARRAY = TensionMessage(
+    'std_msgs/msg/Float32MultiArray', {'layout': array_layout, 'data': float32}, tensions='data'
+)
+JOINT_STATE = TensionMessage(
+    'sensor_msgs/msg/JointState',
+    {'header': header, 'name': strings, 'position': float64, 'velocity': float64,
+     'effort': float64},
+    tensions='effort',
+    names='name',
+)  # fmt: skip
+
+# Every topic of tensions, for the node, the simulator and the bag tools: one row adds one.
+TENSION_TOPICS: dict[str, TensionMessage] = {
+    'tendon_tensions': TENDON_TENSIONS,
+    'tendon_tensions/array': FLOAT64_ARRAY,
+    'tendon_tensions/float32_array': FLOAT32_ARRAY,
+    'tendon_tensions/joint_state': JOINT_STATE,
+}
+
+
+def _utf8(text: str) -> bytes:
+    # A text that was decoded with losses gives a layout that its own message does not have.
+    return text.encode('utf-8', 'replace')
+
+
+def _row_major(values: Sequence[float], layout: Any, field: str, arm: Arm) -> FloatArray:
+    shape, count = arm.tension_shape, len(arm.tendons)
+    if len(values) != count:
+        meaning = 'one for each tendon, section by section from the tip'
+        if len(shape) == 2:
+            meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
+        raise TensionError(f'{field} has {len(values)} values, expected {count}: {meaning}')
+    sizes = tuple(dimension.size for dimension in layout.dim)
+    if layout.data_offset != 0 or sizes not in ((), (count,), shape):
+        raise TensionError(
+            f'layout is {sizes} with data_offset {layout.data_offset}, expected an empty one or '
+            f'{shape} with data_offset 0'
+        )
+    return np.array(values, dtype=np.float64).reshape(shape)
+
+
+def _by_name(names: Sequence[str], values: Sequence[float], field: str, arm: Arm) -> FloatArray:
+    tension_of = values_by_name(names, values, field)
+    known = set(arm.tendon_names)
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise TensionError(
+            f'unknown tendon {listed(unknown)}; this arm has {listed(arm.tendon_names)}'
+        )
+    missing = [name for name in arm.tendon_names if name not in tension_of]
+    if missing:
+        raise TensionError(f'no tension for tendon {listed(missing)}')
+    ordered = [tension_of[name] for name in arm.tendon_names]
+    return np.array(ordered, dtype=np.float64).reshape(arm.tension_shape)
+
+
+DISPLACEMENTS = 'tendon_displacements'
+DISPLACEMENT_TYPE = 'sensor_msgs/msg/JointState'
+
+
+def read_displacements(message: Any, arm: Arm) -> dict[str, float]:
+    """Length reeled in by tendon name [m], the positions of a JointState ``message``.
+
+    Raises:
+        TensionError: if names are unknown or repeated, lengths differ, or a position is not
+            finite.
+    """
+    count, tendons = len(message.name), len(arm.tendons)
+    if count > tendons:
+        raise TensionError(f'{count} displacements, this arm has {tendons} tendons')
+    given = values_by_name(message.name, message.position, 'position')
+    found = {name: float(position) for name, position in given.items()}
+    check_displacements(arm, found, {})
+    return found

@@ -1,0 +1,206 @@
+"""The simulated experiment."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+
+from recordings import tensions_in
+
+from octo_arm_model import Config, displacements_of, load_config
+from octo_arm_model.bags.demo import (
+    CAMERA_POSITION,
+    CAMERA_QUATERNION,
+    Experiment,
+    add_demo,
+    custom_data,
+)
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.records import stamp_of
+from octo_arm_model.bags.writer import BagWriter
+from octo_arm_model.cli.main import main
+from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
+from octo_arm_model.config.parameter_files import load_parameters, parse_parameters, preset_path
+from octo_arm_model.rod.rotations import axes_of
+from octo_arm_model.wire.tensions import read_displacements
+
+PROTOTYPE = load_parameters(preset_path('renda2012_prototype'))
+
+
+CLEAN = Experiment(
+    clock_offset=0.25, hold=1.0, ramp=0.5, camera_rate=4.0, tension_noise=0.0, midline_noise=0.0,
+    dropped=0.0, outliers=0.0, encoder_noise=0.0,
+)  # fmt: skip
+
+
+def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag', custom=custom_data(CLEAN)) as writer:
+        add_demo(writer, PROTOTYPE, CLEAN)
+    stiffer = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
+    config = Config.from_parameters({**PROTOTYPE, **stiffer})
+    solver = config.solver()
+    rotation = axes_of(CAMERA_QUATERNION)
+    seen = 0
+    with BagReader(tmp_path / 'bag') as reader:
+        tensions = {one.stamp_ns: one.tensions for one in tensions_in(reader, config)}
+        highest = max(float(np.max(row)) for row in tensions.values())
+        assert highest == max(PROTOTYPE_ERRORS)
+        for record in reader.messages(['/camera/midline']):
+            message = reader.decode(record)
+            stamp = stamp_of(message, 0)
+            assert stamp.ns == record.received_ns + 250_000_000
+            points = [one.pose.position for one in message.poses]
+            points = np.array([[p.x, p.y, p.z] for p in points]) @ rotation.T + CAMERA_POSITION
+            expected = solver.solve(tensions[record.received_ns])
+            np.testing.assert_allclose(points[-1], expected.tip, atol=1e-9)
+            np.testing.assert_allclose(points[0], expected.position[0], atol=1e-12)
+            seen += 1
+    assert seen > 40
+
+
+@pytest.mark.parametrize('softer', [{'sheath': 2.5e5}, {'axial_stiffness': 300.0}])
+def test_a_demo_with_softer_tendons_has_what_encoders_read(
+    tmp_path: Path, softer: dict[str, float]
+) -> None:
+    experiment = dataclasses.replace(CLEAN, tension_rate=5.0, **softer)
+    with BagWriter(tmp_path / 'bag') as writer:
+        add_demo(writer, PROTOTYPE, experiment)
+    true: dict[str, Any] = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
+    for name, value in softer.items():
+        true[f'tendons.{name.removesuffix("_stiffness")}_stiffness'] = [value]
+    solver = Config.from_parameters({**PROTOTYPE, **true}).solver()
+    with BagReader(tmp_path / 'bag') as reader:
+        config = Config.from_parameters(PROTOTYPE)
+        tensions = {one.stamp_ns: one.tensions for one in tensions_in(reader, config)}
+        read = list(reader.messages(['/tendon_displacements']))
+        assert len(read) == len(tensions)
+        for record in read:
+            message = reader.decode(record)
+            expected = displacements_of(solver, solver.solve(tensions[record.received_ns]))
+            assert read_displacements(message, solver.arm) == pytest.approx(
+                dict(zip(solver.arm.tendon_names, expected.ravel().tolist(), strict=True)),
+                abs=1e-7,
+            )
+
+
+def test_the_demo_says_everywhere_that_it_is_synthetic(tmp_path: Path) -> None:
+    arguments = ['record-demo', str(tmp_path / 'bag'), '--seed', '3', '--storage', 'sqlite3']
+    assert main(arguments) == 0
+    with BagReader(tmp_path / 'bag') as reader:
+        assert 'synthetic' in reader.metadata['note']
+        truth = json.loads(reader.metadata['truth'])
+        assert truth['seed'] == 3
+        assert truth['stiffness'] == 1.1
+        (note,) = reader.messages(['/note'])
+        assert reader.decode(note).data == reader.metadata['note']
+        (description,) = reader.messages(['/arm_description'])
+        text = reader.decode(description).data
+        assert Config.from_parameters(parse_parameters(text, 'it')) == load_config(
+            preset_path('renda2012_prototype')
+        )
+        midlines = reader.count(['/camera/midline'])
+        assert 0.85 * 390 < midlines < 390
+        config = load_config(preset_path('renda2012_prototype'))
+        assert all(not one.reason for one in tensions_in(reader, config))
+
+
+def test_the_demo_is_the_same_for_the_same_seed(tmp_path: Path) -> None:
+    few = dataclasses.replace(CLEAN, midline_noise=1e-3, tension_noise=0.01, dropped=0.2)
+    found = []
+    for name, seed in (('a', 1), ('b', 1), ('c', 2)):
+        with BagWriter(tmp_path / name) as writer:
+            add_demo(writer, PROTOTYPE, dataclasses.replace(few, seed=seed))
+        with BagReader(tmp_path / name) as reader:
+            found.append([tuple(record) for record in reader.messages()])
+    assert found[0] == found[1]
+    assert found[0] != found[2]
+
+
+def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for options, expected in (
+        (['--stiffness', '-1'], '--stiffness is -1.0, expected a finite number > 0'),
+        (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite number'),
+        (['--clock-offset', '1e10'], '--clock-offset is 10000000000.0, expected a finite number'),
+        (['--markers', '0.1', '5'], '--markers is 5.0, expected a finite number within [0, 0.27]'),
+        (['--markers', 'nan'], '--markers is nan, expected a finite number within [0, 0.27]'),
+        (['--seed', '-1'], '--seed is -1, expected an integer >= 0'),
+        (['--sheath', '-1'], '--sheath is -1.0, expected a finite stiffness >= 0 [Pa]'),
+        (['--axial-stiffness', '-1'], '--axial-stiffness is -1.0, expected a finite stiffn'),
+        (['--config', 'octopus'], "no preset arm 'octopus'"),
+    ):
+        assert main(['record-demo', str(tmp_path / 'bag'), *options]) == 2
+        assert expected in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_with_friction_tensions_rise_and_fall_and_the_arm_remembers(tmp_path: Path) -> None:
+    rough = dataclasses.replace(CLEAN, friction=0.2, clock_offset=0.0)
+    with BagWriter(tmp_path / 'bag', custom=custom_data(rough)) as writer:
+        add_demo(writer, PROTOTYPE, rough)
+    at: dict[float, list[np.ndarray]] = {}
+    with BagReader(tmp_path / 'bag') as reader:
+        config = Config.from_parameters(PROTOTYPE)
+        tensions = {
+            one.stamp_ns: float(np.max(one.tensions)) for one in tensions_in(reader, config)
+        }
+        for record in reader.messages(['/camera/midline']):
+            message = reader.decode(record)
+            tip = message.poses[-1].pose.position
+            pulled = tensions.get(stamp_of(message, 0).ns)
+            at.setdefault(pulled, []).append(np.array([tip.x, tip.y, tip.z]))
+    (level, *_, top) = sorted(level for level in PROTOTYPE_ERRORS)
+    assert max(tensions.values()) == top
+    # The same tension, on the way up and on the way down.
+    assert np.linalg.norm(at[level][0] - at[level][-1]) > 1e-3
+    np.testing.assert_array_equal(at[top][0], at[top][-1])
+
+
+def test_friction_is_a_coefficient(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(['record-demo', str(tmp_path / 'bag'), '--friction', '-0.1']) == 2
+    assert '--friction is -0.1, expected a finite coefficient >= 0' in capsys.readouterr().err
+    assert main(['record-demo', str(tmp_path / 'bag'), '--friction', '1e9']) == 2
+    expected = 'expected a finite coefficient >= 0 [-] of at most 10'
+    assert f'--friction is 1000000000.0, {expected}' in capsys.readouterr().err
+
+
+def test_a_touch_moves_tip_and_markers_as_the_exact_arm(tmp_path: Path) -> None:
+    quiet = dataclasses.replace(
+        CLEAN, stiffness=1.0, touch=0.02, markers=(0.135,), marker_noise=1e-9, turn_noise=1e-9,
+        marker_rate=5.0, clock_offset=0.0,
+    )  # fmt: skip
+    with BagWriter(tmp_path / 'bag') as writer:
+        add_demo(writer, PROTOTYPE, quiet)
+    config = Config.from_parameters({**PROTOTYPE, 'model': 'exact'})
+    solver, touched = config.solver(), 0
+    with BagReader(tmp_path / 'bag') as reader:
+        tensions = {one.stamp_ns: one.tensions
+                    for one in tensions_in(reader, config)}  # fmt: skip
+        tips = {one.received_ns: reader.decode(one)
+                for one in reader.messages(['/measured/tip_pose'])}  # fmt: skip
+        markers = {one.received_ns: reader.decode(one)
+                   for one in reader.messages(['/measured/markers'])}  # fmt: skip
+    for stamp, message in tips.items():
+        tip, alone = message.pose.pose, solver.solve(tensions[stamp])
+        at = np.array([tip.position.x, tip.position.y, tip.position.z])
+        if np.linalg.norm(at - alone.tip) < 1e-3:
+            continue
+        touched += 1
+        time = 1e-9 * (stamp - min(tips))
+        assert 4 * 1.5 < time < 4 * 1.5 + 1.0  # while the middle tension is held
+        force = quiet.touches(np.array([time]), quiet.schedule(config)[0])[0]
+        expected = solver.solve(tensions[stamp], [*force, 0.0, 0.0, 0.0])
+        np.testing.assert_allclose(at, expected.tip, atol=1e-7)
+        orientation = [getattr(tip.orientation, name) for name in 'xyzw']
+        assert abs(np.dot(orientation, expected.quaternion[-1])) == pytest.approx(1.0, abs=1e-9)
+        marker = markers[stamp].poses[0].position
+        np.testing.assert_allclose(
+            [marker.x, marker.y, marker.z], expected.position[50], atol=1e-6
+        )
+    assert touched >= 3

@@ -1,0 +1,591 @@
+"""Replay: the shapes that belong to the tensions in a bag, byte for byte those of the node."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import os
+import resource
+import signal
+import struct
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from command_line import printed
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+
+from recordings import (
+    ARRAY,
+    JOINT_STATE,
+    START,
+    STEP,
+    TENDON_TENSIONS,
+    Sample,
+    assert_alike,
+    fingerprint,
+    header,
+    make,
+    message,
+    point,
+    random_tensions,
+    samples,
+    tensions_data,
+    text_sample,
+    write_bag,
+)
+
+from octo_arm_model import Backbone, Config, Uncertainty, load_config
+from octo_arm_model.bags import replay as module
+from octo_arm_model.bags.answers import Answers
+from octo_arm_model.bags.arms import find_arms
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.tensions import Reading
+from octo_arm_model.bags.topics import ANSWERS
+from octo_arm_model.bags.writer import STORAGES, BagWriter
+from octo_arm_model.cli.main import main
+from octo_arm_model.config.parameter_files import (
+    load_parameters,
+    parameters_as_yaml,
+    parse_parameters,
+    preset_path,
+)
+from octo_arm_model.wire.backbone import BackboneWriter
+from octo_arm_model.wire.stamp import Stamp
+
+TABLE_4 = load_parameters(preset_path('renda2012_table4'))
+ARM = Config.from_parameters(TABLE_4).arm
+DESCRIPTION = text_sample('/arm_description', parameters_as_yaml(TABLE_4))
+BACKBONE = ('/backbone/path', '/backbone/poses', '/strains', '/tip_pose')
+
+
+def content_of(path: Path, *topics: str) -> list[tuple[str, str, int, bytes]]:
+    with BagReader(path) as reader:
+        return [tuple(record) for record in reader.messages(topics or None)]
+
+
+def writer_of(config: Config) -> BackboneWriter:
+    grid = config.solver().grid
+    return BackboneWriter(
+        config.base_frame, config.model, grid.s, grid.section, config.arm.tendon_names
+    )
+
+
+def expected_messages(
+    config: Config, backbone: Backbone, stamp_ns: int, covariance: Any = None
+) -> list[bytes]:
+    """Answer of the node, on every topic but the lengths."""
+    writer, stamp = writer_of(config), divmod(stamp_ns, 10**9)
+    return [
+        writer.path(backbone, *stamp),
+        writer.poses(backbone, *stamp),
+        writer.strains(backbone, *stamp),
+        writer.tip_pose(backbone, np.zeros((6, 6)) if covariance is None else covariance, *stamp),
+    ]
+
+
+# The same bytes ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('kind', 'storage', 'count'),
+    [(TENDON_TENSIONS, 'mcap', 140), (ARRAY, 'sqlite3', 20), (JOINT_STATE, 'mcap', 20)],
+)
+def test_answers_are_those_of_single_solves(
+    tmp_path: Path, kind: str, storage: str, count: int
+) -> None:
+    tensions = random_tensions(ARM, count)
+    bag = write_bag(
+        tmp_path / 'in', [DESCRIPTION, *samples(ARM, tensions, '/pulls', kind)], storage
+    )
+    assert main(['replay', str(bag), str(tmp_path / 'out'), '--storage', storage]) == 0
+    config = Config.from_parameters(TABLE_4)
+    solver = config.solver(compiled=None)
+    found = content_of(tmp_path / 'out', *BACKBONE)
+    assert len(found) == 4 * count
+    for number, row in enumerate(tensions):
+        received = START + number * STEP + 1000
+        stamp = received if kind == ARRAY else received - 1000
+        expected = expected_messages(config, solver.solve(row), stamp)
+        for topic, data, one in zip(BACKBONE, expected, found[4 * number : 4 * number + 4]):
+            assert one[:3] == (topic, ANSWERS[topic[1:]], received)
+            assert_alike([one[3]], [data])
+
+
+@pytest.mark.parametrize(
+    ('preset', 'model'),
+    [
+        *itertools.product(
+            ['renda2012_table2', 'renda2012_prototype'], ['renda2012', 'closed_form', 'exact']
+        ),
+        ('rao2021', 'closed_form'),
+        ('rao2021', 'exact'),
+    ],
+)
+def test_every_model_answers_alike_alone_and_side_by_side(preset: str, model: str) -> None:
+    config = dataclasses.replace(load_config(preset_path(preset)), model=model)
+    tensions = random_tensions(config.arm, 12)
+    readings = [Reading(Stamp.from_ns(START + i), row, '') for i, row in enumerate(tensions)]
+    solver = config.solver(compiled=None)
+    answers = Answers(config).answer(readings)
+    for reading, answer in zip(readings, answers, strict=True):
+        expected = expected_messages(config, solver.solve(reading.tensions), reading.stamp_ns)
+        assert_alike([bytes(message) for message in answer.messages], expected)
+
+
+def test_a_shape_without_derivatives_is_answered_without_the_pose_of_its_tip() -> None:
+    config = load_config(preset_path('renda2012_prototype'))
+    rough = dataclasses.replace(config.arm, friction=(0.3,))
+    uncertain = Uncertainty(tension=0.02)
+    config = dataclasses.replace(config, model='exact', arm=rough, uncertainty=uncertain)
+    high = np.array([[1.0, 0.3, 0.0, 0.0]])
+    # The second sticks wherever the tendons are pulled a little less.
+    readings = [Reading(Stamp.from_ns(START + i), (1.0 - 0.001 * i) * high, '') for i in range(2)]
+    answers = Answers(config)
+    first, second = answers.answer(readings)
+    missing = [message is None for message in second.messages]
+    assert missing == [topic == 'tip_pose' for topic in answers.topics]
+    assert None not in first.messages and not first.reason
+    assert second.reason.startswith('tip_pose unknown: no derivatives') and not second.is_failure
+
+
+def test_solving_alone_gives_the_same_where_side_by_side_differs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    config = Config.from_parameters(TABLE_4)
+    readings = [
+        Reading(Stamp.from_ns(START + i), row, '')
+        for i, row in enumerate(random_tensions(ARM, 20))
+    ]
+    found = []
+    for is_alike in (True, False):
+        monkeypatch.setattr(Answers, '_is_alike', lambda self, is_alike=is_alike: is_alike)
+        found.append(Answers(config).answer(readings))
+    solver = config.solver(compiled=None)
+    together, alone = found
+    for reading, one, other in zip(readings, together, alone, strict=True):
+        expected = expected_messages(config, solver.solve(reading.tensions), reading.stamp_ns)
+        assert_alike([bytes(message) for message in other.messages], expected)
+        # Written by the hundred, as `BackboneWriter` writes one.
+        numbers = [np.frombuffer(bytes(data)[-800:], '<f8') for data in one.messages[:2]]
+        exact = [np.frombuffer(data[-800:], '<f8') for data in expected[:2]]
+        np.testing.assert_allclose(numbers, exact, atol=1e-6)
+        assert [len(data) for data in one.messages] == [len(data) for data in expected]
+
+
+def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_back(
+    tmp_path: Path,
+) -> None:
+    values = load_parameters(preset_path('renda2012_prototype'))
+    values |= {
+        'model': 'exact',
+        'material.density': 1080.0,
+        'loads.gravity': [0.0, 0.0, -9.81],
+        'tension_stddev': 0.05,
+    }
+    config = Config.from_parameters(values)
+    tensions = np.zeros((6, 1, 4))
+    tensions[:, 0, 0] = (0.0, 0.3, 0.6, 0.9, 0.2, 0.4)
+    content = samples(config.arm, tensions)
+    early = tensions_data(TENDON_TENSIONS, config.arm.tendon_names, tensions[4], START + STEP)
+    content[4] = content[4]._replace(data=early)
+    bag = write_bag(tmp_path / 'in', content)
+    (tmp_path / 'arm.yaml').write_text(parameters_as_yaml(values))
+    options = ['--config', str(tmp_path / 'arm.yaml'), '--lengths']
+    assert main(['replay', str(bag), str(tmp_path / 'out'), *options]) == 0
+    found = content_of(tmp_path / 'out', *BACKBONE, '/tendon_lengths')
+    solver, last, writer = config.solver(compiled=None), None, writer_of(config)
+    for number, row in enumerate(tensions):
+        last = solver.solve(row, start=None if number == 4 else last)
+        stamp = START + (number if number != 4 else 1) * STEP
+        covariance = solver.tip_covariance(last, config.uncertainty)
+        assert covariance.any()
+        expected = expected_messages(config, last, stamp, covariance)
+        lengths = solver.tendon_lengths(last)
+        expected.append(writer.tendon_lengths(lengths, last.tensions, *divmod(stamp, 10**9)))
+        assert_alike([one[3] for one in found[5 * number : 5 * number + 5]], expected)
+
+
+@pytest.mark.parametrize('options', [[], ['--lengths']], ids=['together', 'alone'])
+@pytest.mark.parametrize('kind', [TENDON_TENSIONS, JOINT_STATE])
+def test_stamps_stay_as_they_are_or_are_refused(
+    tmp_path: Path, kind: str, options: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = [(1, 999_999_999), (2**31 - 1, 999_999_999), (0, 7)]
+    bad = [(1, 4_000_000_000), (2**31 - 1, 2**32 - 1), (-(2**31), 0), (-1, 10**9)]
+    stamps = [good[0], *bad, *good[1:]]
+    content = samples(ARM, random_tensions(ARM, len(stamps)), '/tendon_tensions', kind)
+    for number, stamp in enumerate(stamps):
+        data = content[number].data
+        data = data[:4] + struct.pack('<iI', *stamp) + data[12:]
+        content[number] = content[number]._replace(data=data)
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *content])
+    options = [*options, '--topics', '/tendon_tensions']
+    assert main(['replay', str(bag), str(tmp_path / 'out'), *options]) == 0
+    for topic in BACKBONE:
+        found = [
+            struct.unpack_from('<iI', data, 4) for *_, data in content_of(tmp_path / 'out', topic)
+        ]
+        assert found == good
+    assert f'  {len(bad)} refused\n' in capsys.readouterr().out
+
+
+# What else is in the bag ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_the_source_is_copied_and_stays_as_it_is(tmp_path: Path, storage: str) -> None:
+    content = [DESCRIPTION, *samples(ARM, random_tensions(ARM, 30))]
+    content.insert(7, text_sample('/note', 'the cat came in', START + 5 * STEP))
+    bag = write_bag(tmp_path / 'in', content, storage)
+    before = fingerprint(bag)
+    times = {path: path.stat().st_mtime_ns for path in bag.iterdir()}
+    assert main(['replay', str(bag), str(tmp_path / 'out')]) == 0
+    assert fingerprint(bag) == before
+    assert {path: path.stat().st_mtime_ns for path in bag.iterdir()} == times
+    both = ('/note', '/tendon_tensions')
+    assert content_of(tmp_path / 'out', *both) == content_of(bag, *both)
+    assert main(['replay', str(bag), str(tmp_path / 'alone'), '--no-copy']) == 0
+    with BagReader(tmp_path / 'alone') as reader:
+        assert set(reader.topics) == {*BACKBONE, '/arm_description'}
+    # An answer stands right behind what it answers.
+    order = [topic for topic, *_ in content_of(tmp_path / 'out')]
+    assert order[1:6] == ['/tendon_tensions', *BACKBONE]
+
+
+def test_answers_replace_those_recorded_and_say_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 10))])
+    assert main(['replay', str(bag), str(tmp_path / 'once'), '--model', 'closed_form']) == 0
+    assert main(['replay', str(tmp_path / 'once'), str(tmp_path / 'twice'), '--model',
+                 'renda2012']) == 0  # fmt: skip
+    assert '/backbone/path not copied: written anew' in capsys.readouterr().out
+    assert main(['replay', str(bag), str(tmp_path / 'plain')]) == 0
+    assert content_of(tmp_path / 'twice') == content_of(tmp_path / 'plain')
+
+
+def test_the_description_of_the_answers_is_latched_and_has_the_model(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 2))])
+    assert main(['replay', str(bag), str(tmp_path / 'out'), '--model', 'closed_form']) == 0
+    with BagReader(tmp_path / 'out') as reader:
+        (record,) = reader.messages(['/arm_description'])
+        values = parse_parameters(reader.decode(record).data, 'it')
+        (connection,) = reader.connections(['/arm_description'])
+        assert reader.metadata['octo_arm_replay'] == 'shapes for in'
+    assert values == {
+        **parse_parameters(parameters_as_yaml(TABLE_4), 'it'),
+        'model': 'closed_form',
+    }
+    (qos,) = connection.ext.offered_qos_profiles
+    assert qos.durability.name == 'TRANSIENT_LOCAL'
+    information = yaml.safe_load((tmp_path / 'out' / 'metadata.yaml').read_text())
+    assert information['rosbag2_bagfile_information']['version'] == 9
+
+
+def test_each_arm_is_answered_in_its_namespace_as_it_describes_itself(tmp_path: Path) -> None:
+    softer = {**TABLE_4, 'material.youngs_modulus': 1e5, 'model': 'closed_form'}
+    content = [
+        text_sample('/arm_1/arm_description', parameters_as_yaml(TABLE_4)),
+        text_sample('/arm_2/arm_description', parameters_as_yaml(softer)),
+        *samples(ARM, random_tensions(ARM, 5), '/arm_1/tendon_tensions'),
+        *samples(ARM, random_tensions(ARM, 5), '/arm_2/tendon_tensions/array', ARRAY),
+    ]
+    bag = write_bag(tmp_path / 'in', content)
+    assert main(['replay', str(bag), str(tmp_path / 'out')]) == 0
+    for name, values in (('arm_1', TABLE_4), ('arm_2', softer)):
+        config = Config.from_parameters(values)
+        found = content_of(tmp_path / 'out', *(f'/{name}{topic}' for topic in BACKBONE))
+        assert len(found) == 20
+        stamp = START + (1000 if name == 'arm_2' else 0)
+        backbone = config.solver(compiled=None).solve(random_tensions(ARM, 5)[0])
+        assert_alike([one[3] for one in found[:4]], expected_messages(config, backbone, stamp))
+    # One of them alone, when asked.
+    options = ['--topics', 'arm_1/tendon_tensions']
+    assert main(['replay', str(bag), str(tmp_path / 'one'), *options]) == 0
+    with BagReader(tmp_path / 'one') as reader:
+        assert '/arm_2/backbone/path' not in reader.topics
+
+
+# What does not fit ------------------------------------------------------------------------------
+
+
+def test_what_cannot_be_answered_is_left_out_and_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = samples(ARM, random_tensions(ARM, 300))
+    names, some = ARM.tendon_names, np.full(12, 0.1)
+    bad = {
+        100: (names, np.where(np.arange(12) == 4, np.nan, some), 'tension of tendon_2_1 is nan N'),
+        150: (names[:11], some[:11], 'no tension for tendon tendon_3_4'),
+        200: (names, np.full(12, 500.0), 'did not converge'),
+    }
+    for place, (own, values, _) in bad.items():
+        data = tensions_data(TENDON_TENSIONS, own, values, START + place * STEP)
+        content[place] = content[place]._replace(data=data)
+    late = tensions_data(TENDON_TENSIONS, names, some, START)
+    content[250] = content[250]._replace(data=late)
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *content])
+    report = printed(capsys, 'replay', str(bag), str(tmp_path / 'out'), '--json')
+    topic = report['topics']['/tendon_tensions']
+    counts = {name: topic[name] for name in ('answered', 'refused', 'failed', 'unsorted')}
+    assert counts == {'answered': 297, 'refused': 2, 'failed': 1, 'unsorted': 1}
+    assert [stamp for stamp, _ in topic['skips']] == [START + place * STEP for place in bad]
+    for (_, reason), (_, _, expected) in zip(topic['skips'], bad.values(), strict=True):
+        assert expected in reason or 'compress' in reason
+    stamps = {one[2] for one in content_of(tmp_path / 'out', '/backbone/path')}
+    assert stamps == {one.received_ns for i, one in enumerate(content) if i not in bad}
+    assert main(['replay', str(bag), str(tmp_path / 'again')]) == 0
+    out = capsys.readouterr().out
+    assert f'{(START + 100 * STEP) * 1e-9:.6f} s: tension of tendon_2_1 is nan N' in out
+
+
+@pytest.mark.parametrize(
+    ('content', 'options', 'status', 'expected'),
+    [
+        (samples(ARM, np.full((3, 12), -1.0)), (), 2, 'none of 3 messages on /tendon_tensions'),
+        (samples(ARM, np.full((3, 12), 1e5)), (), 1, 'none of 3 messages on /tendon_tensions'),
+        ([], (), 2, 'no tensions, expected octo_arm_msgs/msg/TendonTensions or std_msgs'),
+        (samples(ARM, np.ones((3, 12))), ('--topics', '/pulls'), 2, 'no topic /pulls for tens'),
+        (samples(ARM, np.ones((3, 12))),
+         ('--topics', 'tendon_tensions', '/tendon_tensions:tension'), 2,
+         '--topics names tendon_tensions /tendon_tensions:tension, expected each topic once'),
+        (samples(ARM, np.ones((3, 12))), ('--config', 'octopus'), 2, "no preset arm 'octopus'"),
+        (samples(ARM, np.ones((3, 12))), ('--config', 'renda2012_prototype'), 2,
+         'could be answered, 3 as unknown tendon tendon_2_1'),
+        (samples(ARM, np.ones((3, 12))), ('--config', 'rao2021', '--model', 'renda2012'), 2,
+         "model is 'renda2012', which does not cover"),
+    ],
+)  # fmt: skip
+def test_where_there_is_nothing_to_answer_there_is_no_bag(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    content: list[Sample],
+    options: tuple[str, ...],
+    status: int,
+    expected: str,
+) -> None:
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *content])
+    assert main(['replay', str(bag), str(tmp_path / 'out'), *options]) == status
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith('octo-arm: error: ')
+    assert expected in error
+    assert [path.name for path in tmp_path.iterdir()] == ['in']
+
+
+def test_a_wrench_in_the_bag_is_not_applied_and_that_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    vector = point((0.0, 0.0, 0.1), 'Vector3')
+    wrench = make('geometry_msgs/msg/Wrench', force=vector, torque=vector)
+    name = 'geometry_msgs/msg/WrenchStamped'
+    sample = message('/tip_wrench', name, START, header=header(START), wrench=wrench)
+    content = [DESCRIPTION, sample, *samples(ARM, random_tensions(ARM, 2))]
+    bag = write_bag(tmp_path / 'in', content)
+    assert main(['replay', str(bag), str(tmp_path / 'out')]) == 0
+    assert '/tip_wrench is not applied' in capsys.readouterr().out
+
+
+def test_without_a_description_the_arm_must_be_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / 'in', samples(ARM, random_tensions(ARM, 3)))
+    assert main(['replay', str(bag), str(tmp_path / 'out')]) == 2
+    assert 'no topic arm_description, so say which arm' in capsys.readouterr().err
+    text = parameters_as_yaml({**TABLE_4, 'base_frame': ''})
+    content = [text_sample('/arm_description', text), *samples(ARM, random_tensions(ARM, 1))]
+    other = write_bag(tmp_path / 'other', content)
+    assert main(['replay', str(other), str(tmp_path / 'out')]) == 2
+    assert f"{other}, /arm_description: base_frame is ''" in capsys.readouterr().err
+    assert main(['replay', str(bag), str(tmp_path / 'out'), '--config', 'renda2012_table4']) == 0
+    inside, before = str(bag / 'shapes'), sorted(bag.iterdir())
+    for words in ([inside], [str(tmp_path / 'new'), '--csv', inside],
+                  [str(tmp_path / 'new'), '--csv', str(bag)]):  # fmt: skip
+        assert main(['replay', str(bag), *words, '--config', 'renda2012_table4']) == 2
+        assert 'which stays as it is' in capsys.readouterr().err
+    assert sorted(bag.iterdir()) == before
+
+
+# However it ends --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_ctrl_c_leaves_no_bag(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    storage: str,
+) -> None:
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 400))])
+    write = BagWriter.write
+    calls = []
+
+    def interrupted(self: BagWriter, messages: Any) -> None:
+        write(self, messages)
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(BagWriter, 'write', interrupted)
+    out = tmp_path / 'out'
+    assert main(['replay', str(bag), str(out), '--storage', storage]) == 130
+    assert f'interrupted, no {out} written' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['in']
+
+
+@pytest.mark.parametrize('command', ['replay', 'record-demo'])
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_that_ends_it_leaves_no_bag(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    number: signal.Signals,
+) -> None:
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 10))])
+    write = BagWriter.write
+
+    def signalled(self: BagWriter, messages: Any) -> None:
+        write(self, messages)
+        os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(BagWriter, 'write', signalled)
+    sources = [str(bag)] if command == 'replay' else []
+    # What nohup ignores stays ignored, so the tests may run under it.
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        assert main([command, *sources, str(tmp_path / 'out')]) == 128 + number
+        assert signal.getsignal(number) == signal.SIG_DFL
+    finally:
+        signal.signal(number, before)
+    assert f'interrupted, no {tmp_path / "out"} written' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['in']
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('limit', [1000, 300_000, 1_500_000])
+def test_a_full_disk_leaves_no_bag(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], storage: str, limit: int
+) -> None:
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 150))])
+    before = fingerprint(bag)
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # To a process its disk is as full as it may write.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, usual[1]))
+    try:
+        given = '--storage', storage, '--model', 'closed_form'
+        status = main(['replay', str(bag), str(tmp_path / 'out'), *given])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    assert status == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'octo-arm: error: {tmp_path / "out"}: cannot be written: ')
+    assert [path.name for path in tmp_path.iterdir()] == ['in']
+    assert fingerprint(bag) == before
+
+
+def test_memory_is_bounded_whatever_the_length(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Pictures beside the tensions: a hundred megabytes would show.
+    monkeypatch.setattr(module, '_LARGEST', 2**20)
+    picture = 'x' * 2**18
+    content = samples(ARM, random_tensions(ARM, 200))
+    pictures = [text_sample('/picture', picture, START + i * STEP) for i in range(200)]
+    both = sorted([*content, *pictures], key=lambda sample: sample.received_ns)
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *both])
+    del content, pictures, both
+    with BagReader(bag) as reader, BagWriter(tmp_path / 'out') as writer:
+        arms = find_arms(reader, model='closed_form')
+        tracemalloc.start()
+        report = module.replay(reader, writer, arms)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    assert report.copied == 400
+    assert (tmp_path / 'out' / 'out_0.mcap').stat().st_size > 50 * 2**20
+    # The solver asks once for 24 MiB that it never fills.
+    assert peak < (24 + 12) * 2**20
+
+
+def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ('replay', 'record-demo'):
+        with pytest.raises(SystemExit) as caught:
+            main([command, '--help'])
+        assert caught.value.code == 0
+        text = capsys.readouterr().out
+        assert f'octo-arm {command} experiment' in text
+        assert '130 interrupted' in text
+
+
+def test_friction_remembers_the_tensions_before(tmp_path: Path) -> None:
+    rough = TABLE_4 | {'model': 'exact', 'tendons.friction': [0.2], 'friction_memory': 1.0}
+    pull = np.full((3, 4), 0.02)
+    pull[2, 0] = 1.0
+    # The last ones after a gap, which is forgotten.
+    first = samples(ARM, [pull, 0.6 * pull, 0.8 * pull])
+    later = [
+        Sample(
+            '/tendon_tensions', TENDON_TENSIONS, START + 10**10,
+            tensions_data(TENDON_TENSIONS, ARM.tendon_names, 0.6 * pull, START + 10**10),
+        )
+    ]  # fmt: skip
+    text = text_sample('/arm_description', parameters_as_yaml(rough))
+    bag = write_bag(tmp_path / 'in', [text, *first, *later])
+    assert main(['replay', str(bag), str(tmp_path / 'out')]) == 0
+    config = Config.from_parameters(rough)
+    solver = config.solver(compiled=None)
+    last, expected = None, []
+    for tensions in (pull, 0.6 * pull, 0.8 * pull):
+        last = solver.follow(tensions, last)
+        expected.append(last)
+    # Without history, but from the shape before: from none it is the same to 1e-9 only.
+    expected.append(solver.solve(0.6 * pull, start=last))
+    np.testing.assert_allclose(expected[3].tip, solver.solve(0.6 * pull).tip, atol=1e-9)
+    assert np.linalg.norm(expected[1].tip - expected[3].tip) > 1e-3
+    found = content_of(tmp_path / 'out', '/tip_pose')
+    stamps = [*(START + i * STEP for i in range(3)), START + 10**10]
+    for (*_, data), backbone, stamp in zip(found, expected, stamps, strict=True):
+        assert_alike([data], expected_messages(config, backbone, stamp)[3:])
+
+
+# Beside the node --------------------------------------------------------------------------------
+
+
+def test_the_node_answers_the_messages_of_a_bag_as_replay_does(tmp_path: Path) -> None:
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+    from live_nodes import OUTPUTS, RELIABLE, hosting
+
+    from octo_arm_model.ros.node.main import OctoArmNode
+
+    tensions = random_tensions(ARM, 25)
+    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, tensions)])
+    assert main(['replay', str(bag), str(tmp_path / 'out'), '--lengths']) == 0
+    with hosting(OctoArmNode, *RELIABLE) as client:
+        client.connect()
+        raw = {topic: client.hear(kind, topic, raw=True) for topic, kind in OUTPUTS.items()}
+        publisher = client.publishers['tendon_tensions']
+
+        def is_heard() -> bool:
+            client.send('tendon_tensions', np.zeros((3, 4)))
+            client.spin(0.1)
+            return all(raw.values())
+
+        client.wait(is_heard, 'an answer')
+        found: dict[str, list[bytes]] = {topic: [] for topic in raw}
+        for *_, data in content_of(bag, '/tendon_tensions'):
+            publisher.publish(data)
+
+            def answers(data: bytes = data) -> list[list[bytes]]:
+                # Answers carry the stamp of what they answer.
+                return [[one for one in got if one[4:12] == data[4:12]] for got in raw.values()]
+
+            client.wait(lambda answers=answers: all(answers()), 'an answer')
+            for got, (answer,) in zip(found.values(), answers(), strict=True):
+                got.append(answer)
+    for topic, got in found.items():
+        assert_alike(got, [one[3] for one in content_of(tmp_path / 'out', f'/{topic}')])
