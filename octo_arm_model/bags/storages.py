@@ -74,11 +74,7 @@ def checked_yaml(text: str, what: str) -> Any:
 
 
 def check_compressed_file(path: Path) -> None:
-    """Refuse a compressed file that becomes out of proportion large.
-
-    Raises:
-        ValueError: if it does.
-    """
+    """Refuse a compressed file that becomes out of proportion large; ValueError if it does."""
     most = _FILE_RATIO * path.stat().st_size + _FILE_MORE
     size = 0
     with zstd.open(path, 'rb') as stream:
@@ -91,11 +87,7 @@ def check_compressed_file(path: Path) -> None:
 
 
 def expand_message(data: bytes) -> bytes:
-    """A message compressed by zstd.
-
-    Raises:
-        ValueError: if it is larger than `LARGEST`.
-    """
+    """A message compressed by zstd; ValueError if it is larger than `LARGEST`."""
     return _read(zstd.open(io.BytesIO(data), 'rb'), LARGEST, 'a compressed message')
 
 
@@ -111,11 +103,7 @@ def _read(stream: Any, most: int, what: str) -> bytes:
 
 
 def check_size(size: int, what: str) -> None:
-    """Refuse what is too large for memory.
-
-    Raises:
-        ValueError: if ``size`` is more than `LARGEST` bytes.
-    """
+    """Refuse what is too large for memory; ValueError if ``size`` is more than `LARGEST` bytes."""
     if size > LARGEST:
         raise ValueError(f'{what} of {size} bytes, at most {LARGEST} are read')
 
@@ -157,11 +145,7 @@ class BoundedMcapReader(McapReader):
     path: Path
 
     def open(self) -> None:
-        """Open it.
-
-        Raises:
-            ValueError: if it is damaged, or needs more memory than is allowed.
-        """
+        """Open it; ValueError if it is damaged, or needs more memory than is allowed."""
         check_file(self.path)
         with self.path.open('rb') as file:
             chunks = _chunks(file, self.path.stat().st_size)
@@ -238,11 +222,7 @@ class CheckedSqlite3Reader(Sqlite3Reader):
     missing = 0
 
     def open(self) -> None:
-        """Open it.
-
-        Raises:
-            ValueError: if it is damaged.
-        """
+        """Open it; ValueError if it is damaged."""
         check_file(self.path)
         for ending in ('-wal', '-journal'):
             beside = self.path.with_name(self.path.name + ending)

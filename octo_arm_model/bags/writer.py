@@ -227,10 +227,6 @@ class BagWriter:
             )
 
     def write(self, messages: Iterable[Message]) -> None:
-        """Add ``messages``.
-
-        Raises:
-            BagError: if the bag cannot be written.
-        """
+        """Add ``messages``; BagError if the bag cannot be written."""
         with self._failures():
             self._writer.write_all(messages)

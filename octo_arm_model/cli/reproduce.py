@@ -31,18 +31,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the page; 1 where a claim does not hold for the paper's own model."""
     # Imported before the work, so that a missing matplotlib is reported at once.
-    from octo_arm_model.reproduce import page as content
-    from octo_arm_model.reproduce.page import as_html
+    from octo_arm_model.reproduce.page import as_html, summary
 
     check_out(options, 'outdir', folder=True)
-    claims = [claim() for claim in CLAIMS]
     html = options.outdir / 'renda2012.html'
     with Bar('pictures') as bar:
-        page = as_html(content.blocks(claims), bar)
+        page = as_html(CLAIMS, bar)
     with writing(html) as place:
         place.write_text(page, encoding='utf-8')
-    print(html, content.summary(claims), sep='\n')
-    failed = [claim for claim in claims if claim.fails]
+    print(html, summary(CLAIMS), sep='\n')
+    failed = [claim for claim in CLAIMS if claim.fails]
     for claim in failed:
         print(f'octo-arm: does not hold: {claim.says} ({claim.where})', file=sys.stderr)
     return 1 if failed else 0

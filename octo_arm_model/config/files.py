@@ -233,11 +233,7 @@ class CsvFiles(contextlib.ExitStack):
     """Files that are open together, until the block ends."""
 
     def open(self, path: Path) -> Any:
-        """Writer of a new file.
-
-        Raises:
-            OSError: if it cannot be written.
-        """
+        """Writer of a new file; OSError if it cannot be written."""
         file = self.enter_context(path.open('w', encoding='utf-8', newline=''))
         return csv.writer(file, lineterminator='\n')
 

@@ -196,7 +196,7 @@ def figure_10(figure: FigureBase) -> None:
         angle = np.deg2rad(plane)
         place = np.array([1.4, 1.33]) * reach * (np.cos(angle), np.sin(angle))
         axes.annotate(
-            f'${plane}$°\n{_ratio(plane)}', place, ha='center', va='center', fontsize=7,
+            f'${plane}$°\n{ratio_of(plane)}', place, ha='center', va='center', fontsize=7,
             linespacing=1.2,
         )  # fmt: skip
     axes.set(
@@ -207,7 +207,7 @@ def figure_10(figure: FigureBase) -> None:
     add_legend(figure)
 
 
-def _ratio(plane: int) -> str:
+def ratio_of(plane: int) -> str:
     """The pulled cables of section 1 and the ratio of their tensions, as mathtext."""
     tensions = cases.pair(plane)
     names = {j: f'T_{{1{j}}}' for j in (1, 3, 2, 4) if tensions[j - 1] > 0.0}

@@ -71,11 +71,7 @@ class Topic:
         return taken
 
     def take(self) -> list[Any]:
-        """As `take_raw`, deserialised.
-
-        Raises:
-            MessageError: if bytes are no message of the type.
-        """
+        """As `take_raw`, deserialised; MessageError if bytes are no message of the type."""
         return [decoded(data, self._kind) for data, _ in self.take_raw()]
 
 

@@ -42,11 +42,7 @@ class Prepared:
 
 
 def describe(values: Mapping[str, Any]) -> str:
-    """The parameter file of ``values``.
-
-    Raises:
-        ConfigError: if it is larger than those that are read.
-    """
+    """The parameter file of ``values``; ConfigError if it is larger than those that are read."""
     text = parameters_as_yaml(values)
     if len(text) > MAX_YAML_BYTES:
         raise ConfigError(

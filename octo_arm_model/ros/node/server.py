@@ -71,11 +71,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._diagnostics.end('inactive')
 
     def activate(self) -> None:
-        """Start answering.
-
-        Raises:
-            ConfigError: if an override of a QoS policy cannot be.
-        """
+        """Start answering; ConfigError if an override of a QoS policy cannot be."""
         self._tensions.open()
         self._open()
         self._diagnostics.begin()

@@ -1,0 +1,196 @@
+"""The page of the paper's figures, tables and claims, as the command writes it."""
+
+from __future__ import annotations
+
+import base64
+import re
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('matplotlib')
+from matplotlib.figure import Figure
+
+from octo_arm_model import MODELS, load_config
+from octo_arm_model.cli import reproduce
+from octo_arm_model.cli.main import main
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, PROTOTYPE_ERRORS
+from octo_arm_model.reproduce import cases, figures, page, tables
+from octo_arm_model.reproduce.claims import CLAIMS, PLANES, Claim
+
+FIGURES = [f'Figure {number}' for number in (8, 9, 10, 11, 12, 14, 15)]
+
+
+@pytest.fixture(scope='module')
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the command writes; warnings of the package are errors."""
+    folder = tmp_path_factory.mktemp('reproduce') / 'new' / 'folder'
+    assert main(['reproduce', str(folder)]) == 0
+    return folder / 'renda2012.html'
+
+
+def test_the_page_has_every_section_figure_table_and_claim_in_order(file: Path) -> None:
+    root = ElementTree.fromstring(file.read_text(encoding='utf-8'))
+    assert [''.join(element.itertext()) for element in root.iter('h2')] == [
+        'What the text claims', 'The arms', '5.1 Analytical versus FEM model',
+        '5.2 Analytical model versus real prototype', '6.1 Bending', '6.2 Fetching',
+        'What the paper does not give',
+    ]  # fmt: skip
+    assert [element.get('alt') for element in root.iter('img')] == FIGURES
+    assert len(list(root.iter('table'))) == 6
+    said = [e.text for e in root.iter('span') if e.get('class') == 'says']
+    assert [text[:9] for text in said] == [claim.says[:9] for claim in CLAIMS]
+    text = ''.join(root.itertext())
+    assert f'renda2012 {len(CLAIMS)} of {len(CLAIMS)}' in text
+    assert re.search('turns by \N{MINUS SIGN}?\\d+°', text.replace('+', ''))
+
+
+def test_the_page_needs_nothing_else(file: Path) -> None:
+    text = file.read_text(encoding='utf-8')
+    root = ElementTree.fromstring(text)
+    assert not {element.tag for element in root.iter()} & {'script', 'link', 'iframe', 'object'}
+    assert not re.search(r'https?:|url\(|@import|\ssrc="(?!data:)', text)
+    for image in root.iter('img'):
+        kind, data = image.attrib['src'].split(',', 1)
+        assert kind == 'data:image/svg+xml;base64'
+        svg = base64.b64decode(data)
+        assert ElementTree.fromstring(svg).tag == '{http://www.w3.org/2000/svg}svg'
+
+
+def test_the_same_figures_come_out_the_same(file: Path) -> None:
+    assert page.as_html(CLAIMS) == file.read_text(encoding='utf-8')
+
+
+def test_a_browser_prints_it_on_a4_with_nothing_cut_off(file: Path) -> None:
+    pytest.importorskip('selenium')
+    from browser import CHROMEDRIVER, Browser
+
+    if not CHROMEDRIVER:
+        pytest.skip('needs chromedriver')
+    browser = Browser(file.as_uri())
+    try:
+        command = browser.driver.execute_cdp_cmd
+        printed = command('Page.printToPDF', {'preferCSSPageSize': True})
+        # The width between the margins, 170 mm, in CSS pixels.
+        metrics = {'width': 642, 'height': 971, 'deviceScaleFactor': 1, 'mobile': False}
+        command('Emulation.setDeviceMetricsOverride', metrics)
+        command('Emulation.setEmulatedMedia', {'media': 'print'})
+        widest = browser.driver.execute_script(
+            'return Math.max(...[...document.querySelectorAll("*")].map(e => e.scrollWidth))'
+        )
+    finally:
+        browser.close()
+    sizes = re.findall(rb'/MediaBox \[0 0 (\S+) (\S+)\]', base64.b64decode(printed['data']))
+    assert len(sizes) > 5
+    assert {(round(float(x)), round(float(y))) for x, y in sizes} == {(595, 842)}
+    assert widest <= 642
+
+
+@pytest.mark.parametrize('name', FIGURES)
+def test_every_figure_shows_all_models_inside_its_axes(name: str) -> None:
+    figure = Figure(figsize=(6.7, 4.0))
+    getattr(figures, name.lower().replace(' ', '_'))(figure)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        colours = [line.get_color() for line in axes.lines if len(line.get_xdata()) > 100]
+        # The same number of curves by each model.
+        assert len({colours.count(style['color']) for style in figures.LINES.values()}) == 1
+        assert colours
+        for line in axes.lines:
+            # Axes in space are projected: their limits contain all points by `limits`.
+            if axes.name != '3d':
+                points = axes.transData.transform(line.get_xydata())
+                assert axes.bbox.padded(1.0).count_contains(points) == len(points)
+
+
+@pytest.mark.parametrize('plane', PLANES)
+def test_ratios_of_figure_10_are_those_of_the_tensions(plane: int) -> None:
+    tensions, ratio = cases.pair(plane), figures.ratio_of(plane)
+    pulled = [int(j) - 1 for j in re.findall(r'T_\{1(\d)\}', ratio)]
+    assert sorted(pulled) == [j for j, tension in enumerate(tensions) if tension > 0.0]
+    if len(pulled) == 2:
+        one, other = re.search(r'=(.*):(.*)\$', ratio).groups()
+        value = {'1': 1.0, r'\sqrt{3}': 3.0**0.5}
+        expected = tensions[pulled[0]] / tensions[pulled[1]]
+        assert value[one] / value[other] == pytest.approx(expected)
+
+
+def test_figures_draw_the_backbones_of_the_solver(model: str) -> None:
+    figure = Figure()
+    figures.figure_14(figure)
+    curves = [line for line in figure.axes[0].lines if len(line.get_xdata()) > 100]
+    expected = cases.solve('table4', model, FETCHING_IN_PLANE).position[:, :2] * 1e3
+    drawn = curves[MODELS.index(model)].get_xydata()
+    np.testing.assert_allclose(drawn, expected, atol=1e-12)
+    assert np.abs(cases.solve('table2', model, BENDING['A']).tau).max() < 1e-9
+
+
+def test_the_arms_and_tensions_are_those_printed() -> None:
+    assert [' '.join(row[1:]) for row in tables.arms().rows] == [
+        '110 0.5 310 6.5 15 1 7.5 3.5 3.5 217 6 6 93',
+        '110 0.5 450 2 15 1 7.5 3.5 3.5 315 6 6 135',
+        '110 0.5 300 1.5 10 1 0.66 – – – – – –',
+        '110 0.5 270 7.4 15 2.5 5 – – – – – –',
+    ]
+    table = tables.tensions()
+    assert table.header[1:] == ('T11', 'T12', 'T13', 'T14', 'T21', 'T32', 'T33')
+    assert {row[0]: ' '.join(row[1:]) for row in table.rows} == {
+        'Figure 11(A)': '0 0 1 1 0 0 0',
+        'Figure 11(B)': '1 1.732 0 0 0 0 0',
+        'Figure 11(C)': '0 1 1.732 0 0 0 0',
+        'Figure 14': '0 0 0.5 0 4 0 13',
+        'Figure 15': '0 0 0.5 0 4 13 0',
+    }
+
+
+def test_tips_in_table_1_are_those_of_the_solver_beside_the_papers_errors() -> None:
+    config = load_config('renda2012_prototype')
+    *rows, last = tables.tip_errors().rows
+    assert last[:2] == ('average', '5.4')
+    for row, (tension, error) in zip(rows, PROTOTYPE_ERRORS.items(), strict=True):
+        assert row[:2] == (f'{tension:.2f}', f'{error:.1f}')
+        for cell, model in zip(row[2:5], MODELS, strict=True):
+            tip = config.solver(model).solve([[tension, 0.0, 0.0, 0.0]]).tip
+            printed = [float(value) for value in cell.split(', ')]
+            np.testing.assert_allclose(printed, tip[:2] * 1e3, atol=0.06)
+
+
+def test_a_claim_that_fails_is_said_and_is_status_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    claim = Claim('The arm is straight.', 'section 8', '', lambda model: ('2 mm < 3', False))
+    monkeypatch.setattr(reproduce, 'CLAIMS', [claim])
+    assert main(['reproduce', str(tmp_path)]) == 1
+    out, err = capsys.readouterr()
+    assert err.endswith('octo-arm: does not hold: The arm is straight. (section 8)\n')
+    assert 'renda2012 0 of 1' in out
+    # A finding is shown, not hidden.
+    text = (tmp_path / 'renda2012.html').read_text(encoding='utf-8')
+    assert text.count('<b class="fails">fails</b>') == text.count('2\u00a0mm &lt; 3') == 3
+
+
+@pytest.mark.parametrize('name', ['file', 'file/below'])
+def test_a_folder_that_cannot_be_is_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    (tmp_path / 'file').write_text('')
+    assert main(['reproduce', str(tmp_path / name)]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count('\n')) == ('', 1)
+    assert err.startswith(f'octo-arm: error: outdir is {str(tmp_path / name)!r}, ')
+
+
+def test_without_matplotlib_it_says_what_to_install_and_makes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in list(sys.modules):
+        if name.split('.')[0] == 'matplotlib' or name.startswith('octo_arm_model.reproduce.'):
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, 'matplotlib', None)
+    assert main(['reproduce', str(tmp_path / 'new')]) == 2
+    err = capsys.readouterr().err
+    assert re.fullmatch(r'octo-arm: error: needs matplotlib.*; install it with: .*\n', err)
+    assert not (tmp_path / 'new').exists()
