@@ -27,10 +27,9 @@ myst_heading_anchors = 3
 exclude_patterns = ['_build', '_generated']
 # The changelog and the notes for contributors keep their levels.
 suppress_warnings = ['myst.header']
-html_theme = 'alabaster'
+html_theme = 'furo'
 html_static_path = ['static']
-html_css_files = ['tables.css']
-html_theme_options = {'page_width': '1100px', 'sidebar_width': '250px'}
+html_css_files = ['manual.css']
 html_math_renderer = 'mathml'
 
 autodoc_member_order = 'bysource'
