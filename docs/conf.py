@@ -28,6 +28,7 @@ exclude_patterns = ['_build', '_generated']
 # The changelog and the notes for contributors keep their levels.
 suppress_warnings = ['myst.header']
 html_theme = 'furo'
+html_title = f'{project} {release}'
 html_static_path = ['static']
 html_css_files = ['manual.css']
 html_math_renderer = 'mathml'

@@ -1,0 +1,39 @@
+"""A load of a new kind: a force that rotates with the cross section it acts on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model import Loads, Solver, load_config
+from octo_arm_model.arm.loads import Resultants, Tangent
+from octo_arm_model.rod.rotations import skew
+
+
+@dataclass(frozen=True)
+class FollowingForce:
+    s: float  # [m]
+    force: tuple[float, float, float]  # along t, n, b of its cross section [N]
+    knots: tuple[float, ...] = ()
+
+    @property
+    def breaks(self):
+        return (self.s,)
+
+    def resultants(self, rod):
+        turned = (rod.rotation_at(self.s) @ self.force)[:, np.newaxis]
+        force = np.where(rod.s < self.s, turned, 0.0)
+        return Resultants(force, np.zeros_like(force))
+
+    def tangents(self, rod):
+        # Turned by a small rotation vector phi, the force changes by phi x force.
+        by_turn = -skew((rod.rotation_at(self.s) @ self.force)[:, np.newaxis])
+        force = np.where(rod.s < self.s, by_turn, 0.0)
+        return (Tangent(self.s, force, np.zeros_like(force)),)
+
+
+arm = load_config('renda2012_prototype').arm
+loads = Loads(others=(FollowingForce(arm.length, (0.0, 0.02, 0.0)),))
+solver = Solver(arm, 'exact', loads=loads)
+shape = solver.solve([[1.0, 0.0, 0.0, 0.0]])
+print('tip [m]:', shape.tip)
+print('moved by 1 N more [m]:', solver.sensitivity(shape).by_tension.tip[:3, 0])
