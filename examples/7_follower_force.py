@@ -11,20 +11,25 @@ from octo_arm_model.rod.rotations import skew
 
 @dataclass(frozen=True)
 class FollowingForce:
+    """A force in the axes of the cross section at s."""
+
     s: float  # [m]
     force: tuple[float, float, float]  # along t, n, b of its cross section [N]
     knots: tuple[float, ...] = ()
 
     @property
     def breaks(self):
+        """Where the resultants jump."""
         return (self.s,)
 
     def resultants(self, rod):
+        """Force [N] and moment [N m] of what is beyond each node."""
         turned = (rod.rotation_at(self.s) @ self.force)[:, np.newaxis]
         force = np.where(rod.s < self.s, turned, 0.0)
         return Resultants(force, np.zeros_like(force))
 
     def tangents(self, rod):
+        """Derivatives of these by a small rotation of the cross section."""
         # Turned by a small rotation vector phi, the force changes by phi x force.
         by_turn = -skew((rod.rotation_at(self.s) @ self.force)[:, np.newaxis])
         force = np.where(rod.s < self.s, by_turn, 0.0)
