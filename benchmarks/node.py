@@ -46,11 +46,11 @@ from rclpy.subscription import Subscription
 from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.messages import backbone_messages
 from octo_arm_model.ros.node import main as our_node
 from octo_arm_model.wire.tensions import TENDON_TENSIONS
 
 sys.path.insert(0, os.path.join(os.path.dirname(__file__), '..', 'test'))
+from backbone_messages import messages_of
 from ros_domains import new_domain
 
 CONFIG_FILE = preset_path('renda2012_table4')
@@ -113,7 +113,7 @@ def answer_for_ever(kind: str) -> None:
 
     def solved(message: TendonTensions) -> tuple[Path, PoseArray, SectionStrains]:
         backbone = solver.solve(TENDON_TENSIONS.read(message, CONFIG.arm))
-        return backbone_messages(backbone, message.header.stamp, CONFIG.base_frame)
+        return messages_of(backbone, message.header.stamp, CONFIG.base_frame)
 
     names, values = list(CONFIG.arm.tendon_names), np.ravel(FETCHING_IN_SPACE)
     prebuilt = [serialize_message(m) for m in solved(TendonTensions(name=names, tension=values))]

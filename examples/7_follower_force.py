@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from octo_arm_model import Loads, Solver, load_config
-from octo_arm_model.arm.loads import Resultants, Tangent
+from octo_arm_model.arm.loads import DeformedRod, Resultants, Tangent
 from octo_arm_model.rod.rotations import skew
 
 
@@ -18,17 +18,17 @@ class FollowingForce:
     knots: tuple[float, ...] = ()
 
     @property
-    def breaks(self):
+    def breaks(self) -> tuple[float, ...]:
         """Where the resultants jump."""
         return (self.s,)
 
-    def resultants(self, rod):
+    def resultants(self, rod: DeformedRod) -> Resultants:
         """Force [N] and moment [N m] of what is beyond each node."""
         turned = (rod.rotation_at(self.s) @ self.force)[:, np.newaxis]
         force = np.where(rod.s < self.s, turned, 0.0)
         return Resultants(force, np.zeros_like(force))
 
-    def tangents(self, rod):
+    def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
         """Derivatives of these by a small rotation of the cross section."""
         # Turned by a small rotation vector phi, the force changes by phi x force.
         by_turn = -skew((rod.rotation_at(self.s) @ self.force)[:, np.newaxis])

@@ -1,21 +1,32 @@
-"""What messages of a backbone hold, whoever made them."""
+"""Messages of a backbone as objects, independent of the bytes that the node writes."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseArray, PoseStamped
+from nav_msgs.msg import Path
+from octo_arm_msgs.msg import SectionStrains
+from std_msgs.msg import Header
 
 from octo_arm_model import Backbone
+from octo_arm_model.ros.messages import pose_message
+
+
+def messages_of(backbone: Backbone, stamp: Any, frame: str) -> tuple[Any, Any, Any]:
+    """Path, PoseArray and SectionStrains."""
+    header = Header(stamp=stamp, frame_id=frame)
+    poses = list(map(pose_message, backbone.position, backbone.quaternion))
+    path = Path(header=header, poses=[PoseStamped(header=header, pose=pose) for pose in poses])
+    strains = SectionStrains(
+        header=header, model=backbone.model, s=backbone.s, tau=backbone.tau, xi=backbone.xi,
+        k=backbone.k, q=backbone.q, section=backbone.section.astype(np.int32),
+    )  # fmt: skip
+    return path, PoseArray(header=header, poses=poses), strains
 
 
 def assert_hold(path: Any, poses: Any, strains: Any, backbone: Backbone) -> None:
     """Check that Path, PoseArray and SectionStrains hold ``backbone`` unchanged."""
-    assert poses.poses == [pose.pose for pose in path.poses]
-    places = [pose.position for pose in poses.poses]
-    np.testing.assert_array_equal([[p.x, p.y, p.z] for p in places], backbone.position)
-    turns = [pose.orientation for pose in poses.poses]
-    np.testing.assert_array_equal([[q.x, q.y, q.z, q.w] for q in turns], backbone.quaternion)
-    assert strains.model == backbone.model
-    for name in ('s', 'section', 'tau', 'xi', 'k', 'q'):
-        np.testing.assert_array_equal(getattr(strains, name), getattr(backbone, name))
+    expected = messages_of(backbone, path.header.stamp, path.header.frame_id)
+    assert (path, poses, strains) == expected

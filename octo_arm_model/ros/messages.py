@@ -12,21 +12,17 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
     Point,
     Pose,
-    PoseArray,
-    PoseStamped,
     Quaternion,
     Wrench,
     WrenchStamped,
 )
-from nav_msgs.msg import Path
-from octo_arm_msgs.msg import SectionStrains, TendonTensions
+from octo_arm_msgs.msg import TendonTensions
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, LoadError, MessageError, shown
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.backbone import Backbone
 
 _TYPE = re.compile(r'([a-z]\w*)/msg/([A-Z]\w*)')
 
@@ -106,23 +102,3 @@ def pose_message(position: FloatArray, quaternion: FloatArray) -> Pose:
     x, y, z = position.tolist()
     qx, qy, qz, qw = quaternion.tolist()
     return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-
-
-def backbone_messages(
-    backbone: Backbone, stamp: Time, frame_id: str
-) -> tuple[Path, PoseArray, SectionStrains]:
-    """One solved arm as messages, all with the same header."""
-    header = Header(stamp=stamp, frame_id=frame_id)
-    poses = list(map(pose_message, backbone.position, backbone.quaternion))
-    path = Path(header=header, poses=[PoseStamped(header=header, pose=pose) for pose in poses])
-    strains = SectionStrains(
-        header=header,
-        model=backbone.model,
-        s=backbone.s,
-        section=backbone.section.astype(np.int32),
-        tau=backbone.tau,
-        xi=backbone.xi,
-        k=backbone.k,
-        q=backbone.q,
-    )
-    return path, PoseArray(header=header, poses=poses), strains

@@ -1,7 +1,4 @@
-"""Markers and frames of the arm as serialised messages, read by ROS."""
-
-import re
-import sys
+"""Markers of the arm as serialised messages, read by ROS."""
 
 import numpy as np
 import pytest
@@ -13,7 +10,6 @@ pytest.importorskip('visualization_msgs', reason='needs visualization_msgs')
 from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
 from rotations import matrix_of
-from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model import load_config
@@ -24,7 +20,7 @@ from octo_arm_model.analysis.drawing import (
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.wire.markers import FramesWriter, MarkersWriter
+from octo_arm_model.wire.markers import MarkersWriter
 
 STAMP = Time(sec=12, nanosec=34)
 CONFIG = load_config(preset_path('renda2012_table4'))
@@ -32,14 +28,6 @@ ARM = CONFIG.arm
 SOLVER = CONFIG.solver('exact')
 S = SOLVER.grid.s
 SHAPE = SOLVER.solve(FETCHING_IN_SPACE)
-
-
-@pytest.fixture(autouse=True)
-def check_fields(monkeypatch):
-    """Let messages check the types they are given, as serialisation would."""
-    for name, module in list(sys.modules.items()):
-        if re.search(r'_msgs?\.msg\._|interfaces\.msg\._', name):
-            monkeypatch.setattr(module, 'ros_python_check_fields', '1', raising=False)
 
 
 def draw(backbone=SHAPE, arm=ARM, largest=None, **options):
@@ -195,20 +183,3 @@ def test_any_number_of_stations_can_be_drawn(stations):
     shape = solver.solve(FETCHING_IN_SPACE)
     offset = ARM.sections[0].offset_anchorage
     assert np.linalg.norm(tip - shape.tip) == pytest.approx(offset, abs=1e-12)
-
-
-def test_frames_are_those_of_the_backbone():
-    data = FramesWriter(ARM, S, 'arm_base', 'left_').write(SHAPE, STAMP.sec, STAMP.nanosec)
-    frames = deserialize_message(data, TFMessage).transforms
-    stations = [S.size - 1, *anchorage_stations(ARM, S)]
-    names = ['left_tip', 'left_anchorage_1', 'left_anchorage_2', 'left_anchorage_3']
-    assert [frame.child_frame_id for frame in frames] == names
-    for frame, station in zip(frames, stations, strict=True):
-        assert (frame.header.stamp, frame.header.frame_id) == (STAMP, 'arm_base')
-        translation, rotation = frame.transform.translation, frame.transform.rotation
-        offset = coordinates([translation])[0]
-        turn = matrix_of([getattr(rotation, name) for name in 'xyzw'])
-        # A point given in the child frame, here on the body along n, comes out where it is.
-        radius = ARM.body.radius(S[station])
-        expected = SHAPE.position[station] + radius * FRAMES[station, :, 1]
-        np.testing.assert_allclose(turn @ [0.0, radius, 0.0] + offset, expected, atol=1e-12)

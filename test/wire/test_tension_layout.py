@@ -1,7 +1,6 @@
 """Messages read by the layout of another mean what the full reader says."""
 
 import importlib
-import struct
 
 import numpy as np
 import pytest
@@ -59,16 +58,6 @@ def test_a_message_with_other_tensions_and_stamp_is_read(names, frame, before, a
     layout = layout_like(serialize_message(message(names, before, frame=frame)))
     data = serialize_message(message(names, after, stamp, frame))
     assert_read_right(layout, data, must_be_alike=True)
-
-
-@given(NAMES, FRAMES, TENSIONS, TENSIONS, STAMPS)
-def test_only_stamp_and_tensions_may_be_other_bytes(names, frame, before, after, stamp):
-    example = serialize_message(message(names, before, frame=frame))
-    data = bytearray(example)
-    data[4:12] = struct.pack('<iI', *stamp)
-    # By the full reader's count the tensions are last.
-    data[-8 * 12 :] = np.array(after, '<f8').tobytes()
-    assert_read_right(layout_like(example), bytes(data), must_be_alike=True)
 
 
 @given(NAMES, NAMES, FRAMES, FRAMES, TENSIONS)

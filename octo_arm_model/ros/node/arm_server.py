@@ -7,6 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from nav_msgs.msg import Path
+from octo_arm_msgs.msg import SectionStrains
 from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -21,7 +23,6 @@ from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.messages import (
-    backbone_messages,
     decoded,
     pose_message,
     tensions_message,
@@ -32,7 +33,7 @@ from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.work import SLICE, QueuedService, SlicedCall, Steps
-from octo_arm_model.wire.backbone import TIP_POSE
+from octo_arm_model.wire.backbone import TIP_POSE, BackboneWriter
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENDON_TENSIONS, read_displacements
 
@@ -52,7 +53,10 @@ def answer_solve(
         return
     response.success = True
     stamp = request.tensions.header.stamp
-    response.path, _, response.strains = backbone_messages(backbone, stamp, frame_id)
+    grid = solver.grid
+    writer = BackboneWriter(frame_id, backbone.model, grid.s, grid.section)
+    response.path = decoded(writer.path(backbone, *Stamp.of(stamp)), Path)
+    response.strains = decoded(writer.strains(backbone, *Stamp.of(stamp)), SectionStrains)
     response.tendon_length = lengths.ravel().tolist()
     response.residual = float(backbone.residual)
     response.iterations = int(backbone.iterations)

@@ -8,6 +8,7 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
+from backbone_messages import messages_of
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from live_nodes import CONFIG_FILE, RosClient, new_domain
@@ -15,7 +16,6 @@ from std_msgs.msg import String
 
 from octo_arm_model import load_config
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
-from octo_arm_model.ros.messages import backbone_messages
 from octo_arm_model.ros.node.outputs import LATCHED_QOS, OUTPUT_QOS
 from octo_arm_model.wire.estimate import CONTACT, COVARIANCE
 
@@ -43,7 +43,7 @@ def test_bytes_that_are_no_message_are_a_problem_until_the_next_one(name, data):
         solver = client.config.solver()
         backbone = solver.solve(0.0 * solver.rest_lengths)
         stamp, frame = ros.node.get_clock().now().to_msg(), client.config.base_frame
-        _, poses, strains = backbone_messages(backbone, stamp, frame)
+        _, poses, strains = messages_of(backbone, stamp, frame)
         publisher.publish(poses if name in POSES else strains)
         wait(lambda: not client.problem, 'a message')
         assert (client.shape if name in POSES else client.strains) is not None
@@ -68,7 +68,7 @@ def _spoiled(part, change):
     """A message of a ``part`` of what the node publishes, with a ``change`` to it."""
     config = load_config(CONFIG_FILE)
     backbone = config.solver().solve(np.zeros((3, 4)))
-    _, poses, strains = backbone_messages(backbone, Time(), config.base_frame)
+    _, poses, strains = messages_of(backbone, Time(), config.base_frame)
     stations = len(backbone.s)
     covariance = DETAILS[COVARIANCE](s=backbone.s, pose=np.zeros(36 * stations))
     messages = {
