@@ -8,6 +8,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from octo_arm_model import ConfigError
 from octo_arm_model.ros.messages import message_class
 
+
 @pytest.mark.parametrize('inside', ['__init__.py', 'other/__init__.py'])
 def test_a_type_that_is_not_installed_runs_nothing_of_its_package(tmp_path, monkeypatch, inside):
     # Type names come from parameters, which whoever is on the network may set.

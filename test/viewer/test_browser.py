@@ -1,17 +1,20 @@
-"""The viewer in a real browser: what is pulled there, and what is seen."""
+"""The pages in a real browser: what is pulled there, and what is seen."""
 
 import contextlib
+import re
 import socket
+import time
 
 import numpy as np
 import pytest
 from browser_or_skip import Browser, colours
-from live_nodes import CONFIG, CONFIG_FILE
+from estimator_nodes import estimating_here
+from live_nodes import CONFIG, new_domain, start, stop
 from selenium.webdriver.common.keys import Keys
 from viewer_setup import Setup
 
-from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.ros.estimator.main import EstimatorNode
 from octo_arm_model.viewer.commander import as_shell_line
 
 REST = [450.0, 0.0, 0.0]
@@ -51,31 +54,20 @@ def body_pixels(png):
     return (pixels[:, 0] - pixels[:, 2] > 15.0) & (pixels[:, 0] > 100.0)
 
 
-def test_a_port_in_use_is_said_aloud_and_the_next_free_one_taken(setup):
+def test_the_arm_is_pulled_and_seen(setup, browser):
     assert f'port {setup.port} is in use' in setup.said
     assert int(setup.url.rpartition(':')[2]) > setup.port
-
-
-def test_the_page_shows_the_arm_and_its_tip(setup, browser):
     browser.until(lambda: browser.tip() == REST, 'the tip of the unloaded arm')
     assert browser.text('problem') == ''
     for word in ('Tendons', 'Profile', 'Target', 'Models', 'torsion τ [1/m]'):
         assert browser.shown(word)
     assert len([s for s in browser.sliders() if s.is_displayed()]) == 12
-
-
-def test_a_slider_moved_changes_the_published_tension_and_the_tip_on_the_page(setup, browser):
-    slacken(setup, browser)
     for _ in range(3):
         browser.sliders()[4].send_keys(Keys.ARROW_RIGHT)
-    step = 4.0 / 200
-    setup.wait_for(lambda: setup.tensions()[4] == pytest.approx(3 * step), 'the tension')
+    setup.wait_for(lambda: setup.tensions()[4] == pytest.approx(3 * 4.0 / 200), 'the tension')
     assert np.count_nonzero(setup.tensions()) == 1
     browser.until(lambda: shows_what_is_published(setup, browser), 'the tip')
     assert np.linalg.norm(np.subtract(browser.tip(), REST)) > 1.0
-
-
-def test_the_picture_is_the_arm_and_moves_with_it(setup, browser):
     slacken(setup, browser)
     # Drawn a moment after the numbers, where no graphics card helps.
     browser.until(lambda: body_pixels(browser.picture()).mean() > 0.005, 'a body')
@@ -92,8 +84,6 @@ def test_the_picture_is_the_arm_and_moves_with_it(setup, browser):
 
     browser.until(has_moved, 'another picture')
 
-
-def test_the_strains_are_drawn(setup, browser):
     def curves():
         """Pixels of the node's curve in each of the plots."""
         return browser.driver.execute_script("""
@@ -109,121 +99,41 @@ def test_the_strains_are_drawn(setup, browser):
 
 
 @pytest.mark.endurance
-def test_tensions_can_be_copied_as_a_line_for_a_shell(setup, browser, monkeypatch):
+def test_a_walk_through_what_else_the_page_has(setup, browser, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(setup.domain))
-    slacken(setup, browser)
-    browser.sliders()[3].send_keys(Keys.ARROW_RIGHT)
-    setup.wait_for(lambda: setup.tensions()[3] > 0.0, 'a tension')
+    browser.press('15')
+    setup.wait_for(lambda: np.allclose(setup.tensions(), np.ravel(FETCHING_IN_SPACE)), 'Figure 15')
     browser.press('ros2 line')
     expected = as_shell_line(SOLVER.arm, setup.tensions(), '/tendon_commands')
     browser.until(
-        lambda: ''.join(browser.text('copied').split()) == ''.join(expected.split()), 'it'
+        lambda: ''.join(browser.text('copied').split()) == ''.join(expected.split()), 'the line'
     )
     browser.press('Close')
     browser.until(lambda: not browser.text('copied'), 'the window going away')
-
-
-@pytest.mark.endurance
-def test_another_model_stands_beside_and_says_how_far_apart_it_is(setup, browser):
-    browser.press('15')
-    setup.wait_for(lambda: np.allclose(setup.tensions(), np.ravel(FETCHING_IN_SPACE)), 'Figure 15')
     browser.press('Models')
     browser.choose('none', 'exact')
-    exact = load_config(CONFIG_FILE).solver('exact').solve(FETCHING_IN_SPACE)
+    exact = CONFIG.solver('exact').solve(FETCHING_IN_SPACE)
     apart = 1e3 * np.linalg.norm(exact.tip - SOLVER.solve(FETCHING_IN_SPACE).tip)
     browser.until(lambda: browser.text('apart') == f'{apart:.2f}', 'the distance of the tips')
     browser.press('Tendons')
-
-
-@pytest.mark.endurance
-def test_two_browsers_see_and_pull_the_same_arm(setup, browser):
     slacken(setup, browser)
-    other = Browser(setup.url)
-    try:
-        other.until(lambda: other.tip() == REST, 'the second page')
-        other.sliders()[0].send_keys(Keys.ARROW_RIGHT)
-        setup.wait_for(lambda: setup.tensions()[0] > 0.0, 'a tension from the second page')
-        for page in (browser, other):
-            page.until(lambda page=page: shows_what_is_published(setup, page), 'the same tip')
-        # A slider that one moved stands there for both.
-        value = other.sliders()[0].get_attribute('aria-valuenow')
-        assert float(value) > 0.0
-        browser.until(
-            lambda: browser.sliders()[0].get_attribute('aria-valuenow') == value, 'the slider'
-        )
-        # Closed, it leaves the first one alone; opened again, it shows what is.
-        other.driver.get('about:blank')
-        browser.sliders()[0].send_keys(Keys.ARROW_RIGHT)
-        browser.until(lambda: shows_what_is_published(setup, browser), 'the tip')
-        other.driver.get(setup.url)
-        other.until(lambda: other.tip() == browser.tip(), 'the page opened again')
-        assert other.complaints() == []
-    finally:
-        other.close()
-
-
-@pytest.mark.endurance
-def test_a_node_that_is_gone_is_missed_and_one_that_comes_back_is_shown(setup, browser):
-    slacken(setup, browser)
-    setup.node.close()
-    browser.until(lambda: 'no shape for' in browser.text('problem'), 'the page missing the node')
-    setup.node = setup.start_node()
-    browser.until(lambda: 'no shape' not in browser.text('problem'), 'the node on the page')
-    browser.sliders()[8].send_keys(Keys.ARROW_RIGHT)
-    setup.wait_for(lambda: setup.tensions()[8] > 0.0, 'a tension')
-    browser.until(lambda: shows_what_is_published(setup, browser), 'the tip')
-
-
-@pytest.mark.endurance
-def test_the_first_view_is_brought_back_by_its_button(setup, browser):
-    slacken(setup, browser)
-
-    def still():
-        before = None
-        while before != (before := body_pixels(browser.picture()).tobytes()):
-            pass
-        return np.frombuffer(before, bool)
-
-    browser.press('Show the whole arm')
-    browser.leave()
-    first = still()
-    browser.turn(-250)
-    browser.until(lambda: (first & ~still()).sum() > 0.2 * first.sum(), 'another view')
-    browser.press('Show the whole arm')
-    browser.leave()
-    browser.until(lambda: (first ^ still()).sum() < 0.1 * first.sum(), 'the first view')
-
-
-@pytest.mark.endurance
-def test_an_arm_that_passes_through_itself_is_told_of(setup, browser):
-    slacken(setup, browser)
-    assert browser.text('overlap') == ''
     setup.client.command([0, 0, 0.42, 0, 0, 0, 3.7, 0, 0, 0, 13, 0])
     browser.until(lambda: 'passes through itself' in browser.text('overlap'), 'the note')
     setup.client.command(np.zeros(12))
     browser.until(lambda: browser.text('overlap') == '', 'the note going away')
-
-
-@pytest.mark.endurance
-def test_a_link_does_not_have_the_page_take_orders_from_elsewhere(setup):
-    heard = []
-    elsewhere = socket.create_server(('127.0.0.1', 0))
-    elsewhere.settimeout(0.0)
-    browser = Browser('about:blank')
-    try:
-        for parameter in ('websocket=ws', 'playbackPath=http'):
-            address = f'{parameter}://127.0.0.1:{elsewhere.getsockname()[1]}/'
-            browser.driver.get(f'{setup.url}/?{address}')
-            browser.until(
-                lambda: any('Content Security Policy' in c for c in browser.complaints()),
-                'the browser refusing to connect',
-            )
-            with contextlib.suppress(BlockingIOError):
-                heard.append(elsewhere.accept())
-    finally:
-        browser.close()
-        elsewhere.close()
-    assert heard == []
+    with contextlib.closing(Browser(setup.url)) as other:  # pulls the same arm
+        other.until(lambda: other.tip() == REST, 'the second page')
+        other.sliders()[0].send_keys(Keys.ARROW_RIGHT)
+        value = other.sliders()[0].get_attribute('aria-valuenow')
+        browser.until(
+            lambda: browser.sliders()[0].get_attribute('aria-valuenow') == value, 'its slider'
+        )
+        browser.until(lambda: shows_what_is_published(setup, browser), 'the same tip')
+        assert other.complaints() == []
+    setup.node.close()
+    browser.until(lambda: 'no shape for' in browser.text('problem'), 'the page missing the node')
+    setup.node = setup.start_node()
+    browser.until(lambda: 'no shape' not in browser.text('problem'), 'the node on the page')
 
 
 @pytest.mark.parametrize(('width', 'height'), [(390, 844), (1000, 700)])
@@ -248,3 +158,45 @@ def test_the_arm_is_in_what_the_panels_leave_free(setup, browser, width, height)
         return min(right, bottom) < 0.0 and 0.04 < low < 0.4 and 0.6 < high < 0.98
 
     browser.until(is_framed, 'the whole arm in the picture')
+
+
+def test_the_page_shows_what_pushes_an_estimated_arm_and_how_well_that_is_known():
+    domain = new_domain()
+    with socket.create_server(('127.0.0.1', 0)) as free:
+        port = free.getsockname()[1]
+    with estimating_here(EstimatorNode, domain=domain) as client:
+        viewer = start('viewer.main', '--port', port, domain=domain, PYTHONUNBUFFERED='1')
+        try:
+            url = re.search(r'http://\S+', viewer.stdout.readline())[0]
+            client.connect()
+            with contextlib.closing(Browser(url, 500, 400)) as browser:
+                is_push_seen(client, browser)
+                assert not browser.complaints()
+        finally:
+            stop(viewer)
+
+
+def is_push_seen(client, browser):
+    def told():
+        """Measured once more; the numbers of the force on the page, [mN]."""
+        client.measure([time.time() - 0.05], ['tendon_tensions', 'measured/tip_pose'])
+        return [float(one) for one in re.findall(r'-?\d+\.\d', browser.text('force'))]
+
+    def shows(force):
+        numbers = told()
+        if len(numbers) != 6:
+            return False
+        mean, stddev = np.array(numbers[0::2]), np.array(numbers[1::2])
+        return (np.abs(mean - 1e3 * force) < 5.0 * stddev + 0.1).all() and stddev[2] < 3.0
+
+    def green():
+        """How many pixels have the colour of a force."""
+        pixels = colours(browser.picture())
+        return int(((pixels[:, 1] - pixels[:, [0, 2]].max(axis=1)) > 25.0).sum())
+
+    browser.until(lambda: shows(np.zeros(3)), 'no force')
+    browser.leave()
+    before = green()
+    client.force = np.array([0.0, -0.006, 0.012])
+    browser.until(lambda: shows(client.force), 'the force')
+    browser.until(lambda: told() and green() > before + 100, 'the arrow')

@@ -1,4 +1,4 @@
-"""Commanded tensions over time, and as text."""
+"""Commanded tensions over time, as text, and those that a target is searched for."""
 
 import shlex
 from types import SimpleNamespace
@@ -13,22 +13,23 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 pytest.importorskip('viser', reason='needs viser')
 
-
 from octo_arm_model import load_config
-from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.simulation.profiles.commands import find_profile
+from octo_arm_model.simulation.profiles.limits import highest_tensions
 from octo_arm_model.simulation.profiles.profile import CommandProfile
-from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
+from octo_arm_model.viewer import numbers
+from octo_arm_model.viewer.commander import Commander, TargetSearch, as_shell_line, as_yaml
 from octo_arm_model.wire.tensions import TENDON_TENSIONS
 
-CONFIG = load_config(preset_path('renda2012_table4'))
+CONFIG = load_config('renda2012_table4')
+SOLVER = CONFIG.solver()
 RAMP = CommandProfile([0.0, 2.0, 3.0], [[1.0, 0.0], [3.0, 1.0], [1.0, 0.0]], 'linear')
 
 
 def test_nothing_is_commanded_before_a_hand_moves():
     commander = Commander([0.3, 0.0])
-    assert commander.advance(0.0) is None
-    assert not commander.is_moving
+    assert commander.advance(0.0) is None and not commander.is_moving
     commander.pull(1, 2.0)
     np.testing.assert_array_equal(commander.advance(1.0), [0.3, 2.0])
     assert commander.advance(2.0) is None
@@ -39,43 +40,27 @@ def test_a_posture_is_reached_smoothly_and_exactly():
     commander.move([0.0, 1.0], 10.0)
     way = [commander.advance(10.0 + t) for t in np.linspace(0.0, 1.0, 21)]
     seen = np.array([tensions for tensions in way if tensions is not None])
-    assert (np.diff(seen[:, 0]) < 0.0).all()
-    assert (np.diff(seen[:, 1]) > 0.0).all()
+    assert (np.diff(seen[:, 0]) < 0.0).all() and (np.diff(seen[:, 1]) > 0.0).all()
     assert np.abs(np.diff(seen, axis=0)).max() < 0.2  # no jump
     np.testing.assert_array_equal(seen[-1], [0.0, 1.0])
-    assert not commander.is_moving
-    assert commander.advance(12.0) is None
+    assert not commander.is_moving and commander.advance(12.0) is None
 
 
-def test_a_profile_is_played_after_a_smooth_way_to_its_beginning():
+def test_a_profile_is_played_after_a_smooth_way_to_its_beginning_and_at_any_speed():
     commander = Commander([0.0, 0.0])
     commander.play(RAMP, 5.0, speed=2.0)
     np.testing.assert_array_equal(commander.advance(6.0), RAMP.at(0.0))
     for time in (6.4, 7.1, 7.5, 8.9):
         np.testing.assert_allclose(commander.advance(time), RAMP.at(2.0 * (time - 6.0), loop=True))
-    assert commander.is_moving
+    commander.change_speed(0.5, 8.9)  # from the same place on
+    np.testing.assert_allclose(commander.advance(9.1), RAMP.at(2.0 * 2.9 + 0.1, loop=True))
     commander.stop()
     assert commander.advance(10.0) is None
-
-
-def test_a_profile_played_once_ends_where_it_ends():
     commander = Commander([1.0, 0.0])
     commander.play(RAMP, 0.0, loop=False)
     commander.advance(1.0)
-    commander.advance(2.5)
     np.testing.assert_array_equal(commander.advance(9.0), RAMP.at(3.0))
-    assert commander.profile is None
-    assert commander.advance(10.0) is None
-
-
-def test_another_speed_goes_on_from_the_same_place():
-    commander = Commander([1.0, 0.0])
-    commander.play(RAMP, 0.0)
-    commander.advance(1.0)
-    before = commander.advance(1.8)
-    commander.change_speed(0.5, 1.8)
-    np.testing.assert_allclose(commander.tensions, before)
-    np.testing.assert_allclose(commander.advance(2.0), RAMP.at(0.9))
+    assert commander.profile is None and commander.advance(10.0) is None
 
 
 @pytest.mark.parametrize('what', ['move', 'play'])
@@ -94,9 +79,8 @@ def test_a_hand_on_a_slider_stops_what_is_under_way(what):
 
 @given(
     st.lists(st.integers(0, 50_000).map(lambda n: 1e-3 * n), min_size=12, max_size=12),
-    st.floats(0.0, 5.0),
-    st.floats(0.1, 3.0),
-)
+    st.floats(0.0, 5.0), st.floats(0.1, 3.0),
+)  # fmt: skip
 def test_whatever_is_commanded_is_a_tension(tensions, time, speed):
     commander = Commander(tensions)
     commander.play(find_profile('fetching', CONFIG.arm), 0.0, speed=speed)
@@ -107,20 +91,14 @@ def test_whatever_is_commanded_is_a_tension(tensions, time, speed):
 @pytest.mark.parametrize('names', [(), ("it's", 'b: c', '#d', '"e"')])
 def test_copied_tensions_are_the_message_they_stand_for(names, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', '0')
-    config = load_config(preset_path('renda2012_prototype'))
-    arm = config.arm if not names else type(config.arm)(
-        config.arm.material, config.arm.body, config.arm.sections, names
-    )  # fmt: skip
+    arm = load_config('renda2012_prototype').arm
+    arm = type(arm)(arm.material, arm.body, arm.sections, names) if names else arm
     tensions = np.array([0.0, 1.0, 2.5, 1e-5])
-    assert yaml.safe_load(as_yaml(arm, tensions)) == {
-        'name': list(arm.tendon_names),
-        'tension': tensions.tolist(),
-    }
+    expected = {'name': list(arm.tendon_names), 'tension': tensions.tolist()}
+    assert yaml.safe_load(as_yaml(arm, tensions)) == expected
     *words, message = shlex.split(as_shell_line(arm, tensions, '/arm/tendon_commands'))
-    assert words == [
-        'ros2', 'topic', 'pub', '-1', '/arm/tendon_commands',
-        'octo_arm_msgs/msg/TendonTensions',
-    ]  # fmt: skip
+    kind = 'octo_arm_msgs/msg/TendonTensions'
+    assert words == ['ros2', 'topic', 'pub', '-1', '/arm/tendon_commands', kind]
     fields = yaml.safe_load(message)
     assert all(isinstance(tension, float) for tension in fields['tension'])
     read = TENDON_TENSIONS.read(SimpleNamespace(**fields), arm)
@@ -129,3 +107,31 @@ def test_copied_tensions_are_the_message_they_stand_for(names, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', '7')
     line = as_shell_line(arm, tensions, '/arm/tendon_commands')
     assert shlex.split(line) == ['ROS_DOMAIN_ID=7', *words, message]
+
+
+def answers_to(*targets):
+    """Those of a search that is asked for all of the ``targets`` at once."""
+    answers = []
+    search = TargetSearch(SOLVER, highest_tensions(CONFIG.arm), answers.append)
+    for target in targets:
+        search.request(target, np.zeros(12))
+    search.close()
+    search.thread.join(30.0)
+    assert not search.thread.is_alive()
+    return answers
+
+
+def test_of_many_targets_the_newest_is_found():
+    last = SOLVER.solve(0.5 * np.array(FETCHING_IN_SPACE)).tip
+    (answer,) = answers_to(*([x, 0.1, -0.1] for x in (0.44, 0.3, 0.2)), last)
+    assert answer.reached
+    np.testing.assert_allclose(answer.backbone.tip, last, atol=1e-6)
+    assert 'reached: the tip is within' in numbers.found(answer)
+
+
+def test_what_cannot_be_reached_or_is_nonsense_is_told():
+    (answer,) = answers_to([0.5, 0.0, 0.0])
+    assert not answer.reached and answer.error == pytest.approx(0.05, rel=1e-3)
+    assert 'out of reach: the nearest found leaves 50.0 mm' in numbers.found(answer)
+    (answer,) = answers_to([np.nan, 0.0, 0.0])
+    assert 'finite' in numbers.failed(answer)
