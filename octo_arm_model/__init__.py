@@ -22,6 +22,7 @@ from octo_arm_model.arm.errors import (
 )
 from octo_arm_model.arm.loads import DistributedLoad, Loads, PointLoad
 from octo_arm_model.arm.material import Material
+from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.profile import Constant, Function, Linear, Profile, Table
 from octo_arm_model.arm.stiffness import estimate_sheath_stiffness
@@ -35,6 +36,8 @@ from octo_arm_model.rod.displacements import (
     solve_displacements,
     wound_sensitivity,
 )
+from octo_arm_model.rod.modes import LinearModel, Modes, linearise, modes
+from octo_arm_model.rod.motion import Dynamics, Inputs, MotionState
 from octo_arm_model.rod.sensitivity import Sensitivity, Uncertainty
 from octo_arm_model.rod.solver import MODELS, Solver, solve
 
@@ -53,12 +56,18 @@ __all__ = [
     'Constant',
     'ConvergenceError',
     'DistributedLoad',
+    'Dynamics',
     'Function',
+    'Inputs',
     'Inverse',
     'Linear',
+    'LinearModel',
     'LoadError',
     'Loads',
     'Material',
+    'Modes',
+    'MotionProperties',
+    'MotionState',
     'OctoArmError',
     'PointLoad',
     'Pose',
@@ -82,7 +91,9 @@ __all__ = [
     'displacements_of',
     'estimate_sheath_stiffness',
     'find_tensions',
+    'linearise',
     'load_config',
+    'modes',
     'solve',
     'solve_displacements',
     'wound_sensitivity',

@@ -19,6 +19,7 @@ from octo_arm_model.arm.errors import (
 from octo_arm_model.arm.limits import MIN_RATE
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import DEFAULT_LAW
+from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.config.build import (
@@ -28,9 +29,11 @@ from octo_arm_model.config.build import (
     build_load_cells,
     build_uncertainty,
 )
+from octo_arm_model.config.motion import build_motion
 from octo_arm_model.config.parameter import Parameter, refuse_unknown
 from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS, DiagnosticLimits, build_loads
+from octo_arm_model.rod.motion import Dynamics
 from octo_arm_model.rod.sensitivity import Uncertainty
 from octo_arm_model.rod.solver import Solver
 
@@ -49,6 +52,7 @@ class Config:
         law: name of the elastic law of the model exact.
         shear: whether its cross sections shear.
         loads: loads on the arm besides its tendons.
+        motion: damping of an arm that moves, and the water's.
         uncertainty: standard deviations of tensions, displacements, material and tendon offsets.
         friction_memory: gap between tensions after which the history of tendons with friction is
             forgotten [s]; 0 for never.
@@ -71,6 +75,7 @@ class Config:
     law: str = DEFAULT_LAW
     shear: bool = False
     loads: Loads = field(default_factory=Loads)
+    motion: MotionProperties = field(default_factory=MotionProperties)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     friction_memory: float = 0.0
     markers_rate: float = 0.0
@@ -130,6 +135,7 @@ class Config:
             law=given['material.law'],
             shear=given['material.shear'],
             loads=build_loads(given),
+            motion=build_motion(given),
             uncertainty=uncertainty,
             friction_memory=not_negative('friction_memory', given['friction_memory'], 'time', 's'),
             markers_rate=_checked_rate(given['markers_rate']),
@@ -169,6 +175,16 @@ class Config:
             budget=Budget(self.solve_budget.iterations) if budget is None else budget,
             **self.solver_options | ({} if stations is None else {'stations': stations}),
         )
+
+    def dynamics(self, stations: int | None = None, *, compiled: bool | None = None) -> Dynamics:
+        """The arm in motion, by the model exact whatever the file says.
+
+        Raises:
+            ConfigError: if the stations are too few.
+            ArmDefinitionError: if the arm has no density.
+            Exception: if ``compiled`` but numba is not installed or does not work.
+        """
+        return Dynamics(self.solver('exact', stations, compiled=compiled), self.motion)
 
     def node_solver(self) -> Solver:
         """As `solver`, for a node: within the whole `solve_budget`, and ready to solve.

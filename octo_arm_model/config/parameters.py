@@ -20,6 +20,7 @@ from octo_arm_model.arm.limits import (
 )
 from octo_arm_model.arm.loads import DistributedLoad, Loads, PointLoad, Vector
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
+from octo_arm_model.config.motion import MOTION_PARAMETERS
 from octo_arm_model.config.parameter import (
     TABLE_BOUND,
     Parameter,
@@ -125,7 +126,7 @@ PARAMETERS = (
     Parameter('material.shear_modulus', float,
               'shear modulus G [Pa] instead of poisson_ratio; 0 for E / (2 (1 + nu))', 0.0,
               range='0, or at least E / 3'),
-    Parameter('material.density', float, 'density [kg/m^3]; needed under gravity', 0.0,
+    Parameter('material.density', float, 'density [kg/m^3]; needed under gravity and to move', 0.0,
               range='>= 0'),
     Parameter('material.law', str,
               f'elastic law of the model exact: {_LAWS}', DEFAULT_LAW,
@@ -231,6 +232,7 @@ PARAMETERS = (
               'what the reading of each load cell is multiplied by, section by section from the '
               'tip [-]; empty for 1', (), is_array=True, range='> 0'),
     *LOAD_PARAMETERS,
+    *MOTION_PARAMETERS,
     Parameter('solve_budget.iterations', int,
               "iterations of Newton's method that a solve of a loaded arm may take; one that "
               'would take more is refused', 1000, range='>= 1'),

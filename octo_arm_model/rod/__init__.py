@@ -41,6 +41,11 @@ from the base to the tip and have the node as first axis.
 `displacements`  tendons at given lengths: shapes and derivatives, for a user
 `friction_memory`  validity of the friction history of a sequence
 
+`motion`         `Dynamics`: implicit time steps; `motion_state`: what they take and give
+`inertia`        the same equations with inertia, drag, added mass and viscosity, and their
+                 derivatives; `inertia_loops` and `inertia_arrays` have its node functions
+`modes`          natural modes about an equilibrium, and its linear model
+
 A new effect is a term of these. It changes no signature:
 
 * Loads that follow the shape, as inertia, drag and contact would: F and M_free are arguments of

@@ -70,17 +70,18 @@ class Chord:
 
 def settle(
     problem: Problem, acting: Acting, z: FloatArray, tolerance: float,
-    factors: Linear | None = None,
+    factors: Linear | None = None, again: float = CHORD,
 ) -> Found:  # fmt: skip
     """Search for a balance from the twists ``z`` (N, m), with ``factors`` from nearby if any.
 
-    The state it ends in is a balance if its residual is at most ``tolerance``.
+    Factors are used ``again`` as long as they leave at most this part of a residual. The state it
+    ends in is a balance if its residual is at most ``tolerance``.
     """
     state, iterations = problem.evaluate(acting, z), 0
     predicted: State | None = None
     chord = None if factors is None else Chord(problem.measure)
     is_near, is_first = False, True
-    limit, progress, again = MOST, PROGRESS, CHORD
+    limit, progress = MOST, PROGRESS
     if problem.others.without_tangent:
         limit, progress, again = MOST_LINEAR, LINEAR_PROGRESS, LINEAR_PROGRESS
     while state.residual > tolerance and iterations < limit:

@@ -26,6 +26,7 @@ from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.exact import Exact
 from octo_arm_model.rod.inputs import LoadLimits, check_tensions, tip_wrench_of
@@ -140,6 +141,29 @@ class Solver:
     def is_compiled(self) -> bool:
         """Whether numba has compiled the node functions."""
         return self._statics.is_compiled
+
+    @property
+    def strains(self) -> int:
+        """Number of strains of a cross section: 6 with shear, else 4."""
+        return self._statics.strains
+
+    def elements(self, level: int) -> Elements:
+        """Where the nodes of an equilibrium of a ``level`` are."""
+        return self._statics.problem(level).elements
+
+    def shaped(
+        self, position: FloatArray, quaternion: FloatArray, strains: FloatArray,
+        tensions: FloatArray, wrench: FloatArray, found: tuple[float, int],
+    ) -> Backbone:  # fmt: skip
+        """A shape at the stations that was ``found`` elsewhere, with its residual and iterations.
+
+        From positions (S, 3) [m] on, under ``tensions`` (J,) [N] and a ``wrench`` (6,) on the tip.
+        """
+        residual, iterations = found
+        return self._made(
+            tensions.reshape(self.arm.tension_shape), wrench, position, quaternion, strains,
+            np.array(residual), np.array(iterations), None,
+        )  # fmt: skip
 
     def _require_loads(self) -> None:
         if not self._statics.takes_loads:

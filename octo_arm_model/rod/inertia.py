@@ -1,0 +1,255 @@
+"""What the motion of a rod adds to its balance: inertia, added mass, drag and viscosity.
+
+Discretised in time, velocity and acceleration are linear in where the rod is, so that a time step
+is a balance under loads that depend on the shape. With the velocity w of a node relative to the
+water, its acceleration a, the tangent t and its rate t', per reference length
+
+    force    -rho A a_abs - m_a (P w)' - rho_w R |w| (C_n w + (pi C_t / 2 - C_n) (t . w) t)
+             + rho_w A u',                       P = 1 - t t^T,    m_a = C_a rho_w A            (1)
+    moment   -rho J (n x n'' + b x b'') - m_a (t . w) t x w                                     (2)
+
+for the directors n and b and the acceleration u' of the water; the moment of the added mass is
+Munk's, without which the energy of rod and water would change. In (1) the momentum of the water is
+differentiated: (P w)' = P a - (t' t^T + t t'^T) w. Viscosity adds D z' to the sections' gradient.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ArmDefinitionError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Loads
+from octo_arm_model.arm.motion_properties import MotionProperties
+from octo_arm_model.rod import arrays, inertia_arrays
+from octo_arm_model.rod.dead_loads import DeadLoads
+from octo_arm_model.rod.elements import Elements
+from octo_arm_model.rod.equilibrium import Acting, Problem, State
+from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.inertia_arrays import (
+    COLUMNS,
+    LAST,
+    NEXT,
+    POSITION,
+    TANGENT,
+    Motion,
+    MotionTables,
+    TimeRule,
+    cross,
+    dot,
+)
+from octo_arm_model.rod.other_loads import NodeRod
+from octo_arm_model.rod.tables import AXIAL, SHEAR, SQUARED_RADIUS, TORSION, Tables, Work
+
+
+class MotionFunctions(Protocol):
+    """The node functions of motion, see `inertia_arrays`."""
+
+    def moving_loads(
+        self, tables: MotionTables, rule: TimeRule, base: FloatArray, work: Work, motion: Motion
+    ) -> None:
+        """How nodes move, and what this exerts."""
+
+    def viscous_residual(
+        self, tables: MotionTables, rule: TimeRule, z: FloatArray, work: Work
+    ) -> float:
+        """The residual with viscosity."""
+
+
+def choose_functions(form: Form) -> MotionFunctions:
+    """Those of the same ``form``: arrays or loops."""
+    if form is arrays:
+        return inertia_arrays
+    from octo_arm_model.rod import inertia_loops
+
+    return inertia_loops
+
+
+class MovingProblem(Problem):
+    """The residual and Jacobian of a rod that moves by a `TimeRule`.
+
+    Attributes:
+        rule: velocities and accelerations, of a rod at rest at first.
+        base: position [m] and quaternion w, x, y, z of the base, (7,).
+    """
+
+    def __init__(
+        self, arm: Arm, elements: Elements, tables: Tables, loads: Loads, form: Form,
+        strains: int, properties: MotionProperties,
+    ) -> None:  # fmt: skip
+        """Of ``arm``, its ``tables`` at the nodes of ``elements`` and its ``loads``.
+
+        Raises:
+            ArmDefinitionError: if the arm has no density.
+        """
+        super().__init__(elements, tables, DeadLoads(arm, elements, loads), form, strains)
+        if not arm.material.density:
+            expected = 'a density > 0 [kg/m^3] of an arm that moves'
+            raise ArmDefinitionError('material.density', 0.0, expected)
+        square, water = tables.body[:, SQUARED_RADIUS], loads.fluid_density
+        area, nodes = math.pi * square, elements.s.size
+        mass, drag = arm.material.density * area, water * np.sqrt(square)
+        across, along = properties.normal_drag, 0.5 * math.pi * properties.tangential_drag
+        section = np.stack(
+            [
+                mass, 0.25 * mass * square, water * area, properties.added_mass * water * area,
+                across * drag, (along - across) * drag,
+            ],
+            axis=1,
+        )  # fmt: skip
+        from_base = elements.integration(elements.s)
+        self.moving = MotionTables(
+            from_base, elements.weights - from_base, section, bool(section[:, 3:].any()),
+            _viscosities(tables, strains, properties),
+        )  # fmt: skip
+        self._is_viscous = bool(self.moving.viscous.any())
+        self._functions = choose_functions(form)
+        self.base = np.array([*np.zeros(3), *tables.base])
+        self.rest = TimeRule(
+            0.0, 0.0, np.zeros((nodes, COLUMNS)), np.zeros((nodes, COLUMNS)),
+            np.zeros((nodes, strains)), np.zeros((2, 3)),
+        )  # fmt: skip
+        self.rule = self.rest
+        place, velocity, acceleration = np.zeros((3, nodes, COLUMNS))
+        self.motion = Motion(place, velocity, acceleration, np.zeros((2, nodes, 3)))
+
+    def place_base(self, base: FloatArray) -> None:
+        """Move the base to a position [m] and quaternion w, x, y, z, (7,)."""
+        if not (base == self.base).all():
+            self.base, self.others.base = base, base[3:]
+            self.tables = self.tables._replace(base=base[3:])
+            self._current = self._oriented = None
+
+    def evaluate(self, acting: Acting, z: FloatArray) -> State:
+        """See `Problem`; leaves how the nodes move in `motion`."""
+        work, condition = self.work, acting.condition
+        self.form.orientations(self.tables, z, work)
+        self._functions.moving_loads(self.moving, self.rule, self.base[:3], work, self.motion)
+        total = self.loads.at(condition.factor, condition.tip_wrench) + self.motion.load
+        if self.others.loads:
+            rod = NodeRod(self.others, work.quaternion, z)
+            total += condition.factor * self.others.resultants(rod)
+        if self._scaled is not acting.scale:
+            work.scale[:] = self._scaled = acting.scale
+        if self.friction is not None and condition.tensions.ndim == 1:
+            given = condition.tensions, condition.before
+            self._local = self.friction.hold_along(z, *given, work)
+            acting = acting._replace(tensions=self._local.tensions)
+        acting = acting._replace(force=total[0], couple=total[1])
+        left = self.form.residual(self.tables, z, acting.tensions, total[0], total[1], work)
+        if self._is_viscous:
+            left = self._functions.viscous_residual(self.moving, self.rule, z, work)
+        self._current = self._oriented = z
+        return State(acting, z, work.residual.copy(), left)
+
+    def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
+        """See `Problem`; with what the motion adds."""
+        super().fill_jacobian(state, damping)
+        self.add_motion(state.z, self.rule.by_velocity, self.rule.by_acceleration)
+
+    def add_motion(self, z: FloatArray, c1: float, c0: float) -> None:
+        """Add to the Jacobian what inertia and resistance do, about the motion of `rule`.
+
+        Where velocities change by ``c1`` and accelerations by ``c0`` times what the places do.
+        """
+        work, (nodes, strains) = self.work, z.shape
+        if self._is_viscous:
+            diagonal = np.einsum('ii->i', work.jacobian)
+            diagonal += c1 * self.moving.viscous.ravel()
+        by_place, by_turn, moment_by_place, moment_by_turn = self._tangents(c1, c0)
+        turn, slope = self.kinematics(strains)
+        move = self._along_arm(self.moving.from_base, slope)
+        force, moment = by_place @ move, moment_by_turn @ turn
+        if self.moving.in_water:
+            force += by_turn @ turn
+            moment += moment_by_place @ move
+        force = self._along_arm(self.moving.to_tip, force)
+        moment += skew(work.slope) @ force
+        moment = self._along_arm(self.moving.to_tip, moment)
+        axes, rows = work.rotation.swapaxes(1, 2), work.jacobian.reshape(nodes, strains, -1)
+        rows[:, :3] -= axes @ moment
+        rows[:, 3:] -= axes[:, : strains - 3] @ force
+
+    def kinematics(self, strains: int) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of the turns of sections and of r' by the twists in `work`, (N, 3, N m)."""
+        work, nodes = self.work, len(self.work.slope)
+        columns = np.zeros((nodes, 3, nodes, strains))
+        part, axes = self.moving.from_base[:, np.newaxis, :, np.newaxis], work.rotation
+        np.multiply(part, axes.transpose(1, 0, 2), out=columns[..., :3])
+        turn = columns.reshape(nodes, 3, -1)
+        slope, number = -(skew(work.slope) @ turn), np.arange(nodes)
+        own = slope.reshape(nodes, 3, nodes, strains)
+        own[number, :, number, 3:] += work.rotation[:, :, : strains - 3]
+        return turn, slope
+
+    def _along_arm(self, matrix: FloatArray, values: FloatArray) -> FloatArray:
+        """Integrals of ``values`` (N, 3, n) by a ``matrix`` (N, N)."""
+        return (matrix @ values.reshape(len(values), -1)).reshape(values.shape)
+
+    def _tangents(
+        self, c1: float, c0: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Derivatives of (1), and of (2), by displacement and turn of a node, (N, 3, 3) each."""
+        place, velocity, acceleration, _ = self.motion
+        mass, rotary, _, added, across, along = self.moving.section.T[..., np.newaxis, np.newaxis]
+        one, nodes = np.eye(3), len(place)
+        by_turn, moment_by_place = np.zeros((2, nodes, 3, 3))
+        moment_by_turn = np.zeros((nodes, 3, 3))
+        for axis in (slice(6, 9), slice(9, 12)):
+            d = skew(place[:, axis])
+            moment_by_turn += (c0 * d - skew(acceleration[:, axis])) @ d
+        moment_by_turn *= rotary
+        by_place = -c0 * mass * one
+        if not self.moving.in_water:
+            return by_place, by_turn, moment_by_place, moment_by_turn
+        (u, rate), t, dt = self.rule.water, place[:, TANGENT], velocity[:, TANGENT]
+        w, a = velocity[:, POSITION] - u, acceleration[:, POSITION] - rate
+        tw, size = dot(t, w)[..., np.newaxis], np.sqrt(dot(w, w))[..., np.newaxis]
+        tt, turned = _outer(t, t), _outer(dt, t)
+        by_acceleration = -added * (one - tt)
+        by_velocity = added * (turned + turned.swapaxes(1, 2))
+        by_velocity -= size * (across * one + along * tt)
+        drag = across * w[..., np.newaxis] + along * tw * t[..., np.newaxis]
+        by_velocity -= drag * (w / np.maximum(size[..., 0], 1e-300))[:, np.newaxis]
+        by_tangent = added * (
+            (dot(t, a) + dot(dt, w))[..., np.newaxis] * one + _outer(t, a) + _outer(dt, w)
+        )
+        by_tangent -= size * along * (tw * one + _outer(t, w))
+        by_tangent += c1 * added * (tw * one + _outer(t, w))
+        by_place += c0 * by_acceleration + c1 * by_velocity
+        turns = -skew(t)
+        by_turn += by_tangent @ turns
+        across_flow = cross(t, w)
+        moment_by_place = -c1 * added * (_outer(across_flow, t) + tw * skew(t))
+        moment_by_turn -= added * (_outer(across_flow, w) - tw * skew(w)) @ turns
+        return by_place, by_turn, moment_by_place, moment_by_turn
+
+
+def _viscosities(tables: Tables, strains: int, properties: MotionProperties) -> FloatArray:
+    """D of the sections, (N, m)."""
+    body, eta = tables.body, properties.viscosity
+    bending = 0.25 * body[:, AXIAL] * body[:, SQUARED_RADIUS]
+    sheared = body[:, SHEAR]
+    stiffness = [body[:, TORSION], bending, bending, body[:, AXIAL], sheared, sheared]
+    found = properties.damping_time * np.stack(stiffness[:strains], axis=1)
+    if eta:
+        area = math.pi * body[:, SQUARED_RADIUS]
+        second = 0.25 * area * body[:, SQUARED_RADIUS]
+        parts = [2.0 * second, 3.0 * second, 3.0 * second, 3.0 * area, area, area]
+        found = eta * np.stack(parts[:strains], axis=1)
+    return found
+
+
+def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[:, :, np.newaxis] * b[:, np.newaxis])
+
+
+def skew(v: FloatArray) -> FloatArray:
+    """Matrices (N, 3, 3) of cross products with ``v`` (N, 3)."""
+    found = np.zeros((len(v), 3, 3))
+    found[:, LAST, NEXT], found[:, NEXT, LAST] = v, -v
+    return found

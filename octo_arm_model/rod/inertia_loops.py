@@ -1,0 +1,106 @@
+"""The node functions of a rod that moves as loops for numba; `inertia_arrays` for NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.compiled import compiled, helper
+from octo_arm_model.rod.inertia_arrays import (
+    ACROSS,
+    ADDED,
+    ALONG,
+    DISPLACED,
+    MASS,
+    ROTARY,
+    Motion,
+    MotionTables,
+    TimeRule,
+)
+from octo_arm_model.rod.tables import Work
+
+
+@compiled
+def moving_loads(
+    tables: MotionTables, rule: TimeRule, base: FloatArray, work: Work, motion: Motion
+) -> None:
+    """See `inertia_arrays`."""
+    place, velocity, acceleration = motion.place, motion.velocity, motion.acceleration
+    nodes, rotation, slope = place.shape[0], work.rotation, work.slope
+    density = np.zeros((2, nodes, 3))
+    for i in range(nodes):
+        x = y = z = 0.0
+        for k in range(nodes):
+            weight = tables.from_base[i, k]
+            x += weight * slope[k, 0]
+            y += weight * slope[k, 1]
+            z += weight * slope[k, 2]
+        place[i, 0], place[i, 1], place[i, 2] = x + base[0], y + base[1], z + base[2]
+        for a in range(3):
+            for c in range(3):
+                place[i, 3 + 3 * a + c] = rotation[i, c, a]
+        for c in range(12):
+            velocity[i, c] = rule.by_velocity * place[i, c] - rule.velocity[i, c]
+            acceleration[i, c] = rule.by_acceleration * place[i, c] - rule.acceleration[i, c]
+        section, own, rates = tables.section[i], place[i], acceleration[i]
+        force, moment = density[0, i], density[1, i]
+        for c in range(3):
+            force[c] = -section[MASS] * rates[c]
+        _add_cross(-section[ROTARY], own[6:9], rates[6:9], moment)
+        _add_cross(-section[ROTARY], own[9:12], rates[9:12], moment)
+        if tables.in_water:
+            _add_water(section, rule.water, own[3:6], velocity[i], rates, force, moment)
+    for i in range(nodes):
+        for part in range(2):
+            x = y = z = 0.0
+            for k in range(nodes):
+                weight = tables.to_tip[i, k]
+                x += weight * density[part, k, 0]
+                y += weight * density[part, k, 1]
+                z += weight * density[part, k, 2]
+            load = motion.load[part, i]
+            load[0], load[1], load[2] = x, y, z
+
+
+@helper
+def _add_cross(part: float, a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    out[0] += part * (a[1] * b[2] - a[2] * b[1])
+    out[1] += part * (a[2] * b[0] - a[0] * b[2])
+    out[2] += part * (a[0] * b[1] - a[1] * b[0])
+
+
+@helper
+def _add_water(
+    section: FloatArray, water: FloatArray, t: FloatArray, velocity: FloatArray,
+    acceleration: FloatArray, force: FloatArray, moment: FloatArray,
+) -> None:  # fmt: skip
+    """Add force and moment of the water on one node per reference length, see `inertia`."""
+    w, tw, pull, square = np.empty(3), 0.0, 0.0, 0.0
+    for c in range(3):
+        w[c] = velocity[c] - water[0, c]
+        tw += t[c] * w[c]
+        pull += t[c] * (acceleration[c] - water[1, c]) + velocity[3 + c] * w[c]
+        square += w[c] * w[c]
+    speed, added = np.sqrt(square), section[ADDED]
+    for c in range(3):
+        a = acceleration[c] - water[1, c]
+        force[c] -= added * (a - tw * velocity[3 + c] - pull * t[c])
+        force[c] -= speed * (section[ACROSS] * w[c] + section[ALONG] * tw * t[c])
+        force[c] += section[DISPLACED] * water[1, c]
+    _add_cross(-added * tw, t, w, moment)
+
+
+@compiled
+def viscous_residual(tables: MotionTables, rule: TimeRule, z: FloatArray, work: Work) -> float:
+    """See `inertia_arrays`."""
+    left, viscous, worst, largest = work.residual, tables.viscous, 0.0, np.zeros(6)
+    for i in range(z.shape[0]):
+        for c in range(z.shape[1]):
+            largest[c] = max(largest[c], abs(work.gradient[i, c] - left[i, c]))
+            left[i, c] += viscous[i, c] * (rule.by_velocity * z[i, c] - rule.twist_rate[i, c])
+    for i in range(z.shape[0]):
+        for c in range(z.shape[1]):
+            value = abs(left[i, c]) / (work.scale[i, c // 3] + largest[c])
+            if not value <= worst:  # also NaN, which stays
+                worst = value
+    return worst

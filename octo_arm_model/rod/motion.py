@@ -1,0 +1,375 @@
+"""The arm in motion: time steps of the same rod, each a balance with what `inertia` adds.
+
+Generalised alpha (Chung and Hulbert 1993) in the form of Arnold and Bruls 2007, on positions and
+axes of the cross sections, which are vectors: with the acceleration a of the rule and that of the
+rod, x'',
+
+    x_1 = x_0 + h x'_0 + h^2 ((1/2 - beta) a_0 + beta a_1),
+    x'_1 = x'_0 + h ((1 - gamma) a_0 + gamma a_1),
+    (1 - alpha_m) a_1 + alpha_m a_0 = (1 - alpha_f) x''_1 + alpha_f x''_0,
+
+so that x' and x'' are linear in x_1 and the balance holds at the end of each step. Second order,
+without damping of what is slow, and with the factor rho_inf per step of what is fastest.
+"""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError, TensionError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.motion_properties import MotionProperties
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.arm.validation import vector, within
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.checks import check_stretches
+from octo_arm_model.rod.displacements import check_displacements
+from octo_arm_model.rod.elements import Elements, build_elements
+from octo_arm_model.rod.equilibrium import Acting, Condition, State
+from octo_arm_model.rod.factors import Linear
+from octo_arm_model.rod.forms import choose_form
+from octo_arm_model.rod.inertia import MovingProblem
+from octo_arm_model.rod.inertia_arrays import POSITION, TimeRule
+from octo_arm_model.rod.inputs import check_tensions
+from octo_arm_model.rod.motion_state import Driven, Inputs, MotionState, load_state, save_state
+from octo_arm_model.rod.newton import settle
+from octo_arm_model.rod.reeling import Aim, Reeling, RodReeling
+from octo_arm_model.rod.rod import moved
+from octo_arm_model.rod.solver import Solver
+from octo_arm_model.rod.statics import strains_of
+from octo_arm_model.rod.tables import places_at, tabulate
+
+RHO_INF = 0.85
+TOLERANCE = 1e-7  # residual of the balance at the end of a step
+# Shorter steps leave more, as places are rounded: times the square of this over the step [s].
+_ROUNDED = 5e-4
+_AGAIN = 0.4  # part of a residual up to which factors serve for the next iteration
+_FEWER_POINTS = -2  # in each element than an equilibrium has
+_LEAST_HALF = 2e-5  # step that is halved no more [s]
+_LONGEST, _SHORTEST = 1.0, 1e-7  # step [s]
+
+
+class Alpha(NamedTuple):
+    """Coefficients of the rule."""
+
+    m: float
+    f: float
+    gamma: float
+    beta: float
+
+    @classmethod
+    def of(cls, rho: float) -> Alpha:
+        """For the factor ``rho`` per step on what is fastest."""
+        m, f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+        return cls(m, f, 0.5 - m + f, 0.25 * (1.0 - m + f) ** 2)
+
+
+class _MovingReeling(RodReeling):
+    """Winches of an arm that moves, whose Jacobian always is that of the whole arm."""
+
+    def __init__(self, problem: MovingProblem, arm: Arm) -> None:
+        """Of ``arm`` at the nodes of ``problem``."""
+        Reeling.__init__(self, problem, arm)
+
+    def _factors(self, state: State) -> Linear:
+        return self.problem.linearise(state)
+
+
+def base_of(pose: Pose) -> FloatArray:
+    """Position [m] and quaternion w, x, y, z of a ``pose``, (7,)."""
+    x, y, z, w = pose.quaternion
+    return np.array([*pose.position, w, x, y, z])
+
+
+def _quiet() -> np.errstate:
+    """Where numbers that are none are looked for."""
+    return np.errstate(over='ignore', invalid='ignore', divide='ignore')
+
+
+class Dynamics:
+    """Moves one arm in time.
+
+    Attributes:
+        solver: of its equilibria.
+        properties: its damping, and the water's.
+        problem: the equations at the nodes.
+    """
+
+    def __init__(
+        self, solver: Solver, properties: MotionProperties = MotionProperties(),
+        rho_inf: float = RHO_INF,
+    ) -> None:  # fmt: skip
+        """Of the arm, loads, base and stations of ``solver``.
+
+        Raises:
+            ConfigError: if the model of ``solver`` is not exact.
+            ArmDefinitionError: if the arm has no density, or ``rho_inf`` is not in [0, 1].
+        """
+        if solver.model != 'exact':
+            raise ConfigError(f'model is {solver.model!r}, which does not move: choose exact')
+        self.solver, self.properties, arm = solver, properties, solver.arm
+        self._alpha = Alpha.of(within('rho_inf', rho_inf, 0.0, 1.0, '-'))
+        loads = solver.loads
+        elements = build_elements(arm, loads.breaks, loads.knots, 0, _FEWER_POINTS)
+        base = base_of(solver.base)
+        tables = tabulate(arm, elements, base[3:], widens=solver.law.widens)
+        form = choose_form(solver.is_compiled)
+        self.problem = MovingProblem(
+            arm, elements, tables, loads, form, solver.strains, properties
+        )
+        self.problem.place_base(base)
+        self._base, self.places = base, places_at(elements, solver.grid.s)
+        self._numbers = {name: number for number, name in enumerate(arm.tendon_names)}
+
+    @property
+    def nodes(self) -> Elements:
+        """Where the nodes are."""
+        return self.problem.elements
+
+    @functools.cached_property
+    def reeling(self) -> Reeling:
+        """The equations with winches."""
+        return _MovingReeling(self.problem, self.solver.arm)
+
+    # States ------------------------------------------------------------------------------------
+
+    def at_rest(self, inputs: Inputs, time: float = 0.0) -> MotionState:
+        """The equilibrium under ``inputs``, on the base of the solver and in the current there.
+
+        Raises:
+            OctoArmError: as `Solver.solve`.
+            ConfigError: if another base is given.
+        """
+        given, solver = self.driven(inputs), self.solver
+        if not (given.base == self._base).all():
+            raise ConfigError('inputs.base is another than that of the solver, expected None')
+        wrench, start = given.tip_wrench - solver.loads.tip_wrench, None
+        if given.driven.any():
+            start, _ = solver.wind(given.displacements, given.driven, given.tensions, wrench, None)
+            given = given._replace(tensions=start.tensions.ravel())
+        else:
+            start = solver.solve(given.tensions.reshape(solver.arm.tension_shape), wrench)
+        assert start.equilibrium is not None
+        level, z = start.equilibrium.level, start.equilibrium.state.z
+        problem = self.problem
+        z = moved(z, solver.elements(level), problem.elements)
+        problem.place_base(given.base)
+        acting = problem.acting(Condition(given.tensions, given.tip_wrench))
+        found = self._in_current(acting, z, given.current)
+        place = np.zeros((4, *problem.motion.place.shape))
+        place[0] = problem.motion.place
+        return self._state(
+            time, given, found, (), np.array([found.z, *np.zeros((2, *z.shape))]),
+            place,
+            np.array([given.current, *np.zeros((2, 3))]),
+        )  # fmt: skip
+
+    def _in_current(self, acting: Acting, z: FloatArray, current: FloatArray) -> State:
+        """The balance near ``z`` at rest, in a ``current`` that grows where it has to."""
+        problem = self.problem
+        with _quiet():
+            for parts in (1, 8, 64):
+                guess = z
+                for part in range(1, parts + 1):
+                    water = np.array([current * (part / parts), np.zeros(3)])
+                    problem.rule = problem.rest._replace(water=water)
+                    found = settle(problem, acting, guess, TOLERANCE)
+                    guess = found.state.z
+                if found.state.residual <= TOLERANCE:
+                    break
+            self._require(found.state)
+        return found.state
+
+    def driven(self, inputs: Inputs) -> Driven:
+        """Checked ``inputs``.
+
+        Raises:
+            TensionError: if tensions or displacements do not fit the arm.
+            LoadError: if the wrench on the tip is not six finite numbers, or too large.
+            ArmDefinitionError: if the current is not three finite numbers.
+        """
+        solver, count = self.solver, len(self._numbers)
+        tensions = check_tensions(solver.arm, inputs.tensions).reshape(-1)
+        if tensions.size != count:
+            raise TensionError(f'inputs.tensions are {tensions.size}, expected one set of {count}')
+        displacements, driven = np.zeros(count), np.zeros(count, np.bool_)
+        if inputs.displacements:
+            check_displacements(solver.arm, inputs.displacements, {})
+            for name, value in inputs.displacements.items():
+                displacements[self._numbers[name]] = value
+                driven[self._numbers[name]] = True
+            (numbers,) = driven.nonzero()
+            solver.check_displacements(displacements[driven], numbers.tolist())
+        wrench = solver.check_tip_wrench(inputs.tip_wrench) + solver.loads.tip_wrench
+        current = self.properties.current
+        if inputs.current is not None:
+            current = vector('inputs.current', inputs.current, 'm/s')
+        base = self._base if inputs.base is None else base_of(inputs.base)
+        return Driven(tensions, displacements, driven, wrench, np.array(current), base)
+
+    def _state(
+        self, time: float, given: Driven, state: State, factors: tuple[tuple[float, Linear], ...],
+        twist: FloatArray, place: FloatArray, water: FloatArray, iterations: int = 0,
+    ) -> MotionState:  # fmt: skip
+        problem = self.problem
+        history = None if problem.friction is None else problem.history(state)
+        tensions = state.acting.condition.tensions
+        for array in (twist, place, water, tensions, history):
+            if array is not None:
+                array.setflags(write=False)
+        return MotionState(
+            time, twist, place, water, tensions, given.tip_wrench, given.base, history,
+            state.residual, iterations, *factors,
+        )  # fmt: skip
+
+    # Steps -------------------------------------------------------------------------------------
+
+    def step(self, state: MotionState, inputs: Inputs, dt: float) -> MotionState:
+        """The state after ``dt`` [s], when ``inputs`` act.
+
+        In shorter steps where Newton's method fails.
+
+        Raises:
+            SolveError: if no step is short enough.
+            ArmDefinitionError: if ``dt`` is not from 1e-7 to 1 s.
+            OctoArmError: if the inputs do not fit the arm.
+        """
+        dt = within('dt', dt, _SHORTEST, _LONGEST, 's')
+        with _quiet():
+            return self._advance(state, self.driven(inputs), dt)
+
+    def _advance(self, state: MotionState, given: Driven, dt: float) -> MotionState:
+        try:
+            return self._one_step(state, given, dt)
+        except SolveError as error:
+            if dt < _LEAST_HALF:
+                raise SolveError(
+                    f'the motion ends at {state.time:.6g} s, no step of {dt:.2g} s succeeds: '
+                    f'{error}'
+                ) from None
+        middle = self._advance(state, self._halfway(state, given), 0.5 * dt)
+        return self._advance(middle, given, 0.5 * dt)
+
+    def _halfway(self, state: MotionState, given: Driven) -> Driven:
+        reeled = given.displacements
+        if given.driven.any():
+            reeled = 0.5 * (self.displacements(state) + reeled)
+        base = 0.5 * (state.base + given.base)
+        if float(state.base[3:] @ given.base[3:]) < 0.0:
+            base[3:] = 0.5 * (given.base[3:] - state.base[3:])
+        base[3:] /= np.linalg.norm(base[3:])
+        return Driven(
+            0.5 * (state.tensions + given.tensions), reeled, given.driven,
+            0.5 * (state.tip_wrench + given.tip_wrench),
+            0.5 * (state.water[0] + given.current), base,
+        )  # fmt: skip
+
+    def _one_step(self, state: MotionState, given: Driven, dt: float) -> MotionState:
+        problem, (m, f, gamma, beta) = self.problem, self._alpha
+        z, rate, bend = state.twist
+        place, velocity, acceleration, own = state.place
+        # What the rule makes of the end of the step, x: a_1 = c x - a, and so on.
+        c, ratio = 1.0 / (beta * dt * dt), (1.0 - m) / (1.0 - f)
+        lost = (0.5 - beta) / beta
+
+        def before(x: FloatArray, x_rate: FloatArray, a: FloatArray) -> FloatArray:
+            return c * (x + dt * x_rate) + lost * a
+
+        def to_rate(x_rate: FloatArray, a: FloatArray, own: FloatArray) -> FloatArray:
+            return gamma * dt * a - x_rate - (1.0 - gamma) * dt * own
+
+        a, a_z = before(place, velocity, own), before(z, rate, bend)
+        water = np.empty((3, 3))
+        water[0] = given.current
+        water[2] = ((given.current - state.water[0]) / dt - (1 - gamma) * state.water[2]) / gamma
+        water[1] = ((1 - m) * water[2] + m * state.water[2] - f * state.water[1]) / (1.0 - f)
+        problem.rule = TimeRule(
+            gamma * dt * c, ratio * c, to_rate(velocity, a, own),
+            ratio * a - (m * own - f * acceleration) / (1.0 - f), to_rate(rate, a_z, bend),
+            water[:2],
+        )  # fmt: skip
+        problem.place_base(given.base)
+        guess = z + dt * rate + 0.5 * dt * dt * bend
+        known = state.factors
+        factors = known[1] if known is not None and known[0] == dt else None
+        tolerance = TOLERANCE * max(1.0, (_ROUNDED / dt) ** 2)
+        begin = guess, factors, tolerance
+        found, next_factors, iterations = self._balance(state, given, *begin)
+        self._require(found, tolerance)
+        rule, (place, velocity, acceleration, _) = problem.rule, problem.motion
+        bend = c * found.z - a_z
+        twist = np.array([found.z, rule.by_velocity * found.z - rule.twist_rate, bend])
+        places = np.array([place, velocity, acceleration, c * place - a])
+        kept = () if next_factors is None else ((dt, next_factors),)
+        return self._state(state.time + dt, given, found, kept, twist, places, water, iterations)
+
+    def _balance(
+        self, state: MotionState, given: Driven, guess: FloatArray, factors: Linear | None,
+        tolerance: float,
+    ) -> tuple[State, Linear | None, int]:  # fmt: skip
+        condition = Condition(given.tensions, given.tip_wrench, 1.0, state.history)
+        if given.driven.any():
+            aim = Aim(condition, given.displacements, given.driven)
+            begun = aim.begin(state.tensions)
+            held = self.reeling.settle(aim, guess, begun, tolerance)
+            if not held.is_met:
+                raise ConvergenceError('the displacement of the tendons', held.reached.left, 0)
+            return held.reached.state, None, held.iterations
+        problem = self.problem
+        acting = problem.acting(condition)
+        found = settle(problem, acting, guess, tolerance, factors, _AGAIN)
+        return found.state, found.factors, found.iterations
+
+    def _require(self, state: State, tolerance: float = TOLERANCE) -> None:
+        if not state.residual <= tolerance:
+            raise ConvergenceError('the balance of a time step', state.residual, 0)
+        check_stretches(self.problem, state.z)
+        self.problem.load_work(state)
+
+    def save(self, state: MotionState, path: Path) -> None:
+        """Write a ``state`` to the file ``path``, see `save_state`."""
+        save_state(state, path)
+
+    def load(self, path: Path) -> MotionState:
+        """The state in the file ``path``.
+
+        Raises:
+            ConfigError: if it cannot be read, or is none of this arm or version.
+        """
+        return load_state(path, self.problem)
+
+    # Results -----------------------------------------------------------------------------------
+
+    def displacements(self, state: MotionState) -> FloatArray:
+        """Length that winches have reeled in [m], (J,); of slack ones what makes them taut."""
+        return self.reeling.displacement(self.still(state))
+
+    def still(self, state: MotionState) -> State:
+        """The ``state`` as one of `problem`, at rest."""
+        problem = self.problem
+        problem.rule = problem.rest._replace(water=np.array([state.water[0], np.zeros(3)]))
+        problem.place_base(state.base)
+        condition = Condition(state.tensions, state.tip_wrench, 1.0, state.history)
+        return problem.evaluate(problem.acting(condition), state.twist[0])
+
+    def backbone(self, state: MotionState) -> Backbone:
+        """The shape at the stations of the solver."""
+        problem, places = self.problem, self.places
+        problem.place_base(state.base)
+        z = state.twist[0]
+        problem.orient(z)
+        position, quaternion, _ = problem.form.poses(problem.tables, z, places, problem.work)
+        strains = strains_of(places.between @ z)
+        return self.solver.shaped(
+            position[0] + state.base[:3], quaternion[0], strains, state.tensions,
+            state.tip_wrench, (state.residual, state.iterations),
+        )  # fmt: skip
+
+    def velocities(self, state: MotionState) -> FloatArray:
+        """Of the stations in base_frame [m/s], (S, 3)."""
+        return np.asarray(self.places.between @ state.place[1][:, POSITION])

@@ -1,0 +1,166 @@
+"""What an arm in motion is given, and its state: a value that can be copied and saved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Vector
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.rod.factors import Factors, Linear
+from octo_arm_model.rod.inertia import MovingProblem
+from octo_arm_model.rod.inertia_arrays import COLUMNS
+
+_VERSION = 1  # of files of states
+_ARRAYS = 'twist', 'place', 'water', 'tensions', 'tip_wrench', 'base'
+_MOST_BYTES = 2**28  # of a file
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What acts on the arm at the end of a step; it changes linearly over the step.
+
+    Attributes:
+        tensions: of the tendons at the base [N], of `Arm.tension_shape`.
+        displacements: length that winches have reeled in, by tendon name [m]; the tensions of
+            these do not count.
+        tip_wrench: force and moment on the tip in base_frame, besides those of the loads, (6,)
+            [N, N m].
+        current: velocity of the water [m/s]; None for that of `MotionProperties`.
+        base: pose of the base; None for that of the solver.
+    """
+
+    tensions: ArrayLike
+    displacements: Mapping[str, float] = field(default_factory=dict)
+    tip_wrench: ArrayLike = (0.0,) * 6
+    current: Vector | None = None
+    base: Pose | None = None
+
+
+class Driven(NamedTuple):
+    """Checked `Inputs` as arrays.
+
+    Attributes:
+        tensions: (J,) [N].
+        displacements: (J,) [m].
+        driven: of which tendons these count, (J,).
+        tip_wrench: with that of the loads, (6,) [N, N m].
+        current: (3,) [m/s].
+        base: position [m] and quaternion w, x, y, z, (7,).
+    """
+
+    tensions: FloatArray
+    displacements: FloatArray
+    driven: NDArray[np.bool_]
+    tip_wrench: FloatArray
+    current: FloatArray
+    base: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MotionState:
+    """Where the arm is and how it moves: all that the next step depends on.
+
+    Arrays are read-only; N nodes with m strains, places are positions and axes (N, 12).
+
+    Attributes:
+        time: [s].
+        twist: (N, m), its rate, and the acceleration of the rule.
+        place: places, velocities, accelerations and accelerations of the rule, (4, N, 12).
+        water: velocity of the water, its acceleration and that of the rule, (3, 3).
+        tensions: of the tendons at the base [N], (J,).
+        tip_wrench: with that of the loads, (6,) [N, N m].
+        base: position [m] and quaternion w, x, y, z, (7,).
+        history: tensions at the points of friction [N], (M, J); None without friction.
+        residual: of the balance [-].
+        iterations: of the last step.
+        factors: step [s] and factors that the next step may begin with.
+    """
+
+    time: float
+    twist: FloatArray
+    place: FloatArray
+    water: FloatArray
+    tensions: FloatArray
+    tip_wrench: FloatArray
+    base: FloatArray
+    history: FloatArray | None = None
+    residual: float = 0.0
+    iterations: int = 0
+    factors: tuple[float, Linear] | None = None
+
+
+def save_state(state: MotionState, path: Path) -> None:
+    """Write a ``state`` to the file ``path``, from which `load_state` restores it to the bit.
+
+    Factors of an arm with winches are left out: its next step finds its own.
+    """
+    arrays = {name: getattr(state, name) for name in _ARRAYS}
+    arrays['numbers'] = np.array([_VERSION, state.time, state.residual, state.iterations])
+    if state.history is not None:
+        arrays['history'] = state.history
+    if state.factors is not None and isinstance(state.factors[1], Factors):
+        dt, (factors, pivots, sign) = state.factors[0], state.factors[1]
+        arrays |= {'factors': factors, 'pivots': pivots, 'factored': np.array([dt, sign])}
+    with path.open('wb') as file:
+        np.savez(file, **arrays)
+
+
+def load_state(path: Path, problem: MovingProblem) -> MotionState:
+    """The state in the file ``path``, of an arm of the equations ``problem``.
+
+    Raises:
+        ConfigError: if it cannot be read, or is none of this arm or version.
+    """
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise ValueError(f'it has more than {_MOST_BYTES} bytes')
+        with np.load(path, allow_pickle=False) as file:
+            given = {name: file[name] for name in file.files}
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
+        raise ConfigError(f'{path} cannot be read as a state: {error}') from None
+    _check(given, path, problem)
+    version, time, residual, iterations = given['numbers'].tolist()
+    if version != _VERSION:
+        raise ConfigError(f'{path} is of version {version:g}, expected {_VERSION}')
+    factors: tuple[float, Linear] | None = None
+    if 'factors' in given:
+        dt, sign = given['factored'].tolist()
+        lu = np.asfortranarray(given['factors'])
+        factors = dt, Factors(lu, given['pivots'].astype(np.int32), int(sign))
+    values = {name: given[name] for name in _ARRAYS}
+    return MotionState(
+        time, **values, history=given.get('history'), residual=residual,
+        iterations=int(iterations), factors=factors,
+    )  # fmt: skip
+
+
+def _check(given: dict[str, FloatArray], path: Path, problem: MovingProblem) -> None:
+    nodes, strains, count = problem.elements.s.size, problem.strains, problem.tables.friction.size
+    shapes: dict[str, tuple[int, ...]] = {
+        'numbers': (4,), 'twist': (3, nodes, strains), 'place': (4, nodes, COLUMNS),
+        'water': (3, 3), 'tensions': (count,), 'tip_wrench': (6,), 'base': (7,),
+    }  # fmt: skip
+    if problem.friction is not None:
+        shapes['history'] = (problem.friction.fine.s.size, count)
+    size = nodes * strains
+    if 'factors' in given:
+        shapes |= {'factors': (size, size), 'pivots': (size,), 'factored': (2,)}
+    for name, shape in shapes.items():
+        array = given.get(name)
+        if array is None or array.shape != shape or array.dtype.kind not in 'fi':
+            found = 'missing' if array is None else f'{array.dtype} {array.shape}'
+            raise ConfigError(f'{path}: {name} is {found}, expected numbers {shape}')
+        if not np.isfinite(array).all():
+            raise ConfigError(f'{path}: {name} is not finite')
+        array.setflags(write=False)
+    if 'factors' in given and not (0 <= given['pivots'].min() <= given['pivots'].max() < size):
+        raise ConfigError(f'{path}: pivots are out of range, expected 0 to {size - 1}')

@@ -1,0 +1,472 @@
+"""The arm in motion against textbooks, conservation laws and its own equilibria."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import trapezoid
+from scipy.linalg import expm
+
+from octo_arm_model import (
+    Arm,
+    ArmDefinitionError,
+    Body,
+    ConfigError,
+    Dynamics,
+    Inputs,
+    LoadError,
+    Loads,
+    Material,
+    MotionProperties,
+    MotionState,
+    Pose,
+    Section,
+    SolveError,
+    Solver,
+    TensionError,
+    linearise,
+    load_config,
+    modes,
+    solve_displacements,
+)
+
+TABLE4 = load_config('renda2012_table4').arm.with_density(1080.0)
+SLACK = np.zeros((3, 4))
+WATER = MotionProperties(300.0, 0.0, 2.5, 0.01, 1.5)
+GRAVITY = (0.0, 0.0, -9.81)
+ROD = Arm(
+    Material(1e5, 0.5, 1000.0), Body(0.45, 0.01, 0.01),
+    (Section(0.45, 0.006, 0.006, angles=(0.0, math.pi)),),
+)  # fmt: skip
+PULL = np.array([[0.05, 0.0, 0.0, 0.0], [0.1, 0.3, 0.0, 0.0], [0.2, 0.0, 0.1, 0.0]])
+
+
+def swing(
+    dynamics: Dynamics, state: MotionState, inputs: Inputs, seconds: float, dt: float = 2e-3
+) -> MotionState:
+    for _ in range(round(seconds / dt)):
+        state = dynamics.step(state, inputs, dt)
+    return state
+
+
+def energy(dynamics: Dynamics, state: MotionState) -> float:
+    """Of an arm of the linear law with slack tendons, and of the water that it moves [J]."""
+    solver, s, weights = dynamics.solver, dynamics.nodes.s, dynamics.nodes.weights
+    area = np.pi * solver.arm.body.radius(s) ** 2
+    second = area**2 / (4.0 * np.pi)
+    mass = solver.arm.material.density * area
+    displaced = solver.loads.fluid_density * area
+    material = solver.arm.material
+    young, shear = material.youngs_modulus_at(s), material.shear_modulus_at(s)
+    t, n, b, stretch = state.twist[0].T
+    density = young * area * (stretch - 1.0) ** 2 + young * second * (n * n + b * b)
+    density += 2.0 * shear * second * t * t
+    place, velocity = state.place[:2].reshape(2, -1, 4, 3)
+    v, along = velocity[:, 0], (velocity[:, 0] * place[:, 1]).sum(axis=1)
+    density += mass * (v * v).sum(axis=1)
+    density += mass * area / (4.0 * np.pi) * (velocity[:, 2:] ** 2).sum(axis=(1, 2))
+    density += dynamics.properties.added_mass * displaced * ((v * v).sum(axis=1) - along**2)
+    density -= 2.0 * (mass - displaced) * (place[:, 0] @ np.array(solver.loads.gravity))
+    return float(0.5 * weights @ density)
+
+
+# Frequencies -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('law', ['linear', 'neo_hookean'])
+def test_frequencies_of_a_uniform_cantilever(law: str) -> None:
+    # Euler-Bernoulli's, corrected by Rayleigh's rotary inertia; exact in tension and torsion.
+    dynamics = Dynamics(Solver(ROD, 'exact', material=law))
+    found = modes(dynamics, dynamics.at_rest(Inputs([[0.0, 0.0]])), 10)
+    beta = np.array([1.8751040687, 4.6940911330, 7.8547574382])
+    plain = beta**2 / (2.0 * np.pi * 0.45**2) * np.sqrt(1e5 * 0.01**2 / 4.0 / 1000.0)
+    np.testing.assert_allclose(found.frequencies[[0, 2, 4]], plain, rtol=6e-3)
+    np.testing.assert_allclose(found.frequencies[0], plain[0], rtol=4e-4)
+    # The slower of a pair swings in the plane of the tendons as well as in the other.
+    np.testing.assert_allclose(found.frequencies[1], found.frequencies[0], rtol=1e-9)
+    axial, torsion = (math.sqrt(c / 1000.0) / (4.0 * 0.45) for c in (1e5, 1e5 / 3.0))
+    for exact in (axial, torsion):
+        assert np.abs(found.frequencies / exact - 1.0).min() < 1e-8
+
+
+def test_rotary_inertia_lowers_frequencies_as_rayleigh_found() -> None:
+    # To first order by half of the ratio of its kinetic energy to that of translation.
+    dynamics = Dynamics(Solver(ROD, 'exact', material='linear', stations=401))
+    state = dynamics.at_rest(Inputs([[0.0, 0.0]]))
+    found = modes(dynamics, state, 1)
+    s, shape = dynamics.solver.grid.s, np.linalg.norm(found.shapes[0], axis=1)
+    slope = np.gradient(shape, s)
+    ratio = 0.01**2 / 4.0 * trapezoid(slope**2, s) / trapezoid(shape**2, s)
+    plain = 1.8751040687**2 / (2.0 * np.pi * 0.45**2) * np.sqrt(1e5 * 0.01**2 / 4.0 / 1000.0)
+    np.testing.assert_allclose(found.frequencies[0], plain * (1.0 - 0.5 * ratio), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('water', 'added', 'expected'),
+    [
+        (0.0, 0.0, [0.4056, 1.0975, 2.2519, 3.9170]),
+        (1000.0, 1.0, [0.2923, 0.7912, 1.6244]),
+        (1000.0, 1.5, [0.2625, 0.7105, 1.4588]),
+    ],
+)
+def test_frequencies_of_table_4_in_air_and_water(
+    water: float, added: float, expected: list[float]
+) -> None:
+    solver = Solver(TABLE4, 'exact', loads=Loads(fluid_density=water))
+    dynamics = Dynamics(solver, MotionProperties(viscosity=300.0, added_mass=added))
+    found = modes(dynamics, dynamics.at_rest(Inputs(SLACK)), 8)
+    np.testing.assert_allclose(found.frequencies[: 2 * len(expected) : 2], expected, atol=6e-5)
+    np.testing.assert_allclose(
+        found.damping, np.pi * found.frequencies * 3.0 * 300.0 / 110e3, rtol=1e-6
+    )
+
+
+def test_small_motions_are_those_of_the_linear_model() -> None:
+    # About a bent arm in a current, whose water damps and loads it.
+    loads = Loads(gravity=GRAVITY, fluid_density=1022.0)
+    properties = dataclasses.replace(WATER, current=(0.05, 0.1, 0.0))
+    dynamics = Dynamics(Solver(TABLE4, 'exact', loads=loads), properties)
+    first, dt = dynamics.at_rest(Inputs(PULL)), 2e-3
+    model = linearise(dynamics, first, 60)
+    change = 1e-4 * np.arange(12.0)
+    x, tip, state = np.zeros(120), dynamics.backbone(first).tip, first
+    # A ramp of 50 ms: the input changes linearly over every step.
+    grown = np.zeros((122, 122))
+    grown[:120, :120], grown[:120, 120], grown[120, 121] = model.A * dt, model.B @ change * dt, 1.0
+    step = expm(grown)
+    before, largest, worst = 0.0, 0.0, 0.0
+    for number in range(1, 401):
+        part = min(number * dt / 0.05, 1.0)
+        x = step[:120] @ np.concatenate([x, [before, part - before]])
+        before = part
+        tensions = PULL + part * change.reshape(3, 4)
+        state = dynamics.step(state, Inputs(tensions), dt)
+        expected = model.C @ x + model.D @ change * part
+        largest = max(largest, float(np.linalg.norm(expected)))
+        error = dynamics.backbone(state).tip - tip - expected
+        worst = max(worst, float(np.linalg.norm(error)))
+    assert worst < 1e-2 * largest
+    assert largest > 1e-5
+
+
+def test_the_linear_model_has_the_compliance_of_the_equilibrium() -> None:
+    solver = Solver(TABLE4, 'exact', loads=Loads(gravity=GRAVITY, fluid_density=1022.0))
+    dynamics = Dynamics(solver, MotionProperties(300.0))
+    model = linearise(dynamics, dynamics.at_rest(Inputs(PULL)), 5)
+    gain = model.D - model.C @ np.linalg.solve(model.A, model.B)
+    expected = solver.sensitivity(solver.solve(PULL)).by_tension.tip[:3]
+    np.testing.assert_allclose(gain, expected, atol=1e-5 * np.abs(expected).max())
+
+
+# Conservation and convergence --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(('water', 'added'), [(0.0, 0.0), (1000.0, 1.5)], ids=['air', 'water'])
+def test_a_free_swing_keeps_its_energy(water: float, added: float) -> None:
+    loads = Loads(gravity=(0.0, -1.0, 0.0), fluid_density=water)
+    solver = Solver(TABLE4, 'exact', stations=5, material='linear', loads=loads)
+    dynamics = Dynamics(solver, MotionProperties(added_mass=added))
+    first = dynamics.at_rest(Inputs(SLACK, tip_wrench=(0.0, 0.002, 0.001, 0.0, 0.0, 0.0)))
+    state, rest = first, energy(dynamics, dynamics.at_rest(Inputs(SLACK)))
+    for part in np.linspace(1.0, 0.0, 151)[1:]:
+        wrench = (0.0, 0.002 * part, 0.001 * part, 0.0, 0.0, 0.0)
+        state = dynamics.step(state, Inputs(SLACK, tip_wrench=wrench), 2e-3)
+    found = []
+    for _ in range(500):
+        state = dynamics.step(state, Inputs(SLACK), 2e-3)
+        found.append(energy(dynamics, state))
+    assert energy(dynamics, first) > rest
+    assert np.ptp(found) < 1e-3 * (found[0] - rest)
+
+
+def test_errors_fall_with_the_square_of_the_step() -> None:
+    solver = Solver(
+        TABLE4, 'exact', stations=5, loads=Loads(gravity=GRAVITY, fluid_density=1022.0)
+    )
+    dynamics = Dynamics(solver, WATER)
+    first, tips = dynamics.at_rest(Inputs(SLACK)), []
+    for steps in (50, 100, 200, 800):
+        state, dt = first, 0.4 / steps
+        for number in range(1, steps + 1):
+            part = math.sin(0.5 * math.pi * number / steps) ** 2
+            wrench, current = (0.0, 1e-3 * part, 0, 0, 0, 0), (0.0, 0.1 * part, 0.0)
+            inputs = Inputs(part * PULL, tip_wrench=wrench, current=current)
+            state = dynamics.step(state, inputs, dt)
+        tips.append(dynamics.backbone(state).tip)
+    errors = np.linalg.norm(np.array(tips[:3]) - tips[3], axis=1) / TABLE4.length
+    assert errors[0] < 1e-3
+    assert 3.5 < errors[0] / errors[1] < 5.0
+    assert 3.5 < errors[1] / errors[2] < 5.5
+
+
+SETTLING = MotionProperties(damping_time=0.3)
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [{}, {'sheath_stiffness': (3e5,)}, {'axial_stiffness': (500.0,)}],
+    ids=['plain', 'sheaths', 'elastic'],
+)
+def test_a_damped_arm_ends_at_the_equilibrium(changes: dict[str, tuple[float, ...]]) -> None:
+    arm = dataclasses.replace(TABLE4, **changes)
+    solver = Solver(arm, 'exact', loads=Loads(gravity=GRAVITY, fluid_density=1022.0))
+    dynamics = Dynamics(solver, SETTLING)
+    state = dynamics.at_rest(Inputs(SLACK))
+    wrench = (0.0, 0.002, 0.001, 0.0, 1e-5, 0.0)
+    state = swing(dynamics, state, Inputs(PULL, tip_wrench=wrench), 20.0, 0.04)
+    expected = solver.solve(PULL, wrench)
+    found = dynamics.backbone(state)
+    np.testing.assert_allclose(found.position, expected.position, atol=1e-6 * arm.length)
+    np.testing.assert_allclose(found.k, expected.k, rtol=1e-3, atol=1e-3)
+    assert np.abs(dynamics.velocities(state)).max() < 1e-7
+
+
+def test_shear_changes_a_swing_by_parts_of_a_per_cent() -> None:
+    tips = []
+    for shear in (False, True):
+        solver = Solver(TABLE4, 'exact', stations=5, material='linear', shear=shear)
+        dynamics = Dynamics(solver, MotionProperties(viscosity=300.0))
+        state = dynamics.at_rest(Inputs(SLACK, tip_wrench=(0.0, 0.005, 0.0, 0.0, 0.0, 0.0)))
+        state = swing(dynamics, state, Inputs(SLACK), 0.6, 5e-3)
+        tips.append(dynamics.backbone(state).tip)
+    assert 1e-5 * TABLE4.length < np.linalg.norm(tips[1] - tips[0]) < 4e-3 * TABLE4.length
+
+
+# Water -------------------------------------------------------------------------------------------
+
+
+def test_drag_bears_the_weight_at_the_terminal_speed() -> None:
+    # Of a rod that sinks sideways; here the water rises.
+    arm, water, across = ROD.with_density(1080.0), 1022.0, 2.5
+    solver = Solver(arm, 'exact', loads=Loads(gravity=GRAVITY, fluid_density=water))
+    speed = math.sqrt((1080.0 - water) * 9.81 * math.pi * 0.01 / (water * across))
+    dynamics = Dynamics(solver, MotionProperties(300.0, 0.0, across, 0.01, 1.5))
+    still = dynamics.at_rest(Inputs([[0.0, 0.0]]))
+    assert dynamics.backbone(still).tip[2] < -0.05
+    rising = dynamics.at_rest(Inputs([[0.0, 0.0]], current=(0.0, 0.0, speed)))
+    np.testing.assert_allclose(dynamics.backbone(rising).position[:, 2], 0.0, atol=1e-9)
+    # And the same where the base sinks, and takes the arm with it.
+    state, dt, time = rising, 0.01, 0.0
+    for _ in range(50):
+        time += dt
+        base = Pose((0.0, 0.0, -speed * max(time - 0.25, 0.0)))
+        current = (0.0, 0.0, speed if time <= 0.25 else 0.0)
+        state = dynamics.step(state, Inputs([[0.0, 0.0]], current=current, base=base), dt)
+    level = dynamics.backbone(state).position[:, 2] - state.base[2]
+    np.testing.assert_allclose(level, 0.0, atol=5e-3)
+
+
+def test_an_arm_of_the_density_of_water_moves_with_it() -> None:
+    # Base and water are accelerated alike: nothing bends the arm, whatever mass it takes along.
+    solver = Solver(ROD, 'exact', loads=Loads(fluid_density=1000.0))
+    dynamics = Dynamics(solver, MotionProperties(normal_drag=2.5, added_mass=1.5))
+    state, dt = dynamics.at_rest(Inputs([[0.0, 0.0]])), 5e-3
+    for number in range(1, 101):
+        time = number * dt
+        base = Pose((0.0, 0.05 * (1.0 - math.cos(6.0 * time)), 0.0))
+        inputs = Inputs([[0.0, 0.0]], current=(0.0, 0.3 * math.sin(6.0 * time), 0.0), base=base)
+        state = dynamics.step(state, inputs, dt)
+    level = dynamics.backbone(state).position[:, 1] - state.base[1]
+    # The rule finds the acceleration of the water from its velocity: to second order in the step.
+    np.testing.assert_allclose(level, 0.0, atol=1e-4 * ROD.length)
+
+
+# A base that moves -------------------------------------------------------------------------------
+
+
+def test_a_base_that_is_accelerated_bends_the_arm_as_gravity() -> None:
+    solver = Solver(TABLE4, 'exact')
+    dynamics, dt = Dynamics(solver, SETTLING), 0.02
+    state = dynamics.at_rest(Inputs(SLACK))
+    for number in range(1, 701):
+        base = Pose((0.0, 0.0, 0.5 * 0.2 * (number * dt) ** 2))
+        state = dynamics.step(state, Inputs(SLACK, base=base), dt)
+    weighed = Solver(TABLE4, 'exact', loads=Loads(gravity=(0.0, 0.0, -0.2))).solve(SLACK)
+    found = dynamics.backbone(state).position - state.base[:3]
+    np.testing.assert_allclose(found, weighed.position, atol=2e-5 * TABLE4.length)
+
+
+def test_a_rod_that_rotates_is_stretched_by_its_own_inertia() -> None:
+    # E A r'' = -rho A omega^2 r with r(0) = 0 and r'(L) = 1.
+    omega, dt, angle = 12.0, 4e-3, 0.0
+    arm = dataclasses.replace(ROD, material=Material(1e6, 0.5, 1000.0))
+    dynamics = Dynamics(Solver(arm, 'exact', material='linear'), SETTLING)
+    state = dynamics.at_rest(Inputs([[0.0, 0.0]]))
+    for number in range(1, 1751):
+        angle += omega * dt * min(number * dt / 4.0, 1.0)
+        base = Pose(quaternion=(0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)))
+        state = dynamics.step(state, Inputs([[0.0, 0.0]], base=base), dt)
+    k = omega * math.sqrt(1000.0 / 1e6)
+    found = dynamics.backbone(state)
+    np.testing.assert_allclose(np.linalg.norm(found.tip), math.tan(k * 0.45) / k, rtol=1e-5)
+    np.testing.assert_allclose(
+        found.tip, np.linalg.norm(found.tip) * np.array([math.cos(angle), math.sin(angle), 0.0]),
+        atol=2e-4,
+    )  # fmt: skip
+    speed = np.linalg.norm(dynamics.velocities(state), axis=1)
+    expected = omega * np.linalg.norm(found.position, axis=1)
+    np.testing.assert_allclose(speed, expected, rtol=1e-3, atol=1e-6)
+
+
+# Tendons -----------------------------------------------------------------------------------------
+
+
+def test_winches_that_reel_in_end_at_the_equilibrium_of_these_lengths() -> None:
+    arm = dataclasses.replace(TABLE4, axial_stiffness=(500.0,))
+    solver = Solver(arm, 'exact', loads=Loads(gravity=GRAVITY, fluid_density=1022.0))
+    reeled = {'tendon_3_1': 0.004, 'tendon_3_3': -0.004, 'tendon_1_2': 0.002}
+    dynamics, tensions = Dynamics(solver, SETTLING), 0.1 * PULL
+    state = dynamics.at_rest(Inputs(tensions))
+    for number in range(1, 301):
+        part = min(number / 50.0, 1.0)
+        lengths = {name: part * value for name, value in reeled.items()}
+        state = dynamics.step(state, Inputs(tensions, lengths), 0.04)
+    names = {name: 0.1 * value for name, value in zip(arm.tendon_names, PULL.ravel())}
+    given = {name: value for name, value in names.items() if name not in reeled}
+    expected = solve_displacements(solver, reeled, given).backbone
+    np.testing.assert_allclose(dynamics.backbone(state).tip, expected.tip, atol=1e-6 * 0.45)
+    np.testing.assert_allclose(state.tensions, expected.tensions.ravel(), atol=1e-4)
+    number = arm.tendon_names.index('tendon_3_3')
+    assert state.tensions[number] == 0.0
+    reached = dynamics.displacements(state)
+    np.testing.assert_allclose(reached[arm.tendon_names.index('tendon_3_1')], 0.004, atol=1e-9)
+    assert reached[number] >= -0.004
+
+
+def test_a_slow_pull_with_friction_ends_where_it_would_without_inertia() -> None:
+    arm = dataclasses.replace(TABLE4, friction=(0.3,))
+    solver = Solver(arm, 'exact')
+    dynamics = Dynamics(solver, SETTLING)
+    state, last = dynamics.at_rest(Inputs(SLACK)), None
+    for goal in (1.0, 0.6):
+        begin = state.tensions.reshape(3, 4)
+        for number in range(1, 61):
+            part = min(number / 40.0, 1.0)
+            state = dynamics.step(state, Inputs(begin + part * (goal * PULL - begin)), 0.15)
+        last = solver.follow(goal * PULL, last)
+        found = dynamics.backbone(state).tip
+        np.testing.assert_allclose(found, last.tip, atol=5e-3 * arm.length)
+    # Unloading does not lead back on the way of loading.
+    assert np.linalg.norm(found - solver.solve(0.6 * PULL).tip) > 0.01 * arm.length
+
+
+# States ------------------------------------------------------------------------------------------
+
+
+def _moving(friction: float = 0.0, **options: bool) -> tuple[Dynamics, MotionState]:
+    arm = dataclasses.replace(TABLE4, friction=(friction,))
+    loads = Loads(gravity=GRAVITY, fluid_density=1022.0)
+    dynamics = Dynamics(Solver(arm, 'exact', stations=11, loads=loads, **options), WATER)
+    return dynamics, swing(dynamics, dynamics.at_rest(Inputs(SLACK)), Inputs(0.1 * PULL), 0.02)
+
+
+def _bytes(state: MotionState) -> bytes:
+    history = b'' if state.history is None else state.history.tobytes()
+    return b''.join(part.tobytes() for part in (state.twist, state.place, state.water)) + history
+
+
+@pytest.mark.parametrize('friction', [0.0, 0.2])
+def test_a_state_goes_on_to_the_bit_from_a_file_and_in_another_arm(
+    friction: float, tmp_path: Path
+) -> None:
+    dynamics, state = _moving(friction)
+    dynamics.save(state, tmp_path / 'state.npz')
+    other, again = _moving(friction)
+    assert _bytes(again) == _bytes(state)
+    dynamics.step(state, Inputs(PULL), 5e-3)  # which leaves nothing behind
+    ends = [
+        swing(dynamics, state, Inputs(0.2 * PULL), 0.02),
+        swing(dynamics, dynamics.load(tmp_path / 'state.npz'), Inputs(0.2 * PULL), 0.02),
+        swing(other, state, Inputs(0.2 * PULL), 0.02),
+    ]
+    assert len({_bytes(end) for end in ends}) == 1
+    assert not state.place.flags.writeable
+
+
+def test_loops_and_arrays_move_alike() -> None:
+    pytest.importorskip('numba')
+    ends = [_moving(compiled=compiled)[1] for compiled in (True, False)]
+    np.testing.assert_allclose(ends[0].place[0], ends[1].place[0], atol=1e-10)
+    np.testing.assert_allclose(ends[0].place[1], ends[1].place[1], atol=1e-7)
+
+
+def test_files_that_are_no_states_are_refused(tmp_path: Path) -> None:
+    dynamics, state = _moving()
+    path = tmp_path / 'state.npz'
+    path.write_bytes(b'none')
+    with pytest.raises(ConfigError, match='cannot be read as a state'):
+        dynamics.load(path)
+    dynamics.save(dataclasses.replace(state, base=np.full(7, np.nan)), path)
+    with pytest.raises(ConfigError, match='base is not finite'):
+        dynamics.load(path)
+    dynamics.save(state, path)
+    with pytest.raises(ConfigError, match='twist is float64'):
+        Dynamics(Solver(ROD, 'exact')).load(path)
+
+
+# Steps -------------------------------------------------------------------------------------------
+
+
+def test_a_step_that_is_too_long_is_made_in_parts() -> None:
+    dynamics = Dynamics(Solver(TABLE4, 'exact', stations=5), MotionProperties(300.0))
+    first = dynamics.at_rest(Inputs(SLACK))
+    one = dynamics.step(first, Inputs(5.0 * PULL), 0.2)
+    assert one.time == pytest.approx(0.2, abs=1e-12)
+    parts = first
+    for part in range(1, 101):
+        parts = dynamics.step(parts, Inputs(0.05 * part * PULL), 2e-3)
+    tips = [dynamics.backbone(state).tip for state in (one, parts)]
+    assert np.linalg.norm(tips[0] - tips[1]) < 0.1 * TABLE4.length
+
+
+def test_an_arm_that_is_crushed_ends_the_motion_with_a_sentence() -> None:
+    dynamics = Dynamics(Solver(TABLE4, 'exact', stations=5), MotionProperties(300.0))
+    first = dynamics.at_rest(Inputs(SLACK))
+    with pytest.raises(SolveError, match=r'the motion ends at .* s, no step of .* s succeeds'):
+        swing(dynamics, first, Inputs(np.full((3, 4), 200.0)), 1.0, 0.1)
+    assert dynamics.step(first, Inputs(PULL), 2e-3).time == pytest.approx(2e-3)
+
+
+@pytest.mark.parametrize(
+    ('inputs', 'dt', 'error', 'message'),
+    [
+        (Inputs(SLACK), 0.0, ArmDefinitionError, 'dt is 0'),
+        (Inputs(SLACK), math.nan, ArmDefinitionError, 'dt is nan'),
+        (Inputs(-PULL), 1e-3, TensionError, 'tension of'),
+        (Inputs(np.stack([PULL, PULL])), 1e-3, TensionError, 'one set'),
+        (Inputs(PULL, {'none': 0.0}), 1e-3, TensionError, 'unknown tendon'),
+        (Inputs(PULL, {'tendon_1_1': math.inf}), 1e-3, TensionError, 'displacement of'),
+        (Inputs(PULL, {'tendon_1_1': 2.0}), 1e-3, TensionError, 'reel in'),
+        (Inputs(PULL, tip_wrench=(math.nan,) * 6), 1e-3, LoadError, 'tip_wrench'),
+        (Inputs(PULL, current=(math.inf, 0.0, 0.0)), 1e-3, ArmDefinitionError, 'current'),
+    ],
+)
+def test_bad_inputs_are_refused(
+    inputs: Inputs, dt: float, error: type[Exception], message: str
+) -> None:
+    dynamics, state = _moving()
+    with pytest.raises(error, match=message):
+        dynamics.step(state, inputs, dt)
+
+
+def test_what_cannot_move_is_refused() -> None:
+    arm = load_config('renda2012_table4').arm
+    with pytest.raises(ConfigError, match='choose exact'):
+        Dynamics(Solver(TABLE4, 'closed_form'))
+    with pytest.raises(ArmDefinitionError, match=r'material\.density'):
+        Dynamics(Solver(arm, 'exact'))
+    with pytest.raises(ArmDefinitionError, match='rho_inf'):
+        Dynamics(Solver(TABLE4, 'exact'), rho_inf=1.1)
+    with pytest.raises(ArmDefinitionError, match=r'motion\.added_mass'):
+        MotionProperties(added_mass=-1.0)
+    with pytest.raises(ArmDefinitionError, match=r'motion\.damping_time'):
+        MotionProperties(viscosity=1.0, damping_time=1.0)
+    with pytest.raises(ConfigError, match='linear model'):
+        dynamics, state = _moving(0.2)
+        linearise(dynamics, state)
+    with pytest.raises(ConfigError, match='number of modes'):
+        modes(*_moving(), 0)
