@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 from typing import Any
@@ -32,3 +33,31 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
     """The JSON that a command prints which is done."""
     assert main(arguments) == 0
     return json.loads(capsys.readouterr().out)
+
+
+@dataclasses.dataclass
+class Cli:
+    """`octo-arm` for tests of its own, see the fixture `cli`."""
+
+    capsys: pytest.CaptureFixture[str]
+
+    def __call__(self, *arguments: object) -> tuple[int, str, str]:
+        """Exit status, output and errors of a command."""
+        return run(self.capsys, *map(str, arguments))
+
+    def json(self, *arguments: object) -> Any:
+        """What a command prints as JSON which is done."""
+        return printed(self.capsys, *map(str, arguments))
+
+    def refused(self, *arguments: object, status: int = 2) -> str:
+        """The line of a command that is refused, without what all lines begin with."""
+        left, out, err = self(*arguments)
+        assert (left, out, err.count('\n')) == (status, '', 1), err
+        assert err.startswith('octo-arm: error: ')
+        return err.removeprefix('octo-arm: error: ')
+
+    def left(self, *arguments: object) -> tuple[object, str, str]:
+        """Exit status, output and errors of a command that argparse ends."""
+        with pytest.raises(SystemExit) as leave:
+            main(list(map(str, arguments)))
+        return leave.value.code, *self.capsys.readouterr()

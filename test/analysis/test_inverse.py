@@ -1,4 +1,4 @@
-"""Tensions for targets: reached, bounded and of least effort."""
+"""Tensions for targets: reached, bounded and of least effort; the Jacobians of targets."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from differences import jacobian as derivative
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
@@ -19,6 +20,7 @@ from octo_arm_model import (
     Section,
     Solver,
     Stiffness,
+    TargetError,
     TensionError,
     TipPose,
     TipPosition,
@@ -82,23 +84,17 @@ def test_a_pose_is_met_in_position_and_orientation(solver: Solver) -> None:
     np.testing.assert_allclose(found.backbone.tip, known.tip, atol=1e-6)
 
 
-@pytest.mark.parametrize('plane', [0.0, 2.0, -1.3])
+@pytest.mark.parametrize(('plane', 'angle'), [(0.0, 1.1), (2.0, 1.1), (-1.3, 1.1), (0.5, np.pi)])
 def test_bending_turns_the_tip_as_far_as_wanted_in_the_plane_wanted(
-    solver: Solver, plane: float
+    solver: Solver, plane: float, angle: float
 ) -> None:
-    found = find_tensions(solver, Bending(plane, 1.1), HIGHEST)
+    found = find_tensions(solver, Bending(plane, angle), HIGHEST)
     base, tip = (Rotation.from_quat(found.backbone.quaternion[i].copy()) for i in (0, -1))
     t, n, b = (base.inv() * tip).apply([1.0, 0.0, 0.0])
     assert found.reached
-    assert np.arccos(t) == pytest.approx(1.1, abs=1e-4)
-    assert np.angle(np.exp(1j * (np.arctan2(b, n) - plane))) == pytest.approx(0.0, abs=1e-4)
-
-
-def test_an_arm_that_is_straight_is_not_bent_by_half_a_turn(solver: Solver) -> None:
-    found = find_tensions(solver, Bending(0.5, np.pi), HIGHEST)
-    base, tip = (Rotation.from_quat(found.backbone.quaternion[i].copy()) for i in (0, -1))
-    t, _, _ = (base.inv() * tip).apply([1.0, 0.0, 0.0])
-    assert found.reached and t < -1.0 + 1e-9
+    assert np.arccos(t) == pytest.approx(angle, abs=1e-4)
+    if angle < np.pi:
+        assert np.angle(np.exp(1j * (np.arctan2(b, n) - plane))) == pytest.approx(0.0, abs=1e-4)
 
 
 @pytest.mark.parametrize('scale', [1e-2, 1.0, 30.0])
@@ -180,3 +176,73 @@ def test_loads_are_taken_into_account(table4: Config) -> None:
 def test_bounds_must_be_positive(solver: Solver, highest: float) -> None:
     with pytest.raises(TensionError, match='highest tension of tendon_1_1 is'):
         find_tensions(solver, TipPosition([0.3, 0.0, 0.0]), highest)
+
+
+def assert_derivative(solver, target, backbone, *, step: float, part: float) -> None:
+    """The Jacobian of ``target`` is that of differences, to a ``part`` of its largest number."""
+
+    def error(tensions: np.ndarray) -> np.ndarray:
+        return target.error(solver.solve(tensions.reshape(3, 4)))
+
+    got = target.jacobian(backbone, solver.sensitivity(backbone).by_tension)
+    expected = derivative(error, backbone.tensions.ravel(), step=step)
+    np.testing.assert_allclose(got, expected, atol=part * np.abs(expected).max())
+
+
+@pytest.mark.parametrize('name', ['position', 'pose', 'bending', 'shape'])
+def test_jacobians_of_targets_are_their_derivatives(solver: Solver, name: str) -> None:
+    other = solver.solve(0.7 * TENSIONS)
+    target = {
+        'position': TipPosition(other.tip),
+        'pose': TipPose(other.tip, other.quaternion[-1]),
+        'bending': Bending(0.4, 0.9),
+        'shape': BackboneShape(other.s[::7], other.position[::7]),
+    }[name]
+    assert_derivative(solver, target, solver.solve(TENSIONS + 0.05), step=1e-4, part=2e-6)
+
+
+def test_the_error_of_a_bending_angle_is_the_angle_up_to_half_a_turn(solver: Solver) -> None:
+    straight = solver.solve(np.zeros((3, 4)))
+    for angle in (0.5, 3.0, np.pi - 1.3e-3, np.pi - 1e-4, np.pi - 1e-9, np.pi):
+        error = np.linalg.norm(Bending(0.5, angle, 1.0).error(straight))
+        assert error == pytest.approx(angle, abs=1e-9)
+
+
+@pytest.mark.parametrize('short', [1e-3, 4e-4])
+def test_the_jacobian_of_a_bending_angle_is_its_derivative_near_half_a_turn(
+    solver: Solver, short: float
+) -> None:
+    backbone = solver.solve(TENSIONS + 0.05)
+    base, tip = (Rotation.from_quat(np.array(backbone.quaternion[i])) for i in (0, -1))
+    t, n, b = (base.inv() * tip).apply([1.0, 0.0, 0.0])
+    # Nearly opposite to where the tip points.
+    target = Bending(float(np.arctan2(-b, -n)), float(np.pi - np.arccos(t) - short), 1.0)
+    assert_derivative(solver, target, backbone, step=1e-6, part=1e-3)
+
+
+@pytest.mark.parametrize(
+    ('build', 'message'),
+    [
+        (lambda: TipPosition([0.0, 0.0]), 'tip position is .*, expected 3 finite'),
+        (lambda: TipPosition([0.0, np.nan, 0.0]), 'tip position is .*, expected 3 finite'),
+        (lambda: TipPosition([0.0, 1e300, 0.0]), 'tip position is .*, none beyond 1e'),
+        (lambda: TipPose([0.0] * 3, [0.0, 0.0, 0.0, 2.0]), 'tip quaternion is .*, expected'),
+        (lambda: Bending(0.0, 4.0), 'bending angle is 4.0, expected 0 to pi'),
+        (lambda: Bending(np.inf, 1.0), 'bending plane is inf'),
+        (lambda: BackboneShape([0.1], [[0.0] * 3] * 2), 'backbone position has 2 points'),
+        (lambda: Stiffness([0.0, 0.0, 0.0], 1.0), 'stiffness direction is .*, expected'),
+        (lambda: Stiffness([np.inf, 0.0, 0.0], 1.0), 'direction is .*, expected three finite'),
+        (lambda: Stiffness([np.nan, 1.0, 0.0], 1.0), 'direction is .*, expected three finite'),
+        (lambda: Stiffness([1.0, 0.0, 0.0], 0.0), 'stiffness is 0.0, expected a finite'),
+    ],
+)  # fmt: skip
+def test_what_is_no_target_is_refused(build: object, message: str) -> None:
+    with pytest.raises(TargetError, match=message):
+        build()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize('size', [1e-300, 1e200])
+def test_the_size_of_a_direction_does_not_matter(size: float) -> None:
+    direction = np.array([1.0, 2.0, -2.0])
+    found = Stiffness(size * direction, 5.0).direction
+    np.testing.assert_allclose(found, direction / 3.0, rtol=1e-12)

@@ -31,19 +31,17 @@ def helix(pitch, turns=3.0, coil=0.05, stations=301):
     return np.stack([coil * np.cos(t), coil * np.sin(t), pitch * t / (2.0 * np.pi)], axis=1)
 
 
-def test_a_straight_arm_does_not():
-    assert overlap_of(np.linspace([0, 0, 0], [0.4, 0, 0], 101))[0] is None
-
-
-@pytest.mark.parametrize('angle', [0.5, np.pi, 1.5 * np.pi])
-def test_no_bend_wider_than_the_body_does(angle):
-    assert overlap_of(arc(1.01 * RADIUS, min(angle, np.pi)))[0] is None
-    assert overlap_of(arc(3.0 * RADIUS, angle))[0] is None
-
-
-def test_a_bend_tighter_than_the_body_does():
-    found, _ = overlap_of(arc(0.8 * RADIUS, 1.4 * np.pi))
-    assert found.depth > 0.0
+@pytest.mark.parametrize(
+    ('wide', 'angle', 'does'),
+    [
+        (1.01, 0.5, False),
+        (1.01, np.pi, False),
+        (3.0, 1.5 * np.pi, False),
+        (0.8, 1.4 * np.pi, True),
+    ],
+)
+def test_a_bend_does_that_is_tighter_than_the_body(wide, angle, does):
+    assert (overlap_of(arc(wide * RADIUS, angle))[0] is not None) == does
 
 
 def test_a_closed_ring_does_where_it_closes():
@@ -91,9 +89,10 @@ def test_of_a_cone_it_is_the_radius_there_that_counts():
     assert found.depth == pytest.approx(0.024, rel=1e-6)
 
 
-def test_one_segment_or_none_is_not_enough():
-    assert overlap_of([[0, 0, 0]])[0] is None
-    assert overlap_of([[0, 0, 0], [1, 0, 0]])[0] is None
+def test_neither_a_straight_arm_nor_one_segment_or_none_does():
+    assert overlap_of(np.linspace([0, 0, 0], [0.4, 0, 0], 101))[0] is None
+    for position in ([[0, 0, 0]], [[0, 0, 0], [1, 0, 0]]):
+        assert overlap_of(position)[0] is None
     assert overlap_of(np.zeros((5, 3)), 0.0)[0] is None
 
 

@@ -1,25 +1,30 @@
-"""Workspaces: the sampled tensions, their tips, and invalid input."""
+"""Workspaces: sampled tensions and their tips, in this process, in others and on clusters."""
 
 from __future__ import annotations
 
 import dataclasses
+import multiprocessing
+import socket
+import sys
+from typing import NoReturn
 
 import numpy as np
 import pytest
 from workspaces import HIGHEST, TOO_HIGH, assert_same
 
-from octo_arm_model import Config, ConfigError, SolveError, TensionError
+from octo_arm_model import (
+    Arm,
+    Body,
+    Config,
+    ConfigError,
+    Function,
+    Material,
+    SolveError,
+    TensionError,
+)
+from octo_arm_model.analysis import worker_pool
+from octo_arm_model.analysis.worker_pool import solve_parts
 from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
-
-
-def loaded(config: Config) -> Config:
-    """The same arm with a density, in gravity."""
-    return dataclasses.replace(
-        config,
-        arm=config.arm.with_density(1080.0),
-        model='exact',
-        loads=dataclasses.replace(config.loads, gravity=(0.0, 0.0, -9.81)),
-    )
 
 
 def test_tensions_lie_in_the_box_and_fill_it(cloud: Workspace) -> None:
@@ -34,35 +39,34 @@ def test_tensions_lie_in_the_box_and_fill_it(cloud: Workspace) -> None:
     np.testing.assert_array_equal(cloud.highest, HIGHEST)
 
 
-def test_every_tip_is_what_the_solver_gives(table4: Config, cloud: Workspace) -> None:
+def test_every_tip_is_what_the_solver_gives_and_its_direction_the_tangent_there(
+    table4: Config, cloud: Workspace
+) -> None:
     backbone = table4.solver().solve(cloud.tensions)
     np.testing.assert_allclose(cloud.tip, backbone.tip, rtol=0.0, atol=1e-9)
     assert cloud.refused == 0
-
-
-def test_the_direction_is_the_tangent_at_the_tip(table4: Config, cloud: Workspace) -> None:
     np.testing.assert_allclose(np.linalg.norm(cloud.direction, axis=1), 1.0, atol=1e-12)
     backbone = table4.solver(stations=2001).solve(cloud.tensions[:8])
     step = backbone.position[:, -1] - backbone.position[:, -2]
     step /= np.linalg.norm(step, axis=1, keepdims=True)
     np.testing.assert_allclose(cloud.direction[:8], step, atol=0.02)
+    for array in (cloud.tensions, cloud.tip, cloud.direction, cloud.highest):
+        assert not array.flags.writeable
 
 
-def test_model_and_stations_are_those_of_the_config(table4: Config) -> None:
-    config = dataclasses.replace(table4, model='exact', stations=11)
-    workspace = sample_workspace(config, HIGHEST, 8, processes=1)
-    expected = table4.solver('exact', 11).solve(workspace.tensions).tip
-    np.testing.assert_allclose(workspace.tip, expected, rtol=0.0, atol=1e-9)
-
-
-def test_a_loaded_arm_is_solved_with_its_loads(prototype: Config) -> None:
-    config = dataclasses.replace(loaded(prototype), stations=21)
-    workspace = sample_workspace(config, 1.0, 2, processes=1)
-    expected = config.solver().solve(workspace.tensions).tip
-    np.testing.assert_allclose(workspace.tip, expected, rtol=0.0, atol=1e-9)
-    exact = dataclasses.replace(prototype, model='exact', stations=21)
-    light = sample_workspace(exact, 1.0, 2, processes=1)
-    assert (workspace.tip[:, 2] < light.tip[:, 2] - 0.01).all()
+def test_model_stations_and_loads_are_those_of_the_config(prototype: Config) -> None:
+    light = dataclasses.replace(prototype, model='exact', stations=21)
+    heavy = dataclasses.replace(
+        light, arm=light.arm.with_density(1080.0),
+        loads=dataclasses.replace(light.loads, gravity=(0.0, 0.0, -9.81)),
+    )  # fmt: skip
+    tips = []
+    for config in (light, heavy):
+        found = sample_workspace(config, 1.0, 2, processes=1)
+        expected = config.solver().solve(found.tensions).tip
+        np.testing.assert_allclose(found.tip, expected, rtol=0.0, atol=1e-9)
+        tips.append(found.tip[:, 2])
+    assert (tips[1] < tips[0] - 0.01).all()
 
 
 def test_one_number_is_for_all_tendons_and_zero_leaves_one_slack(table4: Config) -> None:
@@ -88,11 +92,6 @@ def test_any_number_of_samples_is_the_first_of_more(
     few = sample_workspace(table4, HIGHEST, samples, processes=1)
     np.testing.assert_array_equal(few.tensions, cloud.tensions[:samples])
     np.testing.assert_allclose(few.tip, cloud.tip[:samples], rtol=0.0, atol=1e-9)
-
-
-def test_results_cannot_be_changed(cloud: Workspace) -> None:
-    for array in (cloud.tensions, cloud.tip, cloud.direction, cloud.highest):
-        assert not array.flags.writeable
 
 
 def test_refused_sets_are_counted_and_not_in_the_cloud(table4: Config) -> None:
@@ -163,3 +162,121 @@ def test_bad_options_are_refused_by_name(
 def test_a_bad_box_is_refused(table4: Config, highest: object, message: str) -> None:
     with pytest.raises(TensionError, match=message):
         sample_workspace(table4, highest, 8)
+
+
+def test_two_processes_give_the_same(table4: Config) -> None:
+    # Some sets are refused, and the last chunk is not full.
+    config, count = dataclasses.replace(table4, model='closed_form'), 3 * CHUNK + 5
+    calls: list[tuple[int, int]] = []
+    alone = sample_workspace(
+        config, TOO_HIGH, count, processes=1, progress=lambda *given: calls.append(given)
+    )
+    assert alone.refused
+    assert calls == [(done, count) for done in (0, CHUNK, 2 * CHUNK, 3 * CHUNK, count)]
+    assert_same(sample_workspace(config, TOO_HIGH, count, processes=2), alone)
+
+
+def test_by_default_processes_are_started_where_they_pay(
+    table4: Config, cloud: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Started(Exception):
+        pass
+
+    def start(*given: object) -> NoReturn:
+        raise Started
+
+    monkeypatch.setattr(worker_pool, '_in_pool', start)
+    monkeypatch.setattr(worker_pool.os, 'sched_getaffinity', lambda pid: {0, 1}, raising=False)
+    assert_same(sample_workspace(table4, HIGHEST, 4 * CHUNK), cloud)
+    monkeypatch.setattr(worker_pool, '_POOL_START', 0.0)
+    with pytest.raises(Started):
+        sample_workspace(table4, HIGHEST, 4 * CHUNK)
+
+
+def test_an_interrupt_ends_all_workers(table4: Config) -> None:
+    def interrupt(done: int, total: int) -> None:
+        if done:
+            assert multiprocessing.active_children()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sample_workspace(table4, HIGHEST, 16 * CHUNK, processes=2, progress=interrupt)
+    assert not multiprocessing.active_children()
+
+
+def test_a_dask_cluster_gives_the_same(table4: Config) -> None:
+    distributed = pytest.importorskip('distributed')
+    config, count = dataclasses.replace(table4, model='closed_form'), 3 * CHUNK + 5
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=2, processes=False, dashboard_address=None
+    ) as cluster:
+        calls: list[tuple[int, int]] = []
+        workspace = sample_workspace(
+            config,
+            TOO_HIGH,
+            count,
+            scheduler=cluster.scheduler_address,
+            progress=lambda *given: calls.append(given),
+        )
+    assert workspace.refused
+    assert_same(workspace, sample_workspace(config, TOO_HIGH, count, processes=1))
+    assert calls[-1] == (count, count)
+
+
+def test_a_missing_dask_says_how_to_install_it(
+    table4: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, 'dask', None)
+    with pytest.raises(ConfigError, match=r"pip install 'octo_arm_model\[cluster\]'"):
+        sample_workspace(table4, HIGHEST, 8, scheduler='tcp://127.0.0.1:8786')
+
+
+def test_a_scheduler_that_does_not_answer_is_one_line(
+    table4: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip('distributed')
+    monkeypatch.setattr(worker_pool, '_CONNECT', 0.2)
+    with socket.socket() as taken:  # bound, but not listening
+        taken.bind(('127.0.0.1', 0))
+        deaf = f'tcp://127.0.0.1:{taken.getsockname()[1]}'
+        for address in (deaf, 'nowhere', 'carrier-pigeon://loft:1', ''):
+            with pytest.raises(ConfigError) as caught:
+                sample_workspace(table4, HIGHEST, 8, scheduler=address)
+            message = str(caught.value)
+            assert f'scheduler is {address!r}, expected the address of a running' in message
+            assert '\n' not in message
+
+
+def test_a_function_without_a_name_stays_in_this_process(table4: Config) -> None:
+    arm = table4.arm
+    softer = Material(Function(lambda s: 1.1e5 - 1e4 * s, table4.arm.length))
+    assert isinstance(arm.body, Body)
+    config = dataclasses.replace(
+        table4, arm=Arm(softer, arm.body, arm.sections), model='closed_form'
+    )
+    assert len(sample_workspace(config, HIGHEST, 8, processes=1).tip) == 8
+    with pytest.raises(ConfigError, match=r'cannot be sent to other processes .* or processes=1'):
+        sample_workspace(config, HIGHEST, 2 * CHUNK, processes=2)
+
+
+def test_every_set_has_its_shape_or_its_error(table4: Config) -> None:
+    solver = table4.solver('closed_form')
+    tensions = np.zeros((37, 3, 4))
+    tensions[:, 0, 0] = np.linspace(0.0, 0.1, 37)
+    refused = [0, 5, 6, 36]
+    tensions[refused] = 1e3
+    numbers: list[int] = []
+    for part, found in solve_parts(solver, tensions):
+        numbers += range(part.start, part.stop)
+        if isinstance(found, SolveError):
+            assert part.stop == part.start + 1 and part.start in refused
+            continue
+        assert not set(refused) & set(range(part.start, part.stop))
+        expected = [solver.solve(one).tip for one in tensions[part]]
+        np.testing.assert_allclose(found.tip, expected, rtol=0.0, atol=1e-12)
+    assert numbers == list(range(37))
+
+
+def test_a_batch_without_a_refusal_is_solved_at_once(table4: Config) -> None:
+    ((part, found),) = solve_parts(table4.solver('closed_form'), np.zeros((5, 3, 4)))
+    assert (part, len(found.tip)) == (slice(0, 5), 5)

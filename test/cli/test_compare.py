@@ -1,4 +1,4 @@
-"""`octo-arm compare`: the table, JSON, CSV and pictures."""
+"""`octo-arm compare`, and the CSV files of compare, identify and replay."""
 
 from __future__ import annotations
 
@@ -8,13 +8,23 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
-from command_line import printed
+from command_line import Cli
 from experiments import PARAMETERS, midline, one_tendon, path_sample, pose_sample, staircase_bag
 from recordings import Sample
 
-from octo_arm_model.cli.main import main
 from octo_arm_model.config.parameter_files import parameters_as_yaml
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+pytest.importorskip('matplotlib', reason='needs matplotlib')
+
+from experiments import ARM
+from labs import MARKER_S, TENSIONS, TIP_ERRORS, marker_bag, seen
+from recordings import START, STEP, samples, text_sample, write_bag
+
+from octo_arm_model.config.config import Config
+from octo_arm_model.simulation.profiles.profile_files import read_profile
 
 STEPS = (0.0, 1.09, 3.06)
 Write = Callable[..., Path]
@@ -35,50 +45,39 @@ def write(tmp_path_factory: pytest.TempPathFactory) -> Write:
     return make
 
 
-def test_the_table_is_the_papers(write: Write, capsys: pytest.CaptureFixture[str]) -> None:
-    bag = write(0.27 * 0.02)
-    assert main(['compare', str(bag), '--clock-offset', '0']) == 0
-    out, _ = capsys.readouterr()
+def test_the_table_is_the_papers(write: Write, cli: Cli) -> None:
+    status, out, _ = cli('compare', write(0.27 * 0.02), '--clock-offset', '0')
+    assert status == 0 and 'no alignment' in out
     assert '3 steady steps, 3 of them with frames' in out
-    assert 'no alignment' in out
     rows = [line.split() for line in out.split('noise of a frame\n')[1].splitlines()[:-1]]
     assert [float(row[1]) for row in rows] == list(STEPS)
     assert [[row[4], *row[6:9]] for row in rows] == 3 * [4 * ['2.00']]
     assert out.splitlines()[-1].split() == ['Average', *4 * ['2.00']]
 
 
-def test_json_csv_and_pictures_say_the_same(
-    write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bag, out = write(0.0027), tmp_path / 'out'
-    models = ['--model', 'renda2012', 'exact']
-    said = printed(capsys, 'compare', str(bag), *models, '--out', str(out), '--json')
-    stored = json.loads((out / 'compare.json').read_text())
-    assert stored['steps'] == said['steps']
-    assert [step['model'] for step in stored['steps']] == 3 * ['renda2012'] + 3 * ['exact']
-    for step, tension in zip(stored['steps'], STEPS):
+def test_json_csv_and_pictures_say_the_same(write: Write, tmp_path: Path, cli: Cli) -> None:
+    out, models = tmp_path / 'out', ('renda2012', 'exact')
+    said = cli.json('compare', write(0.0027), '--model', *models, '--out', out, '--json')
+    steps = said['steps']
+    assert json.loads((out / 'compare.json').read_text())['steps'] == steps
+    assert [step['model'] for step in steps] == 3 * ['renda2012'] + 3 * ['exact']
+    for step, tension in zip(steps, STEPS):
         assert step['tension'] == pytest.approx(tension, abs=1e-3)
         assert step['tensions'] == pytest.approx([step['tension'], 0.0, 0.0, 0.0])
         for name in ('tip_error', 'mean_error', 'max_error', 'hausdorff'):
             assert step[f'{name}_percent'] == pytest.approx(1.0, rel=0.01)
         assert step['frames'] >= 10
-    assert stored['models']['renda2012']['average_tip_error_percent'] == pytest.approx(1.0, 0.01)
+    assert said['models']['renda2012']['average_tip_error_percent'] == pytest.approx(1.0, 0.01)
     with (out / 'compare.csv').open(newline='') as file:
         table = list(csv.DictReader(file))
-    assert [float(row['tip_error_percent']) for row in table] == [
-        step['tip_error_percent'] for step in stored['steps']
-    ]
-    assert [float(row['tendon_1_1 [N]']) for row in table] == [
-        step['tension'] for step in stored['steps']
-    ]
+    for column, name in (('tip_error_percent',) * 2, ('tendon_1_1 [N]', 'tension')):
+        assert [float(row[column]) for row in table] == [step[name] for step in steps]
     for name in ('step_01', 'step_02', 'step_03', 'error_over_tension'):
         assert (out / f'{name}.png').read_bytes().startswith(b'\x89PNG')
 
 
-def test_tips_have_the_papers_error_and_no_other(
-    write: Write, capsys: pytest.CaptureFixture[str]
-) -> None:
-    steps = printed(capsys, 'compare', str(write(0.0027, tips=True)), '--json')['steps']
+def test_tips_have_the_papers_error_and_no_other(write: Write, cli: Cli) -> None:
+    steps = cli.json('compare', str(write(0.0027, tips=True)), '--json')['steps']
     assert [step['tip_error_percent'] for step in steps] == pytest.approx([1.0] * 3, rel=0.01)
     assert {step['hausdorff_percent'] for step in steps} == {None}
 
@@ -100,73 +99,115 @@ def test_tips_have_the_papers_error_and_no_other(
     ],
 )
 def test_nonsense_is_refused_in_one_line(
-    write: Write,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-    status: int,
-    message: str,
+    write: Write, cli: Cli, arguments: list[str], status: int, message: str
 ) -> None:
-    assert main(['compare', str(write()), *arguments]) == status
-    out, err = capsys.readouterr()
-    assert out == ''
-    assert err.startswith('octo-arm: error: ')
-    assert message in err
-    assert err.count('\n') == 1
-
-
-@pytest.mark.parametrize(
-    'written', [('compare', '--out'), ('identify', '--out'), ('identify', '--csv')]
-)
-def test_nothing_is_written_into_the_bag(
-    write: Write, capsys: pytest.CaptureFixture[str], written: tuple[str, str]
-) -> None:
-    command, option = written
-    bag = write()
-    before = sorted(bag.iterdir())
-    assert main([command, str(bag), option, str(bag / 'new')]) == 2
-    assert f'inside {bag}, which stays as it is' in capsys.readouterr().err
-    assert sorted(bag.iterdir()) == before
-
-
-def test_a_command_that_fails_leaves_no_empty_folder(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    kept, new = tmp_path / 'kept', tmp_path / 'new'
-    kept.mkdir()
-    for command in ('compare', 'identify', 'replay', 'estimate'):
-        for folder in (kept / 'deep' / 'tables', new / 'tables'):
-            given = [command, str(tmp_path / 'nowhere')]
-            given += [str(tmp_path / 'out')] if command == 'replay' else []
-            option = '--out' if command == 'compare' else '--csv'
-            assert main([*given, option, str(folder)]) == 2
-            assert 'no such bag' in capsys.readouterr().err
-    assert kept.exists() and not list(kept.iterdir()) and not new.exists()
+    assert message in cli.refused('compare', write(), *arguments, status=status)
 
 
 def test_of_all_models_those_that_cover_the_arm_are_compared(
-    write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    write: Write, tmp_path: Path, cli: Cli
 ) -> None:
     weight = {**PARAMETERS, 'loads.gravity': [0.0, 0.0, -9.81], 'material.density': 1000.0}
     config = tmp_path / 'heavy.yaml'
     config.write_text(parameters_as_yaml(weight))
-    arguments = ['compare', str(write()), '--config', str(config), '--json']
-    said = printed(capsys, *arguments, '--model', 'all')
+    given = 'compare', write(), '--config', config, '--json', '--model'
+    said = cli.json(*given, 'all')
     assert set(said['models']) == {'exact'}
     assert any('renda2012 is not compared: model is' in note for note in said['notes'])
-    assert main([*arguments, '--model', 'renda2012']) == 2
+    assert cli(*given, 'renda2012')[0] == 2
 
 
 def test_the_examples_of_its_help_work_on_the_demo(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(['record-demo', 'experiment']) == 0
-    capsys.readouterr()
-    with pytest.raises(SystemExit):
-        main(['compare', '--help'])
-    examples = capsys.readouterr().out.replace('\\\n', ' ').splitlines()
+    assert cli('record-demo', 'experiment')[0] == 0
+    examples = cli.left('compare', '--help')[1].replace('\\\n', ' ').splitlines()
     tried = [line.split()[1:] for line in examples if '  octo-arm compare experiment' in line]
     assert len(tried) >= 3
     for arguments in tried:
         if 'all' not in arguments:  # which takes long, and differs in nothing else
-            assert main(arguments) == 0, capsys.readouterr().err
+            status, _, err = cli(*arguments)
+            assert status == 0, err
+
+
+S = ['--marker-s', *map(str, MARKER_S), '--clock-offset', '0', '--json']
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline='') as file:
+        return list(csv.DictReader(file))
+
+
+def numbers(table: list[dict[str, str]], *names: str) -> np.ndarray:
+    return np.array([[float(row[name]) for name in names] for row in table])
+
+
+def test_compared_points_residuals_and_shapes_are_a_row_each(cli: Cli, tmp_path: Path) -> None:
+    bag, out = marker_bag(tmp_path / 'bag'), tmp_path / 'out'
+    assert cli('compare', bag, *S, '--out', out)[0] == 0
+    table = rows(out / 'midlines.csv')
+    assert len(table) == len(TENSIONS) * len(MARKER_S)
+    axes = [[f'{what}_{axis} [m]' for axis in 'xyz'] for what in ('measured', 'model', 'residual')]
+    measured, model, residual = (numbers(table, *names) for names in axes)
+    np.testing.assert_allclose(measured - model, residual, atol=1e-12)
+    expected = np.concatenate([seen(tension, MARKER_S) for tension in TENSIONS])
+    np.testing.assert_allclose(measured, expected, atol=1e-9)
+    tips = np.linalg.norm(residual[3::4], axis=1)
+    np.testing.assert_allclose(100.0 * tips / 0.27, TIP_ERRORS, atol=0.03)
+    assert numbers(table, 's [m]').ravel().tolist() == list(MARKER_S) * len(TENSIONS)
+    stations = rows(out / 'stations.csv')
+    assert {row['step'] for row in stations} == {str(n + 1) for n in range(len(TENSIONS))}
+    assert float(stations[-1]['s [m]']) == 0.27
+    profile = read_profile(out / 'tensions.csv', ARM)
+    assert profile.tensions[::2, 0] == pytest.approx(TENSIONS, abs=2e-3)
+    again = tmp_path / 'again.csv'
+    given = '--config', 'renda2012_prototype', '--csv', again
+    assert cli('play', out / 'tensions.csv', *given)[0] == 0
+    assert read_profile(again, ARM).duration == pytest.approx(profile.duration)
+
+
+def test_tables_of_a_fit_have_less_left_and_the_tensions_of_the_fitted_load_cells(
+    cli: Cli, tmp_path: Path
+) -> None:
+    bag, given, fitted = marker_bag(tmp_path / 'bag'), tmp_path / 'given', tmp_path / 'fitted'
+    exact = *S, '--model', 'exact'
+    fits = '--fit', 'youngs_modulus', 'tension_offset', '--loss', 'linear'
+    assert cli('compare', bag, *exact, '--out', given)[0] == 0
+    said = cli.json('identify', bag, *exact, *fits, '--csv', fitted)
+    offset = said['estimates']['tension_offset']['value']
+    assert abs(offset) > 0.01
+    tensions = read_profile(fitted / 'tensions.csv', ARM).tensions
+    assert tensions[::2, 0] == pytest.approx(np.array(TENSIONS) + offset, abs=2e-3)
+    axes = [f'residual_{axis} [m]' for axis in 'xyz']
+    before, after = (
+        (numbers(rows(folder / 'midlines.csv'), *axes) ** 2).sum(axis=1).mean()
+        for folder in (given, fitted)
+    )
+    assert after < 0.7 * before
+    # What is left is what the fit says is left.
+    assert np.sqrt(after) == pytest.approx(said['residuals']['after']['rms'], rel=1e-6)
+
+
+def test_a_replay_has_a_row_for_each_station_and_its_tensions_are_played(
+    cli: Cli, tmp_path: Path
+) -> None:
+    pulls = [[pull, 0.0, 0.1, 0.0] for pull in (0.0, 1.0, 2.0)]
+    content = [text_sample('/arm_description', parameters_as_yaml(PARAMETERS))]
+    content += samples(ARM, [pulls[0], [-1.0, 0.0, 0.0, 0.0], *pulls[1:]])
+    bag, out = write_bag(tmp_path / 'bag', content), tmp_path / 'tables'
+    said = cli.json('replay', bag, tmp_path / 'new', '--csv', out, '--json')
+    (report,) = said['topics'].values()
+    assert 'load cells: tension_deadband takes readings near zero as zero' in said['notes']
+    reason = 'tension of tendon_1_1 is -1.0 N, expected a finite number >= 0'
+    assert report['reasons'] == {reason: 1}
+    table, stations = rows(out / 'stations.csv'), PARAMETERS['stations']
+    expected = Config.from_parameters(PARAMETERS).solver().solve(np.reshape(pulls, (3, 1, 4)))
+    got = numbers(table, 'x [m]', 'y [m]', 'z [m]').reshape(3, stations, 3)
+    np.testing.assert_allclose(got, expected.position, atol=1e-12)
+    k = numbers(table, 'k [1/m]').reshape(3, stations)
+    np.testing.assert_allclose(k, expected.k, atol=1e-9)
+    assert {int(row['stamp [ns]']) for row in table} == {START + n * STEP for n in (0, 2, 3)}
+    profile = read_profile(out / 'tensions.csv', ARM)
+    np.testing.assert_allclose(profile.tensions, pulls)
+    np.testing.assert_allclose(profile.times, [0.0, 0.002, 0.003])

@@ -1,4 +1,4 @@
-"""The command line: wrong usage, exit statuses, and that it runs as a module."""
+"""The command line: wrong input and usage, exit statuses, and that it runs as a module."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import SOLVE, TENSIONS, run
+from command_line import SOLVE, TENSIONS, Cli
 
-from octo_arm_model.cli.main import main
+from octo_arm_model.cli import workspace
+
+REEL = (*SOLVE[:2], '--displacements')
 
 
 @pytest.mark.parametrize(
@@ -85,15 +87,44 @@ from octo_arm_model.cli.main import main
         (('play', 'rotating', '--csv', '/proc/x.csv'), "--csv is '/proc/x.csv', cannot be writt"),
         (('compare', 'bag', '--out', '/proc'), "--out is '/proc', cannot be written: "),
         (('identify', 'bag', '--out', '/tmp', '--csv', '/tmp'), "--out is '/tmp', a folder, exp"),
+        (('workspace', 'renda2012_table4', '--highest', 'much'), '--highest is not JSON'),
+        (('workspace', 'renda2012_table4', '--highest', '"1"'), '--highest is "1", expected a'),
+        (('workspace', 'renda2012_table4', '--highest', '[[1]]'), 'highest: tensions have shape'),
+        (('workspace', 'renda2012_table4', '--samples', '0'), 'samples is 0, expected'),
+        (('workspace', 'renda2012_table4', '--out', '.'), "--out is '.', a folder"),
+        (('play',), 'expected either PROFILE or --list'),
+        (('play', 'ramps', '--list'), 'expected either PROFILE or --list'),
+        (('play', 'bending'), 'these tensions are for renda2012_table2'),
+        (('play', 'ramps', '--speed', '0'), '--speed is 0.0, expected a finite number > 0'),
+        (('play', 'ramps', '--rate', 'nan'), '--rate is nan, expected 1.0 to 1000.0 [Hz]'),
+        (('play', 'ramps', '--highest', '['), '--highest is not JSON'),
+        (('play', 'ramps', '--config', 'nowhere'), "no preset arm 'nowhere'"),
+        (('play', 'nowhere.csv'), 'nowhere.csv: No such file'),
+        (('play', 'ramps', '--csv', 'a.csv', '--loop'), '--loop has no effect with --csv'),
+        (('play', 'ramps', '--plot', 'a.png', '--topic', 'a'), '--topic has no effect with --csv'),
+        (('play', 'ramps', '--csv', 'a', '--plot', 'a'), "--csv and --plot are 'a', expec"),
+        (('play', '--list', '--csv', 'a.csv'), '--csv has no effect with --list'),
+        (SOLVE[:2], 'neither --tensions nor --displacements is given'),
+        ((*REEL, '[0.01]'), '--displacements is [0.01], expected numbers by name'),
+        ((*REEL, '{"tendon_1_1": "x"}'), 'expected numbers by name'),
+        ((*REEL, '{"elbow": 0.01}'), 'unknown tendon elbow'),
+        ((*REEL, '{"tendon_1_1": 20}'), 'less than there is to reel in: 0.45 m'),
+        ((*REEL, '{"tendon_1_1": 0.01, "tendon_1_1": 0}'), 'expected each name once'),
+        ((*REEL, f'{{"tendon_1_1": {10**400}}}'), 'expected a finite number'),
+        ((*REEL, '{}', '--tensions', '[[1]]'), '--tensions is [[1]], expected'),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_line_on_stderr_and_status_2(
-    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str
+    cli: Cli, arguments: tuple[str, ...], message: str
 ) -> None:
-    status, out, err = run(capsys, *arguments)
-    assert (status, out) == (2, '')
-    assert err.startswith(f'octo-arm: error: {message}')
-    assert err.count('\n') == 1
+    assert message in cli.refused(*arguments)
+
+
+def test_a_header_of_several_lines_is_named_on_one(cli: Cli, tmp_path: Path) -> None:
+    path = tmp_path / 'profile.csv'
+    path.write_text('"time\nand",more\n0,1\n')
+    line = cli.refused('play', path, '--csv', tmp_path / 'out.csv')
+    assert 'header is time and, more; expected time, tendon_1_1' in line
 
 
 @pytest.mark.parametrize(
@@ -104,17 +135,10 @@ def test_bad_input_is_one_line_on_stderr_and_status_2(
         ('compare', ''), ('compare', 'bag', '--out', ''), ('replay', 'bag', ''),
     ],
 )  # fmt: skip
-def test_wrong_usage_is_status_2(
-    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
-) -> None:
-    with pytest.raises(SystemExit) as leave:
-        main(arguments)
-    assert leave.value.code == 2
-    err = capsys.readouterr().err
-    assert err.startswith('octo-arm')
-    assert 'error: ' in err
-    assert '--help\n' in err
-    assert err.count('\n') == 1
+def test_wrong_usage_is_status_2(cli: Cli, arguments: tuple[str, ...]) -> None:
+    status, _, err = cli.left(*arguments)
+    assert status == 2 and err.startswith('octo-arm') and err.count('\n') == 1
+    assert 'error: ' in err and '--help\n' in err
 
 
 @pytest.mark.parametrize(
@@ -128,12 +152,10 @@ def test_wrong_usage_is_status_2(
     ],
 )
 def test_an_option_is_given_once_as_the_last_would_replace_the_others(
-    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+    cli: Cli, words: tuple[str, ...]
 ) -> None:
-    with pytest.raises(SystemExit) as leave:
-        main(words)
-    assert leave.value.code == 2
-    assert 'is given twice, expected once' in capsys.readouterr().err
+    status, _, err = cli.left(*words)
+    assert status == 2 and 'is given twice, expected once' in err
 
 
 @pytest.mark.parametrize(
@@ -144,22 +166,35 @@ def test_an_option_is_given_once_as_the_last_would_replace_the_others(
     ],
 )
 def test_no_trustworthy_answer_is_one_line_on_stderr_and_status_1(
-    capsys: pytest.CaptureFixture[str], tension: str, message: str
+    cli: Cli, tension: str, message: str
 ) -> None:
     everywhere = json.dumps([[float(tension)] * 4] * 3)
-    status, out, err = run(capsys, *SOLVE, everywhere)
-    assert (status, out) == (1, '')
-    assert re.fullmatch(f'octo-arm: error: {message}\n', err)
+    assert re.fullmatch(f'{message}\n', cli.refused(*SOLVE, everywhere, status=1))
 
 
-def test_it_runs_as_a_module_of_its_own(tmp_path: Path) -> None:
+def test_an_interrupted_command_says_so(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(workspace, 'sample_workspace', interrupted)
+    assert cli('workspace', 'renda2012_table4', '--json') == (130, '', 'octo-arm: interrupted\n')
+
+
+def test_without_ros_playing_says_what_to_do(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ['rclpy', *(one for one in sys.modules if one.startswith('rclpy.'))]:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, 'octo_arm_model.ros.client.commands', raising=False)
+    line = cli.refused('play', 'ramps')
+    assert 'playing needs ROS 2' in line and re.search(r'\(rclpy(\.\w+)? is missing\)', line)
+
+
+def test_it_runs_as_a_module_of_its_own() -> None:
     done = subprocess.run(
         [sys.executable, '-m', 'octo_arm_model.cli.main', *SOLVE, '[[0]]'],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert done.returncode == 2
-    assert done.stdout == ''
-    assert done.stderr.splitlines() == [
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr == (
         'octo-arm: error: tensions have shape (1, 1), expected (..., 3, 4): '
-        '3 section(s) from the tip, 4 tendons each'
-    ]
+        '3 section(s) from the tip, 4 tendons each\n'
+    )

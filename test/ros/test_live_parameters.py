@@ -1,5 +1,6 @@
-"""Parameters of client nodes as ROS's own clients read, write and load them, over DDS."""
+"""Parameters as ROS's own clients read, write and load them, over DDS."""
 
+import itertools
 import math
 
 import numpy as np
@@ -11,6 +12,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 
 from lifecycle_msgs.msg import Transition
 from live_nodes import NODES, assert_is_backbone, hosting
+from octo_arm_msgs.msg import TendonTensions
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import (
@@ -21,6 +23,8 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from octo_arm_model import load_config
@@ -133,13 +137,11 @@ def test_integers_are_taken_where_numbers_are_wanted(client):
         )
 
 
-_UNUSED = (
-    'body.table_radius', 'material.table_youngs_modulus', 'material.table_poisson_ratio',
-    'tendons.table_offset', 'tendons.table_angle',
+@pytest.mark.parametrize(
+    'name',
+    ['body.table_radius', 'material.table_youngs_modulus', 'material.table_poisson_ratio',
+     'tendons.table_offset', 'tendons.table_angle'],
 )  # fmt: skip
-
-
-@pytest.mark.parametrize('name', _UNUSED)
 def test_tables_that_are_not_used_have_bounds(client, name):
     key, before = name.replace('.', '__'), client.dump()
     most = 20_000 if name.startswith('tendons') else 1000
@@ -248,3 +250,67 @@ def test_a_change_that_makes_no_arm_is_refused_as_a_whole(client, values, reason
     assert not is_taken
     assert reason in why
     assert_is_backbone(client.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+
+
+@pytest.mark.parametrize('kind', [SetParameters, SetParametersAtomically])
+def test_a_parameter_of_no_known_type_is_refused(client, kind):
+    is_plain = kind is SetParameters
+    good = Parameter('stations', value=51).to_parameter_msg()
+    bad = ParameterMessage(name='stations', value=ParameterValue(type=77))
+    name = 'set_parameters' if is_plain else 'set_parameters_atomically'
+    answer = client.call(kind, f'octo_arm/{name}', kind.Request(parameters=[good, bad, good]))
+    results = answer.results if is_plain else [answer.result]
+    assert [result.successful for result in results] == (
+        [True, False, True] if is_plain else [False]
+    )
+    assert results[len(results) // 2].reason == 'stations is of type 77, expected 0 to 9'
+    assert client.change(stations=101) == (True, '')
+
+
+NO_TIMES = [(-5, 0), (-(2**31), 0), (-1, 10**9), (2**31 - 1, 2**32 - 1)]
+
+
+@pytest.mark.parametrize('kind', ['node', 'simulator'])
+def test_a_clock_that_is_no_time_is_refused_and_the_next_one_taken(kind):
+    make_node, _ = NODES[kind]
+    with hosting(make_node, '-p', 'use_sim_time:=true', node='clocked') as client:
+        is_node = kind == 'node'
+        topic = 'backbone/path' if is_node else 'tendon_tensions'
+        heard = client.answers[topic] if is_node else client.hear(TendonTensions, topic)
+        clock = client.node.create_publisher(Clock, '/clock', 10)
+        later = itertools.count(0, 1_000_000)  # [ns]
+
+        def publish(sec, nanosec):
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = sec, nanosec
+            clock.publish(message)
+
+        def stamped_with(sec, nanosec, expected):
+            for bad in NO_TIMES:
+                publish(*bad)
+                client.spin(0.02)
+            # The simulator measures when time goes on.
+            publish(sec, nanosec + next(later))
+            if is_node:
+                client.send('tendon_tensions/array', FETCHING_IN_PLANE)
+            client.spin(0.05)
+            return heard and heard[-1].header.stamp.sec == expected
+
+        # Nanoseconds beyond a second, back to before, and the last second there is.
+        for sec, nanosec, expected in (
+            (5, 4 * 10**9, 9),
+            (3, 0, 3),
+            (2**31 - 1, 0, 2**31 - 1),
+        ):
+            client.wait(
+                lambda given=(sec, nanosec, expected): stamped_with(*given),
+                f'an answer at {sec} s',
+            )
+
+        def is_logged():
+            # At most one a second is logged, of whichever comes first.
+            publish(-5, 0)
+            client.spin(0.05)
+            return any('/clock refused: it is -5 s' in log.msg for log in client.logs)
+
+        client.wait(is_logged, 'a line in the log')

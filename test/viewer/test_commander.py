@@ -59,6 +59,7 @@ def test_a_profile_is_played_after_a_smooth_way_to_its_beginning_and_at_any_spee
     commander = Commander([1.0, 0.0])
     commander.play(RAMP, 0.0, loop=False)
     commander.advance(1.0)
+    assert commander.advance(2.5) is not None
     np.testing.assert_array_equal(commander.advance(9.0), RAMP.at(3.0))
     assert commander.profile is None and commander.advance(10.0) is None
 

@@ -1,6 +1,7 @@
-"""The diagnostics of the node, over DDS."""
+"""What the node says of its inputs, and the clock that stamps are compared with."""
 
 import itertools
+import types
 
 import numpy as np
 import pytest
@@ -8,14 +9,23 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from live_nodes import AFFORDED, NAMES, hosting
 from octo_arm_msgs.msg import TendonTensions
+from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+from octo_arm_model import load_config
+from octo_arm_model.arm.errors import MeasurementError, MessageError
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
+from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.config.parameters import DiagnosticLimits
+from octo_arm_model.ros.estimator.stamps import Stamps
+from octo_arm_model.ros.node import diagnostics as heard_inputs
+from octo_arm_model.ros.node.diagnostics import Diagnostics, HeardInputs, SteppedClock
 from octo_arm_model.ros.node.main import OctoArmNode
+from octo_arm_model.wire.stamp import Stamp
 
 
 def test_stamps_that_run_backwards_and_two_sources_are_diagnosed(client):
@@ -103,22 +113,30 @@ def test_old_stamps_are_diagnosed_as_soon_as_they_come(client):
     assert client.change(diagnostics__age_limit=-1.0) == refused
 
 
-def test_two_publishers_on_one_topic_are_diagnosed(client):
+@pytest.mark.parametrize(
+    ('kind', 'topic'), [(TendonTensions, 'tendon_tensions'), (JointState, 'tendon_displacements')]
+)
+def test_two_publishers_on_one_topic_are_diagnosed(client, kind, topic):
     def told():
+        more[0].publish(messages[kind])
         client.ask('tendon_tensions', FETCHING_IN_PLANE)
-        return [
-            s.message
-            for s in client.diagnostics[-1].status
-            if '2 publishers on /tendon_tensions' in s.message
-        ]
+        said = [status.message for status in client.diagnostics[-1].status]
+        return any(f'2 publishers on /{topic}' in message for message in said)
 
     client.ask('tendon_tensions', FETCHING_IN_PLANE)
     assert 'publishers on' not in client.status('input')[0].message
-    second = client.node.create_publisher(TendonTensions, 'tendon_tensions', 10)
+    messages = {
+        TendonTensions: TendonTensions(name=NAMES, tension=np.zeros(12)),
+        JointState: JointState(),  # drives no tendon
+    }
+    # One of tensions is there already.
+    count = 1 if topic == 'tendon_tensions' else 2
+    more = [client.node.create_publisher(kind, topic, 10) for _ in range(count)]
     try:
         client.wait(told, 'a warning')
     finally:
-        client.node.destroy_publisher(second)
+        for one in more:
+            client.node.destroy_publisher(one)
 
 
 @pytest.mark.parametrize(('step', 'is_ahead'), [(0.08, False), (0.01, True)])
@@ -149,3 +167,128 @@ def test_a_coarse_clock_is_not_mistaken_for_stamps_from_the_future(step, is_ahea
         client.wait(lambda: client.answers['backbone/path'], 'an answer')
         after = int(client.status('input')[1]['stamps from the future'])
         assert after - before == int(is_ahead)
+
+
+LIMIT = 2.0  # [s]
+WINCHES, WRENCH = '/tendon_displacements', '/tip_wrench'
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that stands still until its ``now`` [s] is set."""
+    clock = types.SimpleNamespace(now=100.0)
+    monkeypatch.setattr(heard_inputs, 'time', types.SimpleNamespace(monotonic=lambda: clock.now))
+    return clock
+
+
+@pytest.fixture
+def heard(clock):
+    made = HeardInputs()
+    made.apart, made.unanswered = frozenset({WINCHES, WRENCH}), frozenset({WRENCH})
+    return made
+
+
+def test_an_input_that_was_heard_and_is_no_more_is_named(clock, heard):
+    for topic in ('/tendon_tensions', WINCHES, WRENCH):
+        heard.note(topic)
+    clock.now += 3.0
+    heard.note('/tendon_tensions')
+    assert heard.silent(LIMIT) == [
+        f'{WINCHES} is silent for 3.0 s',
+        f'{WRENCH} is silent for 3.0 s',
+    ]
+    heard.is_used = lambda topic: topic != WRENCH  # it was of no force
+    assert heard.silent(LIMIT) == [f'{WINCHES} is silent for 3.0 s']
+    heard.begin()
+    assert heard.silent(LIMIT) == []
+
+
+def test_tensions_may_go_on_on_another_topic(clock, heard):
+    heard.note('/tendon_tensions')
+    clock.now += 3.0
+    heard.note('/tendon_tensions/array')
+    assert heard.silent(LIMIT) == []
+    clock.now += 3.0
+    assert heard.silent(LIMIT) == ['/tendon_tensions/array is silent for 3.0 s']
+
+
+@pytest.mark.parametrize(('topic', 'is_silent'), [(WINCHES, False), (WRENCH, True)])
+def test_who_hears_nothing_to_answer_is_silent(clock, heard, topic, is_silent):
+    clock.now += 3.0
+    assert heard.silent(LIMIT) == ['silent for 3.0 s']
+    heard.note(topic)
+    assert heard.silent(LIMIT) == (['silent for 3.0 s'] if is_silent else [])
+
+
+def test_messages_that_are_refused_are_no_silence(clock, make_node):
+    node, said = make_node('octo_arm'), []
+    node.create_subscription(DiagnosticArray, '/diagnostics', said.append, 10)
+    diagnostics = Diagnostics(node)
+    config = load_config(preset_path('renda2012_table4'))
+    diagnostics.describe(config.solver(compiled=None), DiagnosticLimits(LIMIT, 1.0, 0.1))
+    diagnostics.begin()
+    clock.now += 3.0
+    diagnostics.refused('/tendon_tensions', MessageError('too short'))
+
+    def heard_of_input():
+        said.clear()
+        while not said:
+            node.executor.spin_once(timeout_sec=1.0)
+        return said[-1].status[1].message
+
+    assert heard_of_input() == '1 refused: /tendon_tensions: too short'
+    clock.now += 3.0
+    assert heard_of_input() == '/tendon_tensions is silent for 3.0 s'
+
+
+MILLISECOND = 10**6  # [ns]
+START = 5000 * 10**9  # [ns]
+
+
+@pytest.fixture
+def node(make_node):
+    simulated = [Parameter('use_sim_time', value=True)]
+    return make_node('clocked', parameter_overrides=simulated)
+
+
+@pytest.fixture
+def advance(node):
+    """Lets the clock of the node be another time [ns]."""
+    publisher = node.create_publisher(Clock, '/clock', 10)
+
+    def advance(nanoseconds):
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(nanoseconds, 10**9)
+        while node.get_clock().now().nanoseconds != nanoseconds:
+            publisher.publish(message)
+            node.executor.spin_once(timeout_sec=0.1)
+
+    return advance
+
+
+@pytest.mark.parametrize(('step', 'is_ahead'), [(80, False), (10, True)])
+def test_the_estimator_takes_what_the_steps_of_a_coarse_clock_explain(
+    node, advance, step, is_ahead
+):
+    clock = SteppedClock(node)
+    stamps = Stamps(clock)
+    stamps.ahead = 0.1
+    for number in range(3):
+        advance(START + number * step * MILLISECOND)
+    ahead = Stamp.from_ns(START + (2 * step + 150) * MILLISECOND)
+    if is_ahead:
+        with pytest.raises(MeasurementError, match='ahead of the clock'):
+            stamps.resolve(ahead)
+    else:
+        assert stamps.resolve(ahead) == ahead
+    assert clock.ahead(ahead, clock.now_ns) == pytest.approx(0.15 - 2e-3 * step)
+
+
+def test_nothing_is_ahead_of_a_time_that_is_not_known_nor_of_the_first_step(node, advance):
+    clock = SteppedClock(node)
+    stamp = Stamp.from_ns(START + 150 * MILLISECOND)
+    assert clock.ahead(stamp, clock.now_ns) == 0.0 and not any(clock.now)
+    assert clock.time_of(Stamp(0, 0)) == Stamp(0, 0)
+    advance(START)
+    assert clock.ahead(stamp, clock.now_ns) == pytest.approx(0.15)
+    assert clock.time_of(None) == Stamp.from_ns(START)

@@ -1,4 +1,4 @@
-"""The start and the end of the node as a process."""
+"""The node as a process and as a managed node: its start, its end and its states."""
 
 import signal
 import subprocess
@@ -10,10 +10,14 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
 from live_nodes import (
     CONFIG_FILE,
     DEADLINE,
+    NO_TRANSITION,
     PERIOD,
+    assert_is_backbone,
     check_end,
     environment,
     file_with,
@@ -25,9 +29,12 @@ from live_nodes import (
 from std_msgs.msg import String
 
 from octo_arm_model import Config, OctoArmError, load_config
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import parse_parameters
+from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
 from octo_arm_model.ros.node import lifecycle
-from octo_arm_model.ros.node.main import OctoArmNode, main
+from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
+from octo_arm_model.ros.node.main import PROFILES, OctoArmNode, bound_memory, main
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator import main as simulator
 
@@ -217,3 +224,136 @@ def test_the_node_reads_a_file_as_the_command_does(tmp_path, old, new, name, val
         heard = client.hear(String, 'arm_description', LATCHED_QOS)
         client.wait(lambda: heard, 'the description of the arm')
     assert Config.from_parameters(parse_parameters(heard[-1].data, 'it')) == load_config(path)
+
+
+def test_fast_dds_takes_our_profiles_unless_it_is_set_up_otherwise(tmp_path):
+    environment = {}
+    assert bound_memory(environment, tmp_path)
+    assert environment['RMW_FASTRTPS_USE_QOS_FROM_XML'] == '1'
+    assert environment['FASTDDS_DEFAULT_PROFILES_FILE'] == str(PROFILES)
+    assert '<historyMemoryPolicy>DYNAMIC<' in PROFILES.read_text(encoding='utf-8')
+    # A child of such a process finds it done.
+    before = dict(environment)
+    assert not bound_memory(environment, tmp_path)
+    assert environment == before
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        'FASTDDS_DEFAULT_PROFILES_FILE',
+        'FASTRTPS_DEFAULT_PROFILES_FILE',
+        'RMW_FASTRTPS_USE_QOS_FROM_XML',
+        'RMW_FASTRTPS_PUBLICATION_MODE',
+    ],
+)
+def test_what_the_user_has_set_up_stays(name, tmp_path):
+    environment = {name: 'mine'}
+    assert not bound_memory(environment, tmp_path)
+    assert environment == {name: 'mine'}
+
+
+def test_a_profile_in_the_folder_stays(tmp_path):
+    (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').write_text('<dds/>')
+    environment = {}
+    assert not bound_memory(environment, tmp_path)
+    assert not environment
+
+
+@pytest.fixture(scope='module')
+def managed():
+    """Client of a managed node that every test leaves unconfigured."""
+    with hosting(ManagedOctoArmNode, node='managed') as client:
+        yield client
+
+
+def test_a_managed_node_answers_while_it_is_active():
+    with running('ros.node.lifecycle') as client:
+        answers_while_it_is_active(client)
+
+
+def answers_while_it_is_active(managed):
+    assert managed.transition(Transition.TRANSITION_CONFIGURE)
+    managed.wait(lambda: managed.node.count_publishers('backbone/path') == 1, 'a configured node')
+    assert managed.node.count_subscribers('tendon_tensions') == 0
+    for _ in range(2):
+        assert managed.transition(Transition.TRANSITION_ACTIVATE)
+        managed.connect()
+        assert_is_backbone(managed.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+        assert managed.transition(Transition.TRANSITION_DEACTIVATE)
+        managed.wait(
+            lambda: managed.node.count_subscribers('tendon_tensions') == 0, 'an inactive node'
+        )
+    assert managed.transition(Transition.TRANSITION_CLEANUP)
+    managed.wait(
+        lambda: managed.node.count_publishers('backbone/path') == 0, 'a node without publishers'
+    )
+
+
+def test_a_managed_node_that_does_not_answer_says_so(managed):
+    assert managed.change(diagnostics__silence_limit=1e6) == (True, '')
+
+    def says(words, level=DiagnosticStatus.WARN):
+        parts = managed.diagnostics[-1].status if managed.diagnostics else []
+        return len(parts) == 3 and all((p.message, p.level) == (words, level) for p in parts)
+
+    managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
+    assert managed.transition(Transition.TRANSITION_CONFIGURE)
+    managed.wait(lambda: says('inactive'), 'the diagnosis of an inactive node')
+    assert managed.transition(Transition.TRANSITION_ACTIVATE)
+    managed.wait(lambda: says('waiting', DiagnosticStatus.OK), 'the diagnosis of an active node')
+    assert managed.transition(Transition.TRANSITION_DEACTIVATE)
+    managed.wait(lambda: says('inactive'), 'the diagnosis of an inactive node')
+    assert managed.transition(Transition.TRANSITION_CLEANUP)
+    managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
+
+
+def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
+    files = [file_with(tmp_path, 'length: 0.45', 'length: 0.1')]
+    with hosting(ManagedOctoArmNode, files=files) as client:
+        assert not client.transition(Transition.TRANSITION_CONFIGURE)
+        assert client.change(body__length=0.45) == (True, '')
+        client.log('not configured: sections[1].anchorage is 0.45')
+        assert client.transition(Transition.TRANSITION_CONFIGURE)
+
+
+def test_a_managed_node_refuses_a_transition_that_is_none_and_goes_on(managed):
+    for impossible in (Transition.TRANSITION_ACTIVATE, NO_TRANSITION):
+        assert not managed.transition(impossible)
+    assert managed.transition(Transition.TRANSITION_CONFIGURE)
+    assert managed.transition(Transition.TRANSITION_CLEANUP)
+
+
+def test_a_managed_node_that_cannot_publish_leaves_no_publisher_behind():
+    for name, make_node, topic in (
+        ('octo_arm', ManagedOctoArmNode, 'markers'),
+        ('octo_arm_estimator', ManagedEstimatorNode, 'tension_bias'),
+    ):
+        given = '-p', f'qos_overrides./{topic}.publisher.depth:=-5'
+        with hosting(make_node, *given, node=name) as client:
+            for _ in range(2):
+                assert not client.transition(Transition.TRANSITION_CONFIGURE)
+                client.log('not configured: qos_overrides')
+                client.wait(
+                    lambda client=client: client.node.count_publishers('backbone/path') == 0,
+                    'a node without publishers',
+                )
+
+
+def test_a_managed_node_that_cannot_subscribe_leaves_no_subscription_behind():
+    for name, make_node, topic, first in (
+        ('octo_arm', ManagedOctoArmNode, 'tendon_tensions/joint_state', 'tendon_tensions'),
+        (
+            'octo_arm_estimator', ManagedEstimatorNode, 'measured/markers',
+            'measured/tip_pose',
+        ),
+    ):  # fmt: skip
+        given = '-p', f'qos_overrides./{topic}.subscription.depth:=-5'
+        with hosting(make_node, *given, node=name) as client:
+            assert client.transition(Transition.TRANSITION_CONFIGURE)
+            for _ in range(2):
+                assert not client.transition(Transition.TRANSITION_ACTIVATE)
+                client.wait(
+                    lambda client=client, first=first: client.node.count_subscribers(first) == 0,
+                    'a node without subscriptions',
+                )

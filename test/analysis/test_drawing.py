@@ -1,18 +1,24 @@
-"""Tubes hold as much of what is probable as they say, and arrows have the scale of the arm."""
+"""What is drawn: tubes and arrows of what is probable, colours of tensions, bases of arms."""
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
+from rotations import matrix_of
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import load_config
 from octo_arm_model.analysis.drawing import (
+    ARMS,
     ARROW_TRIANGLES,
     CONE_TRIANGLES,
     CORNERS,
     INSIDE,
     UncertaintyDrawing,
+    base_pose,
+    tension_colours,
 )
 from octo_arm_model.config.parameter_files import preset_path
 
@@ -105,3 +111,29 @@ def test_meshes_are_closed(part: str) -> None:
     triangles = {'shaft': ARROW_TRIANGLES, 'cone': CONE_TRIANGLES}[part]
     edges = [tuple(sorted(pair)) for row in triangles.tolist() for pair in zip(row, row[1:] + row)]
     assert all(edges.count(edge) == 2 for edge in edges)
+
+
+def test_colours_rise_from_grey_to_red_with_tension():
+    tensions = np.array([0.0, 1.0, 2.0, 4.0, 8.0])
+    colours = tension_colours(tensions, 4.0)
+    assert len(set(colours[0, :3])) == 1
+    np.testing.assert_array_equal(colours[3:], [[1.0, 0.0, 0.0, 1.0]] * 2)
+    assert (np.diff(colours[:4, 0]) > 0.0).all()
+    assert (np.diff(colours[:4, 1]) < 0.0).all()
+    np.testing.assert_array_equal(colours[:, 1], colours[:, 2])
+    np.testing.assert_array_equal(tension_colours(tensions)[-1], [1.0, 0.0, 0.0, 1.0])
+    slack = tension_colours(np.zeros(3))
+    assert np.isfinite(slack).all()
+    np.testing.assert_array_equal(slack, colours[[0, 0, 0]])
+
+
+def test_octopus_has_its_arms_evenly_around_its_body():
+    poses = [base_pose(number, 0.05) for number in range(1, ARMS + 1)]
+    positions = np.array([position for position, _ in poses])
+    np.testing.assert_allclose(np.linalg.norm(positions, axis=1), 0.05)
+    gaps = [np.linalg.norm(a - b) for a, b in itertools.pairwise([*positions, positions[0]])]
+    np.testing.assert_allclose(gaps, gaps[0])
+    for position, quaternion in poses:
+        turn = matrix_of(quaternion)
+        np.testing.assert_allclose(turn[:, 0] * 0.05, position, atol=1e-12)
+        np.testing.assert_allclose(turn[:, 2], [0.0, 0.0, 1.0], atol=1e-12)

@@ -1,0 +1,451 @@
+"""Tensions, wrenches and requests answered with the backbone of the core, over DDS."""
+
+import itertools
+import math
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from geometry_msgs.msg import WrenchStamped
+from live_nodes import (
+    AFFORDED,
+    CONFIG,
+    INPUTS,
+    NAMES,
+    OUTPUTS,
+    RELIABLE,
+    assert_is_backbone,
+    hosting,
+    running,
+    tip_of,
+)
+from octo_arm_msgs.msg import TendonTensions
+from octo_arm_msgs.srv import FindTensions, Solve
+from rcl_interfaces.srv import GetParameters
+from rosgraph_msgs.msg import Clock
+
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.ros.node.main import OctoArmNode
+from octo_arm_model.wire.tensions import TENSION_TOPICS
+
+
+@pytest.fixture(scope='module')
+def client():
+    """Client of a node that is a process of its own."""
+    with running('ros.node.main', *RELIABLE) as client:
+        client.connect()
+        yield client
+
+
+@pytest.mark.parametrize('topic', INPUTS)
+def test_every_input_is_answered_with_the_backbone_of_its_tensions(client, topic):
+    for given in (FETCHING_IN_PLANE, FETCHING_IN_SPACE, np.zeros((3, 4))):
+        tensions = np.float64(np.float32(given))  # which every type can hold
+        assert_is_backbone(client.ask(topic, tensions), tensions)
+
+
+def test_input_without_a_stamp_gets_the_time_of_receipt(client):
+    before = time.time()
+    answers = client.ask('tendon_tensions/array', FETCHING_IN_PLANE)
+    stamp = answers[0].header.stamp
+    assert before - 1.0 <= stamp.sec + stamp.nanosec * 1e-9 <= time.time() + 1.0
+    assert all(answer.header.stamp == stamp for answer in answers)
+
+
+@pytest.mark.parametrize('stamp', [(-5, 0), (1, 4 * 10**9)])
+def test_a_stamp_that_is_no_time_is_not_passed_on(client, stamp):
+    message = TendonTensions(name=list(NAMES), tension=np.ravel(FETCHING_IN_SPACE))
+    message.header.stamp.sec, message.header.stamp.nanosec = stamp
+    client.forget()
+    client.publishers['tendon_tensions'].publish(message)
+    assert_goes_on(client, 'tendon_tensions', 'tendon_tensions/array')
+
+
+def assert_goes_on(client, topic, other):
+    """What was sent on ``topic`` is not answered, what follows on ``other`` and there is."""
+    client.ask(other, FETCHING_IN_SPACE)  # its answer says that the bad one has had its turn
+    assert_is_backbone(client.ask(topic, FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+    assert {name: len(got) for name, got in client.answers.items()} == dict.fromkeys(OUTPUTS, 2)
+
+
+def tensions_with(value):
+    tensions = np.array(FETCHING_IN_PLANE)
+    tensions[1, 2] = value
+    return tensions
+
+
+BAD = {
+    'negative': (tensions_with(-0.5), NAMES),
+    'nan': (tensions_with(np.nan), NAMES),
+    'infinite': (tensions_with(np.inf), NAMES),
+    'enormous': (tensions_with(1e300), NAMES),
+    'too few': (np.zeros(11), NAMES[:11]),
+    'too many': (np.zeros(13), [*NAMES, 'tendon_4_1']),
+    'none': (np.zeros(0), []),
+    'unknown name': (np.zeros(12), [*NAMES[:11], 'elbow']),
+    'duplicate name': (np.zeros(12), [*NAMES[:11], NAMES[0]]),
+    'names and values of different length': (np.zeros(5), NAMES),
+}
+
+
+@pytest.mark.parametrize(
+    ('topic', 'case'),
+    [(t, c) for t in INPUTS for c in BAD if TENSION_TOPICS[t].names or 'name' not in c],
+)
+def test_bad_input_is_not_answered_and_the_next_good_one_is(client, topic, case):
+    client.forget()
+    client.send(topic, *BAD[case])
+    assert_goes_on(client, topic, next(name for name in INPUTS if name != topic))
+
+
+def test_refusal_is_explained_in_the_log_but_not_for_every_message(client):
+    seen = len(client.logs)
+
+    def refusals():
+        return [log.msg for log in client.logs[seen:] if 'refused' in log.msg]
+
+    def is_told():  # the throttle of an earlier test may still hold
+        client.send('tendon_tensions', tensions_with(-0.5))
+        client.ask('tendon_tensions/array', FETCHING_IN_PLANE)
+        return refusals()
+
+    client.wait(is_told, 'a refusal in the log')
+    assert 'tension of tendon_2_3 is -0.5 N' in refusals()[0]
+    for _ in range(20):
+        client.send('tendon_tensions', tensions_with(-0.5))
+        client.ask('tendon_tensions/array', FETCHING_IN_PLANE)
+    assert len(refusals()) < 20
+
+
+def test_what_is_said_of_a_refusal_is_short_whatever_was_sent(client):
+    client.diagnostics.clear()
+    names, words = ['x' * 500_000, *NAMES[1:]], 'unknown tendon x'
+
+    def said():
+        parts = [status for message in client.diagnostics for status in message.status]
+        values = [value.value for status in parts for value in status.values]
+        return [status.message for status in parts], [log.msg for log in client.logs], values
+
+    def told():
+        client.send('tendon_tensions', FETCHING_IN_PLANE, names)
+        client.spin(0.1)
+        # The log may be throttled since the test before.
+        return all(any(words in line for line in lines) for lines in said()[:2])
+
+    client.wait(told, 'a warning and a log line')
+    assert max(len(line) for lines in said() for line in lines) < 1000
+
+
+def test_a_refusal_names_the_topics_as_they_are_remapped():
+    remapped = ('-r', 'tendon_tensions:=winch/tension', '-r', 'tip_wrench:=/hand/wrench')
+    with hosting(OctoArmNode, *remapped) as client:
+        winch = client.node.create_publisher(TendonTensions, 'winch/tension', 10)
+        hand = client.node.create_publisher(WrenchStamped, '/hand/wrench', 10)
+        pulling = WrenchStamped()
+        pulling.wrench.force.x = 1.0
+
+        def told(*beginnings):
+            # What is refused often does not hide what is refused seldom.
+            for _ in range(5):
+                winch.publish(TendonTensions())
+            hand.publish(pulling)
+            said = [log.msg for log in client.logs]
+            return all(any(line.startswith(words) for line in said) for words in beginnings)
+
+        client.wait(lambda: told('/winch/tension refused', '/hand/wrench refused'), 'a refusal')
+        refusal = client.status('input')[1]['last refusal']
+        assert '/winch/tension' in refusal or '/hand/wrench' in refusal
+
+
+def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_back():
+    with hosting(OctoArmNode, '-p', 'use_sim_time:=true') as client:
+        clock = client.node.create_publisher(Clock, '/clock', 10)
+        client.connect()
+
+        def stamped_with(second):
+            message = Clock()
+            message.clock.sec = second
+            clock.publish(message)
+            client.send('tendon_tensions/array', FETCHING_IN_PLANE)
+            client.spin()
+            got = client.answers['backbone/path']
+            return bool(got) and got[-1].header.stamp.sec == second
+
+        # A bag that begins anew plays an earlier clock.
+        for second in (5000, 5001, 4000):
+            client.wait(lambda second=second: stamped_with(second), f'an answer at {second} s')
+        client.diagnostics.clear()
+        client.wait(lambda: client.diagnostics, 'a diagnosis, though simulated time stands still')
+        assert client.diagnostics[-1].header.stamp.sec == 4000
+        client.stamps = itertools.count(3999)
+        path, *_ = client.ask('tendon_tensions', FETCHING_IN_PLANE)
+        assert path.header.stamp.sec == 3999
+
+
+@pytest.mark.parametrize('data', [b'\x00\x01', bytes(range(80)), b'\xff' * 200])
+def test_bytes_that_are_no_message_are_refused(client, data):
+    client.ask('tendon_tensions', FETCHING_IN_PLANE)
+    client.forget()
+    client.publishers['tendon_tensions'].publish(data)
+    assert_goes_on(client, 'tendon_tensions', 'tendon_tensions/array')
+
+
+def test_a_message_without_a_byte_is_survived():
+    # Not reliable, as by default: a reliable subscription gets nothing more after it.
+    with hosting(OctoArmNode) as client:
+        client.connect()
+        client.publishers['tendon_tensions'].publish(b'')
+        assert_is_backbone(client.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+
+
+def test_a_burst_is_answered_with_its_newest_and_the_rest_is_counted(client):
+    before = client.status('output')[1]
+    client.forget()
+    stamps = [client.send('tendon_tensions', FETCHING_IN_PLANE) for _ in range(60)]
+    got = client.answers['backbone/path']
+    client.wait(lambda: got and got[-1].header.stamp.sec == stamps[-1], 'an answer to the newest')
+    after = client.status('output')[1]
+    assert sum(int(after[key]) - int(before[key]) for key in ('answered', 'skipped')) == 60
+
+
+def test_a_wrench_is_refused_by_a_model_without_loads(client):
+    message = WrenchStamped()
+    message.wrench.force.z = 0.1
+    for _ in range(3):
+        client.wrench.publish(message)
+        assert_is_backbone(client.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+
+
+def test_loads_and_uncertainty_are_those_of_the_core(loaded):
+    solver = loaded.config.solver()
+    expected = solver.solve(loaded.pull)
+    answers = loaded.ask('tendon_tensions', loaded.pull)
+    np.testing.assert_allclose(tip_of(answers), expected.tip, atol=1e-9)
+    covariance = np.reshape(answers[3].pose.covariance, (6, 6))
+    ours = solver.tip_covariance(expected, loaded.config.uncertainty)
+    np.testing.assert_allclose(covariance, ours, rtol=1e-5, atol=1e-9 * ours.max())
+    assert (np.diag(covariance)[:3] > 0.0).all()
+
+
+def test_a_wrench_on_the_tip_acts_on_the_tensions_that_follow(loaded):
+    for force in (0.03, 0.0):
+        expected = loaded.config.solver().solve(loaded.pull, [0, 0, force, 0, 0, 0]).tip
+
+        def is_felt(force=force, expected=expected):
+            loaded.send_wrench(force)
+            tip = tip_of(loaded.ask('tendon_tensions', loaded.pull))
+            return np.allclose(tip, expected, atol=1e-8)
+
+        loaded.wait(is_felt, f'a wrench of {force} N')
+
+
+@pytest.mark.parametrize(
+    ('force', 'frame', 'reason'), [(np.nan, 'arm_base', 'nan'), (0.1, 'somewhere', 'somewhere')]
+)
+def test_a_bad_wrench_is_ignored(loaded, force, frame, reason):
+    def tip():
+        return tip_of(loaded.ask('tendon_tensions', loaded.pull))
+
+    def is_told():
+        loaded.send_wrench(force, frame)
+        tip()
+        return any('tip_wrench' in log.msg and reason in log.msg for log in loaded.logs)
+
+    expected = tip()
+    loaded.wait(is_told, 'a warning')
+    np.testing.assert_allclose(tip(), expected, atol=1e-9)
+
+
+def test_what_has_no_answer_is_not_published_and_diagnostics_say_why(loaded):
+    def is_told():
+        loaded.send('tendon_tensions', 1e5 * loaded.pull)
+        loaded.spin(0.1)
+        said = [status.message for message in loaded.diagnostics for status in message.status]
+        return any(word in line for word in ('compress', 'converge') for line in said)
+
+    loaded.wait(is_told, 'a diagnosis')
+    loaded.forget()
+    tip = tip_of(loaded.ask('tendon_tensions', loaded.pull))
+    np.testing.assert_allclose(tip, loaded.config.solver().solve(loaded.pull).tip, atol=1e-8)
+
+
+@pytest.fixture
+def exact():
+    with hosting(OctoArmNode, *RELIABLE, *AFFORDED, '-p', 'model:=exact', node='exact') as client:
+        client.connect()
+        client.solver = CONFIG.solver('exact')
+        yield client
+
+
+def is_felt(client, force):
+    """Ask until the force on the tip has arrived."""
+    expected = client.solver.solve(FETCHING_IN_PLANE, [0.0, 0.0, force, 0.0, 0.0, 0.0]).tip
+
+    def asked():
+        client.send_wrench(force)
+        tip = tip_of(client.ask('tendon_tensions', FETCHING_IN_PLANE))
+        return np.allclose(tip, expected, atol=1e-7)
+
+    client.wait(asked, 'the wrench')
+
+
+def test_a_wrench_that_does_not_go_with_another_arm_is_dropped_with_a_warning(exact):
+    is_felt(exact, 0.02)
+    assert exact.change(model='renda2012') == (True, '')
+    exact.log("tip_wrench dropped: model is 'renda2012', which has no loads")
+    assert_is_backbone(exact.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
+    # And it does not come back by itself.
+    assert exact.change(model='exact') == (True, '')
+    tip = tip_of(exact.ask('tendon_tensions', FETCHING_IN_PLANE))
+    free = exact.solver.solve(FETCHING_IN_PLANE).tip
+    np.testing.assert_allclose(tip, free, atol=1e-7)
+    is_felt(exact, 0.02)
+    assert exact.change(base_frame='elsewhere') == (True, '')
+    exact.log("tip_wrench dropped: it was given in 'arm_base', and base_frame is 'elsewhere'")
+
+
+def test_a_wrench_beyond_its_bound_and_bytes_that_are_none_are_refused(exact):
+    is_felt(exact, 0.02)
+    exact.send_wrench(1e6)
+    exact.log('tip_wrench refused: force on the tip is 1e+06 N, expected at most 138.2 N')
+    is_felt(exact, 0.02)
+    assert not exact.change(loads__tip_force=[0.0, 0.0, 1e6])[0]
+    exact.wrench.publish(b'\x00\x01\x00\x00nothing')
+    is_felt(exact, 0.02)
+
+
+def node_with_budget(seconds):
+    """A node of the model exact whose solves may take ``seconds``."""
+    budget = f'solve_budget.seconds:={seconds}'
+    given = '-p', budget, '-p', 'model:=exact', '-p', 'stations:=401'
+    return hosting(OctoArmNode, *given, node='brief')
+
+
+def send_unbearable(client):
+    """Send tensions and a force that no balance is found for."""
+    client.send_wrench(100.0)
+    client.send('tendon_tensions', FETCHING_IN_PLANE)
+    client.spin(0.01)
+
+
+def unbearable():
+    """The same as a request of the service solve."""
+    request = Solve.Request()
+    request.tensions.name, request.tensions.tension = NAMES, np.ravel(FETCHING_IN_PLANE).tolist()
+    request.tip_wrench.force.z = 100.0
+    return request
+
+
+def test_a_solve_beyond_its_budget_is_refused_counted_and_told():
+    with node_with_budget(1e-6) as client:
+
+        def is_told():
+            send_unbearable(client)
+            words = 'continuation has spent its budget of 1e-06 s'
+            return any('tendon_tensions refused' in m.msg and words in m.msg for m in client.logs)
+
+        client.wait(is_told, 'a refusal in the log')
+
+        def is_counted():
+            send_unbearable(client)
+            return int(client.status('solver')[1]['beyond solve_budget'])
+
+        client.wait(is_counted, 'a count in the diagnostics')
+        answer = client.call(Solve, 'solve', unbearable())
+        assert not answer.success
+        assert 'continuation has spent its budget of 1e-06 s' in answer.message
+        # Of iterations the budget is the same on every computer.
+        assert client.change(solve_budget__seconds=1e6, solve_budget__iterations=3) == (True, '')
+        assert 'budget of 3 iterations' in client.call(Solve, 'solve', unbearable()).message
+        refused = (False, 'solve budget: seconds is -1.0, expected a number > 0')
+        assert client.change(solve_budget__seconds=-1.0) == refused
+
+
+def test_parameters_and_diagnostics_come_between_the_solves_of_any_flood():
+    search = FindTensions.Request(target=FindTensions.Request.TIP_POSITION)
+    search.tip.position.x = 9.0  # out of reach: all starts are tried
+    with node_with_budget(0.02) as client:
+        solve = client.service(Solve, 'solve')
+        find = client.service(FindTensions, 'find_tensions')
+        request = GetParameters.Request(names=['model'])
+        client.call(GetParameters, 'brief/get_parameters', request)
+        parameters = client.service(GetParameters, 'brief/get_parameters')
+        waiting = []
+
+        def flood():
+            """Have many requests waiting, behind and before tensions and wrenches."""
+            waiting[:] = [one for one in waiting if not one.done()]
+            waiting.extend(solve.call_async(unbearable()) for _ in range(80 - len(waiting)))
+            send_unbearable(client)
+
+        find.call_async(search)
+        flood()
+        client.wait(lambda: any(one.done() for one in waiting), 'a first answer')
+        for _ in range(3):
+            flood()
+            before, left = list(waiting), []
+            asked = parameters.call_async(request)
+            asked.add_done_callback(
+                lambda _, before=before, left=left: left.append(
+                    sum(not one.done() for one in before)
+                )
+            )
+            client.wait(lambda left=left: flood() or left, 'an answer')
+            assert asked.result().values[0].string_value == 'exact'
+            # In the order in which they were asked all these came first.
+            assert left[0] > 0
+        seen = len(client.diagnostics)
+        client.wait(lambda: flood() or len(client.diagnostics) > seen + 1, 'a diagnosis')
+        assert waiting
+
+
+def test_the_service_solve_answers_like_the_core_and_explains_refusals(loaded):
+    request = Solve.Request()
+    request.tensions.name = loaded.names
+    request.tensions.tension = [0.5, 0.0, 0.0, 0.2]
+    request.tip_wrench.force.y = 0.01
+    answer = loaded.call(Solve, 'solve', request)
+    solver = loaded.config.solver(compiled=None)
+    expected = solver.solve([[0.5, 0.0, 0.0, 0.2]], [0, 0.01, 0, 0, 0, 0])
+    assert answer.success, answer.message
+    np.testing.assert_array_equal(answer.strains.k, expected.k)
+    lengths = solver.tendon_lengths(expected).ravel()
+    np.testing.assert_allclose(answer.tendon_length, lengths, rtol=1e-12)
+    assert len(answer.path.poses) == 101
+    assert answer.residual < 1e-10
+    request.tensions.tension = [0.5, 0.0, -1.0, 0.2]
+    refused = loaded.call(Solve, 'solve', request)
+    assert not refused.success
+    assert 'tension of tendon_1_3 is -1.0 N' in refused.message
+
+
+def test_the_service_find_tensions_reaches_what_can_be_reached(loaded):
+    solver = loaded.config.solver()
+    request = FindTensions.Request(target=FindTensions.Request.TIP_POSITION)
+    wanted = solver.solve(loaded.pull).tip
+    place = request.tip.position
+    place.x, place.y, place.z = wanted.tolist()
+    answer = loaded.call(FindTensions, 'find_tensions', request)
+    assert answer.success, answer.message
+    assert answer.reached
+    found = solver.solve(np.reshape(answer.tensions.tension, (1, 4)))
+    np.testing.assert_allclose(found.tip, wanted, atol=1e-6)
+    place.x = 9.0
+    far = loaded.call(FindTensions, 'find_tensions', request)
+    assert far.success
+    assert not far.reached
+    assert far.error > 8.0
+    request.highest = [1.0, 2.0]
+    refused = loaded.call(FindTensions, 'find_tensions', request)
+    assert not refused.success
+    assert 'highest has 2 values' in refused.message
+    # What no optimiser can begin with is refused, and the node goes on.
+    request.highest, request.stiffness = [], 5.0
+    request.stiffness_direction.x = math.inf
+    refused = loaded.call(FindTensions, 'find_tensions', request)
+    assert not refused.success
+    assert 'expected three finite numbers' in refused.message

@@ -1,0 +1,268 @@
+"""Other inputs of the node than tensions as the arm names them, over DDS."""
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from live_nodes import AFFORDED, CONFIG, NAMES, hosting, tip_of
+from octo_arm_msgs.msg import TendonTensions
+from sensor_msgs.msg import JointState, LaserScan
+
+from octo_arm_model import displacements_of, solve_displacements, wound_sensitivity
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.ros.node.main import OctoArmNode
+
+PLANE = np.array(FETCHING_IN_PLANE)
+EXPECTED = CONFIG.solver().solve(PLANE)
+CELLS = [f'LC {number}' for number in range(12)]
+
+
+def scan():
+    """Readings of more cells than the arm has, without names, in single precision."""
+    message = LaserScan(ranges=[99.0, *PLANE.ravel().tolist(), 99.0])
+    message.header.stamp.sec = 77
+    return message
+
+
+def joints():
+    """Readings by name, not where a JointState has forces."""
+    message = JointState(name=CELLS[::-1], velocity=PLANE.ravel()[::-1].tolist())
+    message.header.stamp.sec = 78
+    return message
+
+
+def wait_for_answer(client, publisher, message):
+    """Publish until it is answered with its stamp and the shape of `PLANE`."""
+
+    def answered():
+        publisher.publish(message)
+        client.spin(0.1)
+        poses = client.answers['backbone/poses']
+        if not poses or poses[-1].header.stamp != message.header.stamp:
+            return False
+        tip = poses[-1].poses[-1].position
+        return np.allclose([tip.x, tip.y, tip.z], EXPECTED.tip, atol=1e-9)
+
+    client.wait(answered, 'an answer')
+
+
+def test_any_field_of_any_type_is_taken_and_may_change_while_the_node_runs():
+    numbers = '[' + ','.join(f'"{n}"' for n in range(1, 13)) + ']'
+    given = ('-p', 'tension_type:=sensor_msgs/msg/LaserScan', '-p', 'tension_field:=ranges',
+             '-p', f'tension_names:={numbers}', '-r', 'tendon_tensions/field:=/daq')  # fmt: skip
+    with hosting(OctoArmNode, *given, node='daq') as client:
+        scans = client.node.create_publisher(LaserScan, '/daq', 10)
+        wait_for_answer(client, scans, scan())
+        client.node.destroy_publisher(scans)
+        other = {'tension_type': 'sensor_msgs/msg/JointState', 'tension_field': 'velocity'}
+        assert client.change(**other, tension_names=CELLS) == (True, '')
+        states = client.node.create_publisher(JointState, '/daq', 10)
+        wait_for_answer(client, states, joints())
+
+        def is_told(words, message):
+            states.publish(message)
+            client.spin(0.1)
+            return any('/daq refused' in log.msg and words in log.msg for log in client.logs)
+
+        # Numbers there are none in such a field, and none there are without a load cell.
+        client.wait(lambda: is_told('no value', JointState(velocity=[1.0])), 'a refusal')
+        assert client.change(tension_field='speed') == (True, '')
+        client.wait(lambda: is_told("no field 'speed'", joints()), 'a refusal')
+        assert client.change(tension_type='', tension_field='') == (True, '')
+        client.wait(lambda: not states.get_subscription_count(), 'the end of the subscription')
+
+
+@pytest.mark.parametrize(
+    ('values', 'reason'),
+    [
+        ({'tension_type': 'sensor_msgs/msg/LaserScan'}, "tension_field is '', expected both"),
+        ({'tension_type': 'no_msgs/msg/No', 'tension_field': 'a'}, "type 'no_msgs/msg/No' are"),
+        ({'tension_type': 'sensor_msgs/msg/Nothing', 'tension_field': 'a'}, 'are installed'),
+        ({'tension_type': 'os.path', 'tension_field': 'a'}, "no messages of type 'os.path'"),
+    ],
+)
+def test_a_type_that_is_not_there_is_refused(client, values, reason):
+    is_taken, why = client.change(**values)
+    assert not is_taken
+    assert reason in why
+
+
+def test_readings_around_zero_are_answered_within_the_deadband_and_counted_beyond(client):
+    noise = 0.004 * np.random.default_rng(0).standard_normal((3, 4))
+    expected = CONFIG.solver().solve(PLANE).tip
+    readings = np.where(PLANE > 0.0, PLANE, noise)
+    assert (readings < 0.0).any()
+    try:
+        assert client.change(tension_deadband=0.02) == (True, '')
+        np.testing.assert_allclose(tip_of(client.ask('tendon_tensions', readings)), expected)
+        client.send('tendon_tensions', readings - 0.05)
+
+        def counted():
+            client.spin(0.1)
+            return 'tension_deadband' in client.status('input')[1]['refused by reason']
+
+        client.wait(counted, 'the refusal by its reason')
+        scale, offset = np.linspace(0.5, 2.0, 12), np.linspace(-0.3, 0.3, 12)
+        raw = (readings.ravel() - offset) / scale
+        assert client.change(tension_scale=scale.tolist(), tension_offset=offset.tolist())[0]
+        answers = client.ask('tendon_tensions/array', raw.reshape(3, 4))
+        np.testing.assert_allclose(tip_of(answers), expected, atol=1e-9)
+    finally:
+        none = {'tension_scale': [], 'tension_offset': []}
+        assert client.change(tension_deadband=0.0, **none) == (True, '')
+
+
+@pytest.mark.parametrize('topic', ['tendon_tensions', 'tendon_tensions/joint_state'])
+def test_names_of_a_laboratory_are_those_of_tension_names(client, topic):
+    names, pulled = CELLS.copy(), PLANE.copy()
+    names[5], pulled[1, 1] = '-', 0.0  # without a load cell
+    expected = CONFIG.solver().solve(pulled).tip
+    sent = [*CELLS[::-1], 'elbow']
+    values = np.append(PLANE.ravel()[::-1], 99.0)
+    try:
+        assert client.change(tension_names=names) == (True, '')
+        np.testing.assert_allclose(tip_of(client.ask(topic, values, sent)), expected)
+    finally:
+        assert client.change(tension_names=[]) == (True, '')
+    assert client.ask(topic, PLANE, NAMES)
+
+
+@pytest.mark.parametrize('topic', ['tendon_tensions/array', 'tendon_tensions/float32_array'])
+def test_values_without_names_are_those_of_tension_names_by_number(client, topic):
+    order = np.random.default_rng(1).permutation(12)
+    numbers, pulled = list(map(str, order)), np.float64(np.float32(PLANE))
+    numbers[5], pulled[1, 1] = '-', 0.0  # without a load cell
+    values = np.full(15, 99.0)  # those of other cells as well
+    values[order] = pulled.ravel()
+    try:
+        assert client.change(tension_names=numbers) == (True, '')
+        expected = CONFIG.solver().solve(pulled).tip
+        np.testing.assert_allclose(tip_of(client.ask(topic, values)), expected, atol=1e-12)
+    finally:
+        assert client.change(tension_names=[]) == (True, '')
+
+
+WOUND = 0.5 * np.array(FETCHING_IN_SPACE)
+OPTIONS = (
+    '-p', 'model:=exact', '-p', 'tendons.axial_stiffness:=[800.0]', '-p',
+    'material.youngs_modulus_stddev:=0.05',
+)  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def wound():
+    """Client of a node with tendons that stretch, and its ``solver``."""
+    path = preset_path('renda2012_table4')
+    with hosting(OctoArmNode, *AFFORDED, *OPTIONS, files=[path], node='wound') as client:
+        client.winches = client.node.create_publisher(JointState, 'tendon_displacements', 10)
+        client.estimates = client.hear(TendonTensions, 'tendon_tension_estimates')
+        client.connect()
+        client.wait(client.winches.get_subscription_count, 'a subscription')
+        assert list(client.dump()['tendons.axial_stiffness']) == [800.0]
+        changed = {
+            'model': 'exact', 'tendons.axial_stiffness': [800.0],
+            'material.youngs_modulus_stddev': 0.05,
+        }  # fmt: skip
+        config = Config.from_parameters(load_parameters(path) | changed)
+        client.solver = config.solver(compiled=None)
+        yield client
+
+
+def reel(client, displacements):
+    """Publish displacements by name; returns the answer that carries their stamp."""
+    message = JointState(name=list(displacements), position=list(displacements.values()))
+    message.header.stamp.sec = next(client.stamps)
+    client.winches.publish(message)
+
+    def answered():
+        stamp = message.header.stamp.sec
+        return all(got and got[-1].header.stamp.sec == stamp for got in client.answers.values())
+
+    client.wait(answered, 'an answer to tendon_displacements')
+    return [got[-1] for got in client.answers.values()]
+
+
+def test_displacements_of_all_tendons_give_back_shape_and_tensions(wound):
+    expected = wound.solver.solve(WOUND)
+    asked = displacements_of(wound.solver, expected).ravel()
+    answers = reel(wound, dict(zip(NAMES, asked.tolist(), strict=True)))
+    np.testing.assert_allclose(tip_of(answers), expected.tip, atol=1e-8)
+    wound.wait(lambda: wound.estimates, 'tension estimates')
+    estimate = wound.estimates[-1]
+    assert list(estimate.name) == NAMES
+    assert estimate.header.stamp == answers[0].header.stamp
+    np.testing.assert_allclose(estimate.tension, WOUND.ravel(), atol=1e-8 * WOUND.max())
+    covariance = np.reshape(answers[3].pose.covariance, (6, 6))
+    held = wound_sensitivity(
+        wound.solver,
+        solve_displacements(wound.solver, dict(zip(NAMES, asked.tolist(), strict=True))),
+    ).held
+    by_young = 0.05 * held.by_youngs_modulus.tip
+    np.testing.assert_allclose(
+        covariance, by_young @ by_young.T, rtol=1e-4, atol=1e-6 * np.abs(by_young).max() ** 2
+    )
+
+
+def test_winches_and_load_cells_drive_different_tendons_together(wound):
+    asked = {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}
+    given = np.zeros((3, 4))
+    given[2, 0] = 1.0
+    reel(wound, {})
+    wound.ask('tendon_tensions', given)
+    expected = solve_displacements(wound.solver, asked, {'tendon_3_1': 1.0}).backbone
+    np.testing.assert_allclose(tip_of(reel(wound, asked)), expected.tip, atol=1e-8)
+    given[2, 0] = 1.5
+    given[0, 0] = 7.0  # its winch is driven by length
+    expected = solve_displacements(wound.solver, asked, {'tendon_3_1': 1.5}).backbone
+    answers = wound.ask('tendon_tensions', given)
+    np.testing.assert_allclose(tip_of(answers), expected.tip, atol=1e-8)
+    lengths = answers[4]
+    np.testing.assert_allclose(lengths.effort, expected.tensions.ravel(), atol=1e-8)
+    status, _ = wound.status('input')
+    assert 'several sources' not in status.message
+    # Without names all tendons are let go, and follow the tensions again.
+    reel(wound, {})
+    alone = wound.solver.solve(given)
+    np.testing.assert_allclose(tip_of(wound.ask('tendon_tensions', given)), alone.tip, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('name', 'position', 'problem'),
+    [
+        (['elbow'], [0.01], 'unknown tendon elbow'),
+        (['tendon_1_1'], [], 'name has 1 entries but position has 0'),
+        (['tendon_1_1'] * 2, [0.01, 0.02], 'tendon named more than once: tendon_1_1'),
+        (['tendon_1_1'], [float('nan')], 'displacement of tendon_1_1 is nan m'),
+        (
+            ['tendon_1_1', 'tendon_2_2'], [0.01, 15.0],  # in other units
+            'displacement of tendon_2_2 is 15 m, expected less than there is to reel in: ',
+        ),
+    ],
+)  # fmt: skip
+def test_displacements_that_are_none_are_refused_with_a_warning(wound, name, position, problem):
+    def refused():
+        wound.winches.publish(JointState(name=name, position=position))
+        wound.spin(0.2)
+        return problem in wound.status('input')[1]['last refusal']
+
+    wound.wait(refused, 'a refusal')
+    given = 0.2 * WOUND
+    reel(wound, {})
+    expected = wound.solver.solve(given).tip
+    np.testing.assert_allclose(tip_of(wound.ask('tendon_tensions', given)), expected, atol=1e-9)
+
+
+def test_an_arm_without_the_tendon_lets_go_of_it(wound):
+    reel(wound, {'tendon_1_1': 0.02})
+    other = [f'cable_{number}' for number in range(12)]
+    assert wound.change(tendon_names=other)[0]
+    wound.log('displacements dropped: this arm has no tendon tendon_1_1')
+    given = 0.2 * WOUND
+    expected = wound.solver.solve(given).tip
+    answers = wound.ask('tendon_tensions', given, other)
+    np.testing.assert_allclose(tip_of(answers), expected, atol=1e-9)
+    assert wound.change(tendon_names=NAMES)[0]

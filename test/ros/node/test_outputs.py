@@ -1,0 +1,254 @@
+"""What the node publishes, and for whom."""
+
+import sys
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from live_nodes import CONFIG, CONFIG_FILE, hosting, spin_until
+from octo_arm_msgs.msg import SectionStrains
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rotations import matrix_of
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker, MarkerArray
+
+from octo_arm_model import load_config
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.ros.node.main import OctoArmNode
+from octo_arm_model.ros.node.outputs import (
+    BackbonePublishers,
+    MarkerPublisher,
+    Output,
+    frames_class,
+)
+from octo_arm_model.wire.markers import MarkersWriter
+from octo_arm_model.wire.stamp import Stamp
+
+
+def test_a_message_is_heard_while_somebody_subscribes(make_node):
+    node = make_node('heard')
+    output = Output(node, String, 'topic', QoSProfile(depth=5))
+    assert not output.is_heard
+    subscription = node.create_subscription(String, 'topic', print, 5)
+    spin_until(node.executor, lambda: output.is_heard)
+    node.destroy_subscription(subscription)
+    spin_until(node.executor, lambda: not output.is_heard)
+
+
+def test_messages_and_their_bytes_are_published(make_node):
+    node, found = make_node('bytes'), []
+    output = Output(node, String, 'topic', QoSProfile(depth=5))
+    node.create_subscription(String, 'topic', found.append, 5)
+    spin_until(node.executor, lambda: output.is_heard)
+    output.publish(String(data='a message'))
+    output.publish(serialize_message(String(data='its bytes')))
+    spin_until(node.executor, lambda: len(found) == 2)
+    assert [one.data for one in found] == ['a message', 'its bytes']
+
+
+def test_what_is_kept_for_later_subscribers_is_heard_by_them(make_node):
+    durability = Parameter('qos_overrides./topic.publisher.durability', value='transient_local')
+    node, found = make_node('kept', parameter_overrides=[durability]), []
+    output = Output(node, String, 'topic', QoSProfile(depth=1))
+    assert output.is_heard
+    output.publish(String(data='before'))
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(String, 'topic', found.append, qos)
+    spin_until(node.executor, lambda: found)
+    assert found[0].data == 'before'
+
+
+def test_messages_of_a_backbone_are_made_for_those_who_subscribe(make_node, monkeypatch):
+    node, strains, tips = make_node('backbones'), [], []
+    publishers, solver = BackbonePublishers(node), CONFIG.solver()
+    publishers.describe(solver, CONFIG)
+    backbone, written = solver.solve(FETCHING_IN_PLANE), []
+    monkeypatch.setattr(publishers._writer, 'path', lambda *_: written.append('path'))
+    node.create_subscription(SectionStrains, 'strains', strains.append, 5)
+    spin_until(node.executor, lambda: publishers._strains.is_heard)
+    assert not publishers.is_tip_heard
+    publishers.publish(backbone, None, Stamp(1, 0))
+    spin_until(node.executor, lambda: strains)
+    node.create_subscription(PoseWithCovarianceStamped, 'tip_pose', tips.append, 5)
+    spin_until(node.executor, lambda: publishers.is_tip_heard)
+    publishers.publish(backbone, np.diag(np.arange(6.0)), Stamp(2, 0))
+    spin_until(node.executor, lambda: tips and len(strains) == 2)
+    np.testing.assert_array_equal(tips[0].pose.covariance[::7], np.arange(6.0))
+    assert not written
+    publishers.close()
+
+
+def test_whoever_comes_late_hears_what_the_arm_is(client, tmp_path):
+    heard = []
+    qos = QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+    client.node.create_subscription(String, 'arm_description', heard.append, qos)
+    client.wait(lambda: heard, 'the description of the arm')
+    path = tmp_path / 'heard.yaml'
+    path.write_text(heard[-1].data)
+    assert load_config(path).arm == CONFIG.arm
+
+
+def test_the_arm_is_drawn_for_whoever_looks(client):
+    drawn = []
+    looking = client.node.create_subscription(MarkerArray, 'markers', drawn.append, 10)
+
+    def seen():
+        client.ask('tendon_tensions', FETCHING_IN_PLANE)
+        return drawn and len(drawn[-1].markers) > 1
+
+    client.wait(seen, 'a drawing')
+    client.node.destroy_subscription(looking)
+    kinds = {marker.ns for marker in drawn[-1].markers}
+    assert kinds == {'body', 'anchorages', 'tendons'}
+    assert {marker.header.frame_id for marker in drawn[-1].markers} == {'arm_base'}
+
+
+@pytest.fixture
+def drawn(client):
+    """Stamps of the markers that come [s]; None for what clears the screen."""
+    stamps = []
+
+    def look(message):
+        first = message.markers[0]
+        stamps.append(first.header.stamp.sec if first.action == first.ADD else None)
+
+    looking = client.node.create_subscription(MarkerArray, 'markers', look, 100)
+    yield stamps
+    client.node.destroy_subscription(looking)
+    assert client.change(markers_rate=30.0) == (True, '')
+
+
+def ask_until_drawn(client, drawn):
+    """Whether somebody has drawn what was asked just now."""
+    stamp = client.ask('tendon_tensions', FETCHING_IN_PLANE)[0].header.stamp.sec
+    client.spin(0.05)
+    return stamp in drawn
+
+
+def test_markers_come_at_their_rate_and_the_last_shape_is_always_drawn(client, drawn):
+    assert client.change(markers_rate=0.0) == (True, '')
+    client.wait(lambda: ask_until_drawn(client, drawn), 'a drawing')
+    assert client.change(markers_rate=0.5) == (True, '')
+    drawn.clear()
+    stamps = [
+        client.ask('tendon_tensions', FETCHING_IN_PLANE)[0].header.stamp.sec for _ in range(20)
+    ]
+    client.wait(lambda: stamps[-1] in drawn, 'a drawing of the last shape')
+    assert drawn[:2] == [None, stamps[0]]  # another arm may have been there before
+    assert len(drawn) < 20
+
+
+def test_every_shape_is_drawn_if_that_is_wanted(client, drawn):
+    assert client.change(markers_rate=0.0) == (True, '')
+    client.wait(lambda: ask_until_drawn(client, drawn), 'a drawing')
+    stamps = [
+        client.ask('tendon_tensions', FETCHING_IN_PLANE)[0].header.stamp.sec for _ in range(5)
+    ]
+    client.wait(lambda: set(stamps) <= set(drawn), 'drawings of all')
+
+
+def test_markers_of_the_same_arm_are_replaced_and_those_of_another_deleted(make_node):
+    """The estimator describes the arm anew whenever another hypothesis is the most probable."""
+    node, actions = make_node('drawing'), []
+    node.create_subscription(
+        MarkerArray, 'markers', lambda message: actions.append(message.markers[0].action), 100
+    )
+    output = Output(node, MarkerArray, 'markers', QoSProfile(depth=100))
+    markers = MarkerPublisher(node, output)
+
+    def draw(config):
+        solver, arm = config.solver(compiled=None), config.arm
+        markers.describe(MarkersWriter(arm, solver.grid.s, 'arm_base', widen=False), 0.0, arm)
+        actions.clear()
+        markers.publish(solver.solve(FETCHING_IN_PLANE), Stamp(1, 0))
+        spin_until(node.executor, lambda: actions and actions[-1] == Marker.ADD)
+        return list(actions)
+
+    spin_until(node.executor, lambda: output.is_heard)
+    assert draw(CONFIG) == [Marker.DELETEALL, Marker.ADD]
+    assert draw(CONFIG) == [Marker.ADD]
+    assert draw(load_config(CONFIG_FILE)) == [Marker.DELETEALL, Marker.ADD]
+
+
+def test_frames_lead_from_the_base_to_the_tip():
+    with hosting(
+        OctoArmNode, '-p', 'base.position:=[0.1, -0.2, 0.3]', '-p', 'base_frame:=robot',
+        '-p', 'frame_prefix:=left_',
+    ) as client:  # fmt: skip
+        heard = client.hear(TFMessage, '/tf')
+        client.connect()
+
+        def are_heard():  # What is published before they meet is not.
+            client.ask('tendon_tensions', FETCHING_IN_SPACE)
+            return heard
+
+        client.wait(are_heard, 'frames')
+        tip = client.ask('tendon_tensions', FETCHING_IN_SPACE)[3]
+        client.wait(
+            lambda: heard[-1].transforms[0].header.stamp == tip.header.stamp, 'the frames of it'
+        )
+    parents = {frame.child_frame_id: frame for frame in heard[-1].transforms}
+    names = {'left_tip', *(f'left_anchorage_{number}' for number in (1, 2, 3))}
+    assert set(parents) == names
+    # Somewhere in a room: a frame above that of the base, half a turn about z and a step aside.
+    room = TransformStamped()
+    room.header.frame_id, room.child_frame_id = 'room', 'robot'
+    room.transform.translation.x, room.transform.rotation.z = 2.0, 1.0
+    room.transform.rotation.w = 0.0
+    parents['robot'] = room
+    found = look_up(parents, 'left_tip', 'room')
+    place, turn = tip.pose.pose.position, tip.pose.pose.orientation
+    expected = np.eye(4)
+    expected[:3, :3] = np.diag([-1.0, -1.0, 1.0]) @ matrix_of([turn.x, turn.y, turn.z, turn.w])
+    expected[:3, 3] = [2.0 - place.x, -place.y, place.z]
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    base = CONFIG.solver().solve(FETCHING_IN_SPACE)
+    in_base = look_up(parents, 'left_tip', 'robot')
+    np.testing.assert_allclose(in_base[:3, 3], base.tip + [0.1, -0.2, 0.3], atol=1e-9)
+
+
+def look_up(parents, frame, target):
+    """Matrix (4, 4) from coordinates in ``frame`` to those in ``target``, which is above it."""
+    whole = np.eye(4)
+    while frame != target:
+        step = parents[frame]
+        move, turn = step.transform.translation, step.transform.rotation
+        matrix = np.eye(4)
+        matrix[:3, :3] = matrix_of([turn.x, turn.y, turn.z, turn.w])
+        matrix[:3, 3] = [move.x, move.y, move.z]
+        whole = matrix @ whole
+        frame = step.header.frame_id
+    return whole
+
+
+class Recorder:
+    """As much of a node as it takes to look for tf2_msgs; keeps what it is told."""
+
+    def __init__(self):
+        self.lines = []
+
+    def get_logger(self):
+        return self
+
+    def warning(self, line):
+        self.lines.append(line)
+
+
+def test_without_tf2_msgs_there_is_no_broadcaster_but_a_line_in_the_log(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
+    node = Recorder()
+    assert frames_class(node) is None
+    assert len(node.lines) == 1
+    assert 'tf2_msgs' in node.lines[0]

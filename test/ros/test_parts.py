@@ -1,0 +1,85 @@
+"""Small parts: types of messages, warnings, RViz."""
+
+import types
+
+import pytest
+import yaml
+from checkout import ROOT
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from octo_arm_model import ConfigError, load_config
+from octo_arm_model.arm.errors import MessageError
+from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.ros import refusal_log
+from octo_arm_model.ros.messages import message_class
+from octo_arm_model.ros.node.outputs import MARKERS_TOPIC
+from octo_arm_model.ros.refusal_log import WARNING_PERIOD, RefusalLog
+from octo_arm_model.wire.backbone import BACKBONE_TOPICS
+
+
+@pytest.mark.parametrize('inside', ['__init__.py', 'other/__init__.py'])
+def test_a_type_that_is_not_installed_runs_nothing_of_its_package(tmp_path, monkeypatch, inside):
+    # Type names come from parameters, which whoever is on the network may set.
+    for name in {'__init__.py', inside}:
+        path = tmp_path / 'octo_arm_loud' / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text('raise SystemExit("was run")')
+    monkeypatch.syspath_prepend(tmp_path)
+    for type_name in ('octo_arm_loud/msg/Any', 'octo_arm_absent/msg/Any', 'sensor_msgs/msg/Any'):
+        with pytest.raises(ConfigError, match='no messages of type'):
+            message_class(type_name)
+    assert message_class('sensor_msgs/msg/JointState').__name__ == 'JointState'
+
+
+def test_each_topic_is_warned_of_once_a_period_as_refused_and_else(make_node, monkeypatch, capfd):
+    clock = types.SimpleNamespace(now=100.0)
+    monkeypatch.setattr(refusal_log, 'time', types.SimpleNamespace(monotonic=lambda: clock.now))
+    log = RefusalLog(make_node('warner'))
+    for _ in range(2):
+        for _ in range(3):
+            for topic in ('/a', '/b'):
+                log.warn(topic, MessageError('too short'))
+                log.say(topic, 'stamps run back')
+        clock.now += 1.01 * WARNING_PERIOD
+    said = [line.split('[warner]: ')[1] for line in capfd.readouterr().err.splitlines()]
+    expected = '/a refused: too short', '/a: stamps run back', '/b refused: too short'
+    assert said == 2 * [*expected, '/b: stamps run back']
+
+
+CONFIG = load_config(preset_path('renda2012_table4'))
+
+
+def test_rviz_shows_what_the_node_publishes():
+    view = yaml.safe_load((ROOT / 'rviz' / 'octo_arm.rviz').read_text(encoding='utf-8'))
+    manager = view['Visualization Manager']
+    assert manager['Global Options']['Fixed Frame'] == CONFIG.base_frame == 'arm_base'
+    topics = {
+        display['Class'].split('/')[1]: display.get('Topic', {}).get('Value')
+        for display in manager['Displays']
+    }
+    assert topics == {
+        'Grid': None,
+        'MarkerArray': MARKERS_TOPIC,
+        'Path': 'backbone/path',
+        'PoseArray': 'backbone/poses',
+        'TF': None,
+    }
+    for topic, kind in (('backbone/path', 'Path'), ('backbone/poses', 'PoseArray')):
+        assert BACKBONE_TOPICS[topic].endswith(f'/{kind}')
+
+
+def test_a_view_of_eight_arms_shows_the_markers_of_each() -> None:
+    one, eight = (
+        yaml.safe_load((ROOT / 'rviz' / f'{name}.rviz').read_text())['Visualization Manager']
+        for name in ('octo_arm', 'octopus')
+    )
+    topics = [
+        display['Topic']['Value']
+        for display in eight['Displays']
+        if display['Class'].endswith('/MarkerArray')
+    ]
+    assert topics == [f'arm_{number}/markers' for number in range(1, 9)]
+    assert eight['Global Options']['Fixed Frame'] == 'octopus'
+    assert eight['Tools'] == one['Tools']
