@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from octo_arm_model.arm.errors import ConfigError, MessageError
+from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire.cdr import (
@@ -35,9 +35,8 @@ BACKBONE_TOPICS: dict[str, str] = {
 class BackboneWriter:
     """Writes the messages of single solutions of one arm, for one thread at a time.
 
-    The bytes are those of the messages `octo_arm_model.ros.messages` builds, and stay as they are
-    when the next are written. Every method raises ConfigError if a ROS stamp cannot hold ``sec``
-    [s] and ``nanosec`` [ns], or if what is to be written is not of the shape laid out for.
+    The bytes stay as they are when the next are written. Every method raises ConfigError if a ROS
+    stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
     """
 
     def __init__(
@@ -51,14 +50,8 @@ class BackboneWriter:
         """Lay out the messages of `Backbone` with this ``model``, ``s`` [m] and ``section``.
 
         Raises:
-            ConfigError: if ``s`` and ``section`` are not those of at least two stations, or a name
-                is not one that UTF-8 can hold.
+            ConfigError: if a name is not one that UTF-8 can hold.
         """
-        if s.ndim != 1 or s.size < 2 or section.shape != s.shape:
-            shapes = f's is of shape {s.shape} and section of {section.shape}'
-            raise ConfigError(f'{shapes}, expected one value for each of two or more stations')
-        self._model, self._s, self._section = model, s, section
-        self._position_shape, self._tendons = (s.size, 3), len(tendon_names)
         frame = text_field('frame_id', frame_id)
         self._poses = Template(pose_array(frame, s.size))
         self._path = Template(path(frame, s.size))
@@ -69,23 +62,14 @@ class BackboneWriter:
 
     def poses(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
         """Message geometry_msgs/PoseArray."""
-        self._check(backbone)
         return self._poses.write(sec, nanosec, backbone.position, backbone.quaternion)
 
     def path(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
         """Message nav_msgs/Path, every pose with the same header."""
-        self._check(backbone)
         return self._path.write(sec, nanosec, backbone.position, backbone.quaternion)
 
     def strains(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
-        """Message octo_arm_msgs/SectionStrains; ConfigError also for another model or arm."""
-        self._check(backbone)
-        same = backbone.model == self._model
-        for own, given in ((self._s, backbone.s), (self._section, backbone.section)):
-            # Solutions of one solver share these arrays, which is quick to see.
-            same = same and (given is own or np.array_equal(given, own))
-        if not same:
-            raise ConfigError('the backbone is of another model or other stations')
+        """Message octo_arm_msgs/SectionStrains."""
         new = backbone.tau, backbone.xi, backbone.k, backbone.q
         return self._strains.write(sec, nanosec, *new)
 
@@ -93,9 +77,6 @@ class BackboneWriter:
         self, backbone: Backbone, covariance: FloatArray, sec: int, nanosec: int
     ) -> bytes:
         """Message geometry_msgs/PoseWithCovarianceStamped of the tip, ``covariance`` (6, 6)."""
-        self._check(backbone)
-        if covariance.shape != (6, 6):
-            raise ConfigError(f'covariance is of shape {covariance.shape}, expected (6, 6)')
         new = backbone.position[-1:], backbone.quaternion[-1:], covariance
         return self._tip.write(sec, nanosec, *new)
 
@@ -112,22 +93,11 @@ class BackboneWriter:
         self, lengths: FloatArray, tensions: FloatArray, sec: int, nanosec: int
     ) -> bytes:
         """Message sensor_msgs/JointState: lengths [m] as position, tensions [N] as effort."""
-        counts = lengths.size, tensions.size
-        if counts != (self._tendons, self._tendons):
-            raise ConfigError(f'{counts} lengths and tensions, expected {self._tendons} of each')
         return self._lengths.write(sec, nanosec, lengths.ravel(), tensions.ravel())
 
     def tensions(self, tensions: FloatArray, sec: int, nanosec: int) -> bytes:
         """Message octo_arm_msgs/TendonTensions of the ``tensions`` of all tendons [N]."""
-        if tensions.size != self._tendons:
-            raise ConfigError(f'{tensions.size} tensions, expected {self._tendons}')
         return self._tensions.write(sec, nanosec, tensions.ravel())
-
-    def _check(self, backbone: Backbone) -> None:
-        if backbone.position.shape != self._position_shape:
-            shape, expected = backbone.position.shape, self._position_shape
-            what = 'a single solution with the stations of this writer'
-            raise ConfigError(f'position is of shape {shape}, expected {expected}: {what}')
 
 
 class BackboneBatchWriter:
@@ -280,13 +250,8 @@ class TensionProfilesWriter:
         """Message of a single solution with the stations and tendons of this writer.
 
         Raises:
-            ConfigError: if it has others, or a ROS stamp cannot hold ``sec`` [s] and ``nanosec``
-                [ns].
+            ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
         """
-        tensions = backbone.tendon_tensions
-        if tensions.shape != self._tensions.shape:
-            expected = f'expected {self._tensions.shape}: one for each station and tendon'
-            raise ConfigError(f'tensions are of shape {tensions.shape}, {expected}')
-        self._tensions[...] = tensions
+        self._tensions[...] = backbone.tendon_tensions
         self._positions[...] = backbone.position
         return self._template.write(sec, nanosec, self._points.view(np.uint8).ravel())

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.errors import ConfigError, MessageError
+from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.contact import NO_CONTACT, Contact, contact_of
 from octo_arm_model.estimation.estimate import Estimate
@@ -40,42 +40,6 @@ class BackboneCovariance(NamedTuple):
     pose: FloatArray
     contact_s: float
     contact: FloatArray
-
-
-class CovarianceWriter:
-    """Writes the covariances of estimates of one arm, for one thread at a time."""
-
-    def __init__(self, frame_id: str, s: FloatArray) -> None:
-        """Lay out the message for the stations ``s`` (stations,) [m].
-
-        Raises:
-            ConfigError: if UTF-8 cannot hold ``frame_id``.
-        """
-        self._shape = (s.size, _PARTS, _PARTS)
-        layout = Layout(text_field('frame_id', frame_id))
-        layout.constant_sequence(s.astype('<f8'))
-        layout.sequence(s.size * _PARTS**2)
-        layout.numbers(1)
-        layout.numbers(_PARTS**2)
-        self._template = Template(layout)
-
-    def write(
-        self, pose: FloatArray, contact_s: float, contact: FloatArray, sec: int, nanosec: int
-    ) -> bytes:
-        """The message; see `BackboneCovariance`.
-
-        Raises:
-            ConfigError: if the sizes are others, or a ROS stamp cannot hold ``sec`` [s] and
-                ``nanosec`` [ns].
-        """
-        if pose.shape != self._shape or contact.shape != self._shape[1:]:
-            raise ConfigError(
-                f'covariances are of shape {pose.shape} and {contact.shape}, expected '
-                f'{self._shape} and {self._shape[1:]}'
-            )
-        return self._template.write(
-            sec, nanosec, pose.ravel(), np.array(contact_s), contact.ravel()
-        )
 
 
 def read_covariance(message: Any) -> BackboneCovariance:
@@ -120,10 +84,13 @@ class EstimateWriter:
             ConfigError: if a name is not one that UTF-8 can hold.
         """
         frame = text_field('frame_id', frame_id)
-        self._covariance, self._tendons = CovarianceWriter(frame_id, s), len(arm.tendon_names)
-        wrench = Layout(frame)
-        wrench.numbers(6)
-        self._wrench = Template(wrench)
+        covariance, wrench = Layout(frame), Layout(frame)
+        covariance.constant_sequence(s.astype('<f8'))
+        covariance.sequence(s.size * _PARTS**2)
+        covariance.numbers(1)
+        covariance.numbers(_PARTS, _PARTS)
+        wrench.numbers(_PARTS)
+        self._covariance, self._wrench = Template(covariance), Template(wrench)
         self._bias = Template(tendon_tensions(frame, arm.tendon_names))
 
     def write(
@@ -139,40 +106,18 @@ class EstimateWriter:
         written for the topics ``without``.
 
         Raises:
-            ConfigError: if it is of another arm, or a ROS stamp cannot hold the time.
+            ConfigError: if a ROS stamp cannot hold the time.
         """
-        messages = {}
-        topic = TIP_WRENCH if contact is not None and contact.is_at_tip else CONTACT
+        messages, known = {}, contact or NO_CONTACT
+        topic = TIP_WRENCH if known.is_at_tip else CONTACT
         if contact is not None and topic not in without:
-            messages[topic] = self.wrench(contact.wrench, *stamp)
+            messages[topic] = self._wrench.write(*stamp, contact.wrench)
         if COVARIANCE not in without:
-            known = contact or NO_CONTACT
-            messages[COVARIANCE] = self._covariance.write(
-                estimate.pose_covariance, known.s, known.covariance, *stamp
-            )
+            parts = estimate.pose_covariance.ravel(), np.array(known.s), known.covariance
+            messages[COVARIANCE] = self._covariance.write(*stamp, *parts)
         if estimate.tension_bias.size and BIAS not in without:
-            messages[BIAS] = self.tension_bias(estimate.tension_bias, *stamp)
+            messages[BIAS] = self._bias.write(*stamp, estimate.tension_bias)
         return messages
-
-    def wrench(self, values: FloatArray, sec: int, nanosec: int) -> bytes:
-        """Message geometry_msgs/WrenchStamped: force [N] and moment [N m], (6,).
-
-        Raises:
-            ConfigError: if there are not six, or a ROS stamp cannot hold the time.
-        """
-        if values.shape != (6,):
-            raise ConfigError(f'wrench is of shape {values.shape}, expected (6,)')
-        return self._wrench.write(sec, nanosec, values)
-
-    def tension_bias(self, values: FloatArray, sec: int, nanosec: int) -> bytes:
-        """Message octo_arm_msgs/TendonTensions: what each load cell shows too much [N].
-
-        Raises:
-            ConfigError: if there is not one for each tendon, or no stamp can hold the time.
-        """
-        if values.shape != (self._tendons,):
-            raise ConfigError(f'bias is of shape {values.shape}, expected ({self._tendons},)')
-        return self._bias.write(sec, nanosec, values)
 
 
 class EstimateMessages:

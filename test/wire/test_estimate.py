@@ -8,7 +8,6 @@ import pytest
 pytest.importorskip('rosbags', reason='needs rosbags')
 from estimation_arms import EVERYTHING, LIKELY, TENSIONS, rubber
 
-from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
@@ -19,7 +18,6 @@ from octo_arm_model.wire.estimate import (
     ESTIMATES,
     TIP_WRENCH,
     EstimateMessages,
-    EstimateWriter,
     read_covariance,
 )
 
@@ -68,21 +66,3 @@ def test_all_of_an_estimate_is_in_its_messages(unknowns: Unknowns, more: set[str
         force = values_of(read[CONTACT].wrench.force)
         np.testing.assert_array_equal(force, found.point_forces[0])
         assert covariance.contact_s == 0.12
-
-
-def test_other_sizes_are_refused() -> None:
-    model = rubber(AT)
-    writer = EstimateWriter('', model.arm, model.solver.grid.s)
-    count = len(model.arm.tendons)
-    with pytest.raises(ConfigError, match=r'wrench is of shape \(3,\), expected \(6,\)'):
-        writer.wrench(np.zeros(3), 0, 0)
-    with pytest.raises(ConfigError, match=rf'bias is of shape \(1,\), expected \({count},\)'):
-        writer.tension_bias(np.zeros(1), 0, 0)
-
-
-def test_an_estimate_with_other_stations_is_refused() -> None:
-    model = rubber(AT)
-    found = Filter(model).add(0.0, [Tensions(TENSIONS, 0.02)])
-    writer = EstimateWriter('', model.arm, model.solver.grid.s[1:])
-    with pytest.raises(ConfigError, match='covariances are of shape'):
-        writer.write(found, None, (0, 0))
