@@ -17,6 +17,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import pytest
 import ros_domains
 from checkout import PAPERS_PRESETS
+from command_line import Cli
 from hypothesis import HealthCheck, settings
 from workspaces import HIGHEST
 
@@ -65,6 +66,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the folders of long files."""
     places = {name: place for place, name in enumerate(_ORDER)}
     items.sort(key=lambda item: places.get(item.path.relative_to(_HERE).parts[0], len(places)))
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Runs `octo-arm`."""
+    return Cli(capsys)
 
 
 @pytest.fixture(scope='module', autouse=True)

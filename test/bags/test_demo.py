@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import Cli
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 
@@ -25,7 +26,6 @@ from octo_arm_model.bags.demo import (
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.records import stamp_of
 from octo_arm_model.bags.writer import BagWriter
-from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.parameter_files import load_parameters, parse_parameters, preset_path
 from octo_arm_model.rod.rotations import axes_of
@@ -90,9 +90,9 @@ def test_a_demo_with_softer_tendons_has_what_encoders_read(
             )
 
 
-def test_the_demo_says_everywhere_that_it_is_synthetic(tmp_path: Path) -> None:
-    arguments = ['record-demo', str(tmp_path / 'bag'), '--seed', '3', '--storage', 'sqlite3']
-    assert main(arguments) == 0
+def test_the_demo_says_everywhere_that_it_is_synthetic(cli: Cli, tmp_path: Path) -> None:
+    given = '--seed', '3', '--storage', 'sqlite3'
+    assert cli('record-demo', tmp_path / 'bag', *given)[0] == 0
     with BagReader(tmp_path / 'bag') as reader:
         assert 'synthetic' in reader.metadata['note']
         truth = json.loads(reader.metadata['truth'])
@@ -123,7 +123,7 @@ def test_the_demo_is_the_same_for_the_same_seed(tmp_path: Path) -> None:
     assert found[0] != found[2]
 
 
-def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_demo_refuses_nonsense(tmp_path: Path, cli: Cli) -> None:
     for options, expected in (
         (['--stiffness', '-1'], '--stiffness is -1.0, expected a finite number > 0'),
         (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite number'),
@@ -134,9 +134,10 @@ def test_the_demo_refuses_nonsense(tmp_path: Path, capsys: pytest.CaptureFixture
         (['--sheath', '-1'], '--sheath is -1.0, expected a finite stiffness >= 0 [Pa]'),
         (['--axial-stiffness', '-1'], '--axial-stiffness is -1.0, expected a finite stiffn'),
         (['--config', 'octopus'], "no preset arm 'octopus'"),
+        (['--friction', '-0.1'], '--friction is -0.1, expected a finite coefficient >= 0'),
+        (['--friction', '1e9'], 'expected a finite coefficient >= 0 [-] of at most 10'),
     ):
-        assert main(['record-demo', str(tmp_path / 'bag'), *options]) == 2
-        assert expected in capsys.readouterr().err
+        assert expected in cli.refused('record-demo', tmp_path / 'bag', *options)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -160,14 +161,6 @@ def test_with_friction_tensions_rise_and_fall_and_the_arm_remembers(tmp_path: Pa
     # The same tension, on the way up and on the way down.
     assert np.linalg.norm(at[level][0] - at[level][-1]) > 1e-3
     np.testing.assert_array_equal(at[top][0], at[top][-1])
-
-
-def test_friction_is_a_coefficient(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert main(['record-demo', str(tmp_path / 'bag'), '--friction', '-0.1']) == 2
-    assert '--friction is -0.1, expected a finite coefficient >= 0' in capsys.readouterr().err
-    assert main(['record-demo', str(tmp_path / 'bag'), '--friction', '1e9']) == 2
-    expected = 'expected a finite coefficient >= 0 [-] of at most 10'
-    assert f'--friction is 1000000000.0, {expected}' in capsys.readouterr().err
 
 
 def test_a_touch_moves_tip_and_markers_as_the_exact_arm(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import printed
+from command_line import Cli
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 
@@ -69,13 +69,13 @@ def tips(path: Path) -> dict[int, list[float]]:
     return {stamp // FIRST - 1: [tip.x, tip.y, tip.z] for stamp, tip in poses}
 
 
-def test_displacements_alone_give_back_shapes_and_tensions(tmp_path: Path) -> None:
+def test_displacements_alone_give_back_shapes_and_tensions(cli: Cli, tmp_path: Path) -> None:
     solver = Config.from_parameters(PARAMETERS).solver()
     shapes = [solver.solve(part * PULL) for part in (0.4, 0.7, 1.0)]
     reeled = [displacements_of(solver, shape).ravel().tolist() for shape in shapes]
     bag = bag_of(tmp_path / 'in', [dict(zip(ARM.tendon_names, row)) for row in reeled])
     table = tmp_path / 'table'
-    assert main(['replay', str(bag), str(tmp_path / 'out'), '--csv', str(table)]) == 0
+    assert cli('replay', bag, tmp_path / 'out', '--csv', table)[0] == 0
     found = tips(tmp_path / 'out')
     np.testing.assert_allclose(
         [found[n] for n in range(3)], [one.tip for one in shapes], atol=1e-8
@@ -89,12 +89,12 @@ def test_displacements_alone_give_back_shapes_and_tensions(tmp_path: Path) -> No
 
 
 def test_winches_and_load_cells_drive_different_tendons_until_all_are_let_go(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, cli: Cli
 ) -> None:
     inputs: Inputs = [{}, PULL, HALF, 1.2 * PULL, {'elbow': 0.1}, {}]
     bag = bag_of(tmp_path / 'in', inputs)
     table = ['--csv', str(tmp_path / 'table')]
-    report = printed(capsys, 'replay', str(bag), str(tmp_path / 'out'), '--json', *table)['topics']
+    report = cli.json('replay', bag, tmp_path / 'out', '--json', *table)['topics']
     assert report['/tendon_tensions']['answered'] == 2
     winches = report['/tendon_displacements']
     assert (winches['answered'], winches['refused']) == (3, 1)
@@ -121,22 +121,22 @@ def test_winches_and_load_cells_drive_different_tendons_until_all_are_let_go(
     assert not np.array(rows['tendon_displacements'][0][1:], float).any()
 
 
-def test_named_topics_are_all_that_is_read(tmp_path: Path) -> None:
+def test_named_topics_are_all_that_is_read(cli: Cli, tmp_path: Path) -> None:
     bag = bag_of(tmp_path / 'in', [PULL, HALF, PULL])
     for topic, numbers in (('/tendon_tensions', {0, 2}), ('tendon_displacements', {1})):
         out = tmp_path / topic.strip('/')
-        assert main(['replay', str(bag), str(out), '--topics', topic]) == 0
+        assert cli('replay', bag, out, '--topics', topic)[0] == 0
         assert tips(out).keys() == numbers
 
 
-def test_with_friction_displacements_slide_on_from_tensions(tmp_path: Path) -> None:
+def test_with_friction_displacements_slide_on_from_tensions(cli: Cli, tmp_path: Path) -> None:
     solver = Config.from_parameters(PARAMETERS | {'tendons.friction': [0.2]}).solver()
     others = dict(zip(ARM.tendon_names, PULL.ravel().tolist()))
     pulled = solver.solve(PULL)
     let_out = {'tendon_2_1': 0.5 * float(displacements_of(solver, pulled)[1, 0])}
     others.pop('tendon_2_1')
     bag = bag_of(tmp_path / 'in', [PULL, let_out], **{'tendons.friction': [0.2]})
-    assert main(['replay', str(bag), str(tmp_path / 'out')]) == 0
+    assert cli('replay', bag, tmp_path / 'out')[0] == 0
     expected = solve_displacements(solver, let_out, others, start=pulled).backbone
     np.testing.assert_allclose(tips(tmp_path / 'out')[1], expected.tip, atol=1e-7)
     fresh = solve_displacements(solver, let_out, others).backbone

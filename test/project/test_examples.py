@@ -1,10 +1,18 @@
-"""The examples run as they stand."""
+"""The examples, benchmarks and simulated laboratories run as they stand."""
 
+from __future__ import annotations
+
+import os
+import shutil
 import subprocess
 import sys
 
 import pytest
 from checkout import ROOT
+
+sys.path.insert(0, str(ROOT / 'validation'))
+
+from laboratories import KINDS, Truth, laboratory, outcome, shapes_of
 
 EXAMPLES = sorted((ROOT / 'examples').glob('[1-467]_*.py'))
 
@@ -34,3 +42,87 @@ def test_the_loop_closes():
     )
     assert ran.returncode == 0, ran.stderr
     assert float(ran.stdout.splitlines()[-1].split()[3]) < 10.0  # [mm], of a circle of 50 mm
+
+
+FOLDER = ROOT / 'benchmarks'
+# Run by others.
+PARTS = {'brief.py', 'loaded_bvp.py', 'soak.py', 'tip_force_scenario.py'}
+BENCHMARKS = {path.name for path in FOLDER.glob('*.py')} - PARTS
+NEEDED = {
+    'bags.py': ['rosbags'],
+    'estimator_node.py': ['rclpy'],
+    'floods.py': ['rclpy'],
+    'node.py': ['rclpy'],
+    'viewer.py': ['rclpy', 'viser'],
+}
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize('name', sorted(BENCHMARKS))
+def test_every_benchmark_runs_to_its_end(
+    name: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    for module in NEEDED.get(name, []):
+        pytest.importorskip(module)
+    if name == 'viewer.py' and not shutil.which('chromedriver'):
+        pytest.skip('needs chromedriver')
+    folder = tmp_path_factory.mktemp('b')  # A browser's socket has no room for a long path.
+    done = subprocess.run(
+        [sys.executable, '-W', 'error::DeprecationWarning:__main__', FOLDER / name, '--brief'],
+        cwd=folder,
+        env=dict(os.environ, TMPDIR=str(folder)),
+        capture_output=True,
+        text=True,
+        timeout=1200,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'Traceback' not in done.stderr
+    assert len(done.stdout.splitlines()) > 3
+
+
+def test_make_bench_runs_every_benchmark() -> None:
+    (recipe,) = [
+        part for part in (ROOT / 'Makefile').read_text().split('\n\n') if part.startswith('bench:')
+    ]
+    assert {name for name in BENCHMARKS if f'benchmarks/{name}' in recipe} == BENCHMARKS
+
+
+def test_an_option_that_is_none_is_refused() -> None:
+    done = subprocess.run(
+        [sys.executable, FOLDER / 'solvers.py', '--briefly'],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2 and '--briefly' in done.stderr
+
+
+@pytest.mark.endurance
+def test_the_node_stands_abuse(capfd, monkeypatch):
+    """A short run of `benchmarks/soak.py`."""
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+    monkeypatch.syspath_prepend(FOLDER)
+    import soak
+
+    rows = soak.run(0.004)
+    outcome = dict(row[-2:] for row in rows)
+    assert outcome['killed and started again'].endswith('s later')
+    assert 'no wrong shape' in outcome['5 changes of parameters']
+    assert ' answered (' in outcome['everything recorded at 100 Hz']
+    assert len(rows) == 6
+
+
+def test_a_laboratory_records_what_it_says() -> None:
+    recording, young = laboratory(Truth('closed_form'), KINDS['right model'], 3)
+    assert 0.85 * 1.1e5 <= young <= 1.2 * 1.1e5
+    shapes = shapes_of(recording).shapes
+    assert len(shapes) == 10
+    # A fifth of the frames is lost, and most readings of slack tendons are within the deadband.
+    assert 0.7 < len(recording.frames) / (10.0 * recording.tension_time[-1]) < 0.9
+    assert all(0.0 <= shape.window.tensions[1] < 1e-3 for shape in shapes)
+
+
+def test_the_interval_of_the_right_model_is_narrow_and_near_the_truth() -> None:
+    one = outcome(Truth('closed_form'), KINDS['right model, no friction'], 0)
+    assert one.reach < 0.01
+    assert abs(one.error) < 2.0 * one.reach

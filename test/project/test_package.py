@@ -1,15 +1,18 @@
-"""The package as a whole: its exports, imports and documentation."""
+"""The package as a whole: its exports, imports, documentation and manifests."""
 
 from __future__ import annotations
 
 import importlib
 import inspect
 import pkgutil
+import re
+import shutil
 import subprocess
 import sys
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 from checkout import ROOT
 
 import octo_arm_model
@@ -34,36 +37,32 @@ def modules_after(statement: str) -> set[str]:
     return {name.split('.')[0] for name in done.stdout.split()}
 
 
-@pytest.mark.parametrize('modules', ['octo_arm_model', ', '.join(CORE)], ids=['package', 'all'])
-def test_the_core_imports_neither_ros_nor_matplotlib(modules: str) -> None:
-    loaded = modules_after(f'import {modules}')
+SOLVE = (
+    'from octo_arm_model.cli.main import main; '
+    "main(['solve', 'renda2012_prototype', '--tensions', '[[3,0,0,0]]'])"
+)
+
+
+@pytest.mark.parametrize(
+    'statement',
+    ['import octo_arm_model', f'import {", ".join(CORE)}', SOLVE],
+    ids=['package', 'all', 'solve'],
+)
+def test_the_core_needs_neither_ros_nor_an_extra(statement: str) -> None:
+    loaded = modules_after(statement)
     assert 'numpy' in loaded
     unwanted = {'rclpy', 'ament_index_python', 'octo_arm_msgs', 'std_msgs', 'matplotlib'}
     unwanted |= {'numba', 'rosbags', 'viser', 'skfem'}
     assert not loaded & unwanted
 
 
-def test_solving_imports_neither_ros_nor_matplotlib() -> None:
-    loaded = modules_after(
-        'from octo_arm_model.cli.main import main; '
-        "main(['solve', 'renda2012_prototype', '--tensions', '[[3,0,0,0]]'])"
-    )
-    assert not loaded & {'rclpy', 'matplotlib'}
-
-
-def test_exported_names_exist_and_are_listed_once_in_order() -> None:
+def test_exported_names_exist_in_order_and_every_error_has_one_base() -> None:
     names = octo_arm_model.__all__
-    for name in names:
-        assert hasattr(octo_arm_model, name), name
     # Constants, then classes, then functions, each from A to Z.
     assert names == sorted(set(names), key=lambda name: (not name.isupper(), name.islower(), name))
-
-
-def test_every_error_on_purpose_has_one_base() -> None:
-    for name in octo_arm_model.__all__:
-        value = getattr(octo_arm_model, name)
+    for value in (getattr(octo_arm_model, name) for name in names):
         if isinstance(value, type) and issubclass(value, Exception):
-            assert issubclass(value, octo_arm_model.OctoArmError), name
+            assert issubclass(value, octo_arm_model.OctoArmError), value
 
 
 @pytest.mark.parametrize('module', CORE)
@@ -82,8 +81,75 @@ def test_public_names_are_documented(module: str) -> None:
 
 
 def test_one_version_everywhere() -> None:
-    root = ROOT
-    for manifest in ('package.xml', 'msg_defs/package.xml'):
-        assert ElementTree.parse(root / manifest).findtext('version') == octo_arm_model.__version__
     for file, line in (('setup.py', "version='{}'"), ('CITATION.cff', 'version: {}\n')):
-        assert line.format(octo_arm_model.__version__) in (root / file).read_text()
+        assert line.format(octo_arm_model.__version__) in (ROOT / file).read_text()
+    for manifest in ('package.xml', 'msg_defs/package.xml'):
+        assert ElementTree.parse(ROOT / manifest).findtext('version') == octo_arm_model.__version__
+
+
+PACKAGES = ['octo_arm_msgs', 'octo_arm_model']  # in the order they must be built
+
+needs_colcon = pytest.mark.skipif(shutil.which('colcon') is None, reason='needs colcon')
+
+
+def colcon_list(folder, tmp_path):
+    """Names of the packages found from ``folder``, dependencies first."""
+    command = ['colcon', '--log-base', str(tmp_path / 'log'), 'list', '--topological-order', '-n']
+    return subprocess.check_output(command, cwd=folder, text=True).split()
+
+
+@needs_colcon
+def test_colcon_finds_both_packages_and_in_a_workspace_by_the_line_of_the_manual(tmp_path):
+    assert colcon_list(ROOT, tmp_path) == PACKAGES
+    source = tmp_path / 'src'
+    source.mkdir()
+    (source / 'octo_arm_model').symlink_to(ROOT)
+    assert colcon_list(tmp_path, tmp_path) == ['octo_arm_model']
+    manual = (ROOT / 'docs' / 'installation.md').read_text()
+    line = re.search(r'^ln -s (\S+) (src/\S+)$', manual, re.MULTILINE)
+    assert line, 'the manual has lost its line for larger workspaces'
+    (tmp_path / line[2]).symlink_to(line[1])
+    assert colcon_list(tmp_path, tmp_path) == PACKAGES
+
+
+@pytest.mark.parametrize('path', sorted((ROOT / 'msg_defs' / 'msg').glob('*.msg')), ids=str)
+def test_every_message_field_is_explained_and_every_number_has_a_unit(path):
+    explained = False
+    for line in path.read_text().splitlines():
+        if line.startswith('#'):
+            explained = line
+        elif line.strip() and 'Header' not in line:
+            assert explained, line
+            if line.startswith(('float', 'int', 'uint')):
+                assert re.search(r'\[.+\]', explained), line
+            explained = False
+
+
+def test_colcon_defaults_name_the_message_package_for_every_verb():
+    verbs = yaml.safe_load((ROOT / 'colcon_defaults.yaml').read_text())
+    assert {'build', 'list', 'test'} <= set(verbs)
+    assert all(options == {'base-paths': ['.', 'msg_defs']} for options in verbs.values())
+
+
+@pytest.mark.parametrize(
+    ('folder', 'name'), [('.', 'octo_arm_model'), ('msg_defs', 'octo_arm_msgs')]
+)
+def test_manifests_are_as_ros_wants_them(folder, name):
+    parse_package = pytest.importorskip('catkin_pkg.package').parse_package
+    warnings = []
+    package = parse_package(str(ROOT / folder / 'package.xml'), warnings=warnings)
+    package.validate(warnings=warnings)
+    assert not warnings and package.name == name
+    assert package.version == octo_arm_model.__version__
+
+
+def test_what_the_launch_files_start_is_a_dependency():
+    parse_package = pytest.importorskip('catkin_pkg.package').parse_package
+    package = parse_package(str(ROOT / 'package.xml'))
+    depends = {dependency.name for dependency in package.exec_depends}
+    shared = ROOT / 'octo_arm_model' / 'ros' / 'launch_parts.py'
+    text = ''.join(path.read_text() for path in (*(ROOT / 'launch').iterdir(), shared))
+    started = set(re.findall(r"package='(\w+)'", text))
+    assert started == {'rviz2'} and "['ros2', 'bag'" in text
+    # And the packages of the commands that run launch files and bags.
+    assert depends >= started | {'ros2launch', 'ros2bag', 'launch', 'launch_ros'}

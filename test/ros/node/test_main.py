@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import pytest
 
@@ -57,9 +58,18 @@ def test_signals_that_come_while_it_ends_change_nothing(first, again):
         check_end(client.process, 0)
 
 
+def ended(program):
+    """Exit status and complaints of a ``program`` of Python."""
+    done = subprocess.run(
+        [sys.executable, '-c', program], env=environment(new_domain()),
+        capture_output=True, text=True, timeout=DEADLINE, check=False,
+    )  # fmt: skip
+    return done.returncode, done.stderr
+
+
 def test_a_middleware_that_does_not_let_go_does_not_keep_the_node():
     # Waits in C, as Fast DDS does, where Python's threads and signal handlers get no turn.
-    program = """
+    status, complaints = ended("""
 import ctypes, os, signal
 from rclpy.node import Node
 from octo_arm_model.ros.node import main as node
@@ -71,18 +81,13 @@ class Stuck(Node):
         ctypes.PyDLL(None).sleep(1000)
 node.LONGEST_END = 0.2
 node.run('stuck', Stuck)
-"""
-    done = subprocess.run(
-        [sys.executable, '-c', program], env=environment(new_domain()),
-        capture_output=True, text=True, timeout=DEADLINE, check=False,
-    )  # fmt: skip
-    assert done.returncode == 1
-    assert 'in destroy_node' in done.stderr
+""")
+    assert status == 1 and 'in destroy_node' in complaints
 
 
 def test_an_executor_that_a_signal_cut_short_is_not_freed():
     # That of rclpy aborts the process where it is freed then.
-    program = """
+    assert ended("""
 import os, signal, time
 from rclpy.node import Node
 from octo_arm_model.ros.node import main as node
@@ -98,12 +103,7 @@ class CutShort:
         os.abort()
 node.make_executor = CutShort
 raise SystemExit(node.run('short', lambda: Node('short')))
-"""
-    done = subprocess.run(
-        [sys.executable, '-c', program], env=environment(new_domain()),
-        capture_output=True, text=True, timeout=DEADLINE, check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, '')
+""") == (0, '')
 
 
 @pytest.mark.parametrize(
@@ -196,22 +196,20 @@ def test_numbers_given_twice_are_numbers_and_other_types_are_refused(tmp_path, r
     assert 'stations is 101 and a value of another type as well' in run_here(main, 1, *given)
 
 
+ORIGIN = 'position: [0.0, 0.0, 0.0]'
+
+
 # What rcl refuses or reads as integers, and what the command reads of it.
-_FRIENDLY = (
-    ('length: 0.45', 'length: 1', 'body.length', 1.0),
-    ('position: [0.0, 0.0, 0.0]', 'position: [1, 2, 3]', 'base.position', [1.0, 2.0, 3.0]),
-    ('position: [0.0, 0.0, 0.0]', 'position: [0, 0.5, 1e-2]', 'base.position', [0.0, 0.5, 0.01]),
-    (
-        'position: [0.0, 0.0, 0.0]',
-        'position: [&z 0.25, *z, 1]',
-        'base.position',
-        [0.25, 0.25, 1.0],
-    ),
-    ('base_frame: arm_base', "base_frame: 'no'", 'base_frame', 'no'),
+@pytest.mark.parametrize(
+    ('old', 'new', 'name', 'value'),
+    [
+        ('length: 0.45', 'length: 1', 'body.length', 1.0),
+        (ORIGIN, 'position: [1, 2, 3]', 'base.position', [1.0, 2.0, 3.0]),
+        (ORIGIN, 'position: [0, 0.5, 1e-2]', 'base.position', [0.0, 0.5, 0.01]),
+        (ORIGIN, 'position: [&z 0.25, *z, 1]', 'base.position', [0.25, 0.25, 1.0]),
+        ('base_frame: arm_base', "base_frame: 'no'", 'base_frame', 'no'),
+    ],
 )
-
-
-@pytest.mark.parametrize(('old', 'new', 'name', 'value'), _FRIENDLY)
 def test_the_node_reads_a_file_as_the_command_does(tmp_path, old, new, name, value):
     path = file_with(tmp_path, old, new)
     others = 'camera: {ros__parameters: {rate: 30, gains: [1, 0.5]}}\nversion: 2\n'
@@ -232,28 +230,15 @@ def test_fast_dds_takes_our_profiles_unless_it_is_set_up_otherwise(tmp_path):
     assert environment['RMW_FASTRTPS_USE_QOS_FROM_XML'] == '1'
     assert environment['FASTDDS_DEFAULT_PROFILES_FILE'] == str(PROFILES)
     assert '<historyMemoryPolicy>DYNAMIC<' in PROFILES.read_text(encoding='utf-8')
-    # A child of such a process finds it done.
-    before = dict(environment)
-    assert not bound_memory(environment, tmp_path)
-    assert environment == before
-
-
-@pytest.mark.parametrize(
-    'name',
-    [
-        'FASTDDS_DEFAULT_PROFILES_FILE',
-        'FASTRTPS_DEFAULT_PROFILES_FILE',
-        'RMW_FASTRTPS_USE_QOS_FROM_XML',
-        'RMW_FASTRTPS_PUBLICATION_MODE',
-    ],
-)
-def test_what_the_user_has_set_up_stays(name, tmp_path):
-    environment = {name: 'mine'}
-    assert not bound_memory(environment, tmp_path)
-    assert environment == {name: 'mine'}
-
-
-def test_a_profile_in_the_folder_stays(tmp_path):
+    # A child of such a process finds it done; what the user has set up stays.
+    names = (
+        'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE',
+        'RMW_FASTRTPS_USE_QOS_FROM_XML', 'RMW_FASTRTPS_PUBLICATION_MODE',
+    )  # fmt: skip
+    for decided in (environment, *({name: 'mine'} for name in names)):
+        before = dict(decided)
+        assert not bound_memory(decided, tmp_path)
+        assert decided == before
     (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').write_text('<dds/>')
     environment = {}
     assert not bound_memory(environment, tmp_path)
@@ -293,19 +278,19 @@ def answers_while_it_is_active(managed):
 def test_a_managed_node_that_does_not_answer_says_so(managed):
     assert managed.change(diagnostics__silence_limit=1e6) == (True, '')
 
-    def says(words, level=DiagnosticStatus.WARN):
+    def says(words):
         parts = managed.diagnostics[-1].status if managed.diagnostics else []
+        level = DiagnosticStatus.OK if words == 'waiting' else DiagnosticStatus.WARN
         return len(parts) == 3 and all((p.message, p.level) == (words, level) for p in parts)
 
     managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
-    assert managed.transition(Transition.TRANSITION_CONFIGURE)
-    managed.wait(lambda: says('inactive'), 'the diagnosis of an inactive node')
-    assert managed.transition(Transition.TRANSITION_ACTIVATE)
-    managed.wait(lambda: says('waiting', DiagnosticStatus.OK), 'the diagnosis of an active node')
-    assert managed.transition(Transition.TRANSITION_DEACTIVATE)
-    managed.wait(lambda: says('inactive'), 'the diagnosis of an inactive node')
-    assert managed.transition(Transition.TRANSITION_CLEANUP)
-    managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
+    for transition, words in (
+        (Transition.TRANSITION_CONFIGURE, 'inactive'), (Transition.TRANSITION_ACTIVATE, 'waiting'),
+        (Transition.TRANSITION_DEACTIVATE, 'inactive'),
+        (Transition.TRANSITION_CLEANUP, 'unconfigured'),
+    ):  # fmt: skip
+        assert managed.transition(transition)
+        managed.wait(lambda words=words: says(words), f'the diagnosis of a node that is {words}')
 
 
 def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
@@ -324,36 +309,29 @@ def test_a_managed_node_refuses_a_transition_that_is_none_and_goes_on(managed):
     assert managed.transition(Transition.TRANSITION_CLEANUP)
 
 
-def test_a_managed_node_that_cannot_publish_leaves_no_publisher_behind():
-    for name, make_node, topic in (
-        ('octo_arm', ManagedOctoArmNode, 'markers'),
-        ('octo_arm_estimator', ManagedEstimatorNode, 'tension_bias'),
-    ):
-        given = '-p', f'qos_overrides./{topic}.publisher.depth:=-5'
-        with hosting(make_node, *given, node=name) as client:
-            for _ in range(2):
-                assert not client.transition(Transition.TRANSITION_CONFIGURE)
-                client.log('not configured: qos_overrides')
-                client.wait(
-                    lambda client=client: client.node.count_publishers('backbone/path') == 0,
-                    'a node without publishers',
-                )
-
-
-def test_a_managed_node_that_cannot_subscribe_leaves_no_subscription_behind():
-    for name, make_node, topic, first in (
-        ('octo_arm', ManagedOctoArmNode, 'tendon_tensions/joint_state', 'tendon_tensions'),
-        (
-            'octo_arm_estimator', ManagedEstimatorNode, 'measured/markers',
-            'measured/tip_pose',
-        ),
-    ):  # fmt: skip
-        given = '-p', f'qos_overrides./{topic}.subscription.depth:=-5'
-        with hosting(make_node, *given, node=name) as client:
-            assert client.transition(Transition.TRANSITION_CONFIGURE)
-            for _ in range(2):
-                assert not client.transition(Transition.TRANSITION_ACTIVATE)
-                client.wait(
-                    lambda client=client, first=first: client.node.count_subscribers(first) == 0,
-                    'a node without subscriptions',
-                )
+@pytest.mark.parametrize(
+    ('name', 'make_node', 'topic', 'heard', 'first'),
+    [
+        ('octo_arm', ManagedOctoArmNode, 'markers', 'tendon_tensions/joint_state',
+         'tendon_tensions'),
+        ('octo_arm_estimator', ManagedEstimatorNode, 'tension_bias', 'measured/markers',
+         'measured/tip_pose'),
+    ],
+)  # fmt: skip
+def test_a_managed_node_that_cannot_publish_or_subscribe_leaves_nothing_behind(
+    name, make_node, topic, heard, first
+):
+    given = '-p', f'qos_overrides./{topic}.publisher.depth:=-5'
+    with hosting(make_node, *given, node=name) as client:
+        for _ in range(2):
+            assert not client.transition(Transition.TRANSITION_CONFIGURE)
+            client.log('not configured: qos_overrides')
+            count = partial(client.node.count_publishers, 'backbone/path')
+            client.wait(lambda count=count: count() == 0, 'a node without publishers')
+    given = '-p', f'qos_overrides./{heard}.subscription.depth:=-5'
+    with hosting(make_node, *given, node=name) as client:
+        assert client.transition(Transition.TRANSITION_CONFIGURE)
+        for _ in range(2):
+            assert not client.transition(Transition.TRANSITION_ACTIVATE)
+            count = partial(client.node.count_subscribers, first)
+            client.wait(lambda count=count: count() == 0, 'a node without subscriptions')
