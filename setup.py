@@ -28,7 +28,7 @@ setup(
     python_requires='>=3.10',
     install_requires=['setuptools', 'numpy>=1.26', 'scipy>=1.11', 'pyyaml'],
     extras_require={
-        # Its storages are extended and bounded from within, see octo_arm_model/bags.
+        # Its own parts parse definitions and profiles, and write bags.
         'bags': ['rosbags>=0.11.9,<0.12'],
         'cluster': ['distributed'],
         'compiled': ['numba'],

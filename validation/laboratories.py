@@ -24,14 +24,14 @@ from scipy.interpolate import CubicSpline
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.experiment.fitting.held_back import AUTO
-from octo_arm_model.experiment.fitting.identify import identify
-from octo_arm_model.experiment.fitting.least_squares.fit import LOSSES
-from octo_arm_model.experiment.fitting.model_choice import best_of, disagreements, envelope_of
-from octo_arm_model.experiment.recording.recording import Recording
-from octo_arm_model.experiment.shapes.alignment import Alignment
-from octo_arm_model.experiment.shapes.observations import Observations, Pairing, observe
-from octo_arm_model.experiment.shapes.steady_windows import SteadyRule
+from octo_arm_model.experiment.alignment import Alignment
+from octo_arm_model.experiment.fit import LOSSES
+from octo_arm_model.experiment.identification import best_of, disagreements, envelope_of
+from octo_arm_model.experiment.identify import identify
+from octo_arm_model.experiment.observations import Observations, Pairing, observe
+from octo_arm_model.experiment.recording import Recording
+from octo_arm_model.experiment.steady_windows import SteadyRule
+from octo_arm_model.experiment.uncertainty import AUTO
 
 FloatArray = NDArray[np.float64]
 FITS = ('youngs_modulus', 'alignment')

@@ -1,141 +1,107 @@
-"""The fields of metadata.yaml, checked before rosbags reads them."""
+"""What is read of metadata.yaml: which files a bag has, and what it says is in them."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
 from octo_arm_model.arm.errors import shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
-from octo_arm_model.bags.storages import check_compressed_file, check_file, checked_yaml
+from octo_arm_model.bags.storages import check_file, checked_yaml
 from octo_arm_model.config.files import compose_yaml
 
 NAME = 'metadata.yaml'
 _ROOT = 'rosbag2_bagfile_information'
-_NONE, _FILE = ('', 'none'), 'file'
-_MODES = (*_NONE, _FILE, 'message')
-
-# What a field is: a type; a range of integers; texts to choose from, in a tuple; a map of fields,
-# of which those with a question mark may be missing or null; or a list, all of one kind.
-_COUNT, _INTEGER = range(2**63), range(-(2**63), 2**63)
-_DURATION = dict.fromkeys(('sec', 'nsec'), range(-(2**63), 2**64))
-_QOS = {
-    **dict.fromkeys(('history', 'reliability', 'durability', 'liveliness'), int | str),
-    'depth': _COUNT,
-    **dict.fromkeys(('deadline', 'lifespan', 'liveliness_lease_duration'), _DURATION),
-    'avoid_ros_namespace_conventions': bool,
-}
-_TOPIC = {
-    'message_count': _COUNT,
-    'topic_metadata': {
-        'name': str, 'type': str, 'serialization_format': str, 'type_description_hash?': str,
-    },
-}  # fmt: skip
-_BAG = {
-    'version': range(1, 10),  # to that of Jazzy, the newest
-    'storage_identifier': ('mcap', 'sqlite3'),
-    'relative_file_paths': [str],
-    'duration': {'nanoseconds': _COUNT},
-    'starting_time': {'nanoseconds_since_epoch': _INTEGER},
-    'message_count': _COUNT,
-    'topics_with_message_count': [_TOPIC],
-}
-_EXPECTED = {
-    int: 'an integer', str: 'text', list: 'a list', dict: 'a map', bool: 'true or false',
-}  # fmt: skip
+_KINDS: dict[type, str] = {int: 'an integer', str: 'text', list: 'a list', dict: 'a map'}
+_MODES = ('', 'none', 'file', 'message')
+Key = tuple[str, str]  # a topic and the type of messages on it
 
 
-def check_folder(folder: Path) -> dict[str, str]:
-    """Check the metadata of the bag in ``folder`` and its files; returns its custom data.
+class Metadata(NamedTuple):
+    """What a bag says of itself.
+
+    Attributes:
+        files: its files.
+        counts: messages of each topic and type.
+        is_each_compressed: whether each message is, by zstd.
+        custom: data of its recording.
+    """
+
+    files: list[Path]
+    counts: Counter[Key]
+    is_each_compressed: bool
+    custom: dict[str, str]
+
+
+def read_metadata(folder: Path) -> Metadata:
+    """The metadata of the bag in ``folder``.
 
     Raises:
-        BagError: if its metadata is no YAML, or too large.
-        ValueError: if a field is missing, of another type or out of its range, or a file of the
-            bag is not a regular file.
-        OSError: if a file cannot be read or is not there.
+        BagError: if it is no YAML, or too large.
+        ValueError: if a field is missing or of another type, or a file is named twice.
+        OSError: if it cannot be read.
     """
     path = folder / NAME
     check_file(path)
     if (size := path.stat().st_size) > MAX_YAML_BYTES:
         raise ValueError(f'{NAME} has {size} bytes, at most {MAX_YAML_BYTES} are read')
     text = path.read_text(encoding='utf-8')
-    whole = checked_yaml(text, NAME)
-    if not isinstance(whole, dict):
-        raise ValueError(f'{NAME} is {_shown(whole)}, expected {_ROOT} with the fields of a bag')
-    _check(whole, {_ROOT: _BAG})
-    about = whole[_ROOT]
-    # rosbags looks beside the metadata, whatever folder is named.
-    files = [folder / PurePath(file).name for file in about['relative_file_paths']]
+    about = _take(_checked(checked_yaml(text, NAME), dict, _ROOT), _ROOT, dict)
+    # The folder may have been moved, whatever it was called.
+    files = [
+        folder / PurePath(_checked(one, str, f'relative_file_paths[{number}]')).name
+        for number, one in enumerate(_take(about, 'relative_file_paths', list))
+    ]
     for number, file in enumerate(files):
-        check_file(file)
         if file in files[:number]:
             where = f'relative_file_paths[{number}]'
             raise ValueError(f'{NAME}: {where} is {shown(file.name)}, expected each file once')
-    for number, topic in enumerate(about['topics_with_message_count']):
-        where = f'topics_with_message_count[{number}].topic_metadata.offered_qos_profiles'
-        profiles = topic['topic_metadata'].get('offered_qos_profiles') or []
-        if isinstance(profiles, str):
-            profiles = checked_yaml(profiles, where) or []
-        _check(profiles, [_QOS], where)
-    mode = 'none'
-    if 'compression_mode' in about:
-        _check(about, {'compression_mode': str})
-        mode = about['compression_mode'].lower()
-        if mode not in _MODES:
-            _check(about, {'compression_mode': _MODES})
-    if mode not in _NONE:
-        _check(about, {'compression_format': ('zstd',)})
-    if mode == _FILE:
-        for file in files:
-            check_compressed_file(file)
-    if 'files' in about:
-        _check(about, {'files': list})
-    _check(about, {'custom_data?': dict})
-    return _custom_data(about, text)
+    counts = Counter[Key]()
+    for number, one in enumerate(_take(about, 'topics_with_message_count', list)):
+        where = f'topics_with_message_count[{number}]'
+        count = _take(_checked(one, dict, where), 'message_count', int, where)
+        if not 0 <= count < 2**63:
+            raise ValueError(
+                f'{NAME}: {where}.message_count is {count}, expected 0 to {2**63 - 1}'
+            )
+        topic, where = _take(one, 'topic_metadata', dict, where), f'{where}.topic_metadata'
+        counts[_take(topic, 'name', str, where), _take(topic, 'type', str, where)] += count
+    mode = _take({'compression_mode': '', **about}, 'compression_mode', str).lower()
+    if mode not in _MODES:
+        raise ValueError(
+            f'{NAME}: compression_mode is {shown(mode)}, expected one of {", ".join(_MODES[1:])}'
+        )
+    if mode in _MODES[2:] and _take(about, 'compression_format', str) != 'zstd':
+        found = shown(about['compression_format'])
+        raise ValueError(f'{NAME}: compression_format is {found}, expected zstd')
+    return Metadata(files, counts, mode == 'message', _custom_data(about, text))
 
 
-def _check(value: Any, kind: Any, where: str = '') -> None:
-    """Check that the ``value`` at ``where`` is of a ``kind``, see above; ValueError if not."""
-    expected = ''
-    if isinstance(kind, dict):
-        _check_type(value, dict, where)
-        for field, inner in kind.items():
-            name = field.removesuffix('?')
-            place = f'{where}.{name}'.removeprefix('.').removeprefix(f'{_ROOT}.')
-            if value.get(name) is not None or (name in value and name == field):
-                _check(value[name], inner, place)
-            elif name == field:
-                raise ValueError(f'{NAME}: {place} is missing')
-    elif isinstance(kind, list):
-        _check_type(value, list, where)
-        for number, one in enumerate(value):
-            _check(one, kind[0], f'{where}[{number}]')
-    elif isinstance(kind, range):
-        _check_type(value, int, where)
-        expected = f'{kind.start} to {kind.stop - 1}'
-    elif isinstance(kind, tuple):
-        _check_type(value, str, where)
-        expected = f'one of {", ".join(map(repr, kind))}'
-    else:
-        _check_type(value, kind, where)
-    if expected and value not in kind:
-        raise ValueError(f'{NAME}: {where} is {_shown(value)}, expected {expected}')
+def _take(values: Mapping[str, Any], field: str, kind: type, where: str = '') -> Any:
+    """The ``field`` at ``where``, of a ``kind``; ValueError if it is missing or of another."""
+    place = f'{where}.{field}'.removeprefix('.')
+    if field not in values:
+        raise ValueError(f'{NAME}: {place} is missing')
+    return _checked(values[field], kind, place)
 
 
-def _check_type(value: object, kind: Any, where: str) -> None:
-    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-        expected = _EXPECTED.get(kind, _EXPECTED[str])
-        raise ValueError(f'{NAME}: {where} is {_shown(value)}, expected {expected}')
+def _checked(value: Any, kind: type, place: str) -> Any:
+    if not isinstance(value, kind) or isinstance(value, bool):
+        is_plain = isinstance(value, str | int | float | None)
+        found = shown(value) if is_plain else type(value).__name__
+        raise ValueError(f'{NAME}: {place} is {found}, expected {_KINDS[kind]}')
+    return value
 
 
 def _custom_data(about: Mapping[str, Any], text: str) -> dict[str, str]:
     """Custom data, each entry as it is written: the recorder puts no quotes around 007 or true."""
-    custom = about.get('custom_data')
-    if custom is None:
+    if about.get('custom_data') is None:
         return {}
+    custom = _take(about, 'custom_data', dict)
     node = compose_yaml(text)
     for name in (_ROOT, 'custom_data'):
         assert isinstance(node, yaml.MappingNode)  # as it was loaded
@@ -145,12 +111,6 @@ def _custom_data(about: Mapping[str, Any], text: str) -> dict[str, str]:
         key.value: value.value if isinstance(value, yaml.ScalarNode) else custom[key.value]
         for key, value in node.value
     }
-    for key, value in written.items():
-        _check(value, str, f'custom_data.{key}')
+    for key in written:
+        _take(written, key, str, 'custom_data')
     return written
-
-
-def _shown(value: object) -> str:
-    """A value in an error; of lists and maps the type."""
-    is_plain = isinstance(value, str | int | float | None)
-    return shown(value) if is_plain else type(value).__name__

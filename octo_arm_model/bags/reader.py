@@ -3,28 +3,60 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from rosbags.interfaces import Connection
-from rosbags.rosbag2.reader import DirectoryReader
+from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.typesys.store import Typestore
 
 from octo_arm_model.arm.errors import BagError, OctoArmError, listed, shown
-from octo_arm_model.bags.metadata import check_folder
-from octo_arm_model.bags.records import Key, Record, count_messages, counts_of, stamp_of
+from octo_arm_model.bags.metadata import NAME as METADATA
+from octo_arm_model.bags.metadata import Key, read_metadata
 from octo_arm_model.bags.storages import (
-    BoundedReader,
-    CheckedSqlite3Reader,
+    File,
+    Source,
     check_size,
     expand_message,
+    in_order,
+    open_file,
 )
 from octo_arm_model.bags.types import numeric_fields, types_for
 from octo_arm_model.wire.stamp import Stamp
 
+
+class Record(NamedTuple):
+    """A message as it is stored in a bag.
+
+    Attributes:
+        topic: where it was published.
+        type_name: its type, such as 'nav_msgs/msg/Path'.
+        received_ns: when the recorder received it [ns].
+        data: its bytes, as ROS 2 sends them.
+    """
+
+    topic: str
+    type_name: str
+    received_ns: int
+    data: bytes
+
+
+def stamp_of(message: Any, received_ns: int) -> Stamp:
+    """Stamp of a decoded message: that of its header, as the node takes it.
+
+    The time of receipt where it has no header, or an unset stamp.
+    """
+    header = getattr(message, 'header', None)
+    if header is not None and (header.stamp.sec or header.stamp.nanosec):
+        return Stamp.of(header.stamp)
+    return Stamp.from_ns(received_ns)
+
+
 T = TypeVar('T')
+_MOST_TOGETHER = 8  # files of a bag that are read at once
 _LONGEST = 500  # characters of what a parser complains of, which may be all that it was given
 
 
@@ -41,7 +73,9 @@ class BagReader:
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Open the bag at ``path``: a folder with metadata.yaml, an .mcap or a .db3 file.
+        """Open the bag at ``path``: a folder, an .mcap or a .db3 file.
+
+        A folder without metadata.yaml is read if it has files of bags.
 
         Raises:
             BagError: if it is none, or is damaged.
@@ -49,68 +83,83 @@ class BagReader:
         self.path = Path(path)
         if not self.path.exists():
             raise BagError(f'{self.path}: no such bag')
-        if self.path.is_dir() and not (self.path / 'metadata.yaml').exists():
-            raise BagError(
-                f'{self.path}: not a bag, or one whose recording did not end: no metadata.yaml; '
-                'where there is a .mcap or .db3 file in it, give that'
-            )
         self.metadata: dict[str, str] = {}
         self.notes: list[str] = []
-        with self._damage():
-            if self.path.is_dir():
-                self.metadata = check_folder(self.path)
-            self._reader = BoundedReader(self.path)
-            self._reader.open()
-        try:
-            with self._damage():
-                self._look()
-        except BaseException:
-            self.close()
-            raise
-
-    def _look(self) -> None:
-        """Collect topics and counts; ValueError if the bag and its files do not agree on them."""
-        storage = self._reader.storage
-        files = storage.storages if isinstance(storage, DirectoryReader) else [storage]
-        self._is_each_compressed = storage.metadata.compression_mode == 'message'
-        if self._is_each_compressed:
-            # `messages` expands them, within bounds.
-            storage.metadata = storage.metadata._replace(compression_mode=None)
         self._stores: dict[str, Typestore] = {}
-        self._connections = list(self._reader.connections)
-        types: dict[str, set[str]] = {}
-        for connection in self._connections:
-            for name in (connection.topic, connection.msgtype):
-                if not name.isprintable():
-                    raise ValueError(f'{shown(name)} names a topic or a type')
-            types.setdefault(connection.topic, set()).add(connection.msgtype)
-        self.topics = {topic: ' or '.join(sorted(types[topic])) for topic in sorted(types)}
-        said = count_messages(self._connections)
-        self._counts = count_messages(one for file in files for one in file.connections)
-        for key in said | self._counts:
-            topic, found, expected = key[0], self._counts[key], said[key]
-            if found < expected:
-                raise ValueError(f'{found} messages found of {expected} on {topic}')
-            if found > expected and key not in said:
-                raise ValueError(f'{found} messages of {key[1]} on {topic} that it does not list')
-            if found > expected:
-                self.notes.append(f'{topic}: {found} messages, more than the {expected} it says')
-        for file in files:
-            found, expected = (
-                sum(count_messages(file.connections).values()),
-                file.metadata.message_count,
+        self._is_each_compressed = False
+        with contextlib.ExitStack() as opened, self._damage():
+            said = None
+            paths = [self.path]
+            if self.path.is_dir() and (self.path / METADATA).exists():
+                about = read_metadata(self.path)
+                paths, said, self._is_each_compressed, self.metadata = about
+            elif self.path.is_dir():
+                paths = self._alone()
+            folder = Path(opened.enter_context(tempfile.TemporaryDirectory()))
+            self._files: list[File] = []
+            for one in paths:
+                self._files.append(open_file(one, folder))
+                opened.callback(self._files[-1].close)
+            self._look(said)
+            self._opened = opened.pop_all()
+
+    def _alone(self) -> list[Path]:
+        """Files of a folder without metadata, which is what a recording leaves that did not end.
+
+        Raises:
+            BagError: if there are none.
+        """
+        names = '*.mcap', '*.db3', '*.mcap.zstd', '*.db3.zstd'
+        paths = sorted(file for name in names for file in self.path.glob(name))
+        if not paths:
+            raise BagError(
+                f'{self.path}: not a bag: neither {METADATA} nor .mcap or .db3 files in it'
             )
-            if found != expected:
-                raise ValueError(f'{found} messages found of {expected} that it says it holds')
-            if isinstance(file, CheckedSqlite3Reader) and file.missing:
+        self.notes.append(
+            f'no {METADATA}: {len(paths)} file(s) are read, and nothing says whether there were '
+            'more; `ros2 bag reindex` writes it'
+        )
+        return paths
+
+    def _look(self, said: Counter[Key] | None) -> None:
+        """Collect topics and counts; ValueError if files do not have what the bag ``said``."""
+        self._counts = Counter[Key]()
+        found: dict[Key, Connection] = {}
+        for file in self._files:
+            for one in file.connections:
+                key = one.topic, one.msgtype
+                if not (one.topic.isprintable() and one.msgtype.isprintable()):
+                    raise ValueError(f'{shown(one.topic)} names a topic or a type')
+                self._counts[key] += one.msgcount
+                if key not in found or found[key].msgdef.format == MessageDefinitionFormat.NONE:
+                    found[key] = one
+            if file.missing:
+                count = sum(one.msgcount for one in file.connections) + file.missing
                 self.notes.append(
-                    f'{file.path.name}: {file.missing} message(s) of {expected + file.missing} '
-                    'are not there, by their numbers: deleted or lost'
+                    f'{file.path.name}: {file.missing} message(s) of {count} are not there, by '
+                    'their numbers: deleted or lost'
                 )
-        count = sum(self._counts.values())
-        self.start_ns = self._reader.start_time if count else 0
-        # rosbags adds 1 ns.
-        self.duration = 1e-9 * max(self._reader.duration - 1, 0)
+        self._connections = list(found.values())
+        self.topics = {
+            topic: ' or '.join(sorted(kind for name, kind in found if name == topic))
+            for topic in sorted(topic for topic, _ in found)
+        }
+        if said is not None:
+            self._compare(said)
+        some = [file for file in self._files if any(one.msgcount for one in file.connections)]
+        self.start_ns = min((file.start_ns for file in some), default=0)
+        self.duration = 1e-9 * (max((file.stop_ns for file in some), default=0) - self.start_ns)
+
+    def _compare(self, said: Counter[Key]) -> None:
+        """Check counts against those that the metadata ``said``; ValueError if some are lost."""
+        for key in self._counts | said:
+            topic, count, expected = key[0], self._counts[key], said[key]
+            if count < expected:
+                raise ValueError(f'{count} messages found of {expected} on {topic}')
+            if count > expected and key not in said:
+                raise ValueError(f'{count} messages of {key[1]} on {topic} that it does not list')
+            if count > expected:
+                self.notes.append(f'{topic}: {count} messages, more than the {expected} it says')
 
     def __enter__(self) -> BagReader:
         """Return this, which is open."""
@@ -122,8 +171,7 @@ class BagReader:
 
     def close(self) -> None:
         """Close it."""
-        if self._reader.is_open:
-            self._reader.close()
+        self._opened.close()
 
     @contextlib.contextmanager
     def _damage(self) -> Iterator[None]:
@@ -133,6 +181,8 @@ class BagReader:
         except PermissionError:
             raise
         except Exception as error:
+            if isinstance(error, BagError) and str(error).startswith(f'{self.path}: '):
+                raise
             problem = ' '.join(str(error)[:_LONGEST].split()) or type(error).__name__
             raise BagError(f'{self.path}: not a bag, cut short or damaged: {problem}') from error
 
@@ -159,7 +209,10 @@ class BagReader:
         Raises:
             BagError: if there is no such topic.
         """
-        return sum(counts_of(self._counts, self.connections(topics)).values())
+        return sum(self._counts[key] for key in self._keys(topics))
+
+    def _keys(self, topics: Sequence[str] | None) -> set[Key]:
+        return {(one.topic, one.msgtype) for one in self.connections(topics)}
 
     def messages(self, topics: Sequence[str] | None = None) -> Iterator[Record]:
         """Messages of ``topics``, of all if None, in the order in which they were received.
@@ -168,12 +221,14 @@ class BagReader:
             BagError: if there is no such topic, the bag is damaged, or it holds fewer messages
                 than it says.
         """
-        wanted = self.connections(topics)
-        if not wanted:
-            return
-        expected, found = counts_of(self._counts, wanted), Counter[Key]()
+        keys, found = self._keys(topics), Counter[Key]()
+        wanted = {topic for topic, _ in keys}
         with self._damage():
-            for connection, received_ns, data in self._reader.messages(wanted):
+            sources = [
+                Source(file.start_ns, functools.partial(file.messages, wanted))
+                for file in self._files
+            ]
+            for connection, received_ns, data in in_order(sources, _MOST_TOGETHER):
                 topic, type_name = key = connection.topic, connection.msgtype
                 found[key] += 1
                 check_size(len(data), f'a message on {topic}')
@@ -182,11 +237,11 @@ class BagReader:
                 if self._is_each_compressed:
                     data = expand_message(data)
                 yield Record(topic, type_name, received_ns, data)
-        for key, count in expected.items():
-            if found[key] < count:
+        for key in keys:
+            if found[key] < self._counts[key]:
                 raise BagError(
-                    f'{self.path}: {found[key]} messages found of {count} on {key[0]} that the '
-                    'bag says it holds'
+                    f'{self.path}: {found[key]} messages found of {self._counts[key]} on {key[0]} '
+                    'that the bag says it holds'
                 )
 
     def decode(self, record: Record) -> Any:

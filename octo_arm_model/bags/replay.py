@@ -15,8 +15,7 @@ from rosbags.interfaces import Connection
 from octo_arm_model.arm.errors import BagError, SolveError
 from octo_arm_model.bags.answers import Answer, Answers
 from octo_arm_model.bags.arms import RecordedArm
-from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import Record
+from octo_arm_model.bags.reader import BagReader, Record
 from octo_arm_model.bags.tensions import Reading, TensionTopic, read_lengths
 from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
 from octo_arm_model.bags.types import known_types

@@ -13,12 +13,12 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.validation import LARGEST
-from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import Record
+from octo_arm_model.bags.reader import BagReader, Record
 from octo_arm_model.bags.tensions import TYPES, TensionTopic, pick_tensions, read_topic
 from octo_arm_model.bags.topics import measured_topics, names, namespace, only_one, pick_usual
 from octo_arm_model.config.config import Config
-from octo_arm_model.estimation.measurements import Measurement, Tensions
+from octo_arm_model.estimation.measurements.measurement import Measurement
+from octo_arm_model.estimation.measurements.tendons import Tensions
 from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS, MeasuredArm
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp

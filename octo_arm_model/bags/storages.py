@@ -1,14 +1,12 @@
-"""The storages of rosbags, with bounds on what a bag may ask for.
+"""The files of bags, MCAP and SQLite: checked as they are read, and every size bounded.
 
-Files, YAML and what compressed data expand to are bounded; records that do not fit and lost rows
-are found. rosbags expands chunks and loads YAML whatever they claim, so that a bag of some
-kilobytes could take all memory. Importing this puts bounded ones into its tables.
+What a file claims is never believed: records fit into it, chunks expand to what they say and no
+more, and the messages found are counted against its summary.
 """
 
 from __future__ import annotations
 
-import contextlib
-import copy
+import functools
 import heapq
 import io
 import itertools
@@ -17,20 +15,22 @@ import struct
 import sys
 import urllib.parse
 import zlib
-from collections.abc import Callable, Collection, Generator, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import apsw
 import lz4.frame
-from rosbags.interfaces import Connection, Qos
-from rosbags.rosbag2 import Reader, storage_mcap, storage_sqlite3
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+)
 from rosbags.rosbag2.metadata import parse_qos
-from rosbags.rosbag2.reader import DirectoryReader
-from rosbags.rosbag2.storage_mcap import McapReader
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-from octo_arm_model.arm.errors import BagError
+from octo_arm_model.arm.errors import BagError, shown
 from octo_arm_model.config.files import load_yaml, reading
 
 if sys.version_info >= (3, 14):
@@ -43,6 +43,20 @@ LARGEST_OVERLAP = 4 * LARGEST  # bytes of the chunks that are open at one moment
 # A compressed file becomes so many times as large, and so much more.
 _FILE_RATIO, _FILE_MORE = 1000, 64 * 2**20
 _PART = 2**20  # bytes read at once
+_MAGIC = b'\x89MCAP0\r\n'
+_RECORD = struct.Struct('<BQ')  # kind, bytes that follow
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _STATISTICS = 2, 3, 4, 5, 6, 9, 11
+_MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, times of receipt and of publication
+_CHUNK_HEAD = struct.Struct('<QQQI')  # first and last time, size when expanded, its checksum
+_FOOTER_FIELDS = struct.Struct('<QQI')  # summary, its offsets, its checksum
+_STATISTICS_HEAD = struct.Struct('<QHIIIIQQI')  # messages, ..., chunks at 5; bytes of counts
+_STEPS = 100_000  # instructions of SQLite between checks for a signal
+_FORMATS = {
+    'ros2msg': MessageDefinitionFormat.MSG,
+    'ros2idl': MessageDefinitionFormat.IDL,
+    'omgidl': MessageDefinitionFormat.IDL,
+}
+Found = tuple[Connection, int, bytes]  # a message, and when it was received [ns]
 
 
 def check_file(path: Path) -> None:
@@ -63,6 +77,16 @@ def check_file(path: Path) -> None:
         raise ValueError(f'{path.name} is {kind}, expected a file')
 
 
+def check_size(size: int, what: str) -> None:
+    """Refuse what is too large for memory.
+
+    Raises:
+        ValueError: if ``size`` is more than `LARGEST` bytes.
+    """
+    if size > LARGEST:
+        raise ValueError(f'{what} of {size} bytes, at most {LARGEST} are read')
+
+
 def checked_yaml(text: str, what: str) -> Any:
     """Content of a text in YAML, see `load_yaml`.
 
@@ -73,21 +97,32 @@ def checked_yaml(text: str, what: str) -> Any:
         return load_yaml(text)
 
 
-def check_compressed_file(path: Path) -> None:
-    """Refuse a compressed file that becomes out of proportion large; ValueError if it does."""
-    most = _FILE_RATIO * path.stat().st_size + _FILE_MORE
-    size = 0
-    with zstd.open(path, 'rb') as stream:
+def expand_file(path: Path, folder: Path) -> Path:
+    """A file compressed by zstd, expanded into ``folder`` under its name without .zstd.
+
+    Raises:
+        ValueError: if it becomes out of proportion large.
+    """
+    check_file(path)
+    most, size = _FILE_RATIO * path.stat().st_size + _FILE_MORE, 0
+    expanded = folder / path.stem
+    with zstd.open(path, 'rb') as stream, expanded.open('wb') as out:
         while part := stream.read(_PART):
             size += len(part)
             if size > most:
                 raise ValueError(
                     f'{path.name}: {path.stat().st_size} bytes expand to more than {most}'
                 )
+            out.write(part)
+    return expanded
 
 
 def expand_message(data: bytes) -> bytes:
-    """A message compressed by zstd; ValueError if it is larger than `LARGEST`."""
+    """A message compressed by zstd.
+
+    Raises:
+        ValueError: if it is larger than `LARGEST`.
+    """
     return _read(zstd.open(io.BytesIO(data), 'rb'), LARGEST, 'a compressed message')
 
 
@@ -102,213 +137,31 @@ def _read(stream: Any, most: int, what: str) -> bytes:
     return parts.getvalue()
 
 
-def check_size(size: int, what: str) -> None:
-    """Refuse what is too large for memory; ValueError if ``size`` is more than `LARGEST` bytes."""
-    if size > LARGEST:
-        raise ValueError(f'{what} of {size} bytes, at most {LARGEST} are read')
+class Source(NamedTuple):
+    """Messages by ascending time of receipt, none of them before ``start`` [ns]."""
+
+    start: int
+    open: Callable[[], Iterator[Found]]
 
 
-def _chunk(expand: Callable[[BinaryIO], Any]) -> Callable[[bytes, int], bytes]:
-    """Expands a chunk to the size that it claims, and no more."""
+def in_order(sources: Sequence[Source], most: int | None = None) -> Iterator[Found]:
+    """Messages of all ``sources`` in the order of receipt; each is open only while it is needed.
 
-    def expanded(data: bytes, size: int) -> bytes:
-        check_size(size, 'a chunk')
-        return _read(expand(io.BytesIO(data)), size, 'a chunk')
-
-    return expanded
-
-
-def _bounded_qos(profiles: object) -> list[Qos]:
-    if isinstance(profiles, str):
-        checked_yaml(profiles, 'offered_qos_profiles')
-    return parse_qos(profiles)  # type: ignore[arg-type]
-
-
-storage_mcap.DECOMPRESSORS['zstd'] = _chunk(lambda stream: zstd.open(stream, 'rb'))
-storage_mcap.DECOMPRESSORS['lz4'] = _chunk(lambda stream: lz4.frame.open(stream, 'rb'))
-for _module in (vars(storage_mcap), vars(storage_sqlite3)):
-    _module['parse_qos'] = _bounded_qos
-
-
-_MAGIC = b'\x89MCAP0\r\n'
-_RECORD = struct.Struct('<BQ')  # kind, bytes that follow
-_CHUNK, _CHUNK_HEAD = 6, struct.Struct('<QQQ')  # first and last time, size when expanded
-_ATTACHMENT = 9
-_FOOTER, _FOOTER_FIELDS = 2, struct.Struct('<QQI')  # summary, its offsets, its checksum
-_MOST_TOGETHER = 8  # files of a bag that are read at once
-_STEPS = 100_000  # instructions of SQLite between checks for a signal
-
-
-class BoundedMcapReader(McapReader):
-    """An MCAP file whose records fit into it and are all found by its index."""
-
-    path: Path
-
-    def open(self) -> None:
-        """Open it; ValueError if it is damaged, or needs more memory than is allowed."""
-        check_file(self.path)
-        with self.path.open('rb') as file:
-            chunks = _chunks(file, self.path.stat().st_size)
-        super().open()
-        try:
-            self._check(chunks)
-        except BaseException:
-            self.close()
-            raise
-
-    def _check(self, found: set[int]) -> None:
-        if self.chunks and {chunk.chunk_start_offset for chunk in self.chunks} != found:
-            raise ValueError(f'its index has {len(self.chunks)} chunks, and it has {len(found)}')
-        changes: list[tuple[int, int]] = []
-        for chunk in self.chunks:
-            check_size(max(chunk.compressed_size, chunk.uncompressed_size), 'a chunk')
-            size = chunk.uncompressed_size
-            changes += [(chunk.message_start_time, size), (chunk.message_end_time + 1, -size)]
-        together = itertools.accumulate(size for _, size in sorted(changes))
-        if max(together, default=0) > LARGEST_OVERLAP:
-            raise ValueError(
-                f'chunks of more than {LARGEST_OVERLAP} bytes in all are of the same time'
-            )
-
-
-def _chunks(file: BinaryIO, size: int) -> set[int]:
-    """Where the chunks of an MCAP file begin; ValueError if a record does not fit into it."""
-    if file.read(len(_MAGIC)) != _MAGIC:
-        return set()  # rosbags says so.
-    chunks: set[int] = set()
-    place, end = len(_MAGIC), size - len(_MAGIC)
-    kind = 0
-    while place < end:
-        file.seek(place)
-        head = file.read(_RECORD.size)
-        kind, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, size)
-        start, place = place, place + _RECORD.size + length
-        if place > end:
-            raise ValueError(f'the record at byte {start} claims {length} bytes, too many')
-        if kind == _CHUNK:
-            chunks.add(start)
-            head = file.read(_CHUNK_HEAD.size)
-            if len(head) == _CHUNK_HEAD.size:
-                check_size(_CHUNK_HEAD.unpack(head)[-1], f'the chunk at byte {start}')
-        if kind != _ATTACHMENT:
-            check_size(length, f'the record at byte {start}')
-    if kind != _FOOTER or length != _FOOTER_FIELDS.size:
-        raise ValueError('its last record is no footer')
-    file.seek(start + _RECORD.size)
-    summary, _, checksum = _FOOTER_FIELDS.unpack(file.read(_FOOTER_FIELDS.size))
-    if summary and checksum and checksum != _checksum(file, summary, end - 4):
-        raise ValueError('the checksum of its summary is another')
-    return chunks
-
-
-def _checksum(file: BinaryIO, start: int, end: int) -> int:
-    """CRC-32 of the bytes from ``start`` to ``end``."""
-    checksum = 0
-    file.seek(start)
-    while start < end and (part := file.read(min(_PART, end - start))):
-        checksum = zlib.crc32(part, checksum)
-        start += len(part)
-    return checksum
-
-
-class CheckedSqlite3Reader(Sqlite3Reader):
-    """An SQLite file that is sound, each message of a topic that it has.
-
-    Attributes:
-        missing: how many messages less there are than they are numbered.
+    Raises:
+        ValueError: if more than ``most`` would be open together.
     """
-
-    path: Path
-    missing = 0
-
-    def open(self) -> None:
-        """Open it; ValueError if it is damaged."""
-        check_file(self.path)
-        for ending in ('-wal', '-journal'):
-            beside = self.path.with_name(self.path.name + ending)
-            if beside.exists() and beside.stat().st_size:
-                raise ValueError(
-                    f'{beside.name} beside it holds what its recorder had no time to put into it; '
-                    f'`sqlite3 {self.path.name} .schema` does'
-                )
-        with contextlib.closing(_connected(self.path)) as data:
-            self._check(data)
-        super().open()
-        assert self.dbconn is not None
-        _bound(self.dbconn)
-
-    def _check(self, data: apsw.Connection) -> None:
-        # First, as a query in a damaged tree may loop for ever, which this check does not.
-        ((problem,),) = data.execute('PRAGMA integrity_check(1)')
-        if problem != 'ok':
-            raise ValueError(str(problem))
-        ((computed,),) = data.execute(
-            "SELECT (SELECT count(*) FROM sqlite_master WHERE type NOT IN ('table', 'index')"
-            "  OR sql LIKE 'CREATE VIRTUAL%') + (SELECT count(*) FROM sqlite_master AS of_all,"
-            '  pragma_table_xinfo(of_all.name) AS its WHERE its.hidden)'
-        )
-        if computed:
-            raise ValueError('it has views or triggers or computes columns, as no recorder does')
-        ((lost,),) = data.execute(
-            'SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics)'
-        )
-        if lost:
-            raise ValueError(f'{lost} message(s) of topics that it does not have')
-        ((others,),) = data.execute(
-            "SELECT count(*) FROM messages WHERE typeof(timestamp) != 'integer' "
-            "OR typeof(data) != 'blob'"
-        )
-        if others:
-            raise ValueError(f'{others} message(s) without a time of receipt or bytes')
-        ((count, newest),) = data.execute('SELECT count(*), max(id) FROM messages')
-        self.missing = max((newest or 0) - count, 0)
-
-
-def _connected(path: Path) -> apsw.Connection:
-    """An SQLite file open for reading, see `_bound`."""
-    flags = apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI
-    data = apsw.Connection(f'file:{urllib.parse.quote(str(path))}?immutable=1', flags=flags)
-    _bound(data)
-    return data
-
-
-def _bound(data: apsw.Connection) -> None:
-    """Let Ctrl-C end queries, and no value be too large for memory."""
-    data.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST)
-    data.set_progress_handler(lambda: False, _STEPS)
-
-
-class _Folder(DirectoryReader):
-    """That of rosbags, whose messages come in the order of receipt from several files too."""
-
-    STORAGE_PLUGINS: Mapping[str, Any] = {
-        'mcap': BoundedMcapReader,
-        'sqlite3': CheckedSqlite3Reader,
-    }
-
-    def messages(
-        self,
-        connections: Collection[Connection],
-        start: int | None = None,
-        stop: int | None = None,
-    ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        waiting = sorted(self.storages, key=lambda file: file.metadata.start_time)[::-1]
-        # Of each file that is open the next message, by its time and the number of the file.
-        heads: list[tuple[int, int, Any, Generator[Any, None, None]]] = []
-        number = 0
-        while waiting or heads:
-            while waiting and (not heads or waiting[-1].metadata.start_time <= heads[0][0]):
-                alone, number = copy.copy(self), number + 1
-                alone.storages = [waiting.pop()]
-                found = DirectoryReader.messages(alone, connections, start, stop)
-                for message in itertools.islice(found, 1):
-                    heapq.heappush(heads, (message[1], number, message, found))
-                if len(heads) > _MOST_TOGETHER:
-                    raise ValueError(
-                        f'more than {_MOST_TOGETHER} files hold messages of the same time'
-                    )
-            if not heads:
-                return
+    waiting = sorted(sources, key=lambda source: source.start)[::-1]
+    # Of each source that is open the next message, by its time and the number of the source.
+    heads: list[tuple[int, int, Found, Iterator[Found]]] = []
+    number = 0
+    while waiting or heads:
+        while waiting and (not heads or waiting[-1].start <= heads[0][0]):
+            found, number = waiting.pop().open(), number + 1
+            for one in itertools.islice(found, 1):
+                heapq.heappush(heads, (one[1], number, one, found))
+            if most is not None and len(heads) > most:
+                raise ValueError(f'more than {most} files hold messages of the same time')
+        if heads:
             _, own, message, found = heads[0]
             yield message
             if (following := next(found, None)) is None:
@@ -317,11 +170,389 @@ class _Folder(DirectoryReader):
                 heapq.heapreplace(heads, (following[1], own, following, found))
 
 
-class BoundedReader(Reader):
-    """The reader of rosbags with these storages."""
+class _Fields:
+    """The fields of a record of MCAP, one after another."""
 
-    STORAGE_PLUGINS: Mapping[str, Any] = {
-        'dir': _Folder,
-        '.mcap': BoundedMcapReader,
-        '.db3': CheckedSqlite3Reader,
-    }
+    def __init__(self, data: bytes) -> None:
+        self.data, self.place = data, 0
+
+    def take(self, layout: struct.Struct) -> tuple[Any, ...]:
+        self.place += layout.size
+        return layout.unpack_from(self.data, self.place - layout.size)
+
+    def text(self) -> str:
+        (length,) = self.take(struct.Struct('<I'))
+        self.place += length
+        if self.place > len(self.data):
+            raise ValueError(f'a text of {length} bytes, more than its record has')
+        return self.data[self.place - length : self.place].decode()
+
+
+class _Chunk(NamedTuple):
+    place: int
+    length: int
+    start: int
+    stop: int
+    size: int  # when it is expanded
+
+
+class McapFile:
+    """An MCAP file.
+
+    Attributes:
+        connections: its topics.
+        start_ns: when its first message was received [ns].
+        stop_ns: likewise the last.
+        missing: how many messages less there are than they are numbered; 0, as none is.
+    """
+
+    missing = 0
+
+    def __init__(self, path: Path) -> None:
+        """Open the file at ``path``.
+
+        Raises:
+            ValueError: if it is damaged, or needs more memory than is allowed.
+        """
+        check_file(path)
+        self.path, self._size = path, path.stat().st_size
+        self._file: BinaryIO = path.open('rb')
+        self._chunks: list[_Chunk] = []
+        self._loose: list[int] = []  # times of the first and last message outside of chunks
+        self._schemas: dict[int, tuple[str, MessageDefinition]] = {}
+        self._channels: dict[int, Connection] = {}
+        try:
+            self._look()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close it."""
+        self._file.close()
+
+    def messages(self, topics: Collection[str]) -> Iterator[Found]:
+        """Messages of ``topics`` in the order of receipt.
+
+        Raises:
+            ValueError: if it is damaged.
+        """
+        sources = [
+            Source(chunk.start, functools.partial(self._in_chunk, chunk, topics))
+            for chunk in self._chunks
+        ]
+        if self._loose:
+            sources.append(Source(self._loose[0], functools.partial(self._outside, topics)))
+        return in_order(sources)
+
+    def _look(self) -> None:
+        """Find chunks, topics and counts."""
+        statistics: bytes | None = None
+        counts = Counter[int]()
+        for kind, place, length in self._records():
+            if kind == _CHUNK:
+                head = _CHUNK_HEAD.unpack(self._bytes(place, _CHUNK_HEAD.size))
+                check_size(head[2], f'the chunk at byte {place - _RECORD.size}')
+                self._chunks.append(_Chunk(place, length, *head[:3]))
+            elif kind == _MESSAGE:
+                channel, _, time, _ = _MESSAGE_HEAD.unpack(self._bytes(place, _MESSAGE_HEAD.size))
+                counts[channel] += 1
+                if time < (self._loose or [0])[-1]:
+                    raise ValueError('messages outside of chunks are not in the order of receipt')
+                self._loose = [*self._loose[:1], time]
+            elif kind == _STATISTICS:
+                statistics = self._bytes(place, length)
+            else:
+                self._define(kind, self._bytes(place, length))
+        self._check_overlap()
+        said = None if statistics is None else self._said(statistics)
+        if said is None or not said.keys() <= self._channels.keys():
+            for chunk in self._chunks:
+                for kind, data in _records_in(self._expanded(chunk)):
+                    self._define(kind, data)
+                    if kind == _MESSAGE:
+                        counts[_MESSAGE_HEAD.unpack_from(data)[0]] += 1
+            said = said or counts
+        if unknown := said.keys() - self._channels.keys():
+            raise ValueError(f'{said[min(unknown)]} message(s) of a topic that it does not have')
+        self.connections = [
+            one._replace(msgcount=said[number]) for number, one in self._channels.items()
+        ]
+        times = [*self._loose, *(time for one in self._chunks for time in one[2:4])]
+        self.start_ns, self.stop_ns = min(times, default=0), max(times, default=0)
+
+    def _check_overlap(self) -> None:
+        changes = [(one.start, one.size) for one in self._chunks]
+        changes += [(one.stop + 1, -one.size) for one in self._chunks]
+        together = itertools.accumulate(size for _, size in sorted(changes))
+        if max(together, default=0) > LARGEST_OVERLAP:
+            raise ValueError(
+                f'chunks of more than {LARGEST_OVERLAP} bytes in all are of the same time'
+            )
+
+    def _records(self) -> Iterator[tuple[int, int, int]]:
+        """Kind, place and length of each record; ValueError if one does not fit into the file."""
+        if self._bytes(0, len(_MAGIC)) != _MAGIC:
+            raise ValueError('it does not begin as a file of MCAP')
+        place, end = len(_MAGIC), self._size - len(_MAGIC)
+        kind = start = length = 0
+        while place < end:
+            start = place
+            head = self._bytes(place, min(_RECORD.size, self._size - place))
+            kind, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, self._size)
+            place += _RECORD.size + length
+            if place > end:
+                raise ValueError(f'the record at byte {start} claims {length} bytes, too many')
+            if kind != _ATTACHMENT:
+                check_size(length, f'the record at byte {start}')
+            if kind in (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS):
+                yield kind, start + _RECORD.size, length
+        if kind != _FOOTER or length != _FOOTER_FIELDS.size:
+            raise ValueError('its last record is no footer')
+        footer = self._bytes(start + _RECORD.size, length)
+        summary, _, checksum = _FOOTER_FIELDS.unpack(footer)
+        if summary and checksum and checksum != self._checksum(summary, end - 4):
+            raise ValueError('the checksum of its summary is another')
+
+    def _checksum(self, start: int, end: int) -> int:
+        """CRC-32 of the bytes from ``start`` to ``end``."""
+        checksum = 0
+        for place in range(start, end, _PART):
+            checksum = zlib.crc32(self._bytes(place, min(_PART, end - place)), checksum)
+        return checksum
+
+    def _bytes(self, place: int, length: int) -> bytes:
+        self._file.seek(place)
+        data = self._file.read(length)
+        if len(data) < length:
+            raise ValueError(f'it ends within {length} bytes at byte {place}')
+        return data
+
+    def _define(self, kind: int, data: bytes) -> None:
+        """Take up a schema or channel; of other kinds nothing."""
+        fields = _Fields(data)
+        if kind == _SCHEMA:
+            (number,) = fields.take(struct.Struct('<H'))
+            name, encoding, text = fields.text(), fields.text(), fields.text()
+            form = _FORMATS.get(encoding, MessageDefinitionFormat.NONE)
+            self._schemas[number] = name, MessageDefinition(form, text)
+        elif kind == _CHANNEL:
+            number, schema = fields.take(struct.Struct('<HH'))
+            topic, encoding = fields.text(), fields.text()
+            if encoding != 'cdr':
+                raise ValueError(f'{shown(topic)} is in {shown(encoding)}, expected cdr')
+            (length,) = fields.take(struct.Struct('<I'))
+            more = {}
+            while fields.place < min(len(data), length + fields.place):
+                key = fields.text()
+                more[key] = fields.text()
+            none = '__schemaless__', MessageDefinition(MessageDefinitionFormat.NONE, '')
+            self._channels[number] = _connection(
+                number, topic, *self._schemas.get(schema, none),
+                more.get('topic_type_hash', ''), 0, more.get('offered_qos_profiles', ''), self,
+            )  # fmt: skip
+
+    def _said(self, statistics: bytes) -> Counter[int]:
+        """Messages of each channel by the summary; ValueError if it contradicts itself."""
+        fields = _Fields(statistics)
+        count, *_, chunks, _, _, length = fields.take(_STATISTICS_HEAD)
+        if chunks != len(self._chunks):
+            raise ValueError(f'its summary has {chunks} chunks, and it has {len(self._chunks)}')
+        pairs = struct.Struct('<HQ')
+        said = Counter(dict(fields.take(pairs) for _ in range(length // pairs.size)))
+        if said.total() != count:
+            raise ValueError(f'its summary has {count} messages, and {said.total()} of topics')
+        return said
+
+    def _expanded(self, chunk: _Chunk) -> bytes:
+        """The records of a ``chunk``."""
+        fields = _Fields(self._bytes(chunk.place, chunk.length))
+        *_, checksum = fields.take(_CHUNK_HEAD)
+        compression = fields.text()
+        (length,) = fields.take(struct.Struct('<Q'))
+        stored = fields.data[fields.place : fields.place + length]
+        if compression == 'zstd':
+            stored = _read(zstd.open(io.BytesIO(stored), 'rb'), chunk.size, 'a chunk')
+        elif compression == 'lz4':
+            stored = _read(lz4.frame.open(io.BytesIO(stored), 'rb'), chunk.size, 'a chunk')
+        elif compression:
+            raise ValueError(f'a chunk is compressed by {shown(compression)}, expected zstd, lz4')
+        if len(stored) != chunk.size:
+            raise ValueError(f'a chunk has {len(stored)} bytes, and says {chunk.size}')
+        if checksum and checksum != zlib.crc32(stored):
+            raise ValueError('the checksum of a chunk is another')
+        return stored
+
+    def _in_chunk(self, chunk: _Chunk, topics: Collection[str]) -> Iterator[Found]:
+        found: list[Found] = []
+        for kind, data in _records_in(self._expanded(chunk)):
+            if kind == _MESSAGE and (one := self._message(data, topics)):
+                found.append(one)
+        found.sort(key=lambda one: one[1])
+        return iter(found)
+
+    def _outside(self, topics: Collection[str]) -> Iterator[Found]:
+        for kind, place, length in self._records():
+            if kind == _MESSAGE and (one := self._message(self._bytes(place, length), topics)):
+                yield one
+
+    def _message(self, data: bytes, topics: Collection[str]) -> Found | None:
+        channel, _, time, _ = _MESSAGE_HEAD.unpack_from(data)
+        connection = self._channels.get(channel)
+        if connection is None:
+            raise ValueError('a message of a topic that it does not have')
+        return (
+            (connection, time, data[_MESSAGE_HEAD.size :]) if connection.topic in topics else None
+        )
+
+
+def _records_in(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Kind and content of each record of a chunk; ValueError if one does not fit into it."""
+    place = 0
+    while place < len(data):
+        kind, length = _RECORD.unpack_from(data, place)
+        place += _RECORD.size
+        if length > len(data) - place:
+            raise ValueError(f'a record of a chunk claims {length} bytes, too many')
+        yield kind, data[place : place + length]
+        place += length
+
+
+def _connection(
+    number: int, topic: str, type_name: str, definition: MessageDefinition, digest: str,
+    count: int, qos: str, owner: Any,
+) -> Connection:  # fmt: skip
+    profiles = parse_qos(checked_yaml(qos, 'offered_qos_profiles') or [])
+    more = ConnectionExtRosbag2('cdr', profiles)
+    return Connection(number, topic, type_name, definition, digest, count, more, owner)
+
+
+class Sqlite3File:
+    """An SQLite file that is sound, each message of a topic that it has.
+
+    Attributes:
+        connections: its topics.
+        start_ns: when its first message was received [ns].
+        stop_ns: likewise the last.
+        missing: how many messages less there are than they are numbered.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open the file at ``path``.
+
+        Raises:
+            ValueError: if it is damaged.
+        """
+        check_file(path)
+        for ending in ('-wal', '-journal'):
+            beside = path.with_name(path.name + ending)
+            if beside.exists() and beside.stat().st_size:
+                raise ValueError(
+                    f'{beside.name} beside it holds what its recorder had no time to put into it; '
+                    f'`sqlite3 {path.name} .schema` does'
+                )
+        self.path = path
+        flags = apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI
+        name = f'file:{urllib.parse.quote(str(path))}?immutable=1'
+        self._data = apsw.Connection(name, flags=flags)
+        try:
+            # Ctrl-C ends queries, and no value is too large for memory.
+            self._data.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST)
+            self._data.set_progress_handler(lambda: False, _STEPS)
+            self._check()
+            self.connections = list(self._topics())
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close it."""
+        self._data.close()
+
+    def messages(self, topics: Collection[str]) -> Iterator[Found]:
+        """Messages of ``topics`` in the order of receipt."""
+        wanted = {one.id: one for one in self.connections if one.topic in topics}
+        rows = self._data.execute(
+            f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN '
+            f'({",".join("?" * len(wanted))}) ORDER BY timestamp',
+            tuple(wanted),
+        )
+        for number, time, data in rows:
+            yield wanted[number], time, data
+
+    def _check(self) -> None:
+        # First, as a query in a damaged tree may loop for ever, which this check does not.
+        for statement, problem in (
+            ('PRAGMA integrity_check(1)', ''),
+            (
+                "SELECT (SELECT count(*) FROM sqlite_master WHERE type NOT IN ('table', 'index')"
+                "  OR sql LIKE 'CREATE VIRTUAL%') + (SELECT count(*) FROM sqlite_master AS of_all,"
+                '  pragma_table_xinfo(of_all.name) AS its WHERE its.hidden)',
+                'it has {} views, triggers or columns that compute, as no recorder does',
+            ),
+            (
+                'SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics)',
+                '{} message(s) of topics that it does not have',
+            ),
+            (
+                "SELECT count(*) FROM messages WHERE typeof(timestamp) != 'integer' "
+                "OR typeof(data) != 'blob'",
+                '{} message(s) without a time of receipt or bytes',
+            ),
+        ):
+            ((found,),) = self._data.execute(statement)
+            if found not in ('ok', 0):
+                raise ValueError(problem.format(found) or str(found))
+        ((count, newest, first, last),) = self._data.execute(
+            'SELECT count(*), max(id), min(timestamp), max(timestamp) FROM messages'
+        )
+        self.missing = max((newest or 0) - count, 0)
+        self.start_ns, self.stop_ns = first or 0, last or 0
+
+    def _topics(self) -> Iterator[Connection]:
+        tables = {
+            table: {row[1] for row in self._data.execute(f'PRAGMA table_info({table})')}
+            for table in ('topics', 'message_definitions')
+        }
+        # Older recorders have fewer columns, and no definitions.
+        texts: dict[str, MessageDefinition] = {}
+        if tables['message_definitions']:
+            for name, encoding, text in self._data.execute(
+                'SELECT topic_type, encoding, encoded_message_definition '
+                'FROM message_definitions ORDER BY id DESC'
+            ):
+                form = _FORMATS.get(encoding, MessageDefinitionFormat.NONE)
+                texts[name] = MessageDefinition(form, text)
+        none = MessageDefinition(MessageDefinitionFormat.NONE, '')
+        more = ('offered_qos_profiles', 'type_description_hash')
+        columns = ', '.join(name if name in tables['topics'] else "''" for name in more)
+        counts = 'SELECT count(*) FROM messages WHERE topic_id = topics.id'
+        for number, topic, kind, form, count, qos, digest in self._data.execute(
+            f'SELECT id, name, type, serialization_format, ({counts}), {columns} FROM topics '
+            'ORDER BY id'
+        ):
+            if not all(isinstance(one, str) for one in (topic, kind, form, qos, digest)):
+                raise ValueError(f'topic {number} is of other types than a recorder writes')
+            if form != 'cdr':
+                raise ValueError(f'{shown(topic)} is in {shown(form)}, expected cdr')
+            yield _connection(number, topic, kind, texts.get(kind, none), digest, count, qos, self)
+
+
+File = McapFile | Sqlite3File
+
+
+def open_file(path: Path, folder: Path) -> File:
+    """The storage at ``path``; one that is compressed is expanded into ``folder``.
+
+    Raises:
+        ValueError: if it is none, or is damaged.
+    """
+    check_file(path)
+    if path.suffix == '.zstd':
+        path = expand_file(path, folder)
+    if path.suffix not in STORAGES:
+        raise ValueError(f'{path.name} is neither a .mcap nor a .db3 file')
+    return STORAGES[path.suffix](path)
+
+
+STORAGES: dict[str, Callable[[Path], File]] = {'.mcap': McapFile, '.db3': Sqlite3File}

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import BagError, MessageError, TensionError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import Record
+from octo_arm_model.bags.reader import BagReader, Record
 from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config

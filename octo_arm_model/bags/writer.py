@@ -71,36 +71,19 @@ class _McapWriter(_Numbered, McapWriter):
 
 
 class _Sqlite3Writer(_Numbered, Sqlite3Writer):
-    """The SQLite writer of rosbags with pages that hold several messages.
+    """Without a journal: what fails is discarded whole."""
 
-    It keeps no journal: what fails is discarded whole.
-    """
-
-    SQLITE_SCHEMA = (
-        f'PRAGMA page_size = {2**16}; PRAGMA journal_mode = OFF; {Sqlite3Writer.SQLITE_SCHEMA}'
-    )
+    SQLITE_SCHEMA = f'PRAGMA journal_mode = OFF; {Sqlite3Writer.SQLITE_SCHEMA}'
 
 
 class _Writer(Writer):
-    """The writer of rosbags, with a quicker loop over many messages."""
+    """The writer of rosbags, whose files are named as the recorder names them."""
 
     STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {
         **Writer.STORAGE_PLUGINS,
         StoragePlugin.MCAP: _McapWriter,
         StoragePlugin.SQLITE3: _Sqlite3Writer,
     }
-
-    def write_all(self, messages: Iterable[Message]) -> None:
-        """Add messages of connections of this writer, each received at a time [ns]."""
-        assert self.storage is not None
-        write, counts = self.storage.write, self.counts
-        for connection, received_ns, data in messages:
-            write(connection, received_ns, data)
-            counts[connection.id] += 1
-            if received_ns < self.min_timestamp:
-                self.min_timestamp = received_ns
-            if received_ns > self.max_timestamp:
-                self.max_timestamp = received_ns
 
 
 class BagWriter:
@@ -227,6 +210,11 @@ class BagWriter:
             )
 
     def write(self, messages: Iterable[Message]) -> None:
-        """Add ``messages``; BagError if the bag cannot be written."""
+        """Add ``messages``.
+
+        Raises:
+            BagError: if the bag cannot be written.
+        """
         with self._failures():
-            self._writer.write_all(messages)
+            for connection, received_ns, data in messages:
+                self._writer.write(connection, received_ns, data)

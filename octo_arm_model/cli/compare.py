@@ -18,7 +18,7 @@ from octo_arm_model.cli.recordings import RECORDINGS, add_recording, of_each, re
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import CsvFiles
 from octo_arm_model.experiment.compare import ModelComparison, compare
-from octo_arm_model.experiment.shapes.observations import Observations
+from octo_arm_model.experiment.observations import Observations
 
 SUMMARY = 'compare the model with midlines in a bag'
 DESCRIPTION = """\
@@ -68,11 +68,10 @@ def run(options: argparse.Namespace) -> int:
     comparisons = of_each(models, 'compared', notes, compared)
     result = as_dict(comparisons, observations, notes)
     if out is not None:
-        from octo_arm_model.experiment.compare_figures import pictures_of
-        from octo_arm_model.experiment.csv_output import write_tables
-        from octo_arm_model.experiment.figure_files import save_all
+        from octo_arm_model.experiment.pictures import pictures_of_comparison, save_all
+        from octo_arm_model.experiment.tables import write_tables
 
-        pictures, whole = pictures_of(comparisons), json.dumps(result, indent=1)
+        pictures, whole = pictures_of_comparison(comparisons), json.dumps(result, indent=1)
         with writing(out, folder=True) as place, Bar('pictures') as bar:
             (place / 'compare.json').write_text(whole + '\n', encoding='utf-8')
             write_csv(place / 'compare.csv', rows(comparisons), config.arm.tendon_names)

@@ -37,10 +37,8 @@ from octo_arm_model.wire.tensions import DISPLACEMENTS
 if TYPE_CHECKING:
     from octo_arm_model.arm.hints import FloatArray
     from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.experiment.estimating.estimates import TimedEstimate
-    from octo_arm_model.experiment.estimating.history import Moment, Touch
-    from octo_arm_model.experiment.estimating.recorded import Recorded, Sources
-    from octo_arm_model.experiment.estimating.run import Result
+    from octo_arm_model.experiment.estimates import Moment, Result, TimedEstimate, Touch
+    from octo_arm_model.experiment.sensor_recording import Recorded, Sources
 
 
 # Parameters that say how exact sensors are; the others say what is unknown.
@@ -368,8 +366,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Estimate from the bag, and print and write what was found."""
     from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.experiment.estimating.recorded import read_recorded
-    from octo_arm_model.experiment.estimating.run import estimate
+    from octo_arm_model.experiment.estimates import estimate
+    from octo_arm_model.experiment.sensor_recording import read_recorded
 
     refuse_inside(options.bag, options.out, options.csv, options.plot)
     check_out(options, '--csv', folder=True)
@@ -391,7 +389,7 @@ def run(options: argparse.Namespace) -> int:
             opened.enter_context(unwritten(out))
             outputs.append(_bag_output(options, opened, reader, recorded))
         if options.csv is not None:
-            from octo_arm_model.experiment.estimating.tables import EstimateTables
+            from octo_arm_model.experiment.tables import EstimateTables
 
             place = opened.enter_context(writing(options.csv, folder=True))
             tables = opened.enter_context(EstimateTables(place, recorded.models))
@@ -412,7 +410,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _sources(options: argparse.Namespace) -> Sources:
     """Where everything is taken from; OctoArmError if an option is wrong."""
-    from octo_arm_model.experiment.estimating.recorded import Sources
+    from octo_arm_model.experiment.sensor_recording import Sources
 
     if options.clock_offset is not None:
         finite('--clock-offset', options.clock_offset, 'a finite time [s]')
@@ -460,8 +458,7 @@ def _bag_output(
 
 def _draw(path: Path, result: Result) -> None:
     """Write the picture of a ``result``."""
-    from octo_arm_model.experiment.estimating.figures import draw_estimate
-    from octo_arm_model.experiment.figure_files import save
+    from octo_arm_model.experiment.pictures import draw_estimate, save
 
     figure = draw_estimate(result.moments, result.touches, result.camera)
     with writing(path) as place:

@@ -12,20 +12,21 @@ from octo_arm_model.cli.options import add_json, add_path
 from octo_arm_model.cli.recordings import ALL, RECORDINGS, add_recording, of_each, read_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.compare import compare
-from octo_arm_model.experiment.csv_output import write_tables
-from octo_arm_model.experiment.fitting.fitted_file import as_config, in_words
-from octo_arm_model.experiment.fitting.held_back import AUTO, Misfit
-from octo_arm_model.experiment.fitting.identification import Identification
-from octo_arm_model.experiment.fitting.identify import identify
-from octo_arm_model.experiment.fitting.least_squares.fit import LOSSES
-from octo_arm_model.experiment.fitting.model_choice import (
+from octo_arm_model.experiment.fit import LOSSES
+from octo_arm_model.experiment.identification import (
+    Identification,
+    as_config,
     best_of,
     disagreements,
     envelope_of,
+    in_words,
     rank,
 )
-from octo_arm_model.experiment.fitting.unknowns.unknown import FITS, is_of_arm
-from octo_arm_model.experiment.shapes.observations import Observations
+from octo_arm_model.experiment.identify import identify
+from octo_arm_model.experiment.observations import Observations
+from octo_arm_model.experiment.tables import write_tables
+from octo_arm_model.experiment.uncertainty import AUTO, Misfit
+from octo_arm_model.experiment.unknowns import FITS, is_of_arm
 
 
 def _misfit(misfit: Misfit | None) -> dict[str, float] | None:
@@ -218,10 +219,9 @@ def run(options: argparse.Namespace) -> int:
     best = best_of(fitted)
     notes += disagreements(fitted)
     if options.pictures is not None:
-        from octo_arm_model.experiment.figure_files import save_all
-        from octo_arm_model.experiment.identify_figures import pictures_of
+        from octo_arm_model.experiment.pictures import pictures_of_fit, save_all
 
-        pictures = pictures_of(fitted, observations.shapes)
+        pictures = pictures_of_fit(fitted, observations.shapes)
         with writing(options.pictures, folder=True) as place, Bar('pictures') as bar:
             save_all(pictures, place, bar.on_terminal)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')

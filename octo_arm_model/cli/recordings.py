@@ -24,13 +24,10 @@ from octo_arm_model.cli.options import (
 )
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import load_yaml, read_text, reading
-from octo_arm_model.experiment.fitting.unknowns.unknown import AXIAL
-from octo_arm_model.experiment.recording.csv_recording import DISPLACEMENT, CsvSources
-from octo_arm_model.experiment.recording.measured_points import LENGTH_UNITS, Measured
-from octo_arm_model.experiment.recording.read_recording import read_recording
-from octo_arm_model.experiment.recording.recording import Recording
-from octo_arm_model.experiment.shapes.alignment import Alignment
-from octo_arm_model.experiment.shapes.observations import (
+from octo_arm_model.experiment.alignment import Alignment
+from octo_arm_model.experiment.csv_recording import DISPLACEMENT, CsvSources
+from octo_arm_model.experiment.measured_points import LENGTH_UNITS, Measured
+from octo_arm_model.experiment.observations import (
     POSES,
     RAMP,
     STEPS,
@@ -38,7 +35,10 @@ from octo_arm_model.experiment.shapes.observations import (
     Pairing,
     observe,
 )
-from octo_arm_model.experiment.shapes.steady_windows import SteadyRule
+from octo_arm_model.experiment.read_recording import read_recording
+from octo_arm_model.experiment.recording import Recording
+from octo_arm_model.experiment.steady_windows import SteadyRule
+from octo_arm_model.experiment.unknowns import AXIAL
 from octo_arm_model.rod.solver import MODELS
 
 ALL = 'all'

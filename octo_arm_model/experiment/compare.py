@@ -12,22 +12,18 @@ import numpy as np
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.fitting.held_back import misfit_of
-from octo_arm_model.experiment.fitting.least_squares.fit import fit_alignment
-from octo_arm_model.experiment.fitting.least_squares.pairing import shape_residuals
-from octo_arm_model.experiment.fitting.model_error import noise_of
-from octo_arm_model.experiment.fitting.unknowns.unknowns import FINE_STATIONS
-from octo_arm_model.experiment.shapes.alignment import Alignment, undetermined
-from octo_arm_model.experiment.shapes.branches import STILL, directions, part_along, remarks
-from octo_arm_model.experiment.shapes.curves import lengths_along
-from octo_arm_model.experiment.shapes.markers import is_at_tip
-from octo_arm_model.experiment.shapes.mean_midlines import MeasuredShape
-from octo_arm_model.experiment.shapes.midlines import (
+from octo_arm_model.experiment.alignment import Alignment, undetermined
+from octo_arm_model.experiment.branches import STILL, directions, part_along, remarks
+from octo_arm_model.experiment.fit import fit_alignment, shape_residuals
+from octo_arm_model.experiment.measured_shapes import MeasuredShape, is_at_tip
+from octo_arm_model.experiment.midlines import (
+    Curve,
     MidlineErrors,
-    fraction_at_start,
     marker_errors,
     midline_errors,
 )
+from octo_arm_model.experiment.uncertainty import misfit_of, noise_of
+from octo_arm_model.experiment.unknowns import FINE_STATIONS
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 
@@ -61,11 +57,9 @@ class StepComparison:
         """Arc coordinates of the points of the model that those measured are paired with [m]."""
         if self.shape.s is not None:
             return self.shape.s
-        count, model = len(self.measured), self.backbone.position
-        start = fraction_at_start(self.measured, model)
-        fraction = np.linspace(start, 1.0, count) if count > 1 else np.ones(1)
-        along = lengths_along(model)
-        return np.interp(fraction * along[-1], along, self.backbone.s)
+        model = Curve(self.backbone.position)
+        at = model.fractions(self.measured) * model.lengths[-1]
+        return np.interp(at, model.lengths, self.backbone.s)
 
 
 @dataclass(frozen=True)
@@ -148,8 +142,9 @@ def compare(
     for number, shape, backbone in answered:
         measured = alignment.to_base(shape.points)
         if shape.s is None:
-            fraction_at_start(measured, backbone.position, check=True)
-            errors = midline_errors(measured, backbone.position)
+            curve = Curve(backbone.position)
+            curve.fractions(measured, check=True)
+            errors = midline_errors(measured, curve)
         else:
             away = shape_residuals(shape, measured, backbone)
             errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))

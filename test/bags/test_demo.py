@@ -23,8 +23,7 @@ from octo_arm_model.bags.demo import (
     add_demo,
     custom_data,
 )
-from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import stamp_of
+from octo_arm_model.bags.reader import BagReader, stamp_of
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.parameter_files import load_parameters, parse_parameters, preset_path

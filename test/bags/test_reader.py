@@ -149,9 +149,12 @@ def test_bags_of_every_version_are_read_without_definitions(tmp_path: Path, vers
 def test_a_file_out_of_a_bag_is_read_alone(tmp_path: Path) -> None:
     tensions = old_bag(tmp_path / 'old', 5)
     (tmp_path / 'old' / 'metadata.yaml').unlink()
-    found = readings_of(tmp_path / 'old' / 'bag_0.db3')
-    np.testing.assert_array_equal([one.tensions for one in found], tensions)
-    with pytest.raises(BagError, match=r'no metadata\.yaml.*\.mcap or \.db3'):
+    for path in (tmp_path / 'old' / 'bag_0.db3', tmp_path / 'old'):
+        np.testing.assert_array_equal([one.tensions for one in readings_of(path)], tensions)
+    with BagReader(tmp_path / 'old') as reader:
+        assert '1 file(s) are read' in reader.notes[0] and 'ros2 bag reindex' in reader.notes[0]
+    (tmp_path / 'old' / 'bag_0.db3').unlink()
+    with pytest.raises(BagError, match=r'neither metadata\.yaml nor \.mcap or \.db3'):
         BagReader(tmp_path / 'old')
 
 

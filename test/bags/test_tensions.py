@@ -32,8 +32,7 @@ from recordings import (
     write_bag,
 )
 
-from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.records import stamp_of
+from octo_arm_model.bags.reader import BagReader, stamp_of
 from octo_arm_model.bags.tensions import TYPES as TENSION_TYPES
 from octo_arm_model.bags.tensions import TensionTopic
 from octo_arm_model.bags.topics import pick_topic

@@ -8,8 +8,8 @@ from experiments import ARM, FAR, PARAMETERS, midline, one_tendon, shapes
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.errors import MeasurementError, SolveError
+from octo_arm_model.experiment.alignment import Alignment
 from octo_arm_model.experiment.compare import compare
-from octo_arm_model.experiment.shapes.alignment import Alignment
 
 STEPS = (0.0, 1.09, 3.06)
 PERCENT = 100.0 / ARM.length

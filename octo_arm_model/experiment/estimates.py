@@ -1,0 +1,342 @@
+"""The estimates of a recording by filter or smoother, and when the arm was touched."""
+
+from __future__ import annotations
+
+import bisect
+import contextlib
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import MeasurementError, OctoArmError, SolveError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.bags.sensor_topics import StampedMeasurement
+from octo_arm_model.estimation.contact import Contact, contact_of
+from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.estimation.filter import Step, next_step
+from octo_arm_model.estimation.gating.consistency import Consistency, count_innovations
+from octo_arm_model.estimation.gating.updated import Innovation
+from octo_arm_model.estimation.settings import EstimatorSettings
+from octo_arm_model.estimation.smoother import check_count, smooth_steps
+from octo_arm_model.estimation.state.prediction import ArmModel
+from octo_arm_model.estimation.tracker import Beginning, Tracked, Tracker
+from octo_arm_model.experiment.camera_check import CameraErrors
+from octo_arm_model.experiment.sensor_recording import Recorded
+from octo_arm_model.rod.sensitivity import chi_square_limit
+from octo_arm_model.wire.refusals import Refusals
+
+# Called with how many of the times are done, and of how many.
+Progress = Callable[[int, int], None]
+# Called with why the measurements of one time gave no estimate.
+Failed = Callable[[str], None]
+
+
+class TimedEstimate(NamedTuple):
+    """The estimate of one time.
+
+    Attributes:
+        stamp_ns: when [ns].
+        received_ns: when the recorder had received all that was measured then [ns].
+        hypothesis: by which it is.
+        probabilities: of all hypotheses.
+        innovations: of what was measured.
+        estimate: what is known.
+        begins_anew: whether what was known before was given up, see `Tracker`.
+    """
+
+    stamp_ns: int
+    received_ns: int
+    hypothesis: str
+    probabilities: Mapping[str, float]
+    innovations: tuple[Innovation, ...]
+    estimate: Estimate
+    begins_anew: bool
+
+
+def filtered(followed: Iterable[Followed]) -> Iterator[TimedEstimate]:
+    """Estimates by the recursive filter, of what was measured up to each time."""
+    for one in followed:
+        if (found := one.found) is not None:
+            yield TimedEstimate(
+                *_stamps_of(one.group), found.hypothesis, found.probabilities, found.innovations,
+                found.estimate, found.begins_anew,
+            )  # fmt: skip
+
+
+class Followed(NamedTuple):
+    """Measurements of one time [s], and the filter's result; None where there is none."""
+
+    group: Sequence[StampedMeasurement]
+    time: float
+    found: Tracked | None
+    step: Step | None
+
+
+def follow(
+    groups: Sequence[Sequence[StampedMeasurement]],
+    settings: EstimatorSettings,
+    models: Mapping[str, ArmModel],
+    failed: Failed,
+    progress: Progress = lambda done, total: None,
+) -> Iterator[Followed]:
+    """Results of a `Tracker` for ``groups`` by ascending time, from its first estimate on.
+
+    Where measurements of one time give no estimate they are left out, and ``failed`` is called.
+    """
+    tracker = Tracker.from_settings(settings, models, 0.0)
+    for number, group in enumerate(groups):
+        progress(number, len(groups))
+        found = None
+        try:
+            found = tracker.add(group[0].stamp_ns, [one.measurement for one in group])
+        except OctoArmError as error:
+            failed(str(error))
+        if tracker.origin_ns is not None:
+            time = 1e-9 * (group[0].stamp_ns - tracker.origin_ns)
+            yield Followed(group, time, found, found and found.step)
+    progress(len(groups), len(groups))
+
+
+def _stamps_of(group: Sequence[StampedMeasurement]) -> tuple[int, int]:
+    """When a ``group`` was measured, and when the recorder had received all of it [ns]."""
+    return group[0].stamp_ns, max(one.received_ns for one in group)
+
+
+def smoothed(
+    followed: Iterable[Followed], models: Mapping[str, ArmModel], gate: float
+) -> Iterator[TimedEstimate]:
+    """Estimates by the smoother, each of all that the filter used.
+
+    Where the filter begins anew so does the smoother, from the first measurement of that
+    beginning on: the measurements before it belong to a state that was given up.
+
+    Raises:
+        MeasurementError: if the place of contact is unknown.
+        SolveError: if the arm has no trustworthy shape, or the iteration does not converge.
+    """
+    if len(models) > 1:
+        raise MeasurementError(
+            '--smooth goes with one place of contact, not with --contact somewhere'
+        )
+    ((name, model),) = models.items()
+    parts: list[list[Followed]] = [[]]
+    for one in followed:
+        if parts[-1] and (last := parts[-1][-1].step) is not None:
+            last.updated.at.forget()
+        if one.found is not None and (beginning := one.found.beginning) is not None:
+            first = bisect.bisect_left(parts[-1], beginning.since, key=lambda one: one.time)
+            lost = parts[-1][first:]
+            del parts[-1][first:]
+            parts.append(_begun(model, beginning, lost, one, gate))
+        parts[-1].append(one)
+    for number, part in enumerate(parts):
+        known = [(one.group, one.step) for one in part if one.step is not None]
+        estimates = smooth_steps(model, [step for _, step in known])
+        for (group, _), estimate in zip(known, estimates, strict=True):
+            yield TimedEstimate(
+                *_stamps_of(group), name, {name: 1.0}, estimate.innovations, estimate,
+                number > 0 and estimate is estimates[0],
+            )  # fmt: skip
+
+
+def _begun(
+    model: ArmModel,
+    beginning: Beginning,
+    lost: Sequence[Followed],
+    now: Followed,
+    gate: float,
+) -> list[Followed]:
+    """Filter the measurements between the new ``beginning`` and ``now``, when it was found.
+
+    The tracker used only the newest of them; its results until then are ``lost``.
+    """
+    begun, last = [], None
+    for one in lost:
+        made = tuple(
+            part.measurement
+            for part in one.group
+            if part.measurement.name not in beginning.left_out
+        )
+        step = None
+        with contextlib.suppress(SolveError):
+            step = last = next_step(model, last, one.time, made, gate, now.step)
+            step.updated.at.forget()
+        begun.append(one._replace(step=step))
+    return begun
+
+
+SURE = 0.999  # probability of no false alarm at one time
+LEARNT = 0.5  # part of the standard deviation of the prior that is left where a force counts
+GAP = 0.5  # [s] without a significant force that ends a touch
+SHORTEST = 0.1  # [s]
+_NONE = Contact(np.nan, np.full(6, np.nan), np.full((6, 6), np.nan))
+
+
+class Moment(NamedTuple):
+    """Tip, contact and their standard deviations at one time.
+
+    Attributes:
+        time: [s].
+        tip: position (3,) [m].
+        tip_stddev: (3,) [m].
+        s: where the contact is [m]; NaN of a current, and of none.
+        wrench: of the contact, (6,) [N, N m]; NaN of none.
+        wrench_stddev: zero of what is not estimated, (6,).
+        hypothesis: by which it is.
+        is_significant: whether the force is more than its uncertainty explains.
+    """
+
+    time: float
+    tip: FloatArray
+    tip_stddev: FloatArray
+    s: float
+    wrench: FloatArray
+    wrench_stddev: FloatArray
+    hypothesis: str
+    is_significant: bool
+
+
+def moment_of(time: float, one: TimedEstimate, arm: Arm) -> Moment:
+    """Tip, contact and their deviations by ``one`` estimate of ``arm`` at a ``time`` [s]."""
+    estimate = one.estimate
+    tip_stddev = np.sqrt(np.diag(estimate.pose_covariance[-1]))[:3]
+    contact = contact_of(estimate, arm) or _NONE
+    return Moment(
+        time, estimate.backbone.tip, tip_stddev, contact.s, contact.wrench,
+        np.sqrt(np.diag(contact.covariance)), one.hypothesis, is_touched(estimate),
+    )  # fmt: skip
+
+
+def is_touched(estimate: Estimate) -> bool:
+    """Whether the unknown force of a contact is not zero, as far as anything was learnt of it.
+
+    Along a straight arm, as an example, nothing is: a force that is found there is what the prior
+    makes of others that would have been seen.
+    """
+    state = estimate.state
+    parts = state.tip_force, state.point_forces, state.current
+    where = next((part for part in parts if part.stop > part.start), slice(0, 0))
+    where = slice(where.start, min(where.start + 3, where.stop))
+    if where.stop == where.start:
+        return False
+    variances, axes = np.linalg.eigh(estimate.covariance[where, where])
+    learnt = variances <= (LEARNT * estimate.prior_stddev[where].min()) ** 2
+    if not learnt.any():
+        return False
+    along = axes.T @ estimate.mean[where]
+    square = float((along[learnt] ** 2 / variances[learnt]).sum())
+    return square > chi_square_limit(SURE, int(learnt.sum()))
+
+
+class Touch(NamedTuple):
+    """One touch.
+
+    Attributes:
+        start: when it begins [s].
+        stop: when it ends [s].
+        force: median of the force in base_frame, (3,) [N].
+        stddev: median of its standard deviations, (3,) [N].
+        hypothesis: by which it was mostly found.
+    """
+
+    start: float
+    stop: float
+    force: FloatArray
+    stddev: FloatArray
+    hypothesis: str
+
+
+def find_touches(moments: Iterable[Moment]) -> list[Touch]:
+    """Intervals of significant forces among ``moments`` by ascending time."""
+    parts: list[list[Moment]] = []
+    for one in moments:
+        if one.is_significant:
+            if not parts or one.time - parts[-1][-1].time > GAP:
+                parts.append([])
+            parts[-1].append(one)
+    return [_touch(part) for part in parts if part[-1].time - part[0].time >= SHORTEST]
+
+
+def _touch(part: Sequence[Moment]) -> Touch:
+    force = np.median([one.wrench[:3] for one in part], axis=0)
+    stddev = np.median([one.wrench_stddev[:3] for one in part], axis=0)
+    ((name, _),) = Counter(one.hypothesis for one in part).most_common(1)
+    return Touch(part[0].time, part[-1].time, force, stddev, name)
+
+
+@dataclass(frozen=True)
+class Result:
+    """The estimates of a recording, in summary.
+
+    Attributes:
+        recorded: what was measured.
+        moments: course of the estimate.
+        touches: when the arm was touched.
+        consistency: of each kind of measurement, by its name.
+        failures: times without an estimate, by the reason.
+        unlearnt: directions of the state that no measurement depended on at the end, in words.
+        camera: errors against a camera; None where there is none.
+        hypotheses: mean probability of each.
+        restarts: times at which what was known before was given up [s].
+    """
+
+    recorded: Recorded
+    moments: Sequence[Moment]
+    touches: Sequence[Touch]
+    consistency: Mapping[str, Consistency]
+    failures: Refusals
+    unlearnt: Sequence[str]
+    camera: CameraErrors | None
+    hypotheses: Mapping[str, float]
+    restarts: Sequence[float]
+
+
+def estimate(
+    recorded: Recorded,
+    is_smooth: bool = False,
+    write: Callable[[Moment, TimedEstimate], None] = lambda moment, one: None,
+    progress: Progress = lambda done, total: None,
+) -> Result:
+    """Estimates of all times, of which ``write`` is called with each.
+
+    Raises:
+        SolveError: if there is none; with ``is_smooth`` as `smoothed`.
+        MeasurementError: with ``is_smooth`` also if there are too many times.
+        OctoArmError: as ``write``.
+    """
+    failures = Refusals()
+    followed = follow(
+        recorded.groups, recorded.settings, recorded.models,
+        lambda reason: failures.count('', reason), progress,
+    )  # fmt: skip
+    found = filtered(followed)
+    if is_smooth:
+        check_count(len(recorded.groups))
+        found = smoothed(followed, recorded.models, recorded.settings.gate)
+    moments: list[Moment] = []
+    consistency: dict[str, Consistency] = {}
+    restarts: list[float] = []
+    total: Counter[str] = Counter()
+    for one in found:
+        time = 1e-9 * (one.stamp_ns - recorded.origin_ns)
+        moments.append(moment_of(time, one, recorded.config.arm))
+        write(moments[-1], one)
+        if one.begins_anew:
+            restarts.append(time)
+        count_innovations(consistency, one.stamp_ns, one.innovations)
+        if recorded.camera is not None:
+            recorded.camera.add(time, one.estimate.backbone)
+        total.update(one.probabilities)
+    if not moments:
+        raise SolveError(f'no estimate at any time{failures.in_short}')
+    return Result(
+        recorded, moments, find_touches(moments), consistency, failures,
+        [direction.reason for direction in one.estimate.unlearnt],
+        recorded.camera.errors() if recorded.camera is not None else None,
+        {name: value / len(moments) for name, value in total.items()},
+        restarts,
+    )  # fmt: skip

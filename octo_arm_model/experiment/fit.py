@@ -1,0 +1,369 @@
+"""Least squares of a model against measured shapes: residuals, their derivatives, the minimum.
+
+Points are paired by their fraction of the length from the beginning of the measured midline to the
+tip. That needs no markers on the arm, and noise, which lengthens a midline evenly, does not change
+it. The midline begins at the point of the model nearest to its first point. Markers are
+paired with the points of the model at their arc coordinates.
+
+The robust loss is soft_l1 of distances instead of coordinates: with the distance d of a point and
+the scale c, rho = 2 c^2 (sqrt(1 + (d / c)^2) - 1), quadratic in small distances and linear in
+large ones. As a function of distances it does not depend on the directions of the axes.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from octo_arm_model.arm.errors import (
+    ArmDefinitionError,
+    ConvergenceError,
+    MeasurementError,
+    SolveError,
+    TensionError,
+)
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.experiment.alignment import Alignment, align
+from octo_arm_model.experiment.measured_shapes import MeasuredShape
+from octo_arm_model.experiment.midlines import Curve
+from octo_arm_model.experiment.steady_windows import MAD, lengths_of
+from octo_arm_model.experiment.unknowns import ALIGNMENT, Readings, Unknowns
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.displacements import displacements_of, solve_displacements
+from octo_arm_model.rod.interpolation import interpolated
+from octo_arm_model.rod.solver import Solver
+
+# Least scale of the residuals, relative to the length: recordings are not more accurate.
+_FINEST = 1e-6
+# Likewise of encoders: the drum of a winch and its zero are not known better.
+ENCODERS_FINEST = 1e-4
+SOFT_L1, LINEAR = 'soft_l1', 'linear'
+LOSSES = (LINEAR, SOFT_L1)  # the plain sum of squares, and robust
+_ROUNDS = 10
+_ALIGNMENT_ROUNDS = 20
+_SETTLED = 1e-2  # of the scale between two rounds
+_TOLERANCE = 1e-8  # of the sum of squares between two steps
+_EVALUATIONS = 100
+_STEP = 1e-4  # of differences, of the scale of an unknown
+_NO_ANSWER = (SolveError, TensionError, ArmDefinitionError)
+
+
+class _Solved(NamedTuple):
+    """The steps at one x: shapes, and what encoders would read (steps, tendons) [m]."""
+
+    backbones: tuple[Backbone, ...]
+    curves: tuple[Curve, ...]
+    readings: FloatArray
+
+
+class Problem:
+    """Residuals of all steps, and their derivatives by the unknowns.
+
+    Attributes:
+        shapes: the measurements.
+        unknowns: the parameters to fit.
+        length: of the arm [m].
+    """
+
+    def __init__(self, shapes: Sequence[MeasuredShape], unknowns: Unknowns) -> None:
+        """Fit ``unknowns`` to ``shapes``."""
+        self.shapes, self.unknowns = tuple(shapes), unknowns
+        self.length = unknowns.arm.length
+        self._of_arm = [n for n, name in enumerate(unknowns.names) if name not in ALIGNMENT]
+        self._weight, self._is_weighed = 1.0, False
+        # The arm does not depend on where the camera is.
+        self._solved = functools.lru_cache(maxsize=2)(self._solve)
+        self._derivatives = functools.lru_cache(maxsize=2)(self._differentiate)
+
+    def _solve(self, of_arm: tuple[float, ...]) -> _Solved:
+        """Solve all steps; tendons with friction slide on from the step before."""
+        unknowns, readings = self.unknowns, self.unknowns.readings
+        x = unknowns.start.copy()
+        x[self._of_arm] = of_arm
+        solver = unknowns.solver(x)
+        if readings.are_lengths:
+            names, found, last = solver.arm.tendon_names, [], None
+            for read in unknowns.lengths(x):
+                last = solve_displacements(solver, lengths_of(names, read), start=last)
+                found.append(last.backbone)
+        else:
+            found = followed(solver, [unknowns.tensions(x, read) for read in readings.tensions])
+        expected = np.full(readings.displacements.shape, np.nan)
+        if unknowns.reads_encoders:
+            lengths = np.array([displacements_of(solver, one).ravel() for one in found])
+            expected = unknowns.readings_of(x, lengths)
+        return _Solved(tuple(found), tuple(Curve(one.position) for one in found), expected)
+
+    def _at(self, x: FloatArray) -> _Solved:
+        return self._solved(tuple(x[self._of_arm].tolist()))
+
+    def backbone(self, x: FloatArray, step: int) -> Backbone:
+        """Solution for a ``step`` at ``x``.
+
+        Raises:
+            SolveError: if one has none.
+            ArmDefinitionError: if there can be no such arm.
+        """
+        return self._at(x).backbones[step]
+
+    def residuals(self, x: FloatArray, step: int) -> FloatArray:
+        """Measured points of a ``step`` less those of the model at ``x``, (m, 3) [m]."""
+        return self.all_residuals(x)[step]
+
+    def all_residuals(self, x: FloatArray) -> list[FloatArray]:
+        """The `residuals` of each step."""
+        alignment, solved = self.unknowns.alignment(x), self._at(x)
+        return [
+            shape_residuals(shape, alignment.to_base(shape.points), backbone, curve)
+            for shape, backbone, curve in zip(
+                self.shapes, solved.backbones, solved.curves, strict=True
+            )
+        ]
+
+    def weighed(self, x: FloatArray) -> list[FloatArray]:
+        """All residuals of each step as points, (taut + m, 3) [m].
+
+        Those of encoders, of one coordinate each, come before the `residuals` of the camera and
+        are weighed so that both are of one size.
+        """
+        camera = self.all_residuals(x)
+        if not self.unknowns.reads_encoders:
+            return camera
+        encoders = [np.outer(self._weight * read, (1.0, 0.0, 0.0)) for read in self._encoders(x)]
+        return [np.concatenate(pair) for pair in zip(encoders, camera, strict=True)]
+
+    def _encoders(self, x: FloatArray) -> list[FloatArray]:
+        """Readings of taut tendons less those of the model, of each step (taut,) [m]."""
+        away = self.unknowns.readings.displacements - self._at(x).readings
+        return [row[taut] for row, taut in zip(away, self.unknowns.taut, strict=True)]
+
+    def jacobian(self, x: FloatArray) -> list[FloatArray]:
+        """Derivative of what is `weighed` of each step by x, (taut + m, 3, unknowns)."""
+        return self._derivatives(tuple(x.tolist()), self._weight)
+
+    def _differentiate(self, at: tuple[float, ...], weight: float) -> list[FloatArray]:
+        """Central differences: where a tendon sticks there are no other derivatives."""
+        x = np.array(at)
+        here = np.concatenate(self.weighed(x))
+        columns = []
+        for number, unknown in enumerate(self.unknowns.unknowns):
+            sides = [(x[number], here)]
+            # Small motions of the camera are linear.
+            for step in (1.0,) if unknown.name in ALIGNMENT else (-1.0, 1.0):
+                moved = x.copy()
+                to = x[number] + step * _STEP * unknown.scale
+                moved[number] = min(max(to, unknown.low), unknown.high)
+                try:
+                    sides.append((moved[number], np.concatenate(self.weighed(moved))))
+                except _NO_ANSWER:
+                    continue
+            if len(sides) == 1:
+                raise SolveError(f'no answer beside {unknown.name} of {unknown.value(at[number])}')
+            (low, before), (high, after) = sides[-2:]
+            columns.append((after - before) / (high - low))
+        ends = np.cumsum([len(shape.points) for shape in self.shapes])[:-1]
+        if self.unknowns.reads_encoders:
+            ends += np.cumsum(self.unknowns.taut.sum(axis=1))[:-1]
+        return np.split(np.stack(columns, axis=-1), ends)
+
+    def camera_jacobian(self, x: FloatArray) -> list[FloatArray]:
+        """Derivative of the `residuals` of each step by x, (m, 3, unknowns)."""
+        pairs = zip(self.jacobian(x), self.shapes, strict=True)
+        return [part[len(part) - len(shape.points) :] for part, shape in pairs]
+
+    def encoder_scale(self, x: FloatArray) -> float:
+        """Scale of the residuals of encoders at ``x`` [m]: their accuracy, as far as it shows."""
+        away = np.concatenate(self._encoders(x))[:, np.newaxis]
+        return scale_of(away, ENCODERS_FINEST * self.length)
+
+    def _weigh(self, x: FloatArray) -> None:
+        """Settle the weight of encoder readings beside the camera, from the fit at ``x`` on."""
+        for _ in range(_ROUNDS):
+            x = self.minimise(x, None)
+            before, self._weight = self._weight, self.scale(x) / self.encoder_scale(x)
+            if abs(self._weight - before) < _SETTLED * before:
+                return
+
+    def scale(self, x: FloatArray) -> float:
+        """Scale of the robust loss, from the residuals at ``x`` [m]."""
+        return scale_of(np.concatenate(self.all_residuals(x)), _FINEST * self.length)
+
+    def minimise(
+        self, x: FloatArray, scale: float | None, steps: Sequence[int] | None = None
+    ) -> FloatArray:
+        """Least sum over ``steps``, all if None, of the robust loss, from ``x`` on.
+
+        Without a ``scale`` it is the sum of squares.
+
+        Raises:
+            SolveError: if the model has no answer at ``x``.
+            ConvergenceError: if no minimum is found.
+        """
+        chosen = range(len(self.shapes)) if steps is None else steps
+        # Without a solution here it is an error, not a rejected trial.
+        begun = self.weighed(x)
+        size = sum(begun[step].size for step in chosen)
+
+        def fun(x: FloatArray) -> FloatArray:
+            try:
+                away = self.weighed(x)
+            except _NO_ANSWER:
+                # No such arm or no solution: infinite residuals, so that the step is shortened.
+                return np.full(size, np.inf)
+            return np.concatenate([away[step] for step in chosen]).ravel()
+
+        def jacobian(x: FloatArray) -> FloatArray:
+            changes = self.jacobian(x)
+            return np.concatenate([changes[step] for step in chosen]).reshape(-1, x.size)
+
+        unknowns = self.unknowns.unknowns
+        low, high = ([getattr(u, end) for u in unknowns] for end in ('low', 'high'))
+        found = least_squares(
+            fun, np.clip(x, low, high), jacobian, bounds=(low, high), method='trf',
+            x_scale=[u.scale for u in unknowns],
+            loss='linear' if scale is None else soft_loss,
+            f_scale=1.0 if scale is None else scale,
+            ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=None, max_nfev=_EVALUATIONS,
+        )  # fmt: skip
+        if found.status <= 0:
+            raise ConvergenceError(
+                f'the fit of {self.unknowns.model}', float(found.optimality), int(found.nfev)
+            )
+        return found.x
+
+    def solve(
+        self, loss: str = SOFT_L1, start: FloatArray | None = None
+    ) -> tuple[FloatArray, float | None]:
+        """The fit by one of `LOSSES`: of soft_l1 minimum and scale alternately, until both settle.
+
+        From ``start`` on, or else from where the unknowns begin.
+
+        Returns:
+            x and the scale of the robust loss [m], None of the sum of squares.
+
+        Raises:
+            SolveError: if the model has no answer to begin with.
+            ConvergenceError: if no minimum is found.
+            MeasurementError: if a midline does not begin near the base.
+        """
+        x = self.unknowns.start if start is None else start
+        if self.unknowns.reads_encoders and not self._is_weighed:
+            self._weigh(x)
+            self._is_weighed = True
+        found: float | None = None
+        if loss == SOFT_L1:
+            scale = self.scale(x)
+            for _ in range(_ROUNDS):
+                x = self.minimise(x, scale)
+                previous, scale = scale, self.scale(x)
+                if abs(scale - previous) < _SETTLED * previous:
+                    break
+            found = scale
+        x = self.minimise(x, found)
+        alignment = self.unknowns.alignment(x)
+        for shape, curve in zip(self.shapes, self._at(x).curves, strict=True):
+            if shape.s is None:
+                curve.fractions(alignment.to_base(shape.points), check=True)
+        return x, found
+
+
+def followed(solver: Solver, tensions: Iterable[FloatArray]) -> list[Backbone]:
+    """Shapes under sets of ``tensions`` (tendons,) [N], in their order.
+
+    Each tendon with friction slides on from the set before.
+
+    Raises:
+        SolveError: if the model has no answer for one.
+    """
+    found: list[Backbone] = []
+    for pulled in tensions:
+        shaped = pulled.reshape(solver.arm.tension_shape)
+        last = found[-1] if found and solver.arm.friction else None
+        found.append(solver.follow(shaped, last))
+    return found
+
+
+def fit_alignment(
+    shapes: Sequence[MeasuredShape], parameters: Mapping[str, Any], model: str
+) -> Alignment:
+    """Alignment, one for all steps, that brings ``shapes`` nearest to an arm as it is.
+
+    Raises:
+        SolveError: if the model has no answer, or no minimum is found.
+        MeasurementError: if there are too few points, or a midline does not begin near the base.
+    """
+    readings = Readings.of(shapes)
+    unknowns = Unknowns(parameters, model, ['alignment'], readings, Alignment.none())
+    problem = Problem(shapes, unknowns)
+    found = [problem.backbone(unknowns.start, step) for step in range(len(shapes))]
+    begin = _first_alignment(shapes, found)
+    x, _ = problem.solve(start=np.concatenate([begin.shift, begin.turn]))
+    return unknowns.alignment(x)
+
+
+def _first_alignment(shapes: Sequence[MeasuredShape], models: Sequence[Backbone]) -> Alignment:
+    """Alignment of ``shapes``, in the camera's frame, with ``models``, roughly.
+
+    As if all midlines began at the base. Iteratively reweighted, so that outliers count less.
+
+    Raises:
+        MeasurementError: if there are fewer than three points.
+    """
+    camera = np.concatenate([shape.points for shape in shapes])
+    if len(camera) < 3:
+        raise MeasurementError(
+            f'{len(camera)} measured point(s), expected at least 3 to fit an alignment to'
+        )
+    base = np.concatenate([
+        _along(model.position, len(shape.points)) if shape.s is None
+        else interpolated(shape.s, model.s, model.position)
+        for shape, model in zip(shapes, models, strict=True)
+    ])  # fmt: skip
+    finest = 1e-6 * float(np.ptp(base, axis=0).max())
+    alignment = align(camera, base)
+    for _ in range(_ALIGNMENT_ROUNDS):
+        away = alignment.to_base(camera) - base
+        squares = (away**2).sum(axis=-1) / scale_of(away, finest) ** 2
+        alignment = align(camera, base, 1.0 / np.sqrt(1.0 + squares))
+    return alignment
+
+
+def _along(model: FloatArray, count: int) -> FloatArray:
+    """So many points evenly along ``model``; a single one is the tip."""
+    return Curve(model).along(np.linspace(0.0, 1.0, count) if count > 1 else np.ones(1))
+
+
+def shape_residuals(
+    shape: MeasuredShape, measured: FloatArray, backbone: Backbone, curve: Curve | None = None
+) -> FloatArray:
+    """Points of a ``shape``, ``measured`` (m, 3) in base_frame, less those of the model [m].
+
+    ``curve`` is that of the ``backbone``, where it is known already.
+    """
+    if shape.s is not None:
+        return measured - interpolated(shape.s, backbone.s, backbone.position)
+    curve = curve or Curve(backbone.position)
+    return measured - curve.along(curve.fractions(measured))
+
+
+def scale_of(away: FloatArray, least: float) -> float:
+    """Scale for residuals (..., 3) [m]: 1.48 times their median distance, at least ``least``."""
+    return max(MAD * float(np.median(np.linalg.norm(away, axis=-1))), least)
+
+
+def soft_loss(squares: FloatArray) -> FloatArray:
+    """Loss for `scipy.optimize.least_squares`, of residuals x, y, z of point after point.
+
+    Args:
+        squares: of the residuals over the scale, (3 points,).
+
+    Returns:
+        Of each residual a third of its point's rho, then the derivatives of rho by the square,
+        first and second, (3, 3 points).
+    """
+    root = np.sqrt(1.0 + squares.reshape(-1, 3).sum(axis=1))
+    return np.repeat([2.0 / 3.0 * (root - 1.0), 1.0 / root, -0.5 / root**3], 3, axis=1)

@@ -1,0 +1,180 @@
+"""The result of a fit: its parameter file, and which of several models to take."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import parameters_as_yaml
+from octo_arm_model.experiment.alignment import Alignment
+from octo_arm_model.experiment.measured_shapes import MeasuredShape
+from octo_arm_model.experiment.uncertainty import Estimate, Misfit
+from octo_arm_model.experiment.unknowns import is_of_arm
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A fitted model.
+
+    Attributes:
+        model: its name.
+        loss: what was minimised, of `fit.LOSSES`.
+        estimates: by name; those that the data leave open have no value.
+        undetermined: why each of the others was left as it was, in words.
+        before: misfit of the parameters the fit began with.
+        parameters: of the fitted arm; see `Config.from_parameters`.
+        alignment: transform camera to base.
+        tensions: those of each step by the fitted load cells or, without, by the lengths that
+            winches reeled in, (steps, tendons) [N].
+        correlations: of the estimates with a value, (n, n), in their order; None of none.
+        notes: remarks, in words.
+        after: misfit of the fit, on the data it was fitted to; None if nothing is fitted.
+        cross_validation: misfit of loads on which the model was not fitted; None of fewer than
+            two loads.
+        step_misfits: that of each fold of steps left out, and which these are, from 1.
+        floor: distance that held-back loads show and neither noise nor a change at single steps
+            explains, in `Estimate.model_stddev` [m]; None without held-back loads.
+        tip_stddev: standard deviation of each coordinate of the tip at held-back loads, without
+            the camera's noise, in parts of the length [-]; None likewise.
+    """
+
+    model: str
+    loss: str
+    estimates: Mapping[str, Estimate]
+    undetermined: tuple[str, ...]
+    before: Misfit
+    parameters: Mapping[str, Any]
+    alignment: Alignment
+    tensions: FloatArray
+    correlations: FloatArray | None = None
+    notes: tuple[str, ...] = ()
+    after: Misfit | None = None
+    cross_validation: Misfit | None = None
+    step_misfits: tuple[tuple[tuple[int, ...], Misfit], ...] = ()
+    floor: float | None = None
+    tip_stddev: float | None = None
+
+    @property
+    def is_trustworthy(self) -> bool:
+        """Whether the data determine a parameter other than poses and zeros, if one was fitted."""
+        own = [name for name in self.estimates if is_of_arm(name)] or list(self.estimates)
+        return any(self.estimates[name].value is not None for name in own)
+
+    def with_tensions(self, shapes: Sequence[MeasuredShape]) -> list[MeasuredShape]:
+        """The ``shapes`` it was fitted to, with the tensions that the fit takes them for."""
+        return [
+            dataclasses.replace(shape, window=dataclasses.replace(shape.window, tensions=row))
+            for shape, row in zip(shapes, self.tensions, strict=True)
+        ]
+
+
+def as_config(fitted: Identification, source: str) -> str:
+    """ROS parameter file of a fitted arm, with how well its material and model are known.
+
+    The calibration of load cells is among the parameters, so that who reads the same recording by
+    this file finds the misfit of the fit.
+
+    Raises:
+        ConfigError: if no node could load it.
+    """
+    values = dict(fitted.parameters)
+    estimates = fitted.estimates
+    young, ratio = estimates.get('youngs_modulus'), estimates.get('poisson_ratio')
+    if young is not None and young.value is not None and young.stddev is not None:
+        values['material.youngs_modulus_stddev'] = young.stddev / young.value
+    if ratio is not None and ratio.stddev is not None:
+        values['material.poisson_ratio_stddev'] = ratio.stddev
+    if fitted.tip_stddev is not None:
+        values['model_error_stddev'] = fitted.tip_stddev
+    Config.from_parameters(values)  # It must load where it goes.
+    lines = [f'# Fitted to {source} by octo-arm identify.']
+    for name, estimate in estimates.items():
+        lines.append(f'# {name}: {in_words(estimate)}')
+    return '\n'.join(lines) + '\n' + parameters_as_yaml(values)
+
+
+def in_words(estimate: Estimate) -> str:
+    """An estimate in words."""
+    if estimate.value is None:
+        return 'not determined'
+    text = f'{estimate.value:.6g} {estimate.unit}'
+    if estimate.stddev is None or estimate.interval95 is None:
+        return f'{text}, no interval'
+    low, high = estimate.interval95
+    return f'{text}, stddev {estimate.stddev:.2g}, 95 % interval {low:.6g} to {high:.6g}'
+
+
+# Misfits are near-equal where their mean squares over the loads left out differ by less than so
+# many standard errors, or where one is above the other by less than this part.
+_ERRORS = 2.0
+_NEAR = 0.1
+# Estimates agree where they differ by less than the larger standard deviation or this part.
+_SAME = 1e-3
+
+
+def rank(one: Identification) -> float:
+    """Misfit [m] at loads left out of the fit; of one load, at the load itself."""
+    misfit = one.cross_validation or one.after
+    return math.inf if misfit is None else misfit.rms
+
+
+def best_of(fitted: Sequence[Identification]) -> Identification:
+    """The one that best explains loads it was not fitted to."""
+    return min(fitted, key=rank)
+
+
+def near_best(fitted: Sequence[Identification]) -> list[Identification]:
+    """The best and those with a misfit near it."""
+    best = best_of(fitted)
+    return [one for one in fitted if one is best or _is_near(best, one)]
+
+
+def envelope_of(fitted: Sequence[Identification], name: str) -> tuple[float, float] | None:
+    """The 95 % intervals of a parameter by all models near the best, as one; None without any."""
+    intervals = [
+        one.estimates[name].interval95 for one in near_best(fitted) if name in one.estimates
+    ]
+    known = [interval for interval in intervals if interval is not None]
+    return (min(low for low, _ in known), max(high for _, high in known)) if known else None
+
+
+def disagreements(fitted: Sequence[Identification]) -> list[str]:
+    """Estimates that differ between the best model and those with a misfit near its, in words."""
+    best = best_of(fitted)
+    notes = []
+    for other in near_best(fitted):
+        for name, estimate in best.estimates.items():
+            rival = other.estimates.get(name)
+            if other is best or not is_of_arm(name) or rival is None:
+                continue
+            if estimate.value is None or rival.value is None:
+                continue
+            spread = max(estimate.stddev or 0.0, rival.stddev or 0.0, _SAME * abs(rival.value))
+            if abs(estimate.value - rival.value) <= spread:
+                continue
+            low, high = envelope_of(fitted, name) or (-math.inf, math.inf)
+            notes.append(
+                f'MODELS DISAGREE: {other.model} explains loads left out nearly as well as '
+                f'{best.model} ({rank(other) * 1e3:.3f} and {rank(best) * 1e3:.3f} mm) but says '
+                f'{name} {rival.value:.4g} {rival.unit} instead of {estimate.value:.4g}; these '
+                'data do not tell which, and an interval of one model does not hold this: all '
+                f'models near the best together say {low:.4g} to {high:.4g}'
+            )
+    return notes
+
+
+def _is_near(best: Identification, other: Identification) -> bool:
+    if rank(other) <= (1.0 + _NEAR) * rank(best):
+        return True
+    pairs = list(zip(best.step_misfits, other.step_misfits))
+    if len(pairs) < 2 or len(best.step_misfits) != len(other.step_misfits):
+        return False
+    worse = np.array([theirs.rms**2 - ours.rms**2 for (_, ours), (_, theirs) in pairs])
+    return bool(worse.mean() < _ERRORS * worse.std(ddof=1) / math.sqrt(len(worse)))

@@ -1,0 +1,376 @@
+"""Parameters of the arm from measured shapes: fits to all steps, and to all but some.
+
+Estimates minimise a sum of squares or a robust loss; `uncertainty` has their intervals.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.experiment.alignment import Alignment, undetermined
+from octo_arm_model.experiment.branches import STILL, UNLOADING, directions, part_along, remarks
+from octo_arm_model.experiment.fit import LOSSES, SOFT_L1, Problem, fit_alignment
+from octo_arm_model.experiment.identification import Identification
+from octo_arm_model.experiment.measured_shapes import MeasuredShape
+from octo_arm_model.experiment.uncertainty import (
+    AUTO,
+    MOST_FOLDS,
+    Estimate,
+    HeldBackFit,
+    Misfit,
+    better,
+    correlations_of,
+    estimates_of,
+    fit_by,
+    floor_of,
+    folds_of,
+    freedom_of,
+    loaded,
+    misfit_of,
+    noise_of,
+    steps_by_load,
+    tip_error,
+    unexplained,
+)
+from octo_arm_model.experiment.unknowns import (
+    ALIGNMENT,
+    AXIAL,
+    Readings,
+    Unknowns,
+    is_of_arm,
+    open_direction,
+)
+
+_STRONG = 0.95  # correlations above this are reported
+# A misfit above so many times that of noise is not explained by noise.
+_BIASED = 2.0
+
+
+def notes_on(
+    problem: Problem,
+    best: HeldBackFit,
+    found: Identification,
+    *,
+    loose: str,
+    fits: Sequence[str],
+    tried: Sequence[HeldBackFit],
+) -> list[str]:
+    """All remarks on the ``best`` of the fits ``tried`` of ``fits``, which was ``found``.
+
+    ``loose`` is the reason why no load can be left out; '' where each can.
+    """
+    after, correlations = found.after, found.correlations
+    assert after is not None and correlations is not None
+    notes = [
+        *_of_misfit(problem, after, found.floor),
+        *_of_branches(problem, best),
+        *_of_loss(tried, best),
+        *at_ends(problem.unknowns, best.x),
+        *strong_pairs(correlations, problem.unknowns),
+    ]
+    tensions = np.array([shape.window.tensions for shape in problem.shapes])
+    loads = len(steps_by_load(tensions))
+    if loads < len(problem.shapes):
+        notes.append(f'{len(problem.shapes)} steps are of {loads} loads; repeats count as one')
+    if loads > MOST_FOLDS:
+        notes.append(f'{loads} loads are left out in {MOST_FOLDS} groups')
+    if 'tension_offset' in fits:
+        notes.append(
+            'one tension offset for all tendons that read at least 1 % of the highest tension'
+        )
+    if problem.unknowns.reads_encoders:
+        notes.append(
+            f'residuals of encoders are weighed by {problem.encoder_scale(best.x) * 1e3:.3g} mm, '
+            f'those of the camera by {problem.scale(best.x) * 1e3:.3g} mm: what each has left'
+        )
+    if 'alignment' in fits:
+        notes += undetermined(
+            np.concatenate([shape.points for shape in problem.shapes]), after.rms
+        )
+    return [*notes, loose] if loose else notes
+
+
+def _of_misfit(problem: Problem, after: Misfit, floor: float | None) -> list[str]:
+    noise = noise_of(problem.shapes)
+    notes = []
+    if 0.0 < _BIASED * noise < after.rms:
+        notes.append(
+            f'noise of the camera explains {noise * 1e3:.3f} mm of the distance of '
+            f'{after.rms * 1e3:.3f} mm that is left: the rest is of the model or of the tensions, '
+            'and what is alike at all loads biases the estimates beyond their intervals'
+        )
+    if floor:
+        notes.append(
+            f'model error floor: {floor * 1e3:.3f} mm ({100.0 * floor / problem.length:.2f} % of '
+            'the length) at held-back loads is neither noise nor a change of the fitted '
+            'parameters; the intervals hold a bias of this size'
+        )
+    return notes
+
+
+def _of_branches(problem: Problem, best: HeldBackFit) -> list[str]:
+    """Remarks on loading and unloading, where the modulus is fitted."""
+    if 'youngs_modulus' not in problem.unknowns.names:
+        return []
+    column = problem.unknowns.names.index('youngs_modulus')
+    steps, least = range(len(problem.shapes)), STILL * problem.length
+    ways = directions(np.array([shape.window.tensions for shape in problem.shapes]))
+    # Residuals change opposite to the model's tip, which a softer arm moves as tensions do.
+    by = problem.camera_jacobian(best.x)
+    bends = [
+        part_along(problem.residuals(best.x, step)[-1], by[step][-1, :, column], least)
+        for step in steps
+    ]
+    tensions = [shape.tension for shape in problem.shapes]
+    notes = remarks(tensions, bends, ways, noise_of(problem.shapes) / 3.0**0.5, problem.length)
+    if UNLOADING in ways and notes:
+        notes.append(
+            'intervals take this difference for scatter from load to load, so they are wider than '
+            '95 %: the branches cancel where each load is reached from both sides'
+        )
+    return notes
+
+
+def _of_loss(tried: Sequence[HeldBackFit], best: HeldBackFit) -> list[str]:
+    if len(tried) < 2 or not best.away:
+        return []
+    words = ', '.join(f'{one.held_back * 1e3:.4f} mm by {one.loss}' for one in tried)
+    return [f'loss {best.loss}, by the misfit at held-back loads: {words}']
+
+
+def strong_pairs(correlations: FloatArray, unknowns: Unknowns) -> list[str]:
+    """Pairs of strong correlation, but for those within the alignment, which always correlate."""
+    names = unknowns.names
+    return [
+        f'the data hardly tell {names[one]} and {names[other]} apart: their correlation is '
+        f'{correlations[one, other]:+.4f}'
+        for one, other in zip(*np.triu_indices(len(names), 1))
+        if abs(correlations[one, other]) > _STRONG
+        and not {names[one], names[other]} <= set(ALIGNMENT)
+    ]
+
+
+def at_ends(unknowns: Unknowns, x: FloatArray) -> list[str]:
+    """Remarks on unknowns at an end of their range."""
+    return [
+        f'{unknown.name} is at the end of its range, where its interval is not to be relied on'
+        for unknown, at in zip(unknowns.unknowns, x, strict=True)
+        if not math.isinf(unknown.high) and min(at - unknown.low, unknown.high - at) < 1e-3
+    ]
+
+
+def identify(
+    shapes: Sequence[MeasuredShape],
+    parameters: Mapping[str, Any],
+    model: str,
+    fits: Sequence[str] = ('youngs_modulus',),
+    alignment: Alignment | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    loss: str = AUTO,
+) -> Identification:
+    """Fit ``fits`` of ``model`` to measured ``shapes``.
+
+    Args:
+        shapes: one for each steady step.
+        parameters: what is not fitted, and where the fit begins.
+        model: name of the model.
+        fits: of `unknown.FITS`.
+        alignment: transform camera to base, or the start of its fit; None for the identity, or,
+            where it is fitted, for a fit of the alignment alone as the start.
+        progress: called with the numbers of fits done and of all fits.
+        loss: of `fit.LOSSES`, or 'auto' for that with the lesser misfit at held-back loads.
+
+    Raises:
+        ConfigError: if the model has no derivative by what is to be fitted, or no reading is
+            of it.
+        SolveError: if the model has no answer, or no minimum is found.
+        MeasurementError: if a midline does not begin near the base.
+    """
+    fit = _Fit(shapes, parameters, model, fits, alignment, loss)
+    left_out: dict[str, str] = {}
+    while True:
+        found = fit.without(left_out, progress)
+        stretch = found.estimates.get(AXIAL)
+        if stretch is None or stretch.value is None:
+            return found
+        low, high = stretch.interval95 or (stretch.value, stretch.value)
+        if high < math.inf:
+            return found
+        least = '' if low == math.inf else f'; all from {low:.3g} N on explain them'
+        left_out[AXIAL] = (
+            f'{AXIAL} is left as it is: what the readings leave uncertain is more than what '
+            f'tendons stretch by{least}'
+        )
+
+
+@dataclass
+class _Fit:
+    """A fit of some unknowns, to be repeated without those that the data leave open.
+
+    Its fields are the arguments of `identify`.
+    """
+
+    shapes: Sequence[MeasuredShape]
+    parameters: Mapping[str, Any]
+    model: str
+    fits: Sequence[str]
+    alignment: Alignment | None
+    loss: str
+
+    def __post_init__(self) -> None:
+        self._readings = Readings.of(self.shapes)
+        self._loads = steps_by_load(self._readings.tensions)
+        self._folds = folds_of(self._loads)
+        self._losses: tuple[str, ...] = (self.loss,)
+        if self.loss == AUTO:  # where nothing can be held back the robust one
+            self._losses = LOSSES if self._folds else (SOFT_L1,)
+        self._alignment = self.alignment or (
+            fit_alignment(self.shapes, self.parameters, self.model)
+            if 'alignment' in self.fits
+            else Alignment.none()
+        )
+        self._every = self._unknowns(())
+        every = Problem(self.shapes, self._every)
+        self._before = misfit_of(every.all_residuals(self._every.start), every.length)
+
+    def _unknowns(self, without: Collection[str]) -> Unknowns:
+        return Unknowns(
+            self.parameters, self.model, self.fits, self._readings, self._alignment, without
+        )
+
+    def without(
+        self, left_out: dict[str, str], progress: Callable[[int, int], None]
+    ) -> Identification:
+        """The fit without those ``left_out``, and why; what else is open is added to them."""
+        total = len(self._losses) * (len(self._folds) + 1)
+        progress(0, total)
+        problem, fitted = self._determined(left_out)
+        tensions = self._readings.tensions
+        nothing = Identification(
+            model=self.model,
+            loss=self.loss,
+            estimates={u.name: Estimate(None, None, None, u.unit) for u in self._every.unknowns},
+            undetermined=tuple(left_out.values()),
+            before=self._before,
+            parameters=self.parameters,
+            alignment=self._alignment,
+            tensions=tensions,
+        )
+        if problem is None:
+            progress(total, total)
+            return nothing
+        first = next(iter(fitted.values()))[0]
+        loose = _needed(problem, first, self._folds, self._loads, tensions)
+        used = [] if loose else self._folds
+        begun = iter(range(total))
+
+        def tick() -> None:
+            progress(next(begun), total)
+
+        tried = []
+        for name, (x, scale) in fitted.items():
+            tick()
+            tried.append(fit_by(problem, x, scale, name, used, tick))
+        best = better(tried)
+        progress(total, total)
+        found = _with_fit(nothing, problem, best, used)
+        notes = notes_on(problem, best, found, loose=loose, fits=self.fits, tried=tried)
+        return dataclasses.replace(found, notes=tuple(notes))
+
+    def _determined(
+        self, left_out: dict[str, str]
+    ) -> tuple[Problem | None, dict[str, tuple[FloatArray, float | None]]]:
+        """The fit of what the data determine, and what it comes to by each loss; None of nothing.
+
+        What else is open is added to ``left_out``.
+        """
+        while (unknowns := self._unknowns(tuple(left_out))).unknowns:
+            problem = Problem(self.shapes, unknowns)
+            start = unknowns.start
+            # Checked before: with an undetermined direction the minimisation does not converge.
+            found = open_direction(np.concatenate(problem.jacobian(start)), unknowns, start)
+            if found is None:
+                fitted = {name: problem.solve(name) for name in self._losses}
+                for x, _ in fitted.values():
+                    jacobian = np.concatenate(problem.jacobian(x))
+                    found = found or open_direction(jacobian, unknowns, x)
+            if found is None:
+                return problem, fitted
+            left_out[found.name] = f'{found.name} is left as it is: {found.reason}'
+        return None, {}
+
+
+def _with_fit(
+    nothing: Identification,
+    problem: Problem,
+    best: HeldBackFit,
+    folds: Sequence[Sequence[int]],
+) -> Identification:
+    """The result ``nothing`` with the values of the ``best`` fit of a ``problem``."""
+    unknowns, x, length = problem.unknowns, best.x, problem.length
+    jacobian = problem.jacobian(x)
+    floor, tip_stddev = None, None
+    if folds:
+        columns = [n for n, name in enumerate(unknowns.names) if is_of_arm(name)]
+        rest = unexplained(best.away, problem.camera_jacobian(x), columns)
+        floor = float(np.sqrt(max(rest**2 - noise_of(problem.shapes) ** 2, 0.0)))
+        tip_stddev = tip_error(best.away, problem.shapes, length)
+    found = estimates_of(
+        unknowns, x, best.found,
+        freedom_of(jacobian, folds) if folds else np.ones(x.size),
+        floor_of(floor or 0.0, jacobian, [len(s.points) for s in problem.shapes]),
+    )  # fmt: skip
+    return dataclasses.replace(
+        nothing,
+        loss=best.loss,
+        estimates={**nothing.estimates, **found},
+        correlations=correlations_of(np.concatenate(jacobian)),
+        after=misfit_of(problem.all_residuals(x), length),
+        cross_validation=misfit_of(best.away, length) if folds else None,
+        step_misfits=tuple(
+            (tuple(step + 1 for step in fold), misfit_of([best.away[n] for n in fold], length))
+            for fold in folds
+        ),
+        floor=floor,
+        tip_stddev=tip_stddev,
+        parameters=unknowns.parameters(x),
+        alignment=unknowns.alignment(x),
+        tensions=np.array([
+            problem.backbone(x, step).tensions.ravel()
+            for step in range(len(problem.shapes))
+        ]),
+    )  # fmt: skip
+
+
+def _needed(
+    problem: Problem,
+    x: FloatArray,
+    folds: Sequence[Sequence[int]],
+    loads: Sequence[Sequence[int]],
+    tensions: FloatArray,
+) -> str:
+    """Why there are no intervals: a load that cannot be left out; '' if each can."""
+    pulled = [load for load in loads if loaded(tensions, list(load))]
+    if len(loads) == 1 or len(pulled) == 1:
+        steps = ', '.join(str(step + 1) for step in (pulled or loads)[0])
+        return (
+            f'there is one load (step {steps}): repeats of it say nothing of how loads differ, '
+            'so nothing confirms the estimates and there are no intervals'
+        )
+    jacobian = problem.jacobian(x)
+    for fold in folds:
+        others = [part for step, part in enumerate(jacobian) if step not in fold]
+        if found := open_direction(np.concatenate(others), problem.unknowns, x):
+            numbers = ', '.join(str(step + 1) for step in fold)
+            return (
+                f'without step {numbers} it would be open ({found.reason}), so nothing confirms '
+                'the estimates: there are no intervals'
+            )
+    return ''

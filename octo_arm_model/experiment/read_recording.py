@@ -1,0 +1,158 @@
+"""A recording read from a bag, from CSV files, or from one of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError, listed
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.experiment.csv_recording import (
+    CsvSources,
+    csv_displacements,
+    csv_frames,
+    csv_tensions,
+)
+from octo_arm_model.experiment.csv_table import CsvTable, check_taken, read_csv
+from octo_arm_model.experiment.measured_points import Measured, MeasuredPoints
+from octo_arm_model.experiment.recording import Count, Recording, assemble
+from octo_arm_model.wire.refusals import Refusals
+
+if TYPE_CHECKING:
+    from octo_arm_model.experiment.bag_recording import BagRecording
+
+
+def read_recording(
+    path: Path | str | None,
+    config: str | None = None,
+    tensions: str | None = None,
+    measured: Measured = Measured(),
+    files: CsvSources = CsvSources(),
+    tendons: Sequence[str] = (),
+    displacements: str | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Recording:
+    """Read the bag at ``path``, or CSV files, or tensions from one and midlines from the other.
+
+    Where there are no tensions, there have to be encoder readings.
+
+    Args:
+        path: the bag; None where all is in files.
+        config: parameter file or preset of the arm; None for the arm_description in the bag.
+        tensions: topic of the tensions, or TOPIC:FIELD; None for the only one there is.
+        measured: what was measured; of no topics the only one that the model itself does not
+            publish.
+        files: CSV files in place of topics.
+        tendons: what the tendons are called there, in place of tension_names.
+        displacements: topic of the encoder readings; None for tendon_displacements, if there.
+        progress: called with the numbers of messages, rows and values read and of all known of.
+
+    Raises:
+        BagError: if the bag cannot be read or a topic is missing.
+        ConfigError: if there is no arm, or it cannot be.
+        MeasurementError: if no message holds a midline in metres, a file cannot be read, or
+            something is to come from two places.
+    """
+    given = None if config is None else load_parameters(config)
+    _check_sources(path, tensions, displacements, measured, files)
+    if path is None:
+        if given is None:
+            raise ConfigError('no arm: without a bag it has to be given by --config')
+        return _gather(None, given, measured, files, tendons, Count(progress))
+    # They need rosbags.
+    from octo_arm_model.bags.reader import BagReader
+    from octo_arm_model.experiment.bag_recording import BagRecording
+
+    with BagReader(path) as reader:
+        bag = BagRecording(reader, tensions, displacements, files)
+        return _gather(bag, bag.parameters(given), measured, files, tendons, Count(progress))
+
+
+def _check_sources(
+    path: Path | str | None,
+    tensions: str | None,
+    displacements: str | None,
+    measured: Measured,
+    files: CsvSources,
+) -> None:
+    """Check that each thing comes from one place; MeasurementError if not."""
+    has_all = files.tensions is not None and files.midlines is not None
+    driven = files.displacements is not None and files.midlines is not None
+    if path is None and not (has_all or driven):
+        raise MeasurementError(
+            'expected a bag, or --midline-csv and --tension-csv or --displacement-csv'
+        )
+    if files.columns and not (files.tensions or files.midlines or files.displacements):
+        raise MeasurementError('--columns is given, and no CSV file that it could be of')
+    for given, other, file in (
+        (path is not None and has_all, f'a bag, {path}', '--tension-csv and --midline-csv'),
+        (tensions is not None and files.tensions is not None, '--tensions', '--tension-csv'),
+        (displacements is not None and files.displacements is not None, '--displacements',
+         '--displacement-csv'),
+        (measured.sources and files.midlines is not None, '--midlines', '--midline-csv'),
+        (measured.marker_frames and files.midlines is not None, '--marker-frames',
+         '--midline-csv'),
+    ):  # fmt: skip
+        if given:
+            raise MeasurementError(f'{other} and {file} are given, expected one or the other')
+
+
+def _gather(
+    bag: BagRecording | None,
+    parameters: dict[str, Any],
+    measured: Measured,
+    files: CsvSources,
+    tendons: Sequence[str],
+    count: Count,
+) -> Recording:
+    """Readings and frames, each from a file or from the ``bag``."""
+    refusals, notes = Refusals(), [] if bag is None else bag.notes
+    if tendons:
+        parameters['tension_names'] = list(tendons)
+    config = Config.from_parameters(parameters)
+    points = MeasuredPoints(measured, config.arm.length)
+    topics = None
+    if files.midlines is None:
+        from octo_arm_model.experiment.bag_recording import MeasuredTopics
+
+        assert bag is not None
+        topics = MeasuredTopics(bag.reader, measured, points, config.base_frame)
+        count.expect(bag.reader.count(list(dict.fromkeys(topics.topics))))
+    pulled = reeled_in = None
+    tables: list[CsvTable] = []
+    if files.tensions is not None:
+        table = read_csv(files.tensions, files.columns, count)
+        pulled = csv_tensions(table, config, refusals)
+        tables.append(table)
+    elif bag is not None:
+        pulled = bag.tensions(config, refusals, count)
+    if files.displacements is not None:
+        table = read_csv(files.displacements, files.columns, count)
+        reeled_in = csv_displacements(table, config.arm, refusals)
+        tables.append(table)
+    elif bag is not None:
+        reeled_in = bag.displacements(config, refusals, count)
+    for what, stamped in (('tensions', pulled), ('encoder readings', reeled_in)):
+        if stamped is not None and not stamped.rows:
+            raise BagError(f'no {what} for this arm on {stamped.source}{refusals.in_short}')
+    if topics is not None:
+        source, frames = ', '.join(topics.topics), list(topics.read(refusals, count))
+    else:
+        assert files.midlines is not None
+        source = str(files.midlines)
+        table = read_csv(files.midlines, files.columns, count)
+        frames = csv_frames(table, measured, points, refusals)
+        tables.append(table)
+    check_taken(tables)
+    wanted = {name for table in tables for name in table.wanted}
+    if unread := [name for name in files.columns if name not in wanted]:
+        raise MeasurementError(
+            f'--columns names {listed(unread)}, which is not read here; expected names of '
+            f'{listed(sorted(wanted))}'
+        )
+    count.add(count.total - count.done)  # columns that were not used
+    return assemble(
+        parameters, pulled, reeled_in, frames, source, measured, points, refusals, notes
+    )

@@ -1,0 +1,229 @@
+"""Inputs of an estimator from a recording: arm, unknowns, measurements, and a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from octo_arm_model.arm.errors import BagError, MeasurementError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.bags.arms import describe
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.sensor_topics import (
+    RecordedTensions,
+    SensorTopics,
+    StampedMeasurement,
+    find_sensors,
+    read_measured,
+    read_tension_rows,
+)
+from octo_arm_model.bags.topics import MIDLINE, usual_topics
+from octo_arm_model.config.config import Config
+from octo_arm_model.estimation.parameters import PREFIX
+from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
+from octo_arm_model.estimation.state.prediction import ArmModel
+from octo_arm_model.experiment.alignment import Alignment
+from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics
+from octo_arm_model.experiment.camera_check import CameraCheck, CameraFrames
+from octo_arm_model.experiment.measured_points import Measured, MeasuredPoints
+from octo_arm_model.experiment.midlines import without_spikes
+from octo_arm_model.experiment.observations import Pairing, base_first, camera_offset
+from octo_arm_model.experiment.recording import Count, Stamped, assemble
+from octo_arm_model.experiment.steady_windows import reading_noise
+from octo_arm_model.wire.measurements import MeasuredArm, PoseOf
+from octo_arm_model.wire.refusals import Refusals
+
+_TIMES = 3.0  # standard deviations that the largest change of a tension may be
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where everything is taken from.
+
+    Attributes:
+        tensions: topic, see `find_sensors`.
+        others: topics by their row of `MEASUREMENT_TOPICS`.
+        midlines: topic of the camera; None for the usual one.
+        parameters: of the arm, and perhaps of its estimator; None for the bag's description.
+        values: parameters in place of these.
+        tendons: what the tendons are called in the bag, in place of tension_names.
+        alignment: pose of frames that are not base_frame; None where it is not known.
+        clock_offset: to add to the stamps of the camera [s]; None to find it.
+    """
+
+    tensions: str | None = None
+    others: Mapping[str, str | None] = field(default_factory=dict)
+    midlines: str | None = None
+    parameters: Mapping[str, Any] | None = None
+    values: Mapping[str, Any] = field(default_factory=dict)
+    tendons: Sequence[str] = ()
+    alignment: Alignment | None = None
+    clock_offset: float | None = None
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recording, ready for an estimator.
+
+    Attributes:
+        parameters: of the arm.
+        config: the same.
+        sensors: topics that are read.
+        settings: of the estimator.
+        models: of its hypotheses.
+        groups: what was measured, by its stamps.
+        origin_ns: stamp that times count from [ns].
+        camera: what the estimates are compared with; None for nothing.
+        camera_topic: where that is from.
+        refusals: messages left out.
+        notes: on what was decided.
+    """
+
+    parameters: Mapping[str, Any]
+    config: Config
+    sensors: SensorTopics
+    settings: EstimatorSettings
+    models: Mapping[str, ArmModel]
+    groups: Sequence[Sequence[StampedMeasurement]]
+    origin_ns: int
+    camera: CameraCheck | None
+    camera_topic: str | None
+    refusals: Refusals
+    notes: list[str]
+
+
+def read_recorded(
+    reader: BagReader,
+    sources: Sources,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Recorded:
+    """Read a bag.
+
+    Raises:
+        BagError: if a topic is missing or nothing is measured, or the bag is damaged.
+        ConfigError: if there is no description of the arm, or the estimator does not cover it.
+        OctoArmError: if a value is outside its range.
+    """
+    sensors = find_sensors(reader, sources.tensions, sources.others)
+    found = sources.parameters
+    given = dict(found if found is not None else describe(reader, sensors.prefix))
+    given.update(sources.values)
+    if sources.tendons:
+        given['tension_names'] = list(sources.tendons)
+    own = {name: given.pop(name) for name in list(given) if name.startswith(PREFIX)}
+    config = Config.from_parameters(given)
+    refusals, notes = Refusals(), list(reader.notes)
+    if any('synthetic' in text for text in reader.metadata.values()):
+        notes.append('the bag says that it is synthetic')
+    count = Count(progress)
+    count.expect(reader.count(sensors.all))
+    tensions = read_tension_rows(reader, sensors, config, refusals, count.add)
+    time = np.asarray(1e-9 * (tensions.stamps_ns - tensions.stamps_ns[:1]), np.float64)
+    recorded = tension_statistics(time, tensions.rows) if len(time) else None
+    settings = EstimatorSettings.from_parameters(own, config, recorded)
+    models = settings.models(config)
+    turned: set[str] = set()
+    arm = MeasuredArm(config, settings.noise, _pose_of(sources.alignment, turned))
+    groups = read_measured(reader, sensors, tensions, arm, refusals, count.add)
+    if not groups:
+        where = ', '.join(sensors.all)
+        raise BagError(f'{reader.path}: nothing measured on {where}{refusals.in_short}')
+    topic = _camera_topic(reader, sources.midlines)
+    origin = int(tensions.stamps_ns.min()) if len(time) else groups[0][0].stamp_ns
+    camera = None
+    if topic is not None:
+        try:
+            camera = _camera(reader, topic, config, sensors, tensions, sources, refusals, notes)
+        except MeasurementError as error:
+            notes.append(f'{topic} is not compared with: {error}')
+    if sources.alignment is not None and not turned and camera is None:
+        raise BagError('--align has no effect: all that is measured is in base_frame')
+    return Recorded(
+        given, config, sensors, settings, models, groups, origin, camera,
+        topic if camera is not None else None, refusals, notes,
+    )  # fmt: skip
+
+
+def tension_statistics(time: FloatArray, tensions: FloatArray) -> TensionStatistics:
+    """Noise and rate of ``tensions`` (n, tendons) [N] at ``time`` (n,) [s], as received.
+
+    The rate is that of which the largest change from one reading to the next is three standard
+    deviations; each reading is the median of three, so that one wrong reading is no change.
+    Readings of nearly the same stamp count as the usual time apart.
+    """
+    if len(time) < 3:
+        return TensionStatistics(0.0, 0.0)
+    order = np.argsort(time, kind='stable')
+    time, tensions = time[order], tensions[order]
+    middle = without_spikes(tensions)[1:-1]
+    elapsed = np.diff(time[1:-1])
+    is_later = elapsed > 0.0
+    usual = float(np.median(elapsed[is_later])) if is_later.any() else 0.0
+    apart = np.maximum(elapsed[is_later], usual)
+    change = np.abs(np.diff(middle, axis=0))[is_later] / np.sqrt(apart[:, np.newaxis])
+    rate = float(change.max(initial=0.0)) / _TIMES
+    return TensionStatistics(reading_noise(tensions), rate)
+
+
+def _pose_of(alignment: Alignment | None, turned: set[str]) -> PoseOf | None:
+    """Pose of every frame that is not base_frame, which ``turned`` then has."""
+    if alignment is None:
+        return None
+    pose = Pose(tuple(alignment.shift.tolist()), tuple(alignment.quaternion.tolist()))
+
+    def pose_of(frame: str, stamp_ns: int) -> Pose:
+        turned.add(frame)
+        return pose
+
+    return pose_of
+
+
+def _camera_topic(reader: BagReader, wanted: str | None) -> str | None:
+    """The ``wanted`` topic, or the one of the usual name with midlines; None if there is none."""
+    if wanted is not None:
+        return wanted
+    found = usual_topics(reader, MIDLINE, MIDLINES)
+    return found[0] if len(found) == 1 else None
+
+
+def _camera(
+    reader: BagReader,
+    topic: str,
+    config: Config,
+    sensors: SensorTopics,
+    tensions: RecordedTensions,
+    sources: Sources,
+    refusals: Refusals,
+    notes: list[str],
+) -> CameraCheck:
+    """Midlines or tips on a ``topic``, to compare estimates and the shapes by tensions with.
+
+    ``refusals`` count the messages left out; decisions are added to ``notes``.
+
+    Raises:
+        BagError: if there is no such topic, or of another type.
+        MeasurementError: if there is nothing to compare, or neither end is clearly the base.
+    """
+    if not len(tensions.rows):
+        raise MeasurementError('there are no tensions to tell a shape without the estimator')
+    stamped = Stamped(sensors.tensions, tensions.stamps_ns.tolist(), list(tensions.rows))
+    measured = Measured((topic,))
+    points = MeasuredPoints(measured, config.arm.length)
+    topics = MeasuredTopics(reader, measured, points, config.base_frame)
+    seen = list(topics.read(refusals, Count()))
+    recording = assemble({}, stamped, None, seen, topic, measured, points, refusals, notes)
+    alignment = sources.alignment
+    if alignment is None and recording.frame_id == config.base_frame:
+        alignment = Alignment.none()
+    elif alignment is None:
+        notes.append(f'the pose of {recording.frame_id!r} is fitted, to each of both shapes')
+    pairing = Pairing(offset=sources.clock_offset)
+    lines = base_first(recording, pairing, config, alignment, notes)
+    ahead = camera_offset(recording, pairing, config, lines, notes)
+    frames = CameraFrames(recording.frame_time + ahead, lines, alignment)
+    solver = config.solver('exact')
+    return CameraCheck(frames, solver, recording.tension_time, recording.tensions)

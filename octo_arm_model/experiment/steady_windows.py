@@ -1,0 +1,344 @@
+"""Steady windows: intervals of constant tensions, in which the arm has come to rest.
+
+Where there are no load cells, lengths that winches have reeled in [m] take the place of tensions.
+What was not read at the time of a row is NaN: encoders may publish in messages of their own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.arm.errors import MeasurementError, SolveError, TensionError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import not_negative, positive
+from octo_arm_model.config.config import Config
+from octo_arm_model.experiment.recording import Recording
+from octo_arm_model.rod.displacements import Wound, solve_displacements
+
+# The default tolerance: this part of the highest tension, or so many times the noise.
+_PART = 0.02
+_TIMES_NOISE = 4.0
+# Of normal noise the standard deviation is so many times the median of the absolute values.
+MAD = 1.4826
+# Of noise: least parts of readings that are another than before and of these changes that turn
+# back, and its largest part of the highest reading.
+_MOVED, _TURNED, _LARGEST = 0.05, 0.5, 0.05
+_ROUNDING = 1e-12  # of the largest reading
+_FIRST_BLOCK = 64
+_RAMP_PART = 0.05  # of the highest tension
+MOST_WINDOWS = 1000  # of a ramp, and poses of a table
+_APART = 0.49  # of the time between two poses: how far their windows reach
+
+
+@dataclass(frozen=True)
+class SteadyRule:
+    """Rule by which tensions are steady.
+
+    While no tension leaves a band of twice the ``tolerance`` and no gap between samples is longer
+    than ``duration`` it is one window. Neighbours whose means agree within the tolerance are one,
+    if less than ``duration`` lies between. A window begins and ends within half the tolerance of
+    its median, which excludes the ramps before and after it, and must last ``duration``; its first
+    ``settle`` seconds do not count either: the arm is still coming to rest.
+
+    Attributes:
+        tolerance: [N]; None for the larger of 2 percent of the highest tension and four times the
+            noise, which is taken from the differences of neighbouring samples.
+        duration: [s].
+        settle: [s].
+
+    Raises:
+        ArmDefinitionError: if a value is impossible.
+    """
+
+    tolerance: float | None = None
+    duration: float = 1.0
+    settle: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if self.tolerance is not None:
+            positive('--steady: steady tolerance', self.tolerance, 'N')
+        positive('--hold: steady duration', self.duration, 's')
+        not_negative('--settle: settling time', self.settle, 'time', 's')
+
+    def tolerance_for(self, tensions: FloatArray) -> float:
+        """Tolerance for a recording of ``tensions`` (n, tendons) [N]."""
+        if self.tolerance is not None:
+            return self.tolerance
+        noise = _TIMES_NOISE * reading_noise(tensions)
+        return max(_PART * float(np.abs(held_readings(tensions)).max()), noise, 1e-9)
+
+
+def reading_noise(tensions: FloatArray) -> float:
+    """Standard deviation of a reading of ``tensions`` (n, tendons), the largest of them [N].
+
+    From the differences of neighbouring readings, each of which has the noise of both. Noise
+    changes readings often and to and fro: one of twenty readings at least is another than the one
+    before, and half of these changes are followed by one of the other sign (of white noise two of
+    three are). Equal readings tell nothing: they are those of a slack tendon, which stay at zero,
+    or repeated until the next one of the cell. Noise is little: at most a twentieth of the
+    highest reading of all tendons. What changes otherwise is the tension itself, and the noise is
+    0. Of a load cell that reads in steps it is of the size of a step where readings change as
+    often as that.
+    """
+    columns = [column[np.isfinite(column)] for column in tensions.T]
+    most = _LARGEST * max((float(np.abs(one).max(initial=0.0)) for one in columns), default=0.0)
+    found = (MAD / np.sqrt(2.0) * _usual_change(column) for column in columns)
+    return max((noise for noise in found if noise <= most), default=0.0)
+
+
+def _usual_change(readings: FloatArray) -> float:
+    """Median change from one of ``readings`` (n,) to the next, 0 of no noise [N]."""
+    steps = np.diff(readings)
+    # Up to the rounding of whoever calculated or scaled them they are equal.
+    is_other = np.abs(steps) > _ROUNDING * np.abs(readings).max(initial=0.0)
+    turned = np.diff(np.signbit(steps[is_other]))
+    if not turned.size or is_other.mean() < _MOVED or turned.mean() < _TURNED:
+        return 0.0
+    return float(np.median(np.abs(steps[is_other])))
+
+
+def held_readings(rows: FloatArray) -> FloatArray:
+    """``rows`` (n, tendons) with the last reading in place of NaN, before the first that one.
+
+    A column without any reading is zero.
+    """
+    known = np.isfinite(rows)
+    if known.all():
+        return rows
+    last = np.maximum.accumulate(np.where(known, np.arange(len(rows))[:, np.newaxis], -1), axis=0)
+    first = known.argmax(axis=0)
+    held = np.take_along_axis(rows, np.where(last < 0, first, last), axis=0)
+    return np.where(known.any(axis=0), held, 0.0)
+
+
+@dataclass(frozen=True)
+class Window:
+    """An interval of a recording with steady tensions, without its settling time.
+
+    Attributes:
+        start: when it begins [s].
+        stop: when it ends [s].
+        tensions: mean of each (tendons,) [N].
+        noise: standard deviation of each (tendons,) [N].
+        displacements: mean of what each encoder reads (tendons,) [m], NaN where it reads nothing;
+            None without encoders.
+        is_driven: whether tensions were not read, but follow from ``displacements``.
+    """
+
+    start: float
+    stop: float
+    tensions: FloatArray
+    noise: FloatArray
+    displacements: FloatArray | None = None
+    is_driven: bool = False
+
+
+def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> list[Window]:
+    """Steady windows of ``tensions`` (n, tendons) [N] at ascending ``time`` (n,) [s].
+
+    There are none where the usual change from one row to the next is more than a window may have:
+    two rows that agree then do so by chance, and nothing was held.
+    """
+    if not len(time):
+        return []
+    band = 2.0 * rule.tolerance_for(tensions)
+    tensions = held_readings(tensions)
+    changes = np.abs(np.diff(tensions, axis=0)).max(axis=1, initial=0.0)
+    if changes.size and np.median(changes) > band:
+        return []
+    gap = _longest_gap(time, rule.duration)
+    ranges: list[tuple[int, int]] = []
+    first = 0
+    while first < len(time):
+        stop = _end_of_band(time, tensions, first, band, gap)
+        if time[stop - 1] - time[first] >= rule.duration:
+            if ranges and _is_one(time, tensions, ranges[-1], (first, stop), 0.5 * band, rule):
+                ranges[-1] = (ranges[-1][0], stop)
+            else:
+                ranges.append((first, stop))
+        first = stop
+    windows = [_window(time, tensions, samples, band, rule) for samples in ranges]
+    return [window for window in windows if window is not None]
+
+
+def ramp_windows(time: FloatArray, tensions: FloatArray, width: float | None) -> list[Window]:
+    """Windows of ``tensions`` (n, tendons) [N] that change slowly, each within a band of tension.
+
+    For quasi-static recordings: the arm is taken to be in equilibrium all the time. A window
+    begins where the one before ends, as some tension has left its band of ``width`` [N], by
+    default a twentieth of the highest tension, or eight times the noise.
+
+    Raises:
+        ArmDefinitionError: if the width is not > 0.
+        MeasurementError: if there are too many windows.
+    """
+    if width is None:
+        noise = 2.0 * SteadyRule().tolerance_for(tensions) if len(time) > 1 else 0.0
+        highest = float(np.abs(held_readings(tensions)).max(initial=0.0))
+        width = max(highest * _RAMP_PART, noise, 1e-9)
+    positive('--ramp', width, 'N')
+    tensions = held_readings(tensions)
+    gap = _longest_gap(time, 1.0)
+    windows: list[Window] = []
+    first = 0
+    while first < len(time):
+        if len(windows) == MOST_WINDOWS:
+            raise MeasurementError(
+                f'more than {MOST_WINDOWS} windows of {width:g} N, expected a wider --ramp'
+            )
+        stop = _end_of_band(time, tensions, first, width, gap)
+        part = tensions[first:stop]
+        ends = float(time[first]), float(time[stop - 1])
+        windows.append(Window(*ends, part.mean(axis=0), np.zeros(tensions.shape[1])))
+        first = stop
+    return windows
+
+
+def pose_windows(time: FloatArray, tensions: FloatArray, tolerance: float) -> list[Window]:
+    """Windows of a table of static poses, whose ``tensions`` (n, tendons) [N] are one a row.
+
+    Each reaches ``tolerance`` [s] to both sides of its stamp, or nearly halfway to the next pose.
+
+    Raises:
+        MeasurementError: if there are too many poses, or two of the same time.
+    """
+    if len(time) > MOST_WINDOWS:
+        raise MeasurementError(f'{len(time)} poses, expected at most {MOST_WINDOWS}')
+    gaps = np.diff(time)
+    if not gaps.all():
+        same = float(time[int(gaps.argmin())])
+        raise MeasurementError(
+            f'two rows of tensions at {same:g} s, expected another time for each pose'
+        )
+    reach = min(tolerance, _APART * float(gaps.min(initial=np.inf)))
+    return [
+        Window(float(at) - reach, float(at) + reach, row, np.zeros(row.size))
+        for at, row in zip(time, held_readings(tensions))
+    ]
+
+
+def _window(
+    time: FloatArray, tensions: FloatArray, samples: tuple[int, int], band: float, rule: SteadyRule
+) -> Window | None:
+    """Window of the range ``samples``, without the ramps at its ends; None if it is too short."""
+    inside = np.arange(*samples)
+    away = np.abs(tensions[inside] - np.median(tensions[inside], axis=0)).max(axis=1)
+    near = inside[away <= 0.25 * band]
+    if near.size:
+        kept = slice(near[0] - samples[0], near[-1] + 1 - samples[0])
+        inside, away = inside[kept], away[kept]
+    settled = time[inside] >= time[inside[0]] + rule.settle
+    # Without the glitch between two windows that were joined.
+    taken = inside[settled & (away <= band)]
+    if time[inside[-1]] - time[inside[0]] < rule.duration or not taken.size:
+        return None
+    mean, noise = tensions[taken].mean(axis=0), tensions[taken].std(axis=0)
+    return Window(float(time[taken[0]]), float(time[taken[-1]]), mean, noise)
+
+
+def _longest_gap(time: FloatArray, least: float) -> float:
+    """Longest time between samples of one window: five times the usual one, or ``least`` [s]."""
+    return max(least, 5.0 * float(np.median(np.diff(time)))) if len(time) > 1 else least
+
+
+def _end_of_band(
+    time: FloatArray, tensions: FloatArray, first: int, band: float, gap: float
+) -> int:
+    """First sample after ``first`` that is not within a band with all those before it."""
+    low = high = tensions[first]
+    done, block = first + 1, _FIRST_BLOCK
+    while done < len(time):
+        part = tensions[done : done + block]
+        lows = np.minimum(np.minimum.accumulate(part), low)
+        highs = np.maximum(np.maximum.accumulate(part), high)
+        leaves = (highs - lows > band).any(axis=1)
+        leaves |= np.diff(time[done - 1 : done + len(part)]) > gap
+        if leaves.any():
+            return done + int(leaves.argmax())
+        low, high = lows[-1], highs[-1]
+        done += len(part)
+        block *= 2
+    return len(time)
+
+
+def _is_one(
+    time: FloatArray,
+    tensions: FloatArray,
+    one: tuple[int, int],
+    other: tuple[int, int],
+    tolerance: float,
+    rule: SteadyRule,
+) -> bool:
+    """Whether two windows are one step, separated by a glitch."""
+    if time[other[0]] - time[one[1] - 1] >= rule.duration:
+        return False
+    means = [tensions[slice(*samples)].mean(axis=0) for samples in (one, other)]
+    return bool((np.abs(means[0] - means[1]) <= tolerance).all())
+
+
+def with_displacements(window: Window, recording: Recording) -> Window:
+    """The ``window`` with the mean reading of each encoder meanwhile, NaN where there is none.
+
+    Without load cells an encoder that reads nothing meanwhile holds what it read last.
+    """
+    time, read = recording.displacement_time, recording.displacements
+    if recording.is_driven:
+        has_encoder = np.isfinite(read).any(axis=0)
+        read = np.where(has_encoder, held_readings(read), np.nan)
+    inside = (time >= window.start) & (time <= window.stop)
+    if not inside.any():
+        return window
+    return dataclasses.replace(window, displacements=mean_of(read[inside]))
+
+
+def mean_of(rows: FloatArray) -> FloatArray:
+    """Mean of each column of ``rows`` (n, tendons) without NaN, NaN of those without any other."""
+    known = np.isfinite(rows)
+    count = known.sum(axis=0)
+    total = np.where(known, rows, 0.0).sum(axis=0)
+    return np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)
+
+
+def by_length(windows: Sequence[Window], config: Config) -> list[Window]:
+    """Windows of held lengths, with the tensions that these have on the arm of ``config``.
+
+    Args:
+        windows: with ``displacements``; their tensions do not count.
+        config: of the arm as it is known so far. A tendon without an encoder is slack, and those
+            with friction slide from window to window, to the first from slack.
+
+    Raises:
+        SolveError: if lengths of a window cannot be held.
+    """
+    solver, names = config.solver('exact'), config.arm.tendon_names
+    found: list[Window] = []
+    last: Wound | None = None
+    for window in windows:
+        assert window.displacements is not None
+        try:
+            last = solve_displacements(solver, lengths_of(names, window.displacements), start=last)
+        except (SolveError, TensionError) as error:
+            raise SolveError(
+                f'lengths held from {window.start:.3f} to {window.stop:.3f} s: {error}'
+            ) from error
+        tensions = last.backbone.tensions.ravel()
+        found.append(
+            dataclasses.replace(
+                window, tensions=tensions, noise=np.zeros(tensions.size), is_driven=True
+            )
+        )
+    return found
+
+
+def lengths_of(names: Sequence[str], displacements: FloatArray) -> dict[str, float]:
+    """Lengths reeled in [m] by name of the tendons that have an encoder."""
+    return {
+        name: float(length)
+        for name, length in zip(names, displacements, strict=True)
+        if np.isfinite(length)
+    }

@@ -1,0 +1,457 @@
+"""The parameters that can be fitted, and the arm that a vector x of them stands for.
+
+Of moduli and scales x is the logarithm of their ratio to the start, so that they stay positive; of
+the tendons' own stiffness the ratio of the start to it, in which what encoders read is linear, and
+which is zero for tendons that do not stretch; of all others the value itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.tendon import Section
+from octo_arm_model.config.config import Config
+from octo_arm_model.experiment.alignment import Alignment
+from octo_arm_model.experiment.measured_shapes import MeasuredShape
+from octo_arm_model.rod.solver import Solver
+
+AXIAL = 'axial_stiffness'
+SHEATH = 'sheath_stiffness'
+FITS = (
+    'youngs_modulus', 'poisson_ratio', SHEATH, 'tendon_offsets', 'friction', 'tension_scale',
+    'tension_offset', 'alignment', AXIAL,
+)  # fmt: skip
+ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
+OFFSET, ZERO = 'tendon_offset.', 'encoder_zero.'  # and the name of a tendon
+_EXACT_ONLY = ('poisson_ratio', 'tendon_offsets', SHEATH)
+_BY_LOAD_CELLS = ('tension_scale', 'tension_offset')
+_FARTHEST = 10.0  # bound of logarithms
+_ROUGHEST = 2.0  # largest coefficient of friction that is looked for [-]
+_ROUGH = 0.1  # where the search begins without one in the config [-]
+_THREAD = 1000.0  # likewise for a tendon's own stiffness E A [N]
+_SOFTEST = 1e6  # least stiffness of tendons that is looked for, as its part of the first
+
+
+class Scale(Enum):
+    """How the value of an unknown follows from its component of x."""
+
+    VALUE = auto()
+    LOGARITHM = auto()
+    INVERSE = auto()
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One number to fit.
+
+    Attributes:
+        name: of the parameter.
+        unit: its unit.
+        start: initial value of x.
+        scale: a large change of x.
+        low: least value of x.
+        high: largest value of x.
+        kind: what x is.
+        reference: value where x is 0, of a logarithm, or 1, of an inverse.
+    """
+
+    name: str
+    unit: str
+    start: float
+    scale: float
+    low: float = -math.inf
+    high: float = math.inf
+    kind: Scale = Scale.VALUE
+    reference: float = 1.0
+
+    def value(self, x: float) -> float:
+        """Its value at ``x``."""
+        if self.kind is Scale.LOGARITHM:
+            return self.reference * math.exp(x)
+        if self.kind is Scale.INVERSE:
+            return self.reference / x if x > 0.0 else math.inf
+        return x
+
+    def relative_change(self, x: float, step: float) -> float | None:
+        """Relative change of the value by a ``step`` from ``x``; None of one that x itself is."""
+        if self.kind is Scale.VALUE:
+            return None
+        return step if self.kind is Scale.LOGARITHM else -step / max(x, 1e-300)
+
+    def stddev(self, x: float, deviation: float) -> float:
+        """Standard deviation of the value for a ``deviation`` of x, to first order."""
+        relative = self.relative_change(x, deviation)
+        return deviation if relative is None else self.value(x) * abs(relative)
+
+
+def check_fits(fits: Sequence[str], model: str, is_driven: bool) -> None:
+    """Check that ``model`` can be fitted so; tensions are given by lengths if it ``is_driven``.
+
+    Raises:
+        ConfigError: if the model has no derivative by one of ``fits``.
+    """
+    if is_driven and model != 'exact':
+        raise ConfigError(
+            f'without load cells tensions follow from lengths, which the model {model} does not '
+            'know: choose --model exact'
+        )
+    for name in fits:
+        if name not in FITS:
+            raise ConfigError(f'cannot fit {name!r}, expected one of {", ".join(FITS)}')
+        if name in _EXACT_ONLY and model != 'exact':
+            raise ConfigError(
+                f'the model {model} has no derivative by {name}: choose --model exact'
+            )
+        if name == 'friction' and model == 'renda2012':
+            raise ConfigError('the model renda2012 has no friction: choose another --model')
+        if name in _BY_LOAD_CELLS and is_driven:
+            raise ConfigError(f'{name} is of load cells, and there are none in this recording')
+
+
+def unknowns_of(
+    name: str, arm: Arm, pulled: Sequence[str], encoders: Sequence[str], alignment: Alignment
+) -> list[Unknown]:
+    """The unknowns of one of `FITS`, on ``arm``.
+
+    ``pulled`` are the tendons under tension, ``encoders`` those of them that have one, and
+    ``alignment`` is the start of its own fit.
+    """
+    material = arm.material
+    if name in ('youngs_modulus', SHEATH, 'tension_scale'):
+        unit, first = {
+            'youngs_modulus': ('Pa', float(material.youngs_modulus_at(0.0))),
+            SHEATH: ('Pa', arm.sheath_stiffness[0] if arm.sheath_stiffness else 0.0),
+            'tension_scale': ('-', 1.0),
+        }[name]
+        ends = -_FARTHEST, _FARTHEST
+        return [Unknown(name, unit, 0.0, 1.0, *ends, Scale.LOGARITHM, first)]
+    if name == 'poisson_ratio':
+        ratio = float(material.poisson_ratio_at(0.0))
+        return [Unknown(name, '-', ratio, 0.5, -1.0 + 1e-6, 0.5)]
+    if name == 'friction':
+        # Not from zero, the end of its range, which a minimisation hardly leaves.
+        given = float(np.mean(arm.friction or (_ROUGH,)))
+        return [Unknown(name, '-', given, 0.1, 0.0, _ROUGHEST)]
+    if name == 'tension_offset':
+        return [Unknown(name, 'N', 0.0, 0.1)]
+    if name == 'tendon_offsets':
+        return [Unknown(f'{OFFSET}{tendon}', 'm', 0.0, 1e-3) for tendon in pulled]
+    if name == AXIAL:
+        # Where both together are undetermined the stiffness is left out: it comes last.
+        zeros = [Unknown(f'{ZERO}{tendon}', 'm', 0.0, 1e-3) for tendon in encoders]
+        first = float(np.mean(arm.axial_stiffness or (0.0,))) or _THREAD
+        return [*zeros, Unknown(name, 'N', 1.0, 1.0, 0.0, _SOFTEST, Scale.INVERSE, first)]
+    start = (*alignment.shift, *alignment.turn)
+    parts = zip(ALIGNMENT, 3 * ['m'] + 3 * ['rad'], start, strict=True)
+    return [Unknown(part, unit, float(value), 1e-2) for part, unit, value in parts]
+
+
+def is_of_arm(name: str) -> bool:
+    """Whether an unknown is of the arm and its load cells: no pose of a camera, no encoder's zero.
+
+    These are fitted for the sake of others.
+    """
+    return name not in ALIGNMENT and not name.startswith(ZERO)
+
+
+class Readings(NamedTuple):
+    """Readings of the tendons in all steps.
+
+    Attributes:
+        tensions: (steps, tendons) [N].
+        displacements: of encoders, (steps, tendons) [m], NaN where there is none.
+        are_lengths: whether tensions were not read, but follow from displacements.
+    """
+
+    tensions: FloatArray
+    displacements: FloatArray
+    are_lengths: bool = False
+
+    @classmethod
+    def of(cls, shapes: Sequence[MeasuredShape]) -> Readings:
+        """Readings in the windows of measured ``shapes``."""
+        tensions = np.array([shape.window.tensions for shape in shapes])
+        none = np.full(tensions.shape[1], np.nan)
+        read = [shape.window.displacements for shape in shapes]
+        displacements = np.array([none if row is None else row for row in read])
+        return cls(tensions, displacements, any(shape.window.is_driven for shape in shapes))
+
+
+def move_tendons(
+    values: Mapping[str, Any], arm: Arm, moved: Mapping[str, float]
+) -> dict[str, Any]:
+    """Parameters ``values`` of ``arm``, each tendon ``moved`` [m] away from the midline, by name.
+
+    Sections have one distance for all their tendons, so the paths become tables.
+    """
+    new = dict(values)
+    if not values.get('tendons.table_s'):
+        # Linear in s; beyond their anchorages they have no effect.
+        s = (0.0, arm.length)
+        sections = [section for section in arm.sections if isinstance(section, Section)]
+        offsets = [section.offset(s) for section in sections for _ in section.angles]
+        turns = [
+            angle + twist * np.array(s) / section.anchorage
+            for section in sections
+            for angle, twist in zip(section.angles, section.twist or len(section.angles) * (0.0,))
+        ]
+        for name in (
+            'sections.offset_base', 'sections.offset_anchorage', 'tendons.angle', 'tendons.twist',
+        ):  # fmt: skip
+            new.pop(name, None)
+        new['tendons.table_s'] = list(s)
+        new['tendons.table_angle'] = np.concatenate(turns).tolist()
+        rows = np.array(offsets)
+    else:
+        rows = np.array(values['tendons.table_offset']).reshape(len(arm.tendons), -1)
+    farther = np.array([moved[name] for name in arm.tendon_names])[:, np.newaxis]
+    new['tendons.table_offset'] = (rows + farther).ravel().tolist()
+    return new
+
+
+_STIFF_SHEATH = 10.0  # over the shear modulus: that a fit begins with where tendons kept places
+_EXACT_PARAMETERS = (
+    'material.poisson_ratio_stddev', 'tendons.offset_stddev', 'tendons.sheath_stiffness',
+)  # fmt: skip
+# Enough for the polygon through the stations to be as accurate as the curve.
+FINE_STATIONS = 201
+_PULLED = 1e-2  # of the highest tension: tendons below it count as slack
+
+
+class Unknowns:
+    """The unknowns of one model, as a vector.
+
+    Attributes:
+        model: its name.
+        arm: the initial arm.
+        unknowns: the components of the vector.
+        names: their names.
+        start: the initial vector.
+        readings: what was read of the tendons.
+        slack: tension below which a tendon counts as slack [N].
+        taut: which tendons with an encoder reading are not, (steps, tendons); what winches of
+            slack tendons have paid out says nothing.
+        reads_encoders: whether encoder readings are residuals of the fit.
+    """
+
+    def __init__(
+        self,
+        parameters: Mapping[str, Any],
+        model: str,
+        fits: Sequence[str],
+        readings: Readings,
+        alignment: Alignment,
+        without: Collection[str] = (),
+    ) -> None:
+        """Fit ``fits`` of `FITS`, beginning with ``parameters`` and ``alignment``.
+
+        ``readings`` show which tendons are pulled, and which encoders read them. Of the
+        components, those named in ``without`` stay as they are.
+
+        Raises:
+            ConfigError: if the model has no derivative by one of them, or nothing shows it.
+        """
+        check_fits(fits, model, readings.are_lengths)
+        self.model, self.readings = model, readings
+        self._alignment = alignment
+        self._parameters = {**parameters, 'model': model}
+        if model != 'exact':
+            for name in _EXACT_PARAMETERS:
+                self._parameters.pop(name, None)
+        config = Config.from_parameters(self._parameters)
+        material = config.arm.material
+        if 'poisson_ratio' in fits and self._parameters.get('material.table_poisson_ratio'):
+            raise ConfigError('poisson_ratio cannot be fitted: the config has a table of it')
+        if self._parameters.get('material.shear_modulus'):
+            # E is fitted at the same nu, so G changes with it.
+            self._parameters['material.shear_modulus'] = 0.0
+            self._parameters['material.poisson_ratio'] = float(material.poisson_ratio_at(0.0))
+        if SHEATH in fits:
+            # One for all tendons, by the logarithm of which a fit never gets to rigid ones.
+            known = config.arm.sheath_stiffness or (_STIFF_SHEATH * material.shear_modulus,)
+            self._parameters['tendons.sheath_stiffness'] = [float(np.mean(known))]
+            config = Config.from_parameters(self._parameters)
+        self.arm, self._cells = config.arm, config.load_cells
+        self.slack = _PULLED * float(readings.tensions.max(initial=0.0))
+        self._pulled = readings.tensions.max(axis=0, initial=0.0) > self.slack
+        self.taut = (readings.tensions > self.slack) & np.isfinite(readings.displacements)
+        if AXIAL in fits and not self.taut.any():
+            raise ConfigError(
+                f'{AXIAL} shows in encoder readings of tendons under tension, and this recording '
+                'has none'
+            )
+        # What encoders read is weighed where nothing else shows what is fitted.
+        self.reads_encoders = AXIAL in fits and not readings.are_lengths
+        names = np.array(self.arm.tendon_names)
+        pulled, encoders = names[self._pulled].tolist(), names[self.taut.any(axis=0)].tolist()
+        self.unknowns = tuple(
+            unknown
+            for name in FITS
+            if name in fits
+            for unknown in unknowns_of(name, self.arm, pulled, encoders, alignment)
+            if unknown.name not in without
+        )
+        if not self.unknowns and not without:
+            raise ConfigError('nothing to fit: no tendon is pulled')
+        self.start = np.array([unknown.start for unknown in self.unknowns])
+        self.names = tuple(unknown.name for unknown in self.unknowns)
+
+    def value(self, x: FloatArray, name: str, default: float) -> float:
+        """Value of the unknown ``name`` at ``x``; ``default`` where it is none."""
+        if name not in self.names:
+            return default
+        number = self.names.index(name)
+        return self.unknowns[number].value(float(x[number]))
+
+    def alignment(self, x: FloatArray) -> Alignment:
+        """Transform camera to base at ``x``."""
+        begun = [*self._alignment.shift, *self._alignment.turn]
+        parts = [self.value(x, name, one) for name, one in zip(ALIGNMENT, begun, strict=True)]
+        return Alignment(np.array(parts[3:]), np.array(parts[:3]))
+
+    def tensions(self, x: FloatArray, read: FloatArray) -> FloatArray:
+        """Tensions (tendons,) [N] for readings ``read``; slack tendons have no offset."""
+        scale, offset = self.value(x, 'tension_scale', 1.0), self.value(x, 'tension_offset', 0.0)
+        return np.maximum(scale * read + offset * (read > self.slack), 0.0)
+
+    def _calibrated(self, x: FloatArray) -> dict[str, Any]:
+        """Parameters of load cells whose readings `tensions` turns into tensions at ``x``.
+
+        A slack tendon has no offset: the deadband holds what it reads.
+        """
+        scale, offset = self.value(x, 'tension_scale', 1.0), self.value(x, 'tension_offset', 0.0)
+        if (scale, offset) == (1.0, 0.0):
+            return {}
+        cells, count = self._cells, len(self._pulled)
+        begun = np.array(cells.offset or count * (0.0,))
+        band = scale * max(cells.deadband, float(self.slack) if offset else 0.0) + abs(offset)
+        return {
+            'tension_scale': (scale * np.array(cells.scale or count * (1.0,))).tolist(),
+            'tension_offset': (scale * begun + offset * self._pulled).tolist(),
+            'tension_deadband': band,
+        }
+
+    def parameters(self, x: FloatArray) -> dict[str, Any]:
+        """Parameters of the arm at ``x``."""
+        values = {**self._parameters, **self._calibrated(x)}
+        young = self.value(x, 'youngs_modulus', math.nan)
+        if math.isfinite(young):
+            table = 'material.table_youngs_modulus'
+            if values.get('material.table_s'):
+                factor = young / float(self.arm.material.youngs_modulus_at(0.0))
+                values[table] = [factor * value for value in values[table]]
+            else:
+                values['material.youngs_modulus'] = young
+        ratio = self.value(x, 'poisson_ratio', math.nan)
+        if math.isfinite(ratio):
+            values['material.poisson_ratio'] = ratio
+        sheath = self.value(x, SHEATH, math.nan)
+        if math.isfinite(sheath):
+            values['tendons.sheath_stiffness'] = [sheath]
+        if AXIAL in self.names:
+            stiffness = self.value(x, AXIAL, 0.0)
+            values['tendons.axial_stiffness'] = [stiffness if math.isfinite(stiffness) else 0.0]
+        if 'friction' in self.names:
+            values['tendons.friction'] = [self.value(x, 'friction', 0.0)]
+        moved = {
+            tendon: self.value(x, f'{OFFSET}{tendon}', 0.0) for tendon in self.arm.tendon_names
+        }
+        return move_tendons(values, self.arm, moved) if any(moved.values()) else values
+
+    def solver(self, x: FloatArray) -> Solver:
+        """Solver of the arm at ``x``.
+
+        Raises:
+            ArmDefinitionError: if there can be no such arm.
+        """
+        config = Config.from_parameters(self.parameters(x))
+        return config.solver(stations=max(config.stations, FINE_STATIONS))
+
+    def lengths(self, x: FloatArray) -> FloatArray:
+        """Lengths reeled in for the readings of encoders, (steps, tendons) [m]."""
+        return self.readings.displacements - self._zeros(x)
+
+    def readings_of(self, x: FloatArray, lengths: FloatArray) -> FloatArray:
+        """What encoders read of ``lengths`` (steps, tendons) reeled in: the inverse."""
+        return lengths + self._zeros(x)
+
+    def _zeros(self, x: FloatArray) -> FloatArray:
+        """Readings of the encoders at the taut unloaded arm, (tendons,) [m]."""
+        return np.array([self.value(x, f'{ZERO}{name}', 0.0) for name in self.arm.tendon_names])
+
+
+# Singular values of the Jacobian below this part of the largest count as zero.
+_SINGULAR = 1e-4
+# Without effect: a change of an unknown by its `scale` moves no point by this part of the length.
+_NO_EFFECT = 1e-6
+# An unknown takes part in a direction with at least this share of that which moves most.
+_PART = 0.1
+
+
+class OpenDirection(NamedTuple):
+    """A direction that the data leave open.
+
+    Attributes:
+        name: the unknown to leave out, so that the others are determined.
+        reason: the direction in words.
+    """
+
+    name: str
+    reason: str
+
+
+def open_direction(
+    jacobian: FloatArray, unknowns: Unknowns, x: FloatArray
+) -> OpenDirection | None:
+    """The first direction from ``x`` that changes no residual, from derivatives (points, 3, n).
+
+    An unknown without any effect comes first. Of several that only together change nothing, that
+    which is last in the order of `unknown.FITS` is to be left out.
+    """
+    scales = np.array([unknown.scale for unknown in unknowns.unknowns])
+    moves = np.linalg.norm(jacobian * scales, axis=1).max(axis=0)
+    for name, move in zip(unknowns.names, moves, strict=True):
+        if move < _NO_EFFECT * unknowns.arm.length:
+            return OpenDirection(name, f'{name} changes nothing that was measured')
+    flat, norms = normalised(jacobian)
+    _, singular, directions = np.linalg.svd(flat, full_matrices=False)
+    if singular[-1] >= _SINGULAR * singular[0]:
+        return None
+    move = directions[-1] / norms
+    share = np.abs(directions[-1])
+    last = int(np.flatnonzero(share >= _PART * share.max())[-1])
+    return OpenDirection(unknowns.names[last], _in_words(unknowns.unknowns, x, move, scales))
+
+
+def normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (3 points, n) as columns of length 1, and their lengths."""
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    norms = np.linalg.norm(flat, axis=0)
+    return flat / norms, norms
+
+
+def _in_words(
+    unknowns: Sequence[Unknown], x: FloatArray, move: FloatArray, scales: FloatArray
+) -> str:
+    """A direction of x in words, without its small components."""
+    share = np.abs(move / scales)
+    largest = np.abs(move[share > 0.01 * share.max()]).max()
+    words = []
+    columns = zip(unknowns, x.tolist(), move / largest, share / share.max(), strict=True)
+    for unknown, at, step, part in columns:
+        if part > 0.01:
+            relative = unknown.relative_change(at, step)
+            change = f'{step:+.3g} {unknown.unit}'
+            if relative is not None:
+                change = f'{100.0 * relative:+.3g} %'
+            words.append(f'{unknown.name} {change}')
+    return f'changed together in this proportion nothing measured changes: {", ".join(words)}'

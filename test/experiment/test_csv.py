@@ -1,0 +1,370 @@
+"""CSV files of laboratories, without a bag: load cells and image tracking of finite elements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import printed
+from labs import MARKER_S, TENSIONS, TIP_ERRORS, marker_bag, seen, staircase_of
+
+from octo_arm_model.arm import limits
+from octo_arm_model.cli.main import main
+from octo_arm_model.experiment.csv_recording import CsvSources
+from octo_arm_model.experiment.read_recording import read_recording
+
+STILL = ['--clock-offset', '0', '--json', '--align', 'none']
+ARM = ['--config', 'renda2012_prototype', '--model', 'exact']
+S = ['--marker-s', *map(str, MARKER_S)]
+FINE = np.linspace(0.0, 0.27, 41)
+EPOCH = 1_700_000_000.0
+
+
+def loads_csv(
+    path: Path, header: str = 'time [s],tendon_1_1 [N],tendon_1_2 [N],tendon_1_3 [N],tendon_1_4',
+    row: Callable[[float, float], str] = lambda at, pull: f'{EPOCH + at:.4f},{pull!r},0,0,0',
+) -> Path:  # fmt: skip
+    time, pulled, _ = staircase_of()
+    rows = [row(at, pull) for at, pull in zip(time.tolist(), pulled.tolist())]
+    path.write_text('\n'.join([header, *rows]) + '\n')
+    return path
+
+
+def frames() -> list[tuple[float, float]]:
+    time, pulled, times = staircase_of()
+    return list(zip(times.tolist(), np.interp(times, time, pulled).tolist()))
+
+
+def tidy_csv(path: Path) -> Path:
+    """A row for each point, in millimetres."""
+    lines = ['time [s],point,x [mm],y [mm],z [mm]']
+    for at, tension in frames():
+        for number, point in enumerate(1e3 * seen(tension, FINE)):
+            lines.append(f'{EPOCH + at:.4f},{number},' + ','.join(f'{v:.4f}' for v in point))
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def wide_csv(path: Path, hidden: bool = False) -> Path:
+    """A row for each frame, of four markers, seen without depth; semicolons, German times."""
+    lines = ['Zeit (ms);x1 (mm);y1 (mm);x2 (mm);y2 (mm);x3 (mm);y3 (mm);x4 (mm);y4 (mm)']
+    for number, (at, tension) in enumerate(frames()):
+        cells = [f'{1e3 * v:.4f}' for v in seen(tension, MARKER_S)[:, :2].ravel()]
+        if hidden and number % 2:
+            cells[2:4] = ['', '']
+        lines.append(f'{1e3 * (EPOCH + at):.1f};' + ';'.join(cells))
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
+    files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv'))]
+    said = printed(capsys, 'compare', *files, *ARM, *STILL)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+    fitted = printed(capsys, 'identify', *files, *ARM, *STILL)
+    # Least squares spread the error of the model over all steps.
+    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
+
+
+@pytest.mark.parametrize('is_yaml', [False, True])
+def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(
+    is_yaml: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    loads = loads_csv(
+        tmp_path / 'loads.csv', 'Zeit\tLC 1 [mN]\tnote',
+        lambda at, pull: f'{EPOCH + at:.4f}\t{1e3 * pull!r}\tfine',
+    )  # fmt: skip
+    columns = {'time': 'Zeit', 'tendon_1_1': 'LC 1', 'tendon_1_2': '0', 'tendon_1_3': '0',
+               'tendon_1_4': '0', 'z1': '0', 'z2': '0', 'z3': '0', 'z4': '0'}  # fmt: skip
+    told = [f'{name}={column}' for name, column in columns.items()]
+    if is_yaml:
+        told = [str(tmp_path / 'columns.yaml')]
+        text = ''.join(f'{name}: {column}\n' for name, column in columns.items())
+        (tmp_path / 'columns.yaml').write_text(text)
+    track = wide_csv(tmp_path / 'track.csv', hidden=True)
+    files = ['--tension-csv', str(loads), '--midline-csv', str(track), '--columns', *told]
+    said = printed(capsys, 'compare', *files, *S, *ARM, *STILL)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+    assert any('the marker at 0.09 m is not seen in 42 of 84' in note for note in said['notes'])
+
+
+def test_a_file_of_loads_goes_with_a_bag_of_markers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    loads = loads_csv(tmp_path / 'loads.csv')
+    bag = str(marker_bag(tmp_path / 'bag'))
+    said = printed(capsys, 'compare', bag, '--tension-csv', str(loads), *S, *STILL)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+
+
+def test_raw_load_cells_in_a_file_have_the_calibration_of_the_arm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(0)
+
+    def raw(at: float, pull: float) -> str:
+        cells = np.array([(pull - 0.2) / 1.25, 0.0, 0.0, 0.0]) + 2e-3 * rng.standard_normal(4)
+        return f'{EPOCH + at:.4f},' + ','.join(map(repr, cells.tolist()))
+
+    header = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4'
+    loads = loads_csv(tmp_path / 'loads.csv', header, raw)
+    files = ['--tension-csv', str(loads), '--midline-csv', str(tidy_csv(tmp_path / 'track.csv'))]
+    notes = printed(capsys, 'compare', *files, *ARM, *STILL)['notes']
+    counts = [int(note.split()[1]) for note in notes if 'left out, as tension of tendon_1' in note]
+    assert len(counts) == 3
+    assert sum(counts) == pytest.approx(7 / 8 * len(staircase_of()[0]), rel=0.1)
+    assert any('tension_deadband takes readings near zero as zero' in note for note in notes)
+    from experiments import PARAMETERS
+
+    from octo_arm_model.config.parameter_files import parameters_as_yaml
+
+    config = tmp_path / 'arm.yaml'
+    config.write_text(parameters_as_yaml({
+        **PARAMETERS, 'tension_deadband': 0.015, 'tension_scale': [1.25, 1.0, 1.0, 1.0],
+        'tension_offset': [0.2, 0.0, 0.0, 0.0],
+    }))  # fmt: skip
+    said = printed(capsys, 'compare', *files, '--config', str(config), '--model', 'exact', *STILL)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.05)
+
+
+LOADS = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\n0,1,0,0,0\n'
+TRACK = 'time,x,y,z\n0,0,0,0\n'
+
+
+@pytest.mark.parametrize(
+    ('loads', 'track', 'message'),
+    [
+        (LOADS + '1,one,0,0,0\n', TRACK, "loads.csv, line 3: tendon_1_1 is 'one', expected a fin"),
+        (LOADS + '1,1_0,0,0,0\n', TRACK, "line 3: tendon_1_1 is '1_0', expected a finite number"),
+        (LOADS + '1,0,0,0\n', TRACK, 'loads.csv, line 3: 4 values, expected 5 as in the header'),
+        ('time,a\n0,1\n', TRACK, 'no column tendon_1_1; it has time, a; say --columns tendon'),
+        ('time [h]' + LOADS[4:], TRACK, "line 1: time is in 'h', expected s or ms or us or ns"),
+        ('time,time\n', TRACK, "line 1: 2 columns 'time', expected one line of headers, with an"),
+        ('time,a\n', TRACK, 'no rows, expected a header and rows below it'),
+        (LOADS + ',0,0,0,0\n', TRACK, 'line 3: time is nan s, expected a time below'),
+        (LOADS + '3e9,0,0,0,0\n', TRACK, 'line 3: time is 3000000000.0 s, expected a time below'),
+        (LOADS, 'time,x,y\n0,0,0\n', 'track.csv: no column z; it has time, x, y; of a picture'),
+        (LOADS, 'time,x1,y1\n0,0,0\n', 'track.csv: no column z1;'),
+        (LOADS, 'time,x,y,z [ft]\n0,0,0,0\n', "z is in 'ft', expected m or cm or mm"),
+        (LOADS, '', 'track.csv: no rows'),
+        (b'\xff\xfe', TRACK, 'loads.csv'),
+    ],
+)  # fmt: skip
+def test_files_that_are_wrong_are_refused_by_line(
+    loads: str | bytes, track: str, message: str, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    data = loads if isinstance(loads, bytes) else loads.encode()
+    (tmp_path / 'loads.csv').write_bytes(data)
+    (tmp_path / 'track.csv').write_text(track)
+    files = ['--tension-csv', str(tmp_path / 'loads.csv')]
+    files += ['--midline-csv', str(tmp_path / 'track.csv')]
+    assert main(['compare', *files, *ARM]) == 2
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.count('\n') == 1
+
+
+def test_what_is_read_has_bounds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from octo_arm_model.experiment import csv_table
+
+    loads = tmp_path / 'loads.csv'
+    files = ['--tension-csv', str(loads), '--midline-csv', str(loads), *ARM]
+    loads.write_text(','.join(f'a{n}' for n in range(limits.MAX_CSV_COLUMNS + 1)) + '\n')
+    assert main(['compare', *files]) == 2
+    assert '4001 columns, expected at most 4000' in capsys.readouterr().err
+    monkeypatch.setattr(csv_table, 'MAX_CSV_ROWS', 1)
+    loads.write_text(LOADS + '1,1,0,0,0\n')
+    assert main(['compare', *files]) == 2
+    assert 'loads.csv, line 3: more than 1 rows' in capsys.readouterr().err
+    monkeypatch.setattr(csv_table, 'MAX_CSV_BYTES', 10)
+    assert main(['compare', *files]) == 2
+    assert 'larger than 10 bytes' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        ([], 'expected a bag, or --midline-csv and --tension-csv or --displacement-csv'),
+        (['--tension-csv', 'a', '--midline-csv', 'b'], 'has to be given by --config'),
+        (['bag', '--tension-csv', 'a', '--midline-csv', 'b'], 'a bag, bag and --tension-csv and'),
+        (['bag', '--tension-csv', 'a', '--tensions', 't'], '--tensions and --tension-csv are'),
+        (['bag', '--midline-csv', 'a', '--midlines', 't'], '--midlines and --midline-csv are'),
+        (['bag', '--midline-csv', 'a', '--marker-frames', 'm', '--marker-s', '0'],
+         '--marker-frames and --midline-csv are given, expected one or the other'),
+        (['bag', '--columns', 'time'], "--columns has 'time', expected name=COLUMN or a YAML"),
+        (['bag', '--columns', 'no.yaml'], 'no.yaml'),
+        (['bag', '--columns', 'time=t'], '--columns is given, and no CSV file'),
+    ],
+)  # fmt: skip
+def test_what_is_not_said_is_asked_for(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['compare', *words]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_reading_files_is_counted_row_by_row(tmp_path: Path) -> None:
+    told: list[tuple[int, int]] = []
+    sources = CsvSources(loads_csv(tmp_path / 'loads.csv'), tidy_csv(tmp_path / 'track.csv'))
+    recording = read_recording(
+        None, 'renda2012_prototype', files=sources,
+        progress=lambda done, total: told.append((done, total)),
+    )  # fmt: skip
+    done = [one for one, _ in told]
+    assert done == sorted(done)
+    assert all(one <= total for one, total in told)
+    # Each row once, each value, and each frame.
+    loads, points = len(recording.tensions), 41 * len(recording.frames)
+    every = loads * 6 + points * 6 + len(recording.frames)
+    assert told[-1] == (every, every)
+    assert len(told) > 20
+
+
+def test_the_tensions_are_those_of_the_study() -> None:
+    assert len(TENSIONS) == len(TIP_ERRORS) == 7
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('0,1,0,0,0\n1,1,0,0,0\n', 'line 1: numbers and no header, expected one line of headers'),
+        ('0.5;;-1e3\n', 'line 1: numbers and no header'),
+        ('Format Version,1.23,Rate,100.000000,Export Rate,100.000000\n\n,Type,Marker\n',
+         "line 1: 2 columns '100.000000', expected one line of headers, with another name for e"),
+        ('Format Version,1.23,Rate,100.0,Export Rate,60.0\n\n,Type,Marker\n',
+         'line 3: 3 values, expected 6 as in the header; expected one line of headers'),
+        ('Trial,1\ntime,tendon_1_1\n0,1\n',
+         'no column time; it has Trial, 1; expected one line of headers'),
+        ('time,x,x\n', "line 1: 2 columns 'x', expected one line of headers, with another name"),
+    ],
+)  # fmt: skip
+def test_a_file_without_one_line_of_headers_says_what_it_must_have(
+    text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'loads.csv').write_text(text)
+    (tmp_path / 'track.csv').write_text(TRACK)
+    files = ['--tension-csv', str(tmp_path / 'loads.csv')]
+    files += ['--midline-csv', str(tmp_path / 'track.csv')]
+    assert main(['compare', *files, *ARM]) == 2
+    err = capsys.readouterr().err
+    assert message in err and err.count('\n') == 1
+    assert 'leave out lines of other things before it' in err
+
+
+@pytest.mark.parametrize('head', ['Time (s)', 'Time', 'Time [s]', ' Time (s) '])
+def test_a_header_is_named_as_it_is_written_or_without_its_unit(
+    head: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    loads = loads_csv(tmp_path / 'loads.csv', 'Time (s);F 1 [N];F 2;F 3;F 4',
+                      lambda at, pull: f'{EPOCH + at:.4f};{pull!r};0;0;0')  # fmt: skip
+    track = tmp_path / 'track.csv'
+    track.write_text(tidy_csv(track).read_text().replace('time [s]', 'Time (s)', 1))
+    told = [f'time={head}', 'tendon_1_1=F 1 [N]', 'tendon_1_2=F 2', 'tendon_1_3=F 3',
+            'tendon_1_4=F 4']  # fmt: skip
+    files = ['--tension-csv', str(loads), '--midline-csv', str(track), '--columns', *told]
+    said = printed(capsys, 'compare', *files, *ARM, *STILL)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+
+
+MOTIVE = ['A-X', 'A-Y', 'B-X', 'B-Y', 'C-X', 'C-Y', 'D-X', 'D-Y']
+NAMED = [f'{axis}{n}={"ABCD"[n - 1]}-{axis.upper()}' for n in (1, 2, 3, 4) for axis in 'xy']
+NAMED += [f'z{n}=0' for n in (1, 2, 3, 4)]
+
+
+@pytest.mark.parametrize(('more', 'under'), [('', ''), ('', '_'), (';x (mm);x1 (mm)', '')])
+def test_markers_are_named_by_columns(
+    more: str, under: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also in a file that has columns x and x1 of other things."""
+    track = wide_csv(tmp_path / 'track.csv')
+    head = ';'.join(['Zeit (ms)', *(f'{name} (mm)' for name in MOTIVE)])
+    rows = track.read_text().splitlines()[1:]
+    track.write_text('\n'.join([head + more, *(row + more.count(';') * ';9' for row in rows)]))
+    tendons = ','.join(f'tendon_1_{n}' for n in (1, 2, 3, 4))
+    loads = loads_csv(tmp_path / 'loads.csv', f'Zeit,{tendons}')
+    files = ['--tension-csv', str(loads), '--midline-csv', str(track)]
+    told = ['time=Zeit', *(f'{name[0]}{under}{name[1:]}' for name in NAMED)]
+    said = printed(capsys, 'compare', *files, *S, *ARM, *STILL, '--columns', *told)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+
+
+def test_one_of_two_files_has_another_name_for_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tendons = ','.join(f'tendon_1_{n}' for n in (1, 2, 3, 4))
+    loads = loads_csv(tmp_path / 'loads.csv', f'Zeit,{tendons}')
+    track = wide_csv(tmp_path / 'track.csv')
+    track.write_text(track.read_text().replace('Zeit', 'time', 1))
+    files = ['--tension-csv', str(loads), '--midline-csv', str(track), *S, *ARM, *STILL]
+    columns = [f'z{number}=0' for number in range(1, 5)]
+    said = printed(capsys, 'compare', *files, '--columns', 'time=Zeit', *columns)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+    loads.write_text(loads.read_text().replace('Zeit', 'time', 1))
+    assert main(['compare', *files, '--columns', 'time=Zeit', *columns]) == 2
+    assert "loads.csv: no column 'Zeit' for time; it has time, " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('told', 'message'),
+    [
+        (['tendon_1_5=F', 'X=a'], '--columns names tendon_1_5, X, which is not read here; expect'),
+        (['x1=x'], 'no column y1; it has time, point, x, y, z; say --columns y1=COLUMN'),
+        (['y2=x'], '--columns names y2, which is not read here; expected names of tendon_1_1, t'),
+        (['displacement_tendon_1_1=0'], '--columns names displacement_tendon_1_1, which is not'),
+        (['z=0', 'z=z'], "--columns names 'z' twice, expected once"),
+        (['z='], "--columns has 'z=', expected name=COLUMN"),
+    ],
+)  # fmt: skip
+def test_columns_that_are_not_read_are_refused(
+    told: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
+    files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv')), '--columns', *told]
+    assert main(['compare', *files, *ARM]) == 2
+    err = capsys.readouterr().err
+    assert message in err and err.count('\n') == 1
+
+
+def test_options_that_files_leave_without_effect_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
+    files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv')), *ARM]
+    assert main(['compare', *files, '--length-unit', 'cm']) == 2
+    assert '--length-unit has no effect on' in capsys.readouterr().err
+    for words in (
+        ['--marker-s', '0', '--marker-s', '0.1'],
+        ['--columns', 'z=z', '--columns', 'y=y'],
+    ):
+        with pytest.raises(SystemExit):
+            main(['compare', *files, *words])
+        assert 'is given twice, expected once, with all its' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('before', ['\n', '  \n\n', ';;;;\n'])
+def test_lines_without_a_word_before_the_header_say_nothing_of_separators(
+    tmp_path: Path, before: str
+) -> None:
+    from octo_arm_model.experiment.csv_table import read_csv
+    from octo_arm_model.experiment.recording import Count
+
+    path = tmp_path / 'loads.csv'
+    path.write_text(before + LOADS.replace(',', ';'))
+    table = read_csv(path, {}, Count(lambda done, total: None))
+    assert [column.name for column in table.columns][:2] == ['time', 'tendon_1_1']
+    assert table.numbers('tendon_1_1', {'N': 1.0}, 'N').tolist() == [1.0]

@@ -1,0 +1,140 @@
+"""Markers: points at known arc coordinates, seen on the arm that finite elements have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import printed
+from experiments import one_tendon
+from labs import MARKER_S, STATIONS, TENSIONS, TIP_ERRORS, WAYS, marker_bag, pose_array, seen
+
+from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.cli.main import main
+from octo_arm_model.experiment.measured_points import check_marker_s
+from octo_arm_model.experiment.measured_shapes import mean_markers
+from octo_arm_model.experiment.steady_windows import Window
+
+S = ['--marker-s', *map(str, MARKER_S)]
+STILL = ['--clock-offset', '0', '--json']
+
+
+def test_the_points_of_finite_elements_are_where_the_arm_begins_and_ends() -> None:
+    assert STATIONS[[0, -1]] == pytest.approx([0.0, 0.27])
+    # At the smallest tension the arm is hardly shorter than unloaded.
+    lengths = np.linalg.norm(np.diff(seen(TENSIONS[0], STATIONS), axis=0), axis=1)
+    assert lengths == pytest.approx(np.diff(STATIONS), rel=0.03)
+
+
+@pytest.mark.parametrize('way', WAYS)
+def test_four_points_have_the_errors_of_points(
+    way: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    see, options = WAYS[way]
+    bag = str(marker_bag(tmp_path / 'bag', see))
+    said = printed(capsys, 'compare', bag, *S, *options, *STILL)
+    assert [step['tension'] for step in said['steps']] == pytest.approx(TENSIONS, abs=2e-3)
+    for step, expected in zip(said['steps'], TIP_ERRORS):
+        assert step['tip_error_percent'] == pytest.approx(expected, abs=0.03)
+        assert step['mean_error_percent'] < step['tip_error_percent'] + 0.05
+        assert step['hausdorff_percent'] is None
+    if way != next(iter(WAYS)):
+        return
+    fitted = printed(capsys, 'identify', bag, *S, *options, *STILL, '--model', 'exact')
+    # The error of the model at the highest tensions, of which a marker at the tip sees all.
+    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
+
+
+def test_hidden_markers_are_left_out_and_their_frames_are_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def hide(points: np.ndarray, number: int) -> np.ndarray:
+        points = points.copy()
+        points[1 + number % 3] = np.nan
+        if number < 12:
+            points[3] = np.nan  # in all of the first step
+        return points
+
+    bag = str(marker_bag(tmp_path / 'bag', pose_array, change=hide))
+    said = printed(capsys, 'compare', bag, *S, *STILL)
+    whole = printed(capsys, 'compare', str(marker_bag(tmp_path / 'whole')), *S, *STILL)
+    assert said['steps'][0]['tip_error_percent'] is None
+    assert said['steps'][0]['mean_error_percent'] < 0.1
+    average = np.mean(TIP_ERRORS[1:])
+    assert said['models']['exact']['average_tip_error_percent'] == pytest.approx(average, abs=0.03)
+    for one, other in zip(said['steps'][1:], whole['steps'][1:]):
+        assert one['frames'] == other['frames']
+        assert one['tip_error_percent'] == pytest.approx(other['tip_error_percent'], rel=1e-6)
+    assert any('the marker at 0.27 m is not seen in 36 of 84' in note for note in said['notes'])
+
+
+def test_millimetres_are_asked_about_and_not_guessed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = str(marker_bag(tmp_path / 'bag', change=lambda points, number: 1e3 * points))
+    assert main(['compare', bag, *S, *STILL]) == 2
+    assert 'are they in mm? then say --length-unit mm' in capsys.readouterr().err
+    said = printed(capsys, 'compare', bag, *S, *STILL, '--length-unit', 'mm')
+    average = np.mean(TIP_ERRORS)
+    assert said['models']['exact']['average_tip_error_percent'] == pytest.approx(average, abs=0.03)
+    # The other way round, a bag in metres that is said to be in millimetres.
+    assert main(['compare', str(marker_bag(tmp_path / 'metres')), *S, '--length-unit', 'mm']) == 2
+    assert 'are they in m? then say --length-unit m' in capsys.readouterr().err
+    # Midlines likewise.
+    assert main(['compare', bag, *STILL]) == 2
+    assert 'are they in mm? then say --length-unit mm' in capsys.readouterr().err
+
+
+def test_a_camera_somewhere_else_is_aligned_by_markers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    turned = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+
+    def elsewhere(points: np.ndarray, number: int) -> np.ndarray:
+        return points @ turned.T + [0.3, -0.2, 0.9]
+
+    bag = str(marker_bag(tmp_path / 'bag', change=elsewhere))
+    said = printed(capsys, 'compare', bag, *S, *STILL, '--align', 'fit')
+    assert said['models']['exact']['average_tip_error_percent'] < np.mean(TIP_ERRORS)
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        (['--marker-s', '0', '0.1', '0.1', '0.2'], '--marker-s has 0.1 after 0.1, expected incr'),
+        (['--marker-s', '0', '90', '180', '270'], '--marker-s has 90, expected arc coordinates '
+         'from 0 to 0.27 m: in metres?'),
+        (['--marker-s', '0', '0.27'], 'it has 4 point(s), expected 2, one for each of --marker-s'),
+        (['--marker-s', 'nan'], '--marker-s has nan'),
+        ([*S, '--midlines', '/mocap/markers', '/tf'], '--midlines names 2, --marker-s has 4'),
+        ([*S, '--marker-frames', 'm0'], '--marker-frames names 1, --marker-s has 4'),
+    ],
+)  # fmt: skip
+def test_markers_that_cannot_be_are_refused_in_one_line(
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = str(marker_bag(tmp_path / 'bag', held=TENSIONS[:2]))
+    assert main(['compare', bag, *options]) == 2
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.count('\n') == 1
+
+
+def test_an_outlier_of_one_marker_leaves_the_others_of_its_frame() -> None:
+    rng = np.random.default_rng(0)
+    window = Window(0.0, 1.0, one_tendon(1.0), np.zeros(4))
+    frames = np.array(seen(TENSIONS[2], MARKER_S)) + 1e-4 * rng.standard_normal((20, 4, 3))
+    frames[3, 2] += 0.1
+    shape = mean_markers(window, list(frames), np.array(MARKER_S))
+    assert shape is not None
+    assert shape.outliers == 1
+    np.testing.assert_allclose(shape.points[2], np.delete(frames[:, 2], 3, axis=0).mean(axis=0))
+    np.testing.assert_allclose(shape.points[1], frames[:, 1].mean(axis=0))
+    hidden = np.full((3, 4, 3), np.nan)
+    assert mean_markers(window, list(hidden), np.array(MARKER_S)) is None
+
+
+def test_how_many_markers_there_may_be_is_bounded() -> None:
+    with pytest.raises(MeasurementError, match='at most 1000'):
+        check_marker_s(list(np.linspace(0.0, 0.27, 1001)), 0.27)

@@ -1,0 +1,266 @@
+"""A recording of an arm that is touched, through filter and smoother: the truth in its bands."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+from recordings import TYPES, Sample, write_bag
+from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touched, touched_bag
+
+from octo_arm_model.arm.errors import MeasurementError, SolveError
+from octo_arm_model.bags.demo import TrueArm
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.cli.estimate import summary
+from octo_arm_model.estimation.measurements.tendons import Tensions
+from octo_arm_model.experiment.estimates import Result, estimate
+from octo_arm_model.experiment.sensor_recording import Recorded, Sources, read_recorded
+
+MARKED = {'estimator.marker_s': list(MARKERS)}
+TIP_ALONE = {'measured/markers': '-'}
+
+
+def run(path: Path, is_smooth: bool = False, write: Any = None, **sources: Any) -> Result:
+    with BagReader(path) as reader:
+        recorded = read_recorded(reader, Sources(**sources))
+        return estimate(recorded, is_smooth, write or (lambda moment, one: None))
+
+
+@functools.cache
+def result(is_smooth: bool = False) -> Result:
+    """Of the whole recording; of that around the touch by the smoother."""
+    if not is_smooth:
+        return run(touched_bag(), values=MARKED)
+    with BagReader(touched_bag()) as reader:
+        recorded = read_recorded(reader, Sources(values=MARKED))
+    return estimate(dataclasses.replace(recorded, groups=around_touch(recorded)), is_smooth=True)
+
+
+def around_touch(recorded: Recorded) -> list[Any]:
+    """What was measured in the seconds about it."""
+    first, last = TOUCHED + [-3.0, 1.5]
+    return [
+        group for group in recorded.groups
+        if first < 1e-9 * (group[0].stamp_ns - recorded.origin_ns) < last
+    ]  # fmt: skip
+
+
+def forces(found: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, forces and standard deviations."""
+    moments = found.moments
+    return (
+        np.array([one.time for one in moments]),
+        np.array([one.wrench[:3] for one in moments]),
+        np.array([one.wrench_stddev[:3] for one in moments]),
+    )
+
+
+@pytest.mark.parametrize('is_smooth', [False, True])
+def test_the_touch_is_found_when_where_and_as_hard_as_it_was(is_smooth: bool) -> None:
+    found = result(is_smooth)
+    (touch,) = found.touches
+    # It grows before and falls after the times of its full size.
+    assert TOUCHED[0] - 0.2 < touch.start <= TOUCHED[0] + 0.25
+    assert TOUCHED[1] - 0.25 <= touch.stop < TOUCHED[1] + 0.25
+    assert (np.abs(touch.force - PUSH) < 3.0 * touch.stddev).all()
+    assert np.linalg.norm(touch.force) == pytest.approx(FORCE, rel=0.1)
+    assert touch.hypothesis == 'tip'
+    assert not found.failures.total and not found.recorded.refusals.total
+
+
+@pytest.mark.parametrize('is_smooth', [False, True])
+def test_the_bands_hold_the_truth(is_smooth: bool) -> None:
+    found = result(is_smooth)
+    time, force, stddev = forces(found)
+    corners, _ = touched().schedule(TrueArm(PARAMETERS, touched()).config)
+    true = touched().touches(time, corners)
+    # Where the arm is straight the prior of the force along it does not hold what never acts.
+    bent = time > corners[3]
+    inside = np.abs(force - true) <= 1.96 * stddev
+    assert inside[bent].mean() > 0.9
+    # The arm is not touched most of the time, which the prior does not know.
+    assert found.consistency['tip pose'].mean < 1.3
+    assert found.consistency['tip pose'].refused <= 2
+
+
+def test_the_tip_is_where_the_true_one_is() -> None:
+    found = result(True)
+    true = TrueArm(PARAMETERS, touched())
+    corners, pulls = touched().schedule(true.config)
+    time = np.array([one.time for one in found.moments])
+    at = np.searchsorted(time, np.mean(TOUCHED))
+    (shape,) = true.shapes(
+        np.interp(time[at : at + 1], corners, pulls), touched().touches(time[at : at + 1], corners)
+    )
+    moment = found.moments[at]
+    assert (np.abs(moment.tip - shape.tip) < 4.0 * moment.tip_stddev).all()
+    assert np.linalg.norm(moment.tip - shape.tip) < 2e-3
+
+
+def test_without_a_touch_none_is_found(tmp_path: Path) -> None:
+    path = record(tmp_path / 'bag', touch=0.0, markers=(0.27,), camera_rate=0.1)
+    found = run(path, values={'estimator.marker_s': [0.27], 'estimator.marker_stddev': 5e-4})
+    assert not found.touches and found.consistency['markers'].accepted > 60
+
+
+def test_against_the_camera_the_estimator_knows_of_the_touch() -> None:
+    camera = result(True).camera
+    assert camera is not None
+    inside = (camera.time > TOUCHED[0]) & (camera.time < TOUCHED[1])
+    found, plain = (np.median(one[inside]) for one in camera.tip)
+    assert plain > 0.03 > 0.003 > found
+    mean, plain = (np.median(one[inside]) for one in camera.mean)
+    assert mean < 1e-3 < plain
+
+
+def test_a_sensor_that_lies_is_thrown_out_and_told(tmp_path: Path) -> None:
+    """For a second the tip is said to be 3 cm off, which the markers do not bear out."""
+    name, content = 'geometry_msgs/msg/PoseWithCovarianceStamped', []
+    with BagReader(touched_bag()) as reader:
+        for record_ in reader.messages():
+            data = record_.data
+            at = 1e-9 * (record_.received_ns - reader.start_ns)
+            if record_.topic == '/measured/tip_pose' and 17.0 <= at < 18.0:
+                message = TYPES.deserialize_cdr(data, name)
+                message.pose.pose.position.z += 0.03
+                data = bytes(TYPES.serialize_cdr(message, name))
+            content.append(Sample(record_.topic, record_.type_name, record_.received_ns, data))
+    path = write_bag(tmp_path / 'bag', content)
+    found = run(path, values=MARKED)
+    kind = found.consistency['tip pose']
+    assert kind.refused >= 4
+    assert kind.refused_from is not None and kind.refused_to is not None
+    start, stop = (1e-9 * (one - found.recorded.origin_ns)
+                   for one in (kind.refused_from, kind.refused_to))  # fmt: skip
+    assert 16.9 < start < 17.3 and 17.7 < stop < 18.1
+    (touch,) = found.touches
+    assert touch.stop < 14.0
+
+
+@functools.cache
+def lost(is_smooth: bool, recover_after: float = 1.0) -> Result:
+    """An arm whose tensions change by more than 0.01 N in a second, which is what is told."""
+    values = {
+        **MARKED, 'estimator.tension_rate': 0.01, 'estimator.recover_after': recover_after
+    }  # fmt: skip
+    with BagReader(touched_bag()) as reader:
+        recorded = read_recorded(reader, Sources(values=values))
+    some = [
+        group for group in recorded.groups
+        if 1e-9 * (group[0].stamp_ns - recorded.origin_ns) < 4.0
+    ]  # fmt: skip
+    return estimate(dataclasses.replace(recorded, groups=some), is_smooth)
+
+
+@pytest.mark.parametrize('is_smooth', [False, pytest.param(True, marks=pytest.mark.endurance)])
+def test_an_arm_that_was_lost_is_found_again_and_told(is_smooth: bool) -> None:
+    found = lost(is_smooth)
+    (time,) = found.restarts
+    assert 2.0 < time < 3.5 and f'begun anew at {time:.2f} s' in summary(found, [])
+    assert found.camera is not None
+    after = (found.camera.time > time) & (found.camera.time < 4.0)
+    assert after.any() and (found.camera.tip[0][after] < 3e-3).all()
+
+
+@pytest.mark.endurance
+def test_the_smoother_begins_anew_with_what_the_filter_does() -> None:
+    """What was measured afterwards tells of the arm from there on, and of no time before."""
+    filtered, smoothed = lost(is_smooth=False), lost(is_smooth=True)
+    (noticed,), (begun,) = filtered.restarts, smoothed.restarts
+    assert noticed - 1.0 < begun <= noticed
+    assert [one.time for one in smoothed.moments] == [one.time for one in filtered.moments]
+    widths = [
+        [one.tip_stddev.max() for one in found.moments if one.time >= noticed]
+        for found in (smoothed, filtered)
+    ]
+    # At the end, where nothing comes after, both are linearised about means that differ a little.
+    assert (np.array(widths[0]) <= 1.01 * np.array(widths[1])).all()
+    assert smoothed.camera is not None
+    own = lost(is_smooth=True, recover_after=0.0).camera
+    assert own is not None
+    last = (own.time > begun) & (own.time < 4.0)
+    assert last.any() and own.tip[0][last].min() > 3.0 * smoothed.camera.tip[0][last].max()
+
+
+def test_a_sensor_may_be_silent_for_seconds(tmp_path: Path) -> None:
+    with BagReader(touched_bag()) as reader:
+        content = [
+            Sample(one.topic, one.type_name, one.received_ns, one.data)
+            for one in reader.messages()
+            if not (one.topic.startswith('/measured') and
+                    5.0 < 1e-9 * (one.received_ns - reader.start_ns) < 9.0)
+        ]  # fmt: skip
+    found = run(write_bag(tmp_path / 'bag', content), others=TIP_ALONE)
+    time, _, stddev = forces(found)
+    blind, seeing = stddev[(time > 6.5) & (time < 9.0)], stddev[(time > 9.5) & (time < 10.0)]
+    assert np.median(blind[:, 2]) > 3.0 * np.median(seeing[:, 2])
+    (touch,) = found.touches
+    assert touch.start > 9.5
+
+
+def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path: Path) -> None:
+    path = record(tmp_path / 'bag', stiffness=1.15, markers=MARKERS, camera_rate=0.1)
+    ratios: list[tuple[float, float]] = []
+
+    def write(moment: Any, one: Any) -> None:
+        state = one.estimate.state.log_modulus
+        deviation = np.sqrt(one.estimate.covariance[state, state][0, 0])
+        ratios.append((float(one.estimate.mean[state][0]), float(deviation)))
+
+    values = {**MARKED, 'material.youngs_modulus_stddev': 0.2}
+    found = run(path, write=write, values=values)
+    mean, deviation = ratios[-1]
+    assert abs(mean - np.log(1.15)) < 3.0 * deviation < 0.06
+    assert any(
+        touch.start <= np.mean(TOUCHED) <= touch.stop
+        and (np.abs(touch.force - PUSH) < 4.0 * touch.stddev).all()
+        for touch in found.touches
+    )
+
+
+def test_of_tensions_alone_it_is_the_model_and_says_what_is_not_observable() -> None:
+    found = run(touched_bag(), others={'measured/tip_pose': '-', **TIP_ALONE})
+    assert not found.touches
+    assert {f'tip_force {axis} keeps its prior' for axis in 'xyz'} <= set(found.unlearnt)
+    assert found.camera is not None
+    np.testing.assert_allclose(*found.camera.tip, atol=3e-3)
+
+
+def test_the_place_of_a_touch_is_told_by_probabilities() -> None:
+    values = {**MARKED, 'estimator.contact': 'somewhere', 'estimator.contact_s': [0.12, 0.27]}
+    with BagReader(touched_bag()) as reader:
+        recorded = read_recorded(reader, Sources(values=values))
+    some = [
+        group for group in recorded.groups
+        if TOUCHED[0] - 3.0 < 1e-9 * (group[0].stamp_ns - recorded.origin_ns) < TOUCHED[1]
+    ]  # fmt: skip
+    found = estimate(dataclasses.replace(recorded, groups=some, camera=None))
+    assert set(found.hypotheses) == {'none', '0.12 m', '0.27 m'}
+    touch = max(found.touches, key=lambda one: one.stop - one.start)
+    assert touch.hypothesis == '0.27 m'
+    assert touch.start <= np.mean(TOUCHED) <= touch.stop
+    time = np.array([one.time for one in found.moments])
+    free = (time > time[0] + 0.5) & (time < TOUCHED[0] - 0.5)
+    names = np.array([one.hypothesis for one in found.moments])
+    assert (names[free] == 'none').mean() > 0.8
+
+
+def test_a_smoother_needs_one_place_of_contact() -> None:
+    with pytest.raises(MeasurementError, match='--smooth goes with one place of contact'):
+        run(touched_bag(), True, values={**MARKED, 'estimator.contact': 'somewhere'})
+
+
+def test_where_no_time_has_a_shape_the_reason_is_the_error() -> None:
+    values = {**MARKED, 'estimator.tension_rate': 1e6}
+    with BagReader(touched_bag()) as reader:
+        recorded = read_recorded(reader, Sources(values=values))
+    one = recorded.groups[0][0]
+    crushed = one._replace(measurement=Tensions([3e4, 0.0, 0.0, 0.0], 0.1))
+    with pytest.raises(SolveError, match=r'no estimate at any time; 1 left out, as tensions '):
+        estimate(dataclasses.replace(recorded, groups=[[crushed]]))

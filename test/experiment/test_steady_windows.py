@@ -1,0 +1,226 @@
+"""Steady windows of recorded tensions."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from experiments import HELD, staircase
+
+from octo_arm_model.arm.errors import ArmDefinitionError, MeasurementError
+from octo_arm_model.experiment.steady_windows import (
+    SteadyRule,
+    Window,
+    pose_windows,
+    ramp_windows,
+    reading_noise,
+    steady_windows,
+)
+
+
+def windows_of(time: np.ndarray, pulled: np.ndarray, **rule: float) -> list[Window]:
+    return steady_windows(time, pulled[:, np.newaxis], SteadyRule(**rule))
+
+
+def test_every_held_tension_is_a_window_and_no_way_between_is() -> None:
+    rng = np.random.default_rng(0)
+    time, pulled = staircase(HELD, hold=3.0, ramp=1.0)
+    found = windows_of(time, pulled + 0.01 * rng.standard_normal(pulled.size))
+    assert len(found) == len(HELD)
+    for number, (window, tension) in enumerate(zip(found, HELD)):
+        assert window.tensions == pytest.approx([tension], abs=0.005)
+        assert window.noise == pytest.approx([0.01], rel=0.3)
+        # From half a second after it is reached, within what the tolerance lets in of the ramp.
+        assert window.start == pytest.approx(4.0 * number + 0.5, abs=0.2)
+        assert window.stop == pytest.approx(4.0 * number + 3.0, abs=0.2)
+
+
+def in_messages_of_their_own(columns: np.ndarray) -> np.ndarray:
+    """Rows that hold one of ``columns`` (n, tendons) each by turns, NaN for the others."""
+    rows = np.full(columns.shape, np.nan)
+    turn = np.arange(len(rows)) % columns.shape[1]
+    rows[np.arange(len(rows)), turn] = columns[np.arange(len(rows)), turn]
+    return rows
+
+
+def test_what_is_read_in_messages_of_their_own_holds_until_it_is_read_again() -> None:
+    time = np.arange(0.0, 12.0, 0.01)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((time.size, 2))
+    steps = np.stack([np.where(time < 4.0, 0.02, 0.05), np.where(time < 8.0, 0.01, 0.04)], axis=1)
+    rows = np.hstack([in_messages_of_their_own(steps + noise), np.full((time.size, 1), np.nan)])
+    for read in (rows, rows[1:]):  # the second begins with the other tendon
+        found = steady_windows(time[-len(read) :], read, SteadyRule())
+        held = np.array([[0.02, 0.01], [0.05, 0.01], [0.05, 0.04]])
+        assert np.array([window.tensions[:2] for window in found]) == pytest.approx(held, abs=2e-4)
+        assert [window.stop for window in found] == pytest.approx([4.0, 8.0, 12.0], abs=0.1)
+    assert SteadyRule().tolerance_for(rows) == pytest.approx(4e-3, rel=0.1)
+    ramps = ramp_windows(time, in_messages_of_their_own(steps), 0.01)
+    assert [window.start for window in ramps] == pytest.approx([0.0, 4.0, 8.0], abs=0.03)
+
+
+def test_a_ramp_is_cut_into_windows_of_tension() -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    pulled = np.interp(time, [0.0, 10.0, 20.0], [0.0, 3.0, 0.0])[:, np.newaxis]
+    found = ramp_windows(time, pulled, 0.25)
+    for window in found[:-1]:
+        inside = pulled[(time >= window.start) & (time <= window.stop)]
+        assert np.ptp(inside) <= 0.25
+        assert window.tensions == pytest.approx([inside.mean()])
+    assert len(found) == pytest.approx(2 * 3.0 / 0.25, abs=2)
+    # Each sample is in one of them.
+    assert [b.start - a.stop for a, b in itertools.pairwise(found)] == pytest.approx(
+        [0.01] * (len(found) - 1)
+    )
+    assert 0.1 < np.ptp(pulled[time <= ramp_windows(time, pulled, None)[0].stop]) <= 0.15
+    assert ramp_windows(np.zeros(0), np.zeros((0, 1)), None) == []
+    with pytest.raises(MeasurementError, match=r'more than 1000 windows of 0.001 N, expected a w'):
+        ramp_windows(time, pulled, 0.001)
+    with pytest.raises(ArmDefinitionError, match='--ramp is -1'):
+        ramp_windows(time, pulled, -1.0)
+
+
+def test_a_ramp_is_steady_nowhere() -> None:
+    time = np.arange(0.0, 10.0, 0.01)
+    assert windows_of(time, 0.3 * time) == []
+
+
+def test_a_glitch_does_not_make_two_steps_of_one_and_does_not_count() -> None:
+    time = np.arange(0.0, 6.0, 0.01)
+    pulled = np.where((time > 3.0) & (time < 3.05), 4.0, 2.0)
+    (window,) = windows_of(time, pulled)
+    assert window.tensions.item() == pytest.approx(2.0)
+    assert (window.start, window.stop) == pytest.approx((0.5, 5.99), abs=0.02)
+
+
+def test_a_hole_in_the_recording_ends_a_window() -> None:
+    time = np.concatenate([np.arange(0.0, 3.0, 0.01), np.arange(8.0, 11.0, 0.01)])
+    assert len(windows_of(time, np.full(time.size, 2.0))) == 2
+
+
+def test_what_is_too_short_to_settle_is_no_window() -> None:
+    time = np.arange(0.0, 1.2, 0.01)
+    assert windows_of(time, np.ones(time.size), duration=1.0, settle=2.0) == []
+    assert windows_of(np.zeros(0), np.zeros(0)) == []
+
+
+@pytest.mark.parametrize('rule', [{'tolerance': 0.0}, {'duration': -1.0}, {'settle': np.nan}])
+def test_rules_that_make_no_sense_are_refused(rule: dict[str, float]) -> None:
+    with pytest.raises(ArmDefinitionError):
+        SteadyRule(**rule)
+
+
+TIME = 0.01 * np.arange(4000)
+NOISE = np.random.default_rng(3).standard_normal(TIME.size)
+
+
+@pytest.mark.parametrize('slack', [0.3, 0.5, 0.8])
+def test_readings_of_a_slack_tendon_do_not_hide_the_noise_of_the_taut_one(slack: float) -> None:
+    pulled = np.where(TIME < slack * TIME[-1], 0.0, 0.5 + 0.005 * NOISE)
+    idle = np.zeros(TIME.size)
+    assert reading_noise(np.stack([pulled, idle], axis=1)) == pytest.approx(0.005, rel=0.1)
+    # A tendon that is slack reads noise above zero, and zero below it.
+    clipped = np.maximum(pulled + np.where(pulled, 0.0, 0.005 * NOISE - 0.003), 0.0)
+    assert 0.003 < reading_noise(clipped[:, np.newaxis]) < 0.006
+
+
+def test_readings_that_are_repeated_have_the_noise_of_those_of_the_cell() -> None:
+    read = np.repeat(0.5 + 0.005 * NOISE[::10], 10)
+    assert reading_noise(read[:, np.newaxis]) == pytest.approx(0.005, rel=0.15)
+
+
+@pytest.mark.parametrize('noise', [0.2, 0.5, 1.0])
+def test_a_load_cell_that_reads_in_steps_has_a_noise_of_the_size_of_these(noise: float) -> None:
+    step = 0.01
+    pulled = 0.5 + 0.1 * np.sin(TIME) + step * noise * NOISE
+    found = reading_noise(step * np.round(pulled / step)[:, np.newaxis])
+    assert 0.3 * step < found < 2.0 * step
+
+
+@pytest.mark.parametrize('hold', [1.0, 3.0])
+@pytest.mark.parametrize('ramp', [0.1, 0.5])
+def test_steps_and_ramps_without_noise_have_none(hold: float, ramp: float) -> None:
+    for levels in (HELD, [0.0, 2.0] * 4, [0.0, 0.3, 0.0, 0.6, 0.0, 0.9]):
+        _, pulled = staircase(levels, hold=hold, ramp=ramp)
+        assert reading_noise(pulled[:, np.newaxis]) == 0.0
+        assert reading_noise(pulled[::10, np.newaxis]) == 0.0
+        rounded = pulled * (1.0 + 1e-16 * np.sign(NOISE[: pulled.size]))
+        assert reading_noise(rounded[:, np.newaxis]) == 0.0
+
+
+@pytest.mark.parametrize('rows', [0, 1, 2, 100])
+def test_where_nothing_changes_there_is_no_noise(rows: int) -> None:
+    assert reading_noise(np.full((rows, 2), 0.7)) == 0.0
+    assert reading_noise(np.full((rows, 2), np.nan)) == 0.0
+
+
+RNG = np.random.default_rng(5)
+# What is pulled, and not held: (seconds from row to row, rows of one or two tendons) [N].
+NOT_HELD = {
+    'poses': (2.3, RNG.uniform(0.0, 2.0, (40, 2))),
+    'poses of one tendon': (2.3, RNG.uniform(0.0, 2.0, (40, 1))),
+    'poses around one': (1.0, np.abs(RNG.normal(1.0, 0.3, (300, 2)))),
+    'poses that rise': (3.0, np.sort(RNG.uniform(0.0, 2.0, (12, 1)), axis=0)),
+    'poses on a grid': (2.0, RNG.integers(0, 5, (60, 4)) * 0.5),
+    'held for 0.1 s': (0.01, np.repeat(RNG.uniform(0.0, 2.0, (200, 2)), 10, axis=0)),
+    'held for one row': (0.1, RNG.uniform(0.0, 2.0, (400, 2))),
+    'a fast sine': (0.1, 1.0 + np.sin(4.0 * np.pi * 0.1 * np.arange(300))[:, np.newaxis]),
+    'faster': (0.1, 1.0 + np.sin(6.4 * np.pi * 0.1 * np.arange(300))[:, np.newaxis]),
+    'a chirp': (0.05, 1.0 + np.sin(0.02 * np.arange(50, 400) ** 2)[:, np.newaxis]),
+    'to and fro': (1.0, np.tile([[0.0], [2.0]], (30, 1))),
+}
+
+
+@pytest.mark.parametrize('name', NOT_HELD)
+def test_what_is_not_held_is_neither_noise_nor_steady(name: str) -> None:
+    step, tensions = NOT_HELD[name]
+    assert reading_noise(tensions) == 0.0
+    assert SteadyRule().tolerance_for(tensions) <= 0.02 * tensions.max()
+    assert steady_windows(step * np.arange(len(tensions)), tensions, SteadyRule()) == []
+
+
+@pytest.mark.parametrize('name', NOT_HELD)
+def test_a_ramp_of_what_is_not_held_has_no_wider_windows(name: str) -> None:
+    step, tensions = NOT_HELD[name]
+    for window in ramp_windows(step * np.arange(len(tensions)), tensions, None):
+        inside = tensions[round(window.start / step) : round(window.stop / step) + 1]
+        assert np.ptp(inside, axis=0).max() <= 0.05 * tensions.max()
+
+
+@pytest.mark.parametrize('noise', [0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0])
+def test_the_tolerance_is_bounded_by_the_highest_reading(noise: float) -> None:
+    time, pulled = staircase(HELD, hold=3.0, ramp=1.0)
+    read = (pulled + noise * NOISE[: pulled.size])[:, np.newaxis]
+    assert SteadyRule().tolerance_for(read) <= 0.2 * np.abs(read).max()
+    found = steady_windows(time, read, SteadyRule())
+    # Above some five percent it is not told from the tension, and nothing is steady.
+    if noise <= 0.03:
+        assert len(found) == len(HELD)
+    elif noise >= 0.3:
+        assert not found
+
+
+def test_start_and_end_of_each_step_are_enough() -> None:
+    time = np.array([0.0, 3.0, 4.0, 7.0, 8.0, 11.0])
+    tensions = np.repeat([[0.5], [1.5], [1.0]], 2, axis=0)
+    found = steady_windows(time, tensions, SteadyRule(settle=0.0))
+    assert [window.tensions.item() for window in found] == [0.5, 1.5, 1.0]
+
+
+def test_each_row_of_a_table_is_a_pose() -> None:
+    step, tensions = NOT_HELD['poses']
+    time = step * np.arange(len(tensions))
+    found = pose_windows(time, tensions, 0.1)
+    assert np.array([window.tensions for window in found]).tolist() == tensions.tolist()
+    for window, at in zip(found, time):
+        assert (window.start, window.stop) == pytest.approx((at - 0.1, at + 0.1))
+    # What is nearer together than that is not shared.
+    near = pose_windows(0.01 * time, tensions, 0.1)
+    assert all(one.stop < other.start for one, other in itertools.pairwise(near))
+    assert len(pose_windows(time[:1], tensions[:1], 0.1)) == 1
+    with pytest.raises(
+        MeasurementError, match=r'two rows of tensions at 2\.3 s, expected another'
+    ):
+        pose_windows(time[[0, 1, 1]], tensions[:3], 0.1)
+    with pytest.raises(MeasurementError, match='1001 poses, expected at most 1000'):
+        pose_windows(np.arange(1001.0), np.ones((1001, 1)), 0.1)
