@@ -191,7 +191,6 @@ class Tendons:
         tension: (n, J) [N], zero beyond the anchorage.
         pulled: which of all tendons these are, (J,).
         strain: the six scaled strains, (6, n, 1).
-        by: du/de by the six scaled strains, without what the widening adds, (3, 6, n, J).
         unit: c = u / |u|, (3, n, J).
         over: 1 / |u|, (n, J).
     """
@@ -205,25 +204,28 @@ class Tendons:
         work: Work,
     ) -> None:
         """Of scaled ``strain`` (6, n, 1)."""
-        acts = np.arange(tensions.shape[1]) < tables.active[:, np.newaxis]
-        self.tension = tensions * acts
+        self.tension = tensions * tables.reach
         # Those that nobody pulls are left out.
         self.pulled = np.flatnonzero(self.tension.any(axis=0))
         if not self.pulled.size:
             self.pulled = np.array([0])  # Arrays without tendons have no shape to go by.
         self.tension = self.tension[:, self.pulled]
-        x, y, self.dx, self.dy = tables.tendons[:, self.pulled].transpose(2, 0, 1)
+        # x, y, dx, dy and 1, of which u and its derivatives are linear.
+        self._path = np.ones((5, *self.tension.shape))
+        self._path[:4] = tables.tendons[:, self.pulled].transpose(2, 0, 1)
+        x, y, self.dx, self.dy, _ = self._path
         self.compliance = tables.compliance[self.pulled]
         self.strain, self._width = strain, width[:, np.newaxis]
         self._strains = work.residual.shape[1]
         if self.compliance.any():
             offsets = self._offsets(x, y, tables.body[:, LEVER, np.newaxis])
             work.offsets[:, self.pulled, 0], work.offsets[:, self.pulled, 1] = offsets
-            x, y = x + offsets[0], y + offsets[1]
+            self._path[:2] += offsets
         self.x, self.y = x, y
         u = self._along(x, y)
         self.over = 1.0 / np.sqrt((u * u).sum(axis=0))
         self.unit = u * self.over
+        self._winding = self.dx * self.unit[1] + self.dy * self.unit[2]
 
     def _along(self, x: FloatArray, y: FloatArray) -> FloatArray:
         t, n, b, stretch, v_n, v_b = self.strain
@@ -265,21 +267,14 @@ class Tendons:
             1.0 + stiff * (n * n + t * t - p_b * p_b),
         )
 
-    def gradient(self, slope: FloatArray) -> FloatArray:
-        """Gradient of sum T |u| by the scaled strain, (6, n)."""
-        f_t, f_n, f_b = self.tension * self.unit
-        found = np.empty((6, len(f_t)))
-        moments = np.stack(
-            [
-                self.x * f_b - self.y * f_n,
-                self.y * f_t,
-                -self.x * f_t,
-                f_t + slope[:, np.newaxis] * (self.dx * f_n + self.dy * f_b),
-                f_n,
-                f_b,
-            ]
-        )
-        moments.sum(axis=2, out=found)
+    def by_strain(self, slope: FloatArray) -> FloatArray:
+        """Gradient of |u| by the scaled strain, (m, n, J)."""
+        u_t, u_n, u_b = self.unit
+        found = np.empty((self._strains, *u_t.shape))
+        found[0] = self.x * u_b - self.y * u_n
+        found[1], found[2] = self.y * u_t, -self.x * u_t
+        found[3] = u_t + slope[:, np.newaxis] * self._winding
+        found[4:] = self.unit[1 : self._strains - 3]
         return found
 
     def derivatives(self, slope: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -287,26 +282,17 @@ class Tendons:
 
         By the scaled strains; of the four without shear where there is none.
         """
-        (nodes, tendons), x, y = self.x.shape, self.x, self.y
-        # du/de and, as a fourth component, the gradient of |u|.
-        by = np.zeros((self._strains, 4, nodes, tendons))
-        by[0, 1], by[0, 2], by[1, 0], by[2, 0] = -y, x, y, -x
-        by[3, 0] = 1.0
-        by[3, 1], by[3, 2] = slope[:, np.newaxis] * self.dx, slope[:, np.newaxis] * self.dy
-        if self._strains == 6:
-            by[4, 1] = by[5, 2] = 1.0
-        (by[:, :3] * self.unit).sum(axis=1, out=by[:, 3])
-        gradient = np.einsum('anj,nj->an', by[:, 3], self.tension)
-        rows = by.transpose(2, 0, 1, 3).reshape(nodes, self._strains, -1)
-        weight = np.empty((nodes, 4, tendons))
-        weight[:] = (self.tension * self.over)[:, np.newaxis]
-        weight[:, 3] *= -1.0
-        found = (rows * weight.reshape(nodes, 1, -1)) @ rows.swapaxes(1, 2)
-        along = self.dx * self.unit[1] + self.dy * self.unit[2]
-        found[:, 3, 3] += bend * np.einsum('nj,nj->n', self.tension, along)
+        by, strains, weight = self.by_strain(slope), self._strains, self.tension * self.over
+        scale = np.ones((len(weight), 5))
+        scale[:, 2] = scale[:, 3] = slope
+        twice = _twice(weight, self._path) * (scale[:, np.newaxis] * scale[..., np.newaxis])
+        found = (twice.reshape(-1, 25) @ _TWICE[strains]).reshape(-1, strains, strains)
+        found -= _twice(weight, by)
+        found[:, 3, 3] += bend * np.einsum('nj,nj->n', self.tension, self._winding)
         if self.compliance.any():
-            found -= self._condensed(by[:, :3].swapaxes(0, 1), by[:, 3])
-        return gradient, found
+            path = self._path * scale.T[..., np.newaxis]
+            found -= self._condensed(np.einsum('ack,knj->canj', _BY[:strains], path), by)
+        return np.einsum('anj,nj->an', by, self.tension), found
 
     def _condensed(self, by: FloatArray, g: FloatArray) -> FloatArray:
         """C D^-1 C^T of the offsets in sheaths, (n, m, m)."""
@@ -328,6 +314,20 @@ class Tendons:
         factor = self.compliance / (nn * bb - nb * nb)
         moved = factor * np.stack([bb * mixed[0] - nb * mixed[1], nn * mixed[1] - nb * mixed[0]])
         return np.asarray(np.einsum('danj,dcnj->nac', mixed, moved))
+
+
+# From x, y, slope dx, slope dy and 1 to du/de by the six scaled strains, (6, 3, 5), and from their
+# products to those of four or all of these, (25, 16 or 36).
+_BY = np.zeros((6, 3, 5))
+_BY[[0, 2], [1, 0], [1, 0]] = -1.0
+_BY[[0, 1, 3, 3, 3, 4, 5], [2, 0, 0, 1, 2, 1, 2], [0, 1, 4, 2, 3, 4, 4]] = 1.0
+_TWICE = {m: np.einsum('ack,bcl->klab', _BY[:m], _BY[:m]).reshape(25, -1) for m in (4, 6)}
+
+
+def _twice(weight: FloatArray, rows: FloatArray) -> FloatArray:
+    """Sums over the tendons of products of ``rows`` (k, n, J) by ``weight`` (n, J), (n, k, k)."""
+    weighted = (weight * rows).transpose(1, 0, 2)
+    return np.asarray(weighted @ rows.transpose(1, 2, 0))
 
 
 def _scaled(z: FloatArray, width: FloatArray) -> FloatArray:
@@ -392,7 +392,8 @@ def _gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) 
     width, slope, _ = _widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
     g = _stress(tables, strain[..., 0], _density_at(tables, strain[..., 0]))
-    g += Tendons(tables, strain, width, tensions, work).gradient(slope)
+    tendons = Tendons(tables, strain, width, tensions, work)
+    g[: z.shape[1]] += np.einsum('anj,nj->an', tendons.by_strain(slope), tendons.tension)
     work.gradient[:] = _unscale_gradient(z, width, slope, g)
 
 
@@ -408,14 +409,14 @@ def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) ->
     h = h[:, : z.shape[1], : z.shape[1]] + twice
     if tables.widens:
         # Scaled bends change with the stretch as well, by their slope.
-        turned = slope[:, np.newaxis] * z[:, :3]
-        along = np.einsum('nac,nc->na', h[:, :, :3], turned)
-        mixed = width[:, np.newaxis] * (h[:, 3, :3] + along[:, :3])
-        mixed += slope[:, np.newaxis] * g[:3].T
-        h[:, 3, 3] += 2.0 * along[:, 3] + np.einsum('na,na->n', along[:, :3], turned)
-        h[:, 3, 3] += bend * np.einsum('na,an->n', z[:, :3], g[:3])
-        h[:, 3, :3] = h[:, :3, 3] = mixed
-        h[:, :3, :3] *= (width * width)[:, np.newaxis, np.newaxis]
+        scaled = np.zeros((len(z), 4, 4))
+        scaled[:, 0, 0] = scaled[:, 1, 1] = scaled[:, 2, 2] = width
+        scaled[:, :3, 3], scaled[:, 3, 3] = slope[:, np.newaxis] * z[:, :3], 1.0
+        h = scaled.swapaxes(1, 2) @ h @ scaled
+        mixed = slope[:, np.newaxis] * g[:3].T
+        h[:, 3, :3] += mixed
+        h[:, :3, 3] += mixed
+        h[:, 3, 3] += bend * (z[:, :3] * g[:3].T).sum(axis=1)
     work.gradient[:] = _unscale_gradient(z, width, slope, g)
     work.hessian[:] = h
 
@@ -429,7 +430,6 @@ def balance(
         z[:] = initial_twists(tables, tensions, z.shape[1])
     scale = force_scale(tables, tensions)
     step, slope, left = np.zeros_like(z), np.zeros(len(z)), np.inf
-    kinds = np.arange(z.shape[1]) // 3
     for steps in range(1, _MOST_BALANCE + 1):
         sections(tables, z, tensions, work)
         np.subtract(work.gradient, wrench, out=work.residual)
@@ -439,7 +439,8 @@ def balance(
             return left, steps
         if not left <= _ROUNDING and steps > 1:
             along = (work.residual * step).sum(axis=1)
-            worst = (np.abs(work.residual) / scale[:, kinds]).max(axis=1)
+            sizes = scale.repeat(3, axis=1)[:, : z.shape[1]]
+            worst = (np.abs(work.residual) / sizes).max(axis=1)
             fine = (along <= _OVERSHOOT * slope) | (worst <= _ROUNDING)  # False for NaN
             if not fine.all():
                 step = np.where(fine[:, np.newaxis], step, _SHORTENED * step)
@@ -467,7 +468,7 @@ def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatA
     first order in the moment, for rubber from the straight section and a secant.
     """
     axial, radius = tables.body[:, AXIAL], np.sqrt(tables.body[:, SQUARED_RADIUS])
-    pull = tensions * (np.arange(tensions.shape[1]) < tables.active[:, np.newaxis])
+    pull = tensions * tables.reach
     force = pull.sum(axis=1) / axial
     about_n = (pull * tables.tendons[..., ALONG_B]).sum(axis=1) / axial
     about_b = -(pull * tables.tendons[..., ALONG_N]).sum(axis=1) / axial
@@ -497,7 +498,7 @@ def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatA
 
 def _relative(wrench: FloatArray, scale: FloatArray, work: Work) -> float:
     """Largest residual over its scale and the largest ``wrench`` (N, m) along the arm."""
-    scale = scale[:, np.arange(wrench.shape[1]) // 3] + np.abs(wrench).max(axis=0)
+    scale = scale.repeat(3, axis=1)[:, : wrench.shape[1]] + np.abs(wrench).max(axis=0)
     return float((np.abs(work.residual) / scale).max(initial=0.0))
 
 

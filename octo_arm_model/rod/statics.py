@@ -24,7 +24,7 @@ from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.tables import Places
 from octo_arm_model.rod.tendons import outward_paths, unloaded_tendons
 
-AT_ONCE = 64  # arms, for which tables have room in the processor's cache
+AT_ONCE = 32  # arms, for which tables have room in the processor's cache
 _LEVELS_AT_ONCE = 3
 
 
@@ -201,7 +201,7 @@ class Statics(abc.ABC):
         """See `Winches.solve`: a shape, and what is reeled in there, (J,) [m]."""
 
     @abc.abstractmethod
-    def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
+    def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """First derivatives of a solution, see `Solver.sensitivity`."""
 
     @abc.abstractmethod
