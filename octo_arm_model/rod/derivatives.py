@@ -14,7 +14,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -139,25 +139,28 @@ class Derivatives:
         self._outwards = outward_paths(rod.arm, own, elements.s)
         self._kept: _Linear | None = None
 
-    def sensitivity(self, state: State, by_offsets: bool = True) -> Sensitivity:
+    def sensitivity(self, state: State) -> Sensitivity:
         """Of the equilibrium ``state`` by all quantities of `Sensitivity`.
-
-        Unless ``by_offsets`` none by the offsets and sheaths of tendons without friction.
 
         Raises:
             LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
         tendons, slides = self._rest_lengths.size, self._problem.friction is not None
-        moved = tendons * (by_offsets or slides)
         columns = _columns(
-            tension=tendons, youngs_modulus=1, tip_wrench=6, poisson_ratio=1, offset=moved,
-            sheath_stiffness=moved * bool(self._problem.tables.compliance.any()),
+            tension=tendons, youngs_modulus=1, tip_wrench=6, poisson_ratio=1,
             friction=tendons * slides,
         )  # fmt: skip
         wrenches = np.tile(np.eye(6), (self._problem.elements.s.size, 1, 1))
         change = self._change(state, columns, wrenches)
-        return Sensitivity(**{f'by_{name}': _part(change, own) for name, own in columns.items()})
+        found: dict[str, Any] = {f'by_{name}': _part(change, own) for name, own in columns.items()}
+        return Sensitivity(**found, find_path=functools.partial(self._by_path, state))
+
+    def _by_path(self, state: State, name: str) -> Change | None:
+        """By one of `_PATHS`; None where it is of sheaths and all are rigid."""
+        if name == 'offset' or self._problem.tables.compliance.any():
+            return self._change(state, _columns(**{name: self._rest_lengths.size}))
+        return None
 
     def by_loads(self, state: State, loads: Sequence[Loads]) -> Change:
         """Change of the equilibrium ``state`` per unit of each of dead ``loads``.
@@ -223,7 +226,9 @@ class Derivatives:
             )
         return kept
 
-    def _change(self, state: State, columns: _Columns, wrenches: FloatArray) -> Change:
+    def _change(
+        self, state: State, columns: _Columns, wrenches: FloatArray | None = None
+    ) -> Change:
         """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
         weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
         linear = self._linearised(state)
@@ -236,9 +241,10 @@ class Derivatives:
             push += by_local @ local
         elif 'tension' in columns:
             push[..., columns['tension']] += by_local
-        beyond = wrenches.copy()
-        beyond[:, 3:] += _along(weights - self._to_nodes, _skew(linear.slope) @ wrenches[:, :3])
-        push[..., columns['tip_wrench']] -= _turned(linear.rotation, beyond, strains)
+        if wrenches is not None:
+            levers = _along(weights - self._to_nodes, _skew(linear.slope) @ wrenches[:, :3])
+            beyond = np.concatenate([wrenches[:, :3], wrenches[:, 3:] + levers], axis=1)
+            push[..., columns['tip_wrench']] -= _turned(linear.rotation, beyond, strains)
         z = linear.factors.solve(-push.reshape(-1, total)).reshape(push.shape)
         if linear.tension is not None:
             local += linear.tension.by_twists(z)
@@ -259,17 +265,15 @@ class Derivatives:
     def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, total)."""
         found, tension = np.zeros((*linear.rates.shape, total)), linear.tension
-        parts = {'tension': linear.rates}
-        if tension is not None and 'friction' in columns:
-            parts['friction'] = tension.by_friction
-            parts['offset'] = tension.by_unit(linear.sections.by_offset.unit)
-            if 'sheath_stiffness' in columns:
-                parts['sheath_stiffness'] = tension.by_unit(
-                    linear.sections.by_sheath_stiffness.unit
-                )
         own = np.arange(found.shape[1])
-        for name in set(parts).intersection(columns):
-            found[:, own, columns[name].start + own] = parts[name]
+        for name, where in columns.items():
+            if name == 'tension':
+                found[:, own, where.start + own] = linear.rates
+            elif tension is not None and name == 'friction':
+                found[:, own, where.start + own] = tension.by_friction
+            elif tension is not None and name in _PATHS:
+                unit = getattr(linear.sections, f'by_{name}').unit
+                found[:, own, where.start + own] = tension.by_unit(unit)
         return found
 
     def _read(self, linear: _Linear, z: FloatArray) -> tuple[FloatArray, FloatArray]:

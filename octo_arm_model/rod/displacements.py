@@ -200,18 +200,22 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
     changes = _reeled_in(solver, by_tension, np.eye(tensions.size))
     tension = np.zeros((tensions.size, tensions.size))
     tension[np.ix_(taut, taut)] = np.linalg.pinv(changes[np.ix_(taut, taut)], _SINGULAR)
-    # Of each quantity, where it changes more than the shape: of the unloaded lengths.
-    own = {'by_offset': np.diag(unloaded_by_offset(solver, wound.backbone))}
-    held: dict[str, Any] = {}
-    for name, change in vars(found).items():
-        if change is not None:
-            reeled_in = changes if change is by_tension else _reeled_in(solver, change)
-            answer = -tension @ (reeled_in + own.get(name, 0.0))
-            held[name] = _combined(change, by_tension, answer)
-    for array in vars(held['by_tension']).values():
+
+    def held(name: str) -> Any:
+        change = getattr(found, f'by_{name}')
+        if change is None:
+            return None
+        reeled_in = changes if name == 'tension' else _reeled_in(solver, change)
+        if name == 'offset':  # unloaded lengths change too
+            reeled_in = reeled_in + np.diag(unloaded_by_offset(solver, wound.backbone))
+        return _combined(change, by_tension, -tension @ reeled_in)
+
+    at_once = 'tension', 'youngs_modulus', 'tip_wrench', 'poisson_ratio', 'friction'
+    others = Sensitivity(**{f'by_{name}': held(name) for name in at_once}, find_path=held)
+    for array in vars(others.by_tension).values():
         if array is not None:
             array[..., wound.driven] = 0.0  # they follow from the displacements
-    return WoundSensitivity(_combined(None, by_tension, tension), tension, Sensitivity(**held))
+    return WoundSensitivity(_combined(None, by_tension, tension), tension, others)
 
 
 def _reeled_in(solver: Solver, change: Change, at_base: FloatArray | float = 0.0) -> FloatArray:

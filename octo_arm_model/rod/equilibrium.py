@@ -13,7 +13,7 @@ from octo_arm_model.rod.factors import Factors, Variation, factorise
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
-from octo_arm_model.rod.tables import LEVER, Tables, force_scale, work_arrays
+from octo_arm_model.rod.tables import LEVER, Tables, force_scale, places_at, work_arrays
 from octo_arm_model.rod.tendons import Tendons
 
 
@@ -102,6 +102,7 @@ class Problem:
         self.form, self.strains = form, strains
         self.others = OtherLoads(loads.others, elements, tables.base)
         self.work = work_arrays(tables, strains, has_jacobian=has_jacobian)
+        self._tip = places_at(elements, elements.edges[-1:])
         self._current: FloatArray | None = None
         self._oriented: FloatArray | None = None
         self._scaled: FloatArray | None = None
@@ -197,6 +198,11 @@ class Problem:
         if self._oriented is not z:
             self.form.orientations(self.tables, z, self.work)
             self._current, self._oriented = None, z
+
+    def position_error(self, z: FloatArray) -> float:
+        """Estimated error of positions over the length of the arm [-], of twists ``z`` (N, m)."""
+        self.orient(z)
+        return float(self.form.poses(self.tables, z, self._tip, self.work)[2][0])
 
     def load_work(self, state: State) -> None:
         """Have in `work` what belongs to ``state``."""

@@ -93,17 +93,12 @@ class Exact(Statics):
     def shape(self, found: Equilibrium) -> Shape:
         """An equilibrium at the stations."""
         reading = self._readout(found.level).read(found.state, found.fine)
-        return Shape(
-            reading.position + self._setup.base[0],
-            reading.quaternion,
-            strains_of(reading.twist),
-            reading.tensions,
-            found,
-        )
+        position, quaternion, twist, along = reading
+        return Shape(position + self._setup.base[0], quaternion, strains_of(twist), along, found)
 
-    def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
+    def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """See `Statics`."""
-        return self._derivatives(found.level).sensitivity(found.state, by_offsets)
+        return self._derivatives(found.level).sensitivity(found.state)
 
     def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
         """See `Statics`."""

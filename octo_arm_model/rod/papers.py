@@ -18,7 +18,6 @@ from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
 from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.paper_equations import Equations, MakesEquations, Strains
-from octo_arm_model.rod.read_out import ADDED_POINTS
 from octo_arm_model.rod.reeling import Aim, Border, Reached, Reeling
 from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import WORST, Equilibrium, Rod, Setting, require_resolved
@@ -32,6 +31,7 @@ from octo_arm_model.rod.winches import Winches
 # With a history strains have kinks, by which the estimated error of positions is too small: it has
 # to be so much smaller.
 _OF_HISTORY = 1e-4
+_OF_FRICTION = 0.1  # likewise with friction from slack
 _MOST_STEPS = 100  # of tensions with friction
 _SETTLED = 1e-13  # change of these, over the largest tension
 
@@ -81,7 +81,7 @@ class Papers(Statics):
         )
 
     def _level(self, level: int) -> _Level:
-        setup, problem = self._setup, self._rod.problem(level, ADDED_POINTS)
+        setup, problem = self._setup, self._rod.problem(level, self._rod.added)
         nodes, places = problem.elements.s.size, places_at(problem.elements, setup.s)
         equations = self._equations(setup.arm, problem.elements, setup.s, problem.form)
         nothing = np.zeros((nodes, 3)), np.zeros((nodes, 3)), np.ones((nodes, 2))
@@ -126,6 +126,8 @@ class Papers(Statics):
         """
         accuracy = self._setup.accuracy
         allowed = allowed_between(accuracy) if wanted.before is None else _OF_HISTORY * accuracy
+        if self._setup.arm.friction and wanted.before is None:
+            allowed *= _OF_FRICTION
         if error > allowed and self._rod.is_last(number):
             require_resolved(self.problem(number), error, max(accuracy, WORST))
             return True
@@ -236,7 +238,7 @@ class Papers(Statics):
                 f'(q = {stretch[worst] - 1.0:.4g}, must be > -1)'
             )
 
-    def sensitivity(self, found: Equilibrium, by_offsets: bool = True) -> Sensitivity:
+    def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """By tensions, E and friction alone."""
         return sensitivity(self._at(found.level), found.state, self._setup.arm.tendon_names)
 

@@ -10,7 +10,6 @@ have kinks between the points, but wrenches have none: there they are interpolat
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,25 +21,7 @@ from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.tables import places_at, tabulate, work_arrays
 from octo_arm_model.rod.unloaded import straight_twists
 
-ADDED_POINTS = 5  # in each element
 ONE_STEP = 1e300  # residual before the last step to the balance of sections
-
-
-class Reading(NamedTuple):
-    """Cross sections at S stations.
-
-    Attributes:
-        position: (S, 3) [m], from the base.
-        quaternion: x, y, z, w, (S, 4).
-        twist: (S, m) [1/m and -].
-        tensions: of tendons with friction [N], (S, J), also beyond their anchorages; None without
-            friction.
-    """
-
-    position: FloatArray
-    quaternion: FloatArray
-    twist: FloatArray
-    tensions: FloatArray | None
 
 
 class Finer:
@@ -52,7 +33,7 @@ class Finer:
     """
 
     def __init__(self, problem: Problem, own: Problem) -> None:
-        """``own`` has the elements of ``problem`` with `ADDED_POINTS` in each."""
+        """``own`` has the elements of ``problem`` with more points in each."""
         self.problem, self.own = problem, own
         self._between = problem.elements.interpolation(own.elements.s)
         self._of_fine: FloatArray | None = None
@@ -126,8 +107,14 @@ class Readout:
             self._tables = tabulate(arm, at_stations, own.tables.base, widens=own.tables.widens)
             self._work = work_arrays(self._tables, own.strains, has_jacobian=False)
 
-    def read(self, state: State, fine: FloatArray | None = None) -> Reading:
-        """The cross sections in ``state``, whose twists at the finer points may be known."""
+    def read(
+        self, state: State, fine: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+        """Cross sections at S stations in ``state``, whose twists at finer points may be known.
+
+        Positions (S, 3) [m] from the base, quaternions x, y, z, w (S, 4), twists (S, m) and, of
+        tendons with friction, tensions (S, J) [N], also beyond their anchorages.
+        """
         finer, along = self._finer.own, None
         if fine is not None:
             twist = self.twists(fine)
@@ -140,7 +127,7 @@ class Readout:
                 form.balance(self._tables, twist, along, wrench, ONE_STEP, self._work)
         finer.orient(fine)
         position, quaternion, _ = finer.form.poses(finer.tables, fine, self.places, finer.work)
-        return Reading(position[0], quaternion[0], twist, along)
+        return position[0], quaternion[0], twist, along
 
     def twists(self, fine: FloatArray) -> FloatArray:
         """Twists (..., S, m) at the stations, from those (..., n, m) at the finer points."""
@@ -149,7 +136,7 @@ class Readout:
         return np.asarray(strained + self._straight)
 
     def _tensions(self, state: State, acting: Acting, z: FloatArray) -> FloatArray:
-        """See `Reading`; ``acting`` and twists ``z`` (n, m) are those of the finer points."""
+        """See `read`; ``acting`` and twists ``z`` (n, m) are those of the finer points."""
         if state.acting.condition.tensions.ndim > 1:
             return np.asarray(self.places.between @ acting.tensions)
         return self._slid(state, self._angle(acting, z))

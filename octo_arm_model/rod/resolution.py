@@ -9,26 +9,23 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.elements import Elements
 
 # Error of positions over the sums of squares, at most, where it is above 1e-10; measured for the
 # arm of Table 4 under random tensions in water and air and for the metal rod.
 OF_BENDS, OF_DIRECTIONS = 2e-3, 1e-4
-_BETWEEN = 10.0
+_BETWEEN = 30.0
+_ADDED, _ADDED_FINE, _FINE = 4, 5, 1e-8  # points, and the accuracy below which it is more
 
 
-def position_error(elements: Elements, z: FloatArray, slope: FloatArray) -> float:
-    """Estimated error of positions over the length of the arm [-].
-
-    From the twists ``z`` (N, m) and r' ``slope`` (N, 3) at the nodes.
-    """
-    return float(position_errors(elements.rule.tail, elements.lengths, z, slope)[0])
+def added_points(accuracy: float, has_friction: bool) -> int:
+    """Points more in each element at which sections are balanced, for stations between them."""
+    return _ADDED if accuracy >= _FINE and not has_friction else _ADDED_FINE
 
 
 def allowed_between(accuracy: float) -> float:
-    """What `position_error` may be for strains between the points to be right to ``accuracy``.
+    """What `position_errors` may be for positions between the points to be right to ``accuracy``.
 
-    Their error is of the first order of what the points leave, that of positions of the second.
+    Their error is of the first order of what the points leave, that at the ends of the second.
     """
     return min(accuracy, (_BETWEEN * accuracy) ** 2)
 
@@ -36,9 +33,10 @@ def allowed_between(accuracy: float) -> float:
 def position_errors(
     tail: FloatArray, lengths: FloatArray, z: FloatArray, slope: FloatArray
 ) -> FloatArray:
-    """The same of several arms, (A,), from ``z`` (A N, m) and ``slope`` (A N, 3).
+    """Estimated errors of positions over the length of A arms [-], (A,).
 
-    From the last Legendre coefficients of elements, see `Places.tail`, and ``lengths`` (E,) [m].
+    From the twists ``z`` (A N, m) and r' ``slope`` (A N, 3) at the nodes, by the last Legendre
+    coefficients of elements, see `Places.tail`, and ``lengths`` (E,) [m].
     """
     # Largest of the last two Legendre coefficients of bends and directions in each element.
     values = np.concatenate([z[:, :3], slope], axis=1).reshape(-1, tail.shape[1], 6)

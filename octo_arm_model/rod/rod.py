@@ -31,8 +31,8 @@ from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.inputs import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
-from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
-from octo_arm_model.rod.resolution import allowed_between, position_error
+from octo_arm_model.rod.read_out import Finer, Readout
+from octo_arm_model.rod.resolution import added_points, allowed_between
 from octo_arm_model.rod.tables import tabulate
 from octo_arm_model.rod.unloaded import balance_sections
 
@@ -95,6 +95,7 @@ class Rod:
         setting: how it is modelled.
         is_compiled: whether numba compiles the node functions.
         is_loaded: whether anything but tendons and the wrench on the tip loads it.
+        added: points that the finer problem of each level has more in each element.
     """
 
     def __init__(
@@ -112,10 +113,11 @@ class Rod:
         self._form = choose_form(setting.compiled)
         self.is_compiled = self._form is not arrays
         self._strains = 6 if setting.shear else 4
+        self.added = added_points(setting.accuracy, bool(arm.friction))
         # Problems of each level, and one of few nodes to follow an arm from its unloaded shape.
         self.problem = functools.lru_cache(self._problem)
         self.finer = functools.lru_cache(
-            lambda level: Finer(self.problem(level), self._problem(level, ADDED_POINTS))
+            lambda level: Finer(self.problem(level), self.problem(level, self.added))
         )
         own = self.problem(0)
         body, s = own.tables.body, own.elements.s
@@ -231,8 +233,7 @@ class Rod:
             finer = self.finer(level)
             fine, left, steps = self.unloaded(finer.own, wanted)
             iterations += steps
-            finer.own.orient(fine)
-            error = position_error(finer.own.elements, fine, finer.own.work.slope)
+            error = finer.own.position_error(fine)
             if error <= allowed_between(self.setting.accuracy):
                 break
         require_resolved(finer.own, error, max(self.setting.accuracy, WORST))
@@ -390,8 +391,7 @@ class Rod:
         Raises:
             SolveError: if it is not, and there is no finer level.
         """
-        problem.load_work(state)
-        error = position_error(problem.elements, state.z, problem.work.slope)
+        error = problem.position_error(state.z)
         allowed = self.setting.accuracy
         if problem.friction is not None:
             allowed *= _OF_FRICTION

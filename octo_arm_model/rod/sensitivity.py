@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -124,7 +124,8 @@ class Uncertainty:
 class Sensitivity:
     """First derivatives of one solution.
 
-    The paper's models have those by tension and by E alone; the others are None.
+    The paper's models have those by tension and by E alone; the others are None. Those by offset
+    and by sheath are found when one is first asked for.
 
     Attributes:
         by_tension: per newton of each tendon's tension.
@@ -135,15 +136,25 @@ class Sensitivity:
         by_sheath_stiffness: per pascal of each tendon's sheath, zero for a rigid one; None where
             all are rigid.
         by_friction: per unit of each tendon's mu, where tendons have friction.
+        find_path: finds `by_offset` and `by_sheath_stiffness`, by their quantities.
     """
 
     by_tension: Change
     by_youngs_modulus: Change
     by_tip_wrench: Change | None = None
     by_poisson_ratio: Change | None = None
-    by_offset: Change | None = None
-    by_sheath_stiffness: Change | None = None
     by_friction: Change | None = None
+    find_path: Callable[[str], Change | None] = lambda _: None
+
+    @functools.cached_property
+    def by_offset(self) -> Change | None:
+        """See above."""
+        return self.find_path('offset')
+
+    @functools.cached_property
+    def by_sheath_stiffness(self) -> Change | None:
+        """See above."""
+        return self.find_path('sheath_stiffness')
 
     @property
     def compliance(self) -> FloatArray:

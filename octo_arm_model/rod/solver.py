@@ -329,16 +329,13 @@ class Solver:
         """
         self._allowance.check()
 
-    def sensitivity(self, backbone: Backbone, *, by_offsets: bool = True) -> Sensitivity:
+    def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of a single solution of this solver.
-
-        Without ``by_offsets``, which takes less time, those by offsets and sheaths of tendons may
-        be None where there are some.
 
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        return self._statics.sensitivity(self._own(backbone), by_offsets)
+        return self._statics.sensitivity(self._own(backbone))
 
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
         """Change of a single solution of this solver per unit of each of ``loads``.

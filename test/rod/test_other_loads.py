@@ -92,10 +92,8 @@ def arm_of(table4: Config) -> Arm:
 
 def positions(rod: Rod, found: Equilibrium, s: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Positions (S, 3) and rotations (3, 3, S) at ``s``."""
-    reading = rod.readout(found.level, s).read(found.state)
-    return reading.position, rotation_matrices(
-        np.ascontiguousarray(np.roll(reading.quaternion, 1, axis=1).T)
-    )
+    position, quaternion, _, _ = rod.readout(found.level, s).read(found.state)
+    return position, rotation_matrices(np.ascontiguousarray(np.roll(quaternion, 1, axis=1).T))
 
 
 def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:

@@ -201,7 +201,7 @@ class ArmModel:
         ratio, state = self._set_magnitudes(x), self.state
         self._effort.check()
         self._effort.take(1)
-        by = self.solver.sensitivity(backbone, by_offsets=False)
+        by = self.solver.sensitivity(backbone)
         along = self._transmitted(x) / ratio
         lost, every = -along * x[state.tension], slice(None)
         parts = [
