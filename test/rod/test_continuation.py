@@ -105,7 +105,7 @@ def test_columns_fall_to_the_side_that_they_are_pushed_to(law: str, every: int) 
             problems.append(f'{number}: {error}')
             continue
         s = np.array([0.0, COLUMN.length])
-        tip = rod.readout(found.level, s).read(found.state).position[-1]
+        tip = rod.readout(found.level, s).read(found.state)[0][-1]
         aside = float(tip[1] * math.cos(angle) + tip[2] * math.sin(angle))
         least = 0.1 * COLUMN.length if -force[0] > 1.05 else 0.0
         if not (is_stable(rod, found) and aside > least):
@@ -150,5 +150,5 @@ def test_an_upright_arm_may_fall_to_any_side(table4: Config, law: str, part: flo
     )
     found = rod.solve(part * np.repeat([1.0, 2.0, 3.0], 4), NOTHING)
     assert is_stable(rod, found)
-    tip = rod.readout(found.level, np.array([0.0, 0.45])).read(found.state).position[-1]
+    tip = rod.readout(found.level, np.array([0.0, 0.45])).read(found.state)[0][-1]
     assert tip[0] < -0.1 and 0.05 < np.hypot(tip[1], tip[2]) < 0.2

@@ -39,7 +39,7 @@ def held(
 
 def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
     s = np.array([0.0, rod.arm.length])
-    return rod.readout(found.level, s).read(found.state).position[-1]
+    return rod.readout(found.level, s).read(found.state)[0][-1]
 
 
 @pytest.mark.parametrize('loads', [Loads(), EVERYTHING], ids=['free', 'loaded'])
