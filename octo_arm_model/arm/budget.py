@@ -58,11 +58,11 @@ class Spending:
         self.residual = budget.residual
         self.iterations = 0
 
-    def add(self, iterations: int, part: float, residual: float, iterate: object) -> None:
+    def add(self, iterations: int, part: float, residual: float) -> None:
         """Count ``iterations`` of Newton's method.
 
-        For the error: ``part`` is the fraction of the path followed so far [-], ``residual`` and
-        ``iterate`` are those of the last iterate.
+        For the error: ``part`` is the fraction of the path followed so far [-], ``residual`` that
+        of the last iterate.
 
         Raises:
             ContinuationError: if the budget is spent.
@@ -74,7 +74,7 @@ class Spending:
             spent = f'{self._budget.seconds:g} s'
         else:
             return
-        raise ContinuationError(spent, part, residual, self.iterations, iterate)
+        raise ContinuationError(spent, part, residual, self.iterations)
 
 
 class Allowance:
@@ -115,7 +115,7 @@ class Allowance:
             ContinuationError: if none is.
         """
         try:
-            self.spending().add(0, 0.0, math.inf, None)
+            self.spending().add(0, 0.0, math.inf)
         except ContinuationError as error:
             spent = f'{self.budget.seconds:g} s'
             error.args = (f'solves that belong together have spent their budget of {spent}',)

@@ -113,19 +113,15 @@ class ConvergenceError(SolveError):
     Attributes:
         residual: relative residual of the equations [-].
         iterations: number of iterations.
-        iterate: the last iterate; None where there is none.
     """
 
-    def __init__(
-        self, what: str, residual: float, iterations: int, iterate: object = None
-    ) -> None:
+    def __init__(self, what: str, residual: float, iterations: int) -> None:
         """Compose the message; ``what`` is the iteration that did not converge."""
         super().__init__(
             f'{what} did not converge: residual {residual:.2e} after {iterations} iterations'
         )
         self.residual = residual
         self.iterations = iterations
-        self.iterate = iterate
 
 
 class ContinuationError(ConvergenceError):
@@ -135,11 +131,9 @@ class ContinuationError(ConvergenceError):
         part: fraction of the path that was followed [-].
     """
 
-    def __init__(
-        self, budget: str, part: float, residual: float, iterations: int, iterate: object = None
-    ) -> None:
+    def __init__(self, budget: str, part: float, residual: float, iterations: int) -> None:
         """Compose the message; ``budget`` is the one that is spent."""
-        super().__init__('continuation', residual, iterations, iterate)
+        super().__init__('continuation', residual, iterations)
         self.args = (
             f'continuation has spent its budget of {budget} at {100.0 * part:.3g} % of the way '
             f'from the known equilibrium to the tensions and loads wanted, after {iterations} '

@@ -37,7 +37,7 @@ def explain(problem: Problem, tensions: FloatArray, error: ConvergenceError) -> 
         return SolveError(f'tensions shorten a tendon to nothing at s = {s:.4g} m')
     if tables.compliance.any():
         what = 'the balance of the cross sections, with tendons in compliant sheaths,'
-        return ConvergenceError(what, error.residual, error.iterations, error.iterate)
+        return ConvergenceError(what, error.residual, error.iterations)
     return error
 
 

@@ -90,7 +90,7 @@ def follow(
         one on the branch.
 
     Raises:
-        ConvergenceError: if none was found; it carries the last iterate.
+        ConvergenceError: if none was found.
         ContinuationError: if it would take more than the budget of ``spending``.
     """
     done = 0.0
@@ -104,7 +104,7 @@ def follow(
         if last is not None:
             guess = z + (target - done) / last[1] * (z - last[0])
         found = settle(problem, acting, guess, limit)
-        spending.add(found.iterations, done, found.state.residual, found.state.z)
+        spending.add(found.iterations, done, found.state.residual)
         is_found = found.state.residual <= limit
         judged = None
         is_last = step <= _SMALLEST_STEP and not problem.others.without_tangent
@@ -113,7 +113,7 @@ def follow(
             if limit > _CLOSER and (is_last if judged is None else not judged.stability.is_firm):
                 # Near the end of a branch what a rough balance leaves decides where the arm goes.
                 found, judged = _closer(problem, found, judged)
-                spending.add(found.iterations, done, found.state.residual, found.state.z)
+                spending.add(found.iterations, done, found.state.residual)
         if judged is None and step <= _SMALLEST_STEP and not is_last:
             # No direction of descent follows without the tangent.
             raise _unbalanced(found.state, spending.iterations)
@@ -191,7 +191,7 @@ def descend(
     state = problem.evaluate(problem.acting(condition), z)
     damping, perturbed = _FIRST_DAMPING, 0
     for _ in range(_MOST_DESCENT):
-        spending.add(1, part, state.residual, state.z)
+        spending.add(1, part, state.residual)
         if state.residual <= TOLERANCE:
             judged = judge(problem, state)
             if judged.stability.is_stable:
@@ -216,7 +216,7 @@ def descend(
 
 
 def _unbalanced(state: State, iterations: int) -> ConvergenceError:
-    return ConvergenceError('the balance under load', state.residual, iterations, state.z)
+    return ConvergenceError('the balance under load', state.residual, iterations)
 
 
 def _perturbed(problem: Problem, judged: Judged) -> State:

@@ -268,7 +268,7 @@ class Rod:
         problem = self.problem(start.level)
         acting = problem.acting(self.at_level(wanted, start.level))
         found = settle(problem, acting, start.state.z, spending.residual, start.factors)
-        spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
+        spending.add(found.iterations, 0.0, found.state.residual)
         return self._accepted(problem, found, start, spending)
 
     def _accepted(
@@ -346,7 +346,7 @@ class Rod:
         given, wanted = wanted, self.at_level(wanted, level)
         known, z = self._known(fine, wanted)
         found = settle(fine, fine.acting(wanted), z, TOLERANCE)
-        spending.add(found.iterations, 0.0, found.state.residual, found.state.z)
+        spending.add(found.iterations, 0.0, found.state.residual)
         if found.state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
             judged = self._judged(fine, found.state)
             if judged is not None and judged.stability.is_stable:

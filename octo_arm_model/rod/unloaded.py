@@ -27,7 +27,7 @@ def balance_sections(
     """
     left, steps = form.balance(tables, z, tensions, np.zeros_like(z), TOLERANCE, work)
     if not left <= TOLERANCE:
-        raise ConvergenceError('the balance of the cross sections', left, steps, z)
+        raise ConvergenceError('the balance of the cross sections', left, steps)
     return left, steps
 
 

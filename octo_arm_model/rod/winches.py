@@ -125,7 +125,7 @@ class _Search:
         aim = aim._replace(condition=self._rod.at_level(aim.condition, last.level))
         found = self._reeling(last.level).settle(aim, last.state.z, tensions, tolerance, border)
         state = found.reached.state
-        self._spending.add(found.iterations, part, state.residual, state.z)
+        self._spending.add(found.iterations, part, state.residual)
         return self._accepted(aim, last, found, tolerance), found
 
     def _accepted(
@@ -203,7 +203,7 @@ class _Search:
     def _error(self, found: Found) -> ConvergenceError:
         left, count = found.reached.left / self._rod.arm.length, self._spending.iterations
         what = 'the displacement of the tendons'
-        return ConvergenceError(what, left, count, found.reached.state.z)
+        return ConvergenceError(what, left, count)
 
     def _cold(self, aim: Aim) -> Held:
         """From the arm without loads, whose winches are wound before it bears them."""
