@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
@@ -71,17 +70,17 @@ class Papers(Statics):
             )
         self._equations = equations
         setting = Setting(False, accuracy=setup.accuracy, compiled=setup.compiled)
-        self._rod = Rod(setup.arm, Loads(), setup.base[1], setting)
-        self.is_compiled = self._rod.is_compiled
+        self.rod = Rod(setup.arm, Loads(), setup.base[1], setting)
+        self.is_compiled = self.rod.is_compiled
         self._at = functools.cache(self._level)
         self._at(0)
-        self._winches = Winches(self._rod, lambda level: _Reeling(self, level))
+        self._winches = Winches(self.rod, lambda level: _Reeling(self, level))
         self._several = functools.lru_cache(8)(
             lambda level, arms: Several(self._at(level).problem, arms)
         )
 
     def _level(self, level: int) -> _Level:
-        setup, problem = self._setup, self._rod.problem(level, ADDED_POINTS)
+        setup, problem = self._setup, self.rod.problem(level, ADDED_POINTS)
         nodes, places = problem.elements.s.size, places_at(problem.elements, setup.s)
         equations = self._equations(setup.arm, problem.elements, setup.s, problem.form)
         nothing = np.zeros((nodes, 3)), np.zeros((nodes, 3)), np.ones((nodes, 2))
@@ -108,7 +107,7 @@ class Papers(Statics):
             try:
                 shape, error = self.shape(number, wanted)
             except ConvergenceError:
-                if self._rod.is_last(number):
+                if self.rod.is_last(number):
                     raise
             else:
                 if self.is_resolved(number, wanted, error):
@@ -116,7 +115,7 @@ class Papers(Statics):
             number += 1
 
     def _first_level(self, wanted: Condition) -> int:
-        return 0 if wanted.before is None else self._rod.level_of(wanted.before)
+        return 0 if wanted.before is None else self.rod.level_of(wanted.before)
 
     def is_resolved(self, number: int, wanted: Condition, error: float) -> bool:
         """Whether an ``error`` of positions, over the length, is small enough on a level.
@@ -126,7 +125,7 @@ class Papers(Statics):
         """
         accuracy = self._setup.accuracy
         allowed = allowed_between(accuracy) if wanted.before is None else _OF_HISTORY * accuracy
-        if error > allowed and self._rod.is_last(number):
+        if error > allowed and self.rod.is_last(number):
             require_resolved(self.problem(number), error, max(accuracy, WORST))
             return True
         return error <= allowed
@@ -140,7 +139,7 @@ class Papers(Statics):
             local = np.empty((nodes, wanted.tensions.size))
             local[:] = wanted.tensions
         else:
-            wanted = self._rod.at_level(wanted, number)
+            wanted = self.rod.at_level(wanted, number)
             found, local, along = self._slide(level, wanted)
         twist = found.twist[0]
         self._check(problem, twist[:, 3])
@@ -245,11 +244,6 @@ class Papers(Statics):
         names = self._setup.arm.tendon_names
         return sensitivity(self._at(level), state, names, rates).by_tension
 
-    @property
-    def arm(self) -> Arm:
-        """The arm."""
-        return self._setup.arm
-
     def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
         """See `Statics`."""
         return self.sensitivity(found).tip_covariance(uncertainty)
@@ -264,8 +258,8 @@ class _Reeling(Reeling):
 
     def __init__(self, model: Papers, level: int) -> None:
         """Of a ``model`` on a ``level``."""
-        super().__init__(model.problem(level), model.arm)
-        self._model, self._level = model, level
+        super().__init__(model.rod, level, model.problem(level))
+        self._model = model
 
     def evaluate(self, aim: Aim, z: FloatArray, tensions: FloatArray) -> Reached:
         """See `Reeling`."""

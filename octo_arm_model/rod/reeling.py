@@ -10,8 +10,8 @@ or, where D is less than that at T = 0, slack. Newton's method is that of the bo
     [-G   K ] [dT] = [D - reached]     G_j = dL_j / dz,  K_j = d reached_j / dT_j at fixed z
 
 by elimination of dz: the derivative of what is reeled in by the tensions, with the arm in balance,
-is G J^-1 C + K, and which tendons are slack follows from it; see `complementarity`. Friction is in
-J, C and K by the local tensions, which change with those at the base and with z.
+is G J^-1 C + K, and which tendons are slack follows from it; see `complementary_step`. Friction is
+in J, C and K by the local tensions, which change with those at the base and with z.
 
 Where a tendon with friction turns round, it slips next to its base first, so that it is reeled in
 by the square of what its tension changes by. But that is nearly in proportion to its mean tension:
@@ -20,17 +20,16 @@ steps are those of mean tensions, from which those at the base follow by the law
 
 from __future__ import annotations
 
-import abc
 import functools
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.optimize import nnls
 
-from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.complementarity import Tolerance, complementary_step
 from octo_arm_model.rod.continuation import ON_THE_WAY
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Blocks, Linear
@@ -57,11 +56,13 @@ _STIFFEST = 1e-6  # compliance of a held tendon over what the arm gives way, at 
 _STICKS = 1e-5  # part of a tendon that slips, below which all of it is taken to
 _MOST_PASSES, _SAME_RATES = 8, 0.05  # for rates over a step, and when they are these
 _LEAST_SECANT = 1e-9  # step that rates are taken over, over the largest tension
-_FARTHEST, _HALVINGS = 4.0, 50  # tension that a step may end at, over these, and halvings to it
+_FARTHEST = 4.0  # tension that a step may end at, over those
 # An error over the length that takes no tendon through all that it sticks for, and how many times
 # the step of a tendon that slips that is.
 _HELD, _THROUGH = 1e-11, 10.0
 _ROUNDING = 1e-13  # of displacements, over the length
+_EXCHANGES = 40  # of tendons between slack and taut in one step, at most
+_UNSURE = 1e-4  # error of a step over the largest error before it
 
 
 class Aim(NamedTuple):
@@ -156,37 +157,49 @@ class Found(NamedTuple):
     is_met: bool
 
 
-class Reeling(abc.ABC):
-    """The equations of one arm and its winches at the nodes of a `Problem`."""
+class Reeling:
+    """The equations of an arm and its winches at nodes of its `Rod`."""
 
-    def __init__(self, problem: Problem, arm: Arm) -> None:
-        """Of ``arm`` at the nodes of ``problem``."""
-        self.problem, self._arm = problem, arm
-        self._weights = problem.elements.weights
-        self._rest = self._weights[:, np.newaxis] * unloaded_tendons(problem.tables).stretch
+    def __init__(self, rod: Rod, level: int, problem: Problem | None = None) -> None:
+        """Of ``rod`` on a ``level``, or by a model of its arm with a ``problem`` of its own."""
+        self._rod, self._arm, self._level = rod, rod.arm, level
+        self.problem = problem or rod.problem(level)
+        self._weights = self.problem.elements.weights
+        self._rest = self._weights[:, np.newaxis] * unloaded_tendons(self.problem.tables).stretch
         self._unloaded = self._rest.sum(axis=0)
         count = self._unloaded.size
-        self._free = arm.stretched(np.array(arm.free_length or np.zeros(count)))
-        self._by_local = arm.stretched(self._rest)
-        self._measure = np.append(problem.measure, np.zeros(count))
-        self._tolerance = Tolerance.of(arm.length, problem.friction is not None)
+        self._free = rod.arm.stretched(np.array(rod.arm.free_length or np.zeros(count)))
+        self._by_local = rod.arm.stretched(self._rest)
+        self._measure = np.append(self.problem.measure, np.zeros(count))
+        self._tolerance = Tolerance.of(rod.arm.length, rod.has_friction)
 
     def displacement(self, state: State) -> FloatArray:
         """What winches have reeled in [m], (J,), of the state that is in `Problem.work`."""
-        acting, reeled = (
-            state.acting,
-            self._unloaded - self._weights @ self.problem.tendons(state).stretch,
-        )
+        acting, lengths = state.acting, self._weights @ self.problem.tendons(state).stretch
+        reeled = self._unloaded - lengths
         if self._arm.axial_stiffness:
             reeled += np.einsum('ij,ij->j', self._by_local, acting.tensions)
             reeled += self._free * acting.condition.tensions
         return np.asarray(reeled)
 
-    @abc.abstractmethod
     def evaluate(self, aim: Aim, z: FloatArray, tensions: FloatArray) -> Reached:
         """What twists ``z`` (N, m) and ``tensions`` (J,) [N] leave of ``aim``."""
+        acting = self.problem.acting(aim.condition._replace(tensions=tensions))
+        return self.reached(aim, self.problem.evaluate(acting, z))
 
-    @abc.abstractmethod
+    def unloaded(self, condition: Condition) -> State:
+        """Of the arm under tensions alone, to begin with.
+
+        Raises:
+            SolveError: if there is none.
+        """
+        z, _, _ = self._rod.unloaded(self.problem, condition)
+        return self.problem.evaluate(self.problem.acting(condition), z)
+
+    def is_resolved(self, state: State) -> bool:
+        """See `Rod.is_resolved`."""
+        return self._rod.is_resolved(self.problem, state, self._level)
+
     def border(
         self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
     ) -> Border:
@@ -197,22 +210,35 @@ class Reeling(abc.ABC):
         Raises:
             ConvergenceError: if it is singular.
         """
+        problem, weights = self.problem, self._weights
+        rates = self.rates(state) if rates is None else rates
+        problem.load_work(state)
+        if factors is None:
+            factors = self._factors(state)
+        tendons = problem.tendons(state)
+        pull = tendons.stretch_by_twist.swapaxes(1, 2)
+        columns = (pull * rates[:, np.newaxis]).reshape(-1, rates.shape[1])
+        by_tension = factors.solve(columns)
+        lengths = (pull * weights[:, np.newaxis, np.newaxis]).reshape(columns.shape).T
+        # What is reeled in by the local tensions, at fixed twists.
+        by_local = self._by_local - weights[:, np.newaxis] * tendons.stretch_by_tension
+        local = problem.tension_derivatives(state)
+        border = Border(
+            state.z, factors, by_tension, lengths, by_tension, rates, by_local, local
+        )
+        changes = border.reeled_in(-by_tension)
+        changes += np.diag(np.einsum('ij,ij->j', by_local, rates) + self._free)
+        if not np.isfinite(changes).all():
+            raise ConvergenceError('the displacement of the tendons', np.inf, 0)
+        return border._replace(changes=changes)
 
-    @abc.abstractmethod
-    def unloaded(self, condition: Condition) -> State:
-        """Of the arm under tensions alone, to begin with.
-
-        Raises:
-            SolveError: if there is none.
-        """
-
-    @abc.abstractmethod
-    def is_resolved(self, state: State) -> bool:
-        """Whether the nodes are enough for ``state``.
-
-        Raises:
-            SolveError: if they are not, and there are no more.
-        """
+    def _factors(self, state: State) -> Linear:
+        problem, acting = self.problem, state.acting
+        is_loaded = acting.force.any() or acting.couple.any() or problem.others.loads
+        if is_loaded or self._arm.friction:
+            return problem.linearise(state)
+        problem.form.sections(problem.tables, state.z, acting.tensions, problem.work)
+        return Blocks.of(problem.work.hessian)
 
     @functools.cached_property
     def slack(self) -> tuple[State, Border]:
@@ -394,24 +420,13 @@ class Reeling(abc.ABC):
         if friction is None or before is None:
             return new
         # What a tendon reels in by its own local tensions, per newton of their mean, and besides.
-        angle, means = (
-            self.problem.local_tensions(now.state).angle,
-            self._weights @ now.state.acting.tensions,
-        )
-        per_mean = (border.changes.diagonal() - self._free) / (self._weights @ border.rates)
-        sign, wanted = np.sign(step), np.abs(border.changes.diagonal() * step)
-        wanted -= _ROUNDING * self._arm.length
-
-        def reeled_in(pulled: FloatArray) -> FloatArray:
-            local = friction.hold(pulled, before, angle).tensions
-            found = per_mean * (self._weights @ local - means) + self._free * (pulled - tensions)
-            return np.asarray(found)
-
-        near, far = tensions, np.where(step > 0.0, _FARTHEST * np.maximum(tensions, new), 0.0)
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (near + far)
-            is_near = sign * reeled_in(middle) < wanted
-            near, far = np.where(is_near, middle, near), np.where(is_near, far, middle)
+        give = border.changes.diagonal()
+        per_mean = (give - self._free) / (self._weights @ border.rates)
+        wanted = np.abs(give * step) - _ROUNDING * self._arm.length
+        more = np.sign(step) * np.maximum(wanted, 0.0) / per_mean
+        angle, most = self.problem.local_tensions(now.state).angle, np.maximum(tensions, new)
+        far = friction.pulled(tensions, before, angle, more, self._free / per_mean)
+        far = np.minimum(far, _FARTHEST * most)
         # What is held well enough does not take a tendon through all that it sticks for.
         sticks = np.abs(far - tensions) > _THROUGH * np.abs(step)
         far = np.where(sticks & (wanted <= _HELD * self._arm.length), tensions, far)
@@ -433,64 +448,98 @@ class Reeling(abc.ABC):
         return variation.stability().is_stable
 
 
-class RodReeling(Reeling):
-    """Of a `Rod`."""
+# Which tendons are taut --------------------------------------------------------------------------
 
-    def __init__(self, rod: Rod, level: int) -> None:
-        """At the nodes of a ``level``."""
-        super().__init__(rod.problem(level), rod.arm)
-        self._rod, self._level = rod, level
 
-    def evaluate(self, aim: Aim, z: FloatArray, tensions: FloatArray) -> Reached:
-        """See `Reeling`."""
-        acting = self.problem.acting(aim.condition._replace(tensions=tensions))
-        return self.reached(aim, self.problem.evaluate(acting, z))
+class Tolerance(NamedTuple):
+    """What displacements do not tell of tensions.
 
-    def unloaded(self, condition: Condition) -> State:
-        """See `Reeling`."""
-        z, _, _ = self._rod.unloaded(self.problem, condition)
-        return self.problem.evaluate(self.problem.acting(condition), z)
+    Attributes:
+        singular: pivot over the largest, below which tensions are not determined: of tendons
+            that lengths do not tell apart, or that friction alone does.
+        slack: error of the displacement up to which a slack tendon stays slack [m]. With less,
+            antagonistic tendons would alternate between slack and taut.
+        contradiction: by how much lengths may contradict each other [m]; where they do by more,
+            the tendon of least tension becomes slack.
+    """
 
-    def is_resolved(self, state: State) -> bool:
-        """See `Reeling`."""
-        return self._rod.is_resolved(self.problem, state, self._level)
+    singular: float
+    slack: float
+    contradiction: float
 
-    def border(
-        self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
-    ) -> Border:
-        """See `Reeling`."""
-        problem, weights = self.problem, self._weights
-        rates = self.rates(state) if rates is None else rates
-        problem.load_work(state)
-        if factors is None:
-            factors = self._factors(state)
-        tendons = problem.tendons(state)
-        columns = (tendons.stretch_by_twist * rates[..., np.newaxis]).swapaxes(1, 2)
-        by_tension = factors.solve(columns.reshape(-1, rates.shape[1]))
-        lengths = tendons.stretch_by_twist * weights[:, np.newaxis, np.newaxis]
-        lengths = lengths.swapaxes(1, 2).reshape(-1, rates.shape[1]).T
-        # What is reeled in by the local tensions, at fixed twists.
-        by_local = self._by_local - weights[:, np.newaxis] * tendons.stretch_by_tension
-        border = Border(
-            state.z,
-            factors,
-            by_tension,
-            lengths,
-            by_tension,
-            rates,
-            by_local,
-            problem.tension_derivatives(state),
-        )
-        changes = border.reeled_in(-by_tension)
-        changes += np.diag(np.einsum('ij,ij->j', by_local, rates) + self._free)
-        if not np.isfinite(changes).all():
-            raise ConvergenceError('the displacement of the tendons', np.inf, 0)
-        return border._replace(changes=changes)
+    @classmethod
+    def of(cls, length: float, has_friction: bool) -> Tolerance:
+        """Of an arm of a ``length`` [m]."""
+        if has_friction:
+            return cls(1e-5, 1e-10 * length, 1e-6 * length)
+        return cls(1e-10, 1e-10 * length, 1e-10 * length)
 
-    def _factors(self, state: State) -> Linear:
-        problem, acting = self.problem, state.acting
-        is_loaded = acting.force.any() or acting.couple.any() or problem.others.loads
-        if is_loaded or self._arm.friction:
-            return problem.linearise(state)
-        problem.form.sections(problem.tables, state.z, acting.tensions, problem.work)
-        return Blocks.of(problem.work.hessian)
+
+def complementary_step(
+    changes: FloatArray,
+    wrong: FloatArray,
+    tensions: FloatArray,
+    driven: NDArray[np.bool_],
+    tolerance: Tolerance,
+) -> tuple[FloatArray, float]:
+    """Step (J,) of ``tensions`` [N] that takes out what is ``wrong`` (J,) [m].
+
+    By the derivatives ``changes`` (J, J) [m/N] of what is reeled in; nothing is wrong where a
+    tendon is not ``driven``. A linear complementarity problem: every ``driven`` tendon is taut,
+    its error zero, or slack, its tension zero and its error at most as the ``tolerance`` says. By
+    principal pivoting the tendon that violates this most is exchanged until none does. Where
+    errors do not determine the tensions of taut tendons the least change is taken.
+
+    Returns:
+        The step, and the largest error that lengths which contradict each other leave [m].
+    """
+    taut = driven & (tensions > 0.0)
+    left = max(float(wrong.max()), -float((wrong * taut).min()), 0.0)
+    unsure = _UNSURE * left
+    stays_slack = max(tolerance.slack, unsure)
+    if not taut.any():
+        taut = driven & (wrong > stays_slack)
+    size = np.abs(changes.diagonal())
+    for _ in range(_EXCHANGES):
+        step = np.where(taut | ~driven, 0.0, -tensions)
+        right, kept = wrong - changes @ step, 0.0
+        (index,) = taut.nonzero()
+        if index.size:
+            scale = 1.0 / np.sqrt(size[index])
+            part, own = changes[index[:, np.newaxis], index], right[index]
+            scaled = part * scale * scale[:, np.newaxis]
+            factors, pivots, _ = dgetrf(scaled)
+            pivot = np.abs(factors.diagonal())
+            if pivot.min() > tolerance.singular * pivot.max():
+                step[index] = scale * dgetrs(factors, pivots, scale * own)[0]
+            else:
+                least = np.linalg.lstsq(scaled, scale * own, rcond=tolerance.singular)[0]
+                step[index] = scale * least
+                kept = float(np.abs(part @ step[index] - own).max())
+                if kept > max(tolerance.contradiction, unsure):
+                    taut[index[tensions[index].argmin()]] = False
+                    continue
+        new = tensions + step
+        excess = np.where(taut, -size * new, wrong - changes @ step - stays_slack) * driven
+        worst = excess.argmax()
+        if not excess[worst] > 0.0:
+            return step, kept
+        taut[worst] = not taut[worst]
+    return _least(changes, wrong, tensions, driven), 0.0
+
+
+def _least(
+    changes: FloatArray, wrong: FloatArray, tensions: FloatArray, driven: NDArray[np.bool_]
+) -> FloatArray:
+    """The same by the quadratic programme of which it is the condition, of a symmetric part.
+
+    Least (T' - T) C (T' - T) / 2 - wrong (T' - T) over T' >= 0, for C = U^T U.
+    """
+    (index,) = driven.nonzero()
+    part = changes[np.ix_(index, index)]
+    values, vectors = np.linalg.eigh(0.5 * (part + part.T))
+    root = np.sqrt(np.maximum(values, 1e-10 * values[-1]))
+    goal = (vectors.T @ wrong[index]) / root + root * (vectors.T @ tensions[index])
+    step = np.zeros_like(tensions)
+    step[index] = nnls(root[:, np.newaxis] * vectors.T, goal)[0] - tensions[index]
+    return step

@@ -19,7 +19,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.checks import check_solution
 from octo_arm_model.rod.continuation import MOST_CORRECTED, ON_THE_WAY, growth, judge
 from octo_arm_model.rod.equilibrium import Condition
-from octo_arm_model.rod.reeling import TOLERANCE, Aim, Border, Found, Reached, Reeling, RodReeling
+from octo_arm_model.rod.reeling import TOLERANCE, Aim, Border, Found, Reached, Reeling
 from octo_arm_model.rod.rod import Equilibrium, Rod, moved
 
 # Of continuation, see `rod.continuation`: the first step, the smallest, iterations of one that may
@@ -49,7 +49,7 @@ class Winches:
     def __init__(self, rod: Rod, reeling: Callable[[int], Reeling] | None = None) -> None:
         """Of ``rod``, or of another model of its arm with its ``reeling`` of each level."""
         self._rod = rod
-        self.reeling = functools.cache(reeling or functools.partial(RodReeling, rod))
+        self.reeling = functools.cache(reeling or functools.partial(Reeling, rod))
 
     def solve(
         self,

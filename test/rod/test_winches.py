@@ -14,7 +14,7 @@ from octo_arm_model import Arm, Body, Config, Loads, Material, Section
 from octo_arm_model.arm.budget import Budget
 from octo_arm_model.arm.errors import ContinuationError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.complementarity import Tolerance, complementary_step
+from octo_arm_model.rod.reeling import Tolerance, complementary_step
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.winches import Held, Winches
