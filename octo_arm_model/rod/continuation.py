@@ -103,7 +103,7 @@ def follow(
         guess = z
         if last is not None:
             guess = z + (target - done) / last[1] * (z - last[0])
-        found = settle(problem, acting, guess, limit)
+        found = settle(problem, problem.evaluate(acting, guess), limit)
         spending.add(found.iterations, done, found.state.residual)
         is_found = found.state.residual <= limit
         judged = None
@@ -145,7 +145,7 @@ def _closer(problem: Problem, found: Found, judged: Judged | None) -> tuple[Foun
     None in place of the latter where it is not, or not near what was found.
     """
     rough = found.state
-    closer = settle(problem, rough.acting, rough.z, _CLOSER, found.factors)
+    closer = settle(problem, rough, _CLOSER, found.factors)
     closer = closer._replace(corrected=found.corrected + problem.turn(closer.state.z - rough.z))
     if closer.corrected > MOST_CORRECTED:
         return closer, None

@@ -18,7 +18,7 @@ from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.paper_equations import Equations, MakesEquations, Strains
 from octo_arm_model.rod.read_out import ADDED_POINTS
-from octo_arm_model.rod.reeling import Aim, Border, Reached, Reeling
+from octo_arm_model.rod.reeling import Border, Reeling
 from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import WORST, Equilibrium, Rod, Setting, require_resolved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
@@ -168,10 +168,9 @@ class Papers(Statics):
             tensions = start.state.acting.condition.tensions
             begun = condition._replace(tensions=np.where(driven, tensions, condition.tensions))
             start = self.shape(self._first_level(begun), begun)[0].equilibrium
-        held = self._winches.solve(displacements, driven, condition, start, spending)
-        wanted = condition._replace(tensions=held.reached.tensions)
-        shape, _ = self.shape(held.equilibrium.level, wanted)
-        return shape, held.reached.displacement
+        found = self._winches.solve(displacements, driven, condition, start, spending)
+        wanted = condition._replace(tensions=found.state.acting.condition.tensions)
+        return self.shape(found.level, wanted)[0], found.state.reeled
 
     @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def _solve_at_once(
@@ -261,9 +260,9 @@ class _Reeling(Reeling):
         super().__init__(model.rod, level, model.problem(level))
         self._model = model
 
-    def evaluate(self, aim: Aim, z: FloatArray, tensions: FloatArray) -> Reached:
+    def balance(self, condition: Condition, z: FloatArray) -> State:
         """See `Reeling`."""
-        return self.reached(aim, self.unloaded(aim.condition._replace(tensions=tensions)))
+        return self.unloaded(condition)
 
     def unloaded(self, condition: Condition) -> State:
         """See `Reeling`."""
@@ -275,7 +274,7 @@ class _Reeling(Reeling):
         error = self._model.shape(self._level, wanted)[1]
         return self._model.is_resolved(self._level, wanted, error)
 
-    def border(
+    def linearise(
         self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
     ) -> Border:
         """See `Reeling`."""
@@ -283,7 +282,8 @@ class _Reeling(Reeling):
         change = self._model.by_tension(self._level, state, rates)
         mean = change.tendon_tension
         felt = np.eye(len(rates.T)) if mean is None else mean
-        changes = self.stretched(felt) - change.tendon_length
+        integrals = self._unloaded[:, np.newaxis] * felt
+        changes = self._arm.stretched(integrals.T).T + np.diag(self._free) - change.tendon_length
         none, (nodes, strains) = np.zeros((state.z.size, len(felt))), state.z.shape
         held = Blocks(np.zeros((nodes, strains, strains)))
         return Border(state.z, held, none, none.T, changes, rates, rates, None)

@@ -267,7 +267,8 @@ class Rod:
         """By Newton's method from ``start``; None where that leads to no stable equilibrium."""
         problem = self.problem(start.level)
         acting = problem.acting(self.at_level(wanted, start.level))
-        found = settle(problem, acting, start.state.z, spending.residual, start.factors)
+        begun = problem.evaluate(acting, start.state.z)
+        found = settle(problem, begun, spending.residual, start.factors)
         spending.add(found.iterations, 0.0, found.state.residual)
         return self._accepted(problem, found, start, spending)
 
@@ -335,7 +336,8 @@ class Rod:
             known = known._replace(tensions=part * wanted.tensions)
             with contextlib.suppress(ConvergenceError):
                 z = self.unloaded(problem, known)[0]
-                state = settle(problem, problem.acting(known), z, ON_THE_WAY).state
+                begun = problem.evaluate(problem.acting(known), z)
+                state = settle(problem, begun, ON_THE_WAY).state
                 if state.residual <= ON_THE_WAY:
                     return known, state.z
         return known, self.unloaded(problem, known)[0]
@@ -345,7 +347,7 @@ class Rod:
         fine, coarse = self.problem(level), self.problem(COARSE)
         given, wanted = wanted, self.at_level(wanted, level)
         known, z = self._known(fine, wanted)
-        found = settle(fine, fine.acting(wanted), z, TOLERANCE)
+        found = settle(fine, fine.evaluate(fine.acting(wanted), z), TOLERANCE)
         spending.add(found.iterations, 0.0, found.state.residual)
         if found.state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
             judged = self._judged(fine, found.state)
