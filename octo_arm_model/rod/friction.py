@@ -5,7 +5,7 @@ node by the wrap angle
 
     theta = int |c| ds + sum 2 asin(|[e]| / 2),    c = e' + kappa x e                          (1)
 
-with jumps [e] where strains jump, see `loops.angles`. It loses tension, dT = -mu T dtheta, where
+with jumps [e] where strains jump, see `section_loops.angles`. It loses tension, dT = -mu T dtheta, where
 it is drawn in, gains as much where it is let out, and sticks in between (Euler and Eytelwein).
 With the tension T_0 at the base and T_b before at each node, T is the nearest to T_b of all within
 
@@ -33,9 +33,9 @@ import numpy as np
 
 from octo_arm_model.arm.errors import ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.section_arrays import Bends
 from octo_arm_model.rod.tables import Tables, Work
 from octo_arm_model.rod.tendons import Tendons
 

@@ -33,6 +33,7 @@ from octo_arm_model.rod.inputs import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
 from octo_arm_model.rod.read_out import ADDED_POINTS, Finer, Readout
 from octo_arm_model.rod.resolution import allowed_between, position_error
+from octo_arm_model.rod.section_arrays import initial_twists
 from octo_arm_model.rod.tables import tabulate
 from octo_arm_model.rod.unloaded import balance_sections
 
@@ -252,7 +253,7 @@ class Rod:
         local = np.empty((problem.elements.s.size, wanted.tensions.size))
         local[:] = wanted.tensions
         if problem.friction is not None and wanted.tensions.any():
-            straight = arrays.initial_twists(problem.tables, local, problem.strains)
+            straight = initial_twists(problem.tables, local, problem.strains)
             local = problem.first_tensions(wanted, straight)
         z = np.zeros((len(local), problem.strains))
         try:

@@ -4,7 +4,7 @@ A tendon of tension T at the offset r + d in the cross section, d within its she
 
     u = (lambda, v_n, v_b) + U(r + d, r'),    U(r, r') = w (kappa x r + r'),    e = u / |u|    (1)
 
-per reference length of the arm; w(lambda) is the widening, see `loops`. |u| is its stretch, and d
+per reference length of the arm; w(lambda) is the widening, see `section_loops`. |u| is its stretch, and d
 has the least energy T |u| + k |d|^2 / 2, whose gradient by the twist z is T g:
 
     k d + T p = 0,    p = A^T e,    A d = U(d, 0)                                              (2)

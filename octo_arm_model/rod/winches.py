@@ -136,7 +136,9 @@ class _Search:
         state, border, firm = found.state, found.factors, last.judged
         condition, reeling = state.acting.condition, self._reeling(last.level)
         is_free = self.is_free(condition)
-        if not state.residual <= max(tolerance, _MET) or (found.corrected > MOST_CORRECTED and not is_free):
+        if not state.residual <= max(tolerance, _MET):
+            return None
+        if found.corrected > MOST_CORRECTED and not is_free:
             return None
         if firm is None or not self._rod.is_near(reeling.problem, firm, state):
             firm = None
