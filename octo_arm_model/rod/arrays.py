@@ -30,7 +30,6 @@ __all__ = [
     'sections',
 ]  # fmt: skip
 
-_MOST_SWEEPS, _SWEPT = 80, 2e-13  # of orientations, and the change by the last
 XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z
 
 
@@ -54,7 +53,7 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
     rate[:, 1, 0] = rate[:, 0, 1] = half[..., 1:]
     rate[:, 0, 1, :, 0] *= -1.0
     factors = rate.view(np.complex128)[..., 0]
-    inside = (_solved if arms == 1 else _swept)(tables, half, factors)
+    inside = _inside(tables, factors)
     weights = tables.weights[:points] / tables.lengths[0]
     last = (factors * inside[:, np.newaxis]).sum(axis=2) @ weights
     last[:, 0] += 1.0
@@ -68,8 +67,8 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
     _orient(first.transpose(2, 0, 1).reshape(-1, 2), inside, z, work)
 
 
-def _solved(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray:
-    """(a, b) at the points of elements from their starts, (e, 2, p): the quickest for few."""
+def _inside(tables: Tables, rate: ComplexArray) -> ComplexArray:
+    """(a, b) at the points of elements from their starts, (e, 2, p)."""
     points = len(tables.to_point)
     system = np.multiply(-tables.to_point[:, np.newaxis], rate[:, :, np.newaxis], order='C')
     system.reshape(len(rate), -1)[:, :: 2 * points + 1] += 1.0
@@ -77,26 +76,6 @@ def _solved(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArra
     one[:, :points] = 1.0
     found = np.linalg.solve(system.reshape(-1, 2 * points, 2 * points), one)
     return np.asarray(found).reshape(-1, 2, points)
-
-
-def _swept(tables: Tables, half: FloatArray, rate: ComplexArray) -> ComplexArray:
-    """The same by sweeps, as in `loops`: the quickest for many elements."""
-    # From nearly those: turned by the mean bend so far.
-    turn = tables.to_point @ np.ascontiguousarray(half.transpose(2, 1, 0))
-    angle = np.sqrt((turn * turn).sum(axis=0)) + 1e-150
-    turn *= np.sin(angle) / angle
-    found = np.empty((len(half[0]), 2, len(half)), np.complex128)
-    found[:, 0], found[:, 1] = np.cos(angle) + 1j * turn[0], turn[1] + 1j * turn[2]
-    factors = np.ascontiguousarray(rate.transpose(3, 2, 1, 0))
-    for _ in range(_MOST_SWEEPS):
-        rates = (found[:, :, np.newaxis] * factors).sum(axis=1)
-        now = tables.to_point @ rates.view(np.float64).reshape(len(found), -1)
-        now = now.view(np.complex128).reshape(found.shape)
-        now[:, 0] += 1.0
-        change, found = np.abs((now - found).view(np.float64)).max(), now
-        if not change > _SWEPT:
-            break
-    return found.transpose(2, 1, 0)
 
 
 def _orient(first: ComplexArray, inside: ComplexArray, z: FloatArray, work: Work) -> None:

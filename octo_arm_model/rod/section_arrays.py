@@ -57,7 +57,7 @@ def _density(
     )
 
 
-def _widening(widens: bool, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def widening(widens: bool, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Radius over reference radius, and its two derivatives by the stretch."""
     if not widens:
         return np.ones_like(stretch), np.zeros_like(stretch), np.zeros_like(stretch)
@@ -67,7 +67,23 @@ def _widening(widens: bool, stretch: FloatArray) -> tuple[FloatArray, FloatArray
     return width, slope, -1.5 * slope * over
 
 
-class Tendons:
+def offset_stiffness(
+    bend: FloatArray, p: FloatArray | tuple[FloatArray, FloatArray], stiff: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Second derivatives of the energy by the offset in a sheath over k, nn, nb and bb.
+
+    Of scaled curvatures ``bend`` (3, ...), where the stretch changes by ``p`` per offset and
+    ``stiff`` is T / (k |u|).
+    """
+    (t, n, b), (p_n, p_b) = bend, p
+    return (
+        1.0 + stiff * (b * b + t * t - p_n * p_n),
+        -stiff * (b * n + p_n * p_b),
+        1.0 + stiff * (n * n + t * t - p_b * p_b),
+    )
+
+
+class PulledTendons:
     """The tendons under tension at all nodes, and their u.
 
     Attributes:
@@ -126,7 +142,7 @@ class Tendons:
             over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
             p_n, p_b = (t * u_b - b * u_t) * over, (n * u_t - t * u_n) * over
             r_n, r_b = d[0] + yielding * p_n, d[1] + yielding * p_b
-            nn, nb, bb = self.offset_stiffness(p_n, p_b, yielding * over)
+            nn, nb, bb = offset_stiffness(self.strain[:3], (p_n, p_b), yielding * over)
             over = 1.0 / (nn * bb - nb * nb)
             step = np.stack([(bb * r_n - nb * r_b) * over, (nn * r_b - nb * r_n) * over])
             # A tendon stays where its own iteration has ended.
@@ -136,17 +152,6 @@ class Tendons:
             if not (left * left > _SETTLED).any():
                 break
         return np.where(left * left <= _SETTLED, d, np.nan)
-
-    def offset_stiffness(
-        self, p_n: FloatArray, p_b: FloatArray, stiff: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Second derivatives of the energy by d over k, nn, nb and bb."""
-        t, n, b = self.strain[:3]
-        return (
-            1.0 + stiff * (b * b + t * t - p_n * p_n),
-            -stiff * (b * n + p_n * p_b),
-            1.0 + stiff * (n * n + t * t - p_b * p_b),
-        )
 
     def gradient(self, slope: FloatArray) -> FloatArray:
         """Gradient of sum T |u| by the scaled strain, (6, n)."""
@@ -207,7 +212,7 @@ class Tendons:
         mixed[0, 2] -= self.tension * u_t
         mixed[1, 0] -= self.tension * u_n
         mixed[1, 1] += self.tension * u_t
-        nn, nb, bb = self.offset_stiffness(p_n, p_b, self.compliance * weight)
+        nn, nb, bb = offset_stiffness(self.strain[:3], (p_n, p_b), self.compliance * weight)
         factor = self.compliance / (nn * bb - nb * nb)
         moved = factor * np.stack([bb * mixed[0] - nb * mixed[1], nn * mixed[1] - nb * mixed[0]])
         return np.asarray(np.einsum('danj,dcnj->nac', mixed, moved))
@@ -272,18 +277,18 @@ def _unscale_gradient(
 
 def gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient of the energy of every cross section."""
-    width, slope, _ = _widening(tables.widens, z[:, 3])
+    width, slope, _ = widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
     g = _stress(tables, strain[..., 0], _density_at(tables, strain[..., 0]))
-    g += Tendons(tables, strain, width, tensions, work).gradient(slope)
+    g += PulledTendons(tables, strain, width, tensions, work).gradient(slope)
     work.gradient[:] = _unscale_gradient(z, width, slope, g)
 
 
 def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient and Hessian of the energy of every cross section by the twist."""
-    width, slope, bend = _widening(tables.widens, z[:, 3])
+    width, slope, bend = widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
-    tendons = Tendons(tables, strain, width, tensions, work)
+    tendons = PulledTendons(tables, strain, width, tensions, work)
     density = _density_at(tables, strain[..., 0])
     g, h = _stress(tables, strain[..., 0], density), _stiffness(tables, strain[..., 0], density)
     by_strain, twice = tendons.derivatives(slope, bend)
@@ -424,10 +429,10 @@ class Bends:
         return np.asarray(2.0 * np.arcsin(np.minimum(size, 1.0)))
 
 
-def tendons_at(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> Tendons:
+def tendons_at(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> PulledTendons:
     """Those under ``tensions`` (n, J) [N], which displace them in sheaths."""
-    width, _, _ = _widening(tables.widens, z[:, 3])
-    return Tendons(tables, _scaled(z, width), width, tensions, work)
+    width, _, _ = widening(tables.widens, z[:, 3])
+    return PulledTendons(tables, _scaled(z, width), width, tensions, work)
 
 
 def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
