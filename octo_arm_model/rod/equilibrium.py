@@ -104,6 +104,8 @@ class Problem:
         friction: of the tendons; None where they have none.
     """
 
+    remembered = 1  # residual, see `newton.settle`
+
     def __init__(
         self, elements: Elements, tables: Tables, loads: DeadLoads, form: Form, strains: int,
         has_jacobian: bool = True,

@@ -71,7 +71,13 @@ class Chord:
 
 
 class Equations(Protocol):
-    """Equations of an arm at its nodes: a `Problem`, or with winches."""
+    """Equations of an arm at its nodes: a `Problem`, or with winches.
+
+    Attributes:
+        remembered: how many residuals, than the worst of which a next one has to be less.
+    """
+
+    remembered: int
 
     @property
     def others(self) -> OtherLoads:
@@ -103,7 +109,7 @@ def settle(
     Factors are used ``again`` as long as they leave at most this part of a residual. The state it
     ends in is a balance if its residual is at most ``tolerance``.
     """
-    iterations, predicted, first = 0, None, state
+    iterations, predicted, first, errors = 0, None, state, [state.residual]
     chord = None if factors is None else Chord(equations.measure)
     limit, progress = MOST, PROGRESS
     if equations.others.without_tangent:
@@ -122,7 +128,8 @@ def settle(
             most = FIRST if is_near else PREDICTED
         elif is_near and state.residual <= _SOFT:
             most = FIRST
-        if new is None or not new.residual <= most * state.residual:  # nor where it is NaN
+        most *= max(errors[-equations.remembered :])
+        if new is None or not new.residual <= most:  # nor where it is NaN
             if is_near:
                 break
             chord = None
@@ -130,6 +137,7 @@ def settle(
         predicted = new if predicted is None else predicted
         if new.residual > again * state.residual:
             chord = None
+        errors.append(new.residual)
         state, is_near = new, False
     corrected = 0.0 if predicted is None else equations.turn(state.z - predicted.z)
     return Found(state, factors, iterations, corrected)

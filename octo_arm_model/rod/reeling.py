@@ -97,6 +97,8 @@ class Reeling:
         measure: see `Problem`; tensions do not count.
     """
 
+    remembered = 4  # where tendons turn round residuals do not fall at every step
+
     def __init__(self, rod: Rod, level: int, problem: Problem | None = None) -> None:
         """Of ``rod`` on a ``level``, or by a model of its arm with a ``problem`` of its own."""
         self._rod, self._arm, self._level = rod, rod.arm, level
