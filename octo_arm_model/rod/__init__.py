@@ -40,7 +40,6 @@ nodes go from the base to the tip and have the node as first axis.
 `solver`         `Solver`: one arm or a batch, quantities of solutions; `solve` in one call
 `backbone`       `Backbone`: the result; `stations`: where it is known
 `displacements`  tendons at given lengths: shapes and derivatives, for a user
-`friction_memory`  validity of the friction history of a sequence
 
 `motion`         `Dynamics`: implicit time steps; `motion_state`: what they take and give
 `inertia`        the same equations with inertia, drag, added mass and viscosity, and their

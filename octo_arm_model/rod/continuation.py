@@ -7,6 +7,7 @@ arm's would be.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import NamedTuple
 
@@ -62,17 +63,16 @@ class Judged(NamedTuple):
 def judge(problem: Problem, state: State) -> Judged:
     """Judge the stability of an equilibrium of ``problem`` by its Jacobian there.
 
-    Where a load states no tangent stiffness nothing tells of it, and it counts as stable.
-
-    Raises:
-        ConvergenceError: if the Jacobian is singular and decides.
+    Where a load states no tangent stiffness nothing tells of it, and it counts as stable; where
+    the Jacobian decides and is singular it does not.
     """
     problem.fill_jacobian(state)
     variation = problem.variation()
     is_known = not problem.others.without_tangent
     stability = variation.stability() if is_known else Stability(True, False)
     if not stability.is_stable and not problem.has_energy(state.acting.condition):
-        stability = Stability(factorise(problem.work.jacobian.copy()).sign > 0, False)
+        with contextlib.suppress(ConvergenceError):
+            stability = Stability(factorise(problem.work.jacobian.copy()).sign > 0, False)
     return Judged(state, Deferred(problem.work.jacobian.copy()), stability, variation)
 
 
@@ -109,7 +109,7 @@ def follow(
         judged = None
         is_last = step <= _SMALLEST_STEP and not problem.others.without_tangent
         if is_found and (found.corrected <= MOST_CORRECTED or is_last):
-            judged = _judged_stable(problem, found.state)
+            judged = judge_stable(problem, found.state)
             if limit > _CLOSER and (is_last if judged is None else not judged.stability.is_firm):
                 # Near the end of a branch what a rough balance leaves decides where the arm goes.
                 found, judged = _closer(problem, found, judged)
@@ -150,16 +150,13 @@ def _closer(problem: Problem, found: Found, judged: Judged | None) -> tuple[Foun
     if closer.corrected > MOST_CORRECTED:
         return closer, None
     if judged is None:
-        return closer, _judged_stable(problem, closer.state)
+        return closer, judge_stable(problem, closer.state)
     return closer, judged._replace(state=closer.state)
 
 
-def _judged_stable(problem: Problem, state: State) -> Judged | None:
+def judge_stable(problem: Problem, state: State) -> Judged | None:
     """The equilibrium ``state`` if it is stable."""
-    try:
-        judged = judge(problem, state)
-    except ConvergenceError:
-        return None
+    judged = judge(problem, state)
     return judged if judged.stability.is_stable else None
 
 

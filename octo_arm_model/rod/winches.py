@@ -143,10 +143,7 @@ class _Search:
         if firm is None or not self._rod.is_near(reeling.problem, firm, state):
             firm = None
         if firm is None and not is_free:
-            try:
-                judged = judge(reeling.problem, state)
-            except ConvergenceError:
-                return None
+            judged = judge(reeling.problem, state)
             is_stable = judged.stability.is_stable
             served = tolerance < _TURNING and found.iterations <= _SERVED
             if not (isinstance(border, Border) and served and is_stable):
