@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray, Number
+from octo_arm_model.rod.section_formulas import density, offset_stiffness, widening
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,
@@ -35,52 +36,6 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Cross products along the last axis."""
     found: FloatArray = a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
     return found
-
-
-def _density(
-    widens: bool, stretch: FloatArray, bend: FloatArray
-) -> tuple[Number, Number, Number, Number, Number]:
-    """Derivatives of psi_material / (E A), see `loops`."""
-    if not widens:
-        return stretch - 1.0, 0.125, 1.0, 0.0, 0.0
-    root = np.sqrt(stretch * np.abs(stretch) - bend)
-    over, over_root = 1.0 / (stretch + root), 1.0 / root
-    third = over_root * over / 3.0
-    varying, square = third * over, over_root * over_root
-    mixed = square * varying
-    return (
-        stretch / 3.0 - 2.0 * third,
-        varying + 1.0 / 24.0,
-        square * over_root * (2.0 / 3.0) + 1.0 / 3.0,
-        -(stretch + 2.0 * root) * mixed,
-        (root * over + 0.5) * mixed,
-    )
-
-
-def widening(widens: bool, stretch: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Radius over reference radius, and its two derivatives by the stretch."""
-    if not widens:
-        return np.ones_like(stretch), np.zeros_like(stretch), np.zeros_like(stretch)
-    over = 1.0 / stretch
-    width = np.sqrt(over)
-    slope = -0.5 * width * over
-    return width, slope, -1.5 * slope * over
-
-
-def offset_stiffness(
-    bend: FloatArray, p: FloatArray | tuple[FloatArray, FloatArray], stiff: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Second derivatives of the energy by the offset in a sheath over k, nn, nb and bb.
-
-    Of scaled curvatures ``bend`` (3, ...), where the stretch changes by ``p`` per offset and
-    ``stiff`` is T / (k |u|).
-    """
-    (t, n, b), (p_n, p_b) = bend, p
-    return (
-        1.0 + stiff * (b * b + t * t - p_n * p_n),
-        -stiff * (b * n + p_n * p_b),
-        1.0 + stiff * (n * n + t * t - p_b * p_b),
-    )
 
 
 class PulledTendons:
@@ -142,7 +97,7 @@ class PulledTendons:
             over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
             p_n, p_b = (t * u_b - b * u_t) * over, (n * u_t - t * u_n) * over
             r_n, r_b = d[0] + yielding * p_n, d[1] + yielding * p_b
-            nn, nb, bb = offset_stiffness(self.strain[:3], (p_n, p_b), yielding * over)
+            nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), yielding * over)
             over = 1.0 / (nn * bb - nb * nb)
             step = np.stack([(bb * r_n - nb * r_b) * over, (nn * r_b - nb * r_n) * over])
             # A tendon stays where its own iteration has ended.
@@ -212,7 +167,7 @@ class PulledTendons:
         mixed[0, 2] -= self.tension * u_t
         mixed[1, 0] -= self.tension * u_n
         mixed[1, 1] += self.tension * u_t
-        nn, nb, bb = offset_stiffness(self.strain[:3], (p_n, p_b), self.compliance * weight)
+        nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), self.compliance * weight)
         factor = self.compliance / (nn * bb - nb * nb)
         moved = factor * np.stack([bb * mixed[0] - nb * mixed[1], nn * mixed[1] - nb * mixed[0]])
         return np.asarray(np.einsum('danj,dcnj->nac', mixed, moved))
@@ -230,14 +185,14 @@ _Density: TypeAlias = tuple[Number, Number, Number, Number, Number]
 
 
 def _density_at(tables: Tables, strain: FloatArray) -> _Density:
-    """`_density` of scaled strains (6, n)."""
+    """`density` of scaled strains (6, n)."""
     bend = strain[1] * strain[1] + strain[2] * strain[2]
-    return _density(tables.widens, strain[3], bend * tables.body[:, SQUARED_RADIUS])
+    return density(tables.widens, strain[3], bend * tables.body[:, SQUARED_RADIUS])
 
 
-def _stress(tables: Tables, strain: FloatArray, density: _Density) -> FloatArray:
+def _stress(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
     """Gradient of the energy of the material by the scaled strain (6, n), (6, n)."""
-    body, (by_stretch, by_bend, *_) = tables.body.T, density
+    body, (by_stretch, by_bend, *_) = tables.body.T, parts
     once = 2.0 * body[AXIAL] * body[SQUARED_RADIUS] * by_bend
     found = strain.copy()
     found[0] *= body[TORSION]
@@ -247,11 +202,11 @@ def _stress(tables: Tables, strain: FloatArray, density: _Density) -> FloatArray
     return found
 
 
-def _stiffness(tables: Tables, strain: FloatArray, density: _Density) -> FloatArray:
+def _stiffness(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
     """Hessian of the energy of the material by the scaled strain (6, n), (n, 6, 6)."""
     body, n, b = tables.body.T, strain[1], strain[2]
     axial, square = body[AXIAL], body[SQUARED_RADIUS]
-    _, by_bend, by_ss, by_sb, by_bb = density
+    _, by_bend, by_ss, by_sb, by_bb = parts
     once = 2.0 * axial * square * by_bend
     both, second = 2.0 * axial * square * by_sb, 4.0 * axial * square * square * by_bb
     h = np.zeros((n.size, 6, 6))
@@ -289,8 +244,8 @@ def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) ->
     width, slope, bend = widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
     tendons = PulledTendons(tables, strain, width, tensions, work)
-    density = _density_at(tables, strain[..., 0])
-    g, h = _stress(tables, strain[..., 0], density), _stiffness(tables, strain[..., 0], density)
+    parts = _density_at(tables, strain[..., 0])
+    g, h = _stress(tables, strain[..., 0], parts), _stiffness(tables, strain[..., 0], parts)
     by_strain, twice = tendons.derivatives(slope, bend)
     g[: len(by_strain)] += by_strain
     h = h[:, : z.shape[1], : z.shape[1]] + twice

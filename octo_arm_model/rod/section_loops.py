@@ -20,6 +20,7 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.compiled import compiled, helper, inlined
+from octo_arm_model.rod.section_formulas import density, offset_stiffness, widening
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,
@@ -38,6 +39,8 @@ _MOST_STEPS = 30  # of the offset of a tendon in its sheath
 _ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see `angles`
 _SETTLED = 1e-14  # change of an offset, over the lever
 MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `section_arrays.balance`
+_density, _widening = inlined(density), inlined(widening)
+_offset_stiffness = inlined(offset_stiffness)
 
 
 @inlined
@@ -46,42 +49,6 @@ def cross(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
-def _density(
-    widens: bool, stretch: float, bend: float
-) -> tuple[float, float, float, float, float]:
-    """Derivatives of psi_material / (E A) by lambda and (c R)^2, c the curvature.
-
-    By lambda, by bend, by both twice: ss, sb, bb. NaN where a fibre has no length.
-    """
-    if not widens:
-        return stretch - 1.0, 0.125, 1.0, 0.0, 0.0
-    # Rubber: the mean of 1 / l over the circle of fibres of stretch l is 2 / (lambda + root).
-    root = np.sqrt(stretch * abs(stretch) - bend)
-    over, over_root = 1.0 / (stretch + root), 1.0 / root
-    third = over_root * over / 3.0
-    varying, square = third * over, over_root * over_root
-    mixed = square * varying
-    return (
-        stretch / 3.0 - 2.0 * third,
-        varying + 1.0 / 24.0,
-        square * over_root * (2.0 / 3.0) + 1.0 / 3.0,
-        -(stretch + 2.0 * root) * mixed,
-        (root * over + 0.5) * mixed,
-    )
-
-
-@inlined
-def _widening(widens: bool, stretch: float) -> tuple[float, float, float]:
-    """Radius over reference radius, and its two derivatives by the stretch."""
-    if not widens:
-        return 1.0, 0.0, 0.0
-    over = 1.0 / stretch
-    width = np.sqrt(over)
-    slope = -0.5 * width * over
-    return width, slope, -1.5 * slope * over
 
 
 @inlined
@@ -105,7 +72,7 @@ def _offset(
         over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
         p_n, p_b = (t * u_b - b * u_t) * over, (n * u_t - t * u_n) * over
         r_n, r_b = d_n + yielding * p_n, d_b + yielding * p_b
-        nn, nb, bb = _offset_stiffness(yielding * over, (t, n, b), p_n, p_b)
+        nn, nb, bb = _offset_stiffness((t, n, b), (p_n, p_b), yielding * over)
         over = 1.0 / (nn * bb - nb * nb)
         s_n, s_b = (bb * r_n - nb * r_b) * over, (nn * r_b - nb * r_n) * over
         d_n, d_b = d_n - s_n, d_b - s_b
@@ -273,23 +240,12 @@ def _condense(
     room[3, 2] -= tension * u_t
     room[4, 0] -= tension * u_n
     room[4, 1] += tension * u_t
-    nn, nb, bb = _offset_stiffness(stiff, (t, n, b), p_n, p_b)
+    nn, nb, bb = _offset_stiffness((t, n, b), (p_n, p_b), stiff)
     factor = compliance / (nn * bb - nb * nb)
     for a in range(6):
         of_n, of_b = bb * room[3, a] - nb * room[4, a], nn * room[4, a] - nb * room[3, a]
         for c in range(a + 1):
             h[a, c] -= factor * (of_n * room[3, c] + of_b * room[4, c])
-
-
-@inlined
-def _offset_stiffness(
-    stiff: float, bend: tuple[float, float, float], p_n: float, p_b: float
-) -> tuple[float, float, float]:
-    """Second derivatives of the energy by d over k, nn, nb and bb."""
-    t, n, b = bend
-    nn = 1.0 + stiff * (b * b + t * t - p_n * p_n)
-    bb = 1.0 + stiff * (n * n + t * t - p_b * p_b)
-    return nn, -stiff * (b * n + p_n * p_b), bb
 
 
 @inlined

@@ -32,7 +32,7 @@ import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.section_arrays import offset_stiffness, widening
+from octo_arm_model.rod.section_formulas import offset_stiffness, widening
 from octo_arm_model.rod.tables import Tables
 
 
@@ -180,7 +180,8 @@ class Tendons:
     def _offset_change(self, force: FloatArray) -> FloatArray:
         """Change dd of (4) for f = ``force`` (..., 2, N, J), zero in rigid sheaths."""
         stiff = self._compliance * self.tension * self._inverse
-        nn, nb, bb = offset_stiffness(self.scaled, self._stretch_by_offset, stiff)
+        (t, n, b), (p_n, p_b) = self.scaled, self._stretch_by_offset
+        nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), stiff)
         x, y = np.moveaxis(force, -3, 0)
         found = np.stack([bb * x - nb * y, nn * y - nb * x], axis=-3)
         return found * (-self._compliance / (nn * bb - nb * nb))
