@@ -91,7 +91,7 @@ class Equations(Protocol):
         """The equations linearised at ``state``."""
 
     def step(self, state: State, factors: Linear, /) -> tuple[FloatArray, Linear]:
-        """Newton's step (n,) from ``state``, and the factors that it is by."""
+        """Newton's change of the unknowns, (n,), from ``state``, and the factors it is by."""
 
     def moved(self, state: State, step: FloatArray, factors: Linear, /) -> State:
         """The ``state`` after a step by ``factors``."""
