@@ -18,7 +18,7 @@ from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.paper_equations import Equations, MakesEquations, Strains
 from octo_arm_model.rod.read_out import ADDED_POINTS
-from octo_arm_model.rod.reeling import Border, Reeling
+from octo_arm_model.rod.reeling import Border, RodReeling
 from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import WORST, Equilibrium, Rod, Setting, require_resolved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
@@ -252,7 +252,7 @@ class Papers(Statics):
         raise NotImplementedError
 
 
-class _Reeling(Reeling):
+class _Reeling(RodReeling):
     """An arm whose winches are known by its tensions alone, of which all else follows."""
 
     def __init__(self, model: Papers, level: int) -> None:

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.optimize import nnls
 
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
@@ -89,7 +90,7 @@ class Border(NamedTuple):
 
 
 class Reeling:
-    """The equations of an arm and its winches at nodes of its `Rod`, for `newton.settle`.
+    """The equations of an arm and its winches at its nodes, for `newton.settle`.
 
     Attributes:
         problem: the equations of the arm alone.
@@ -99,19 +100,18 @@ class Reeling:
 
     remembered = 4  # where tendons turn round residuals do not fall at every step
 
-    def __init__(self, rod: Rod, level: int, problem: Problem | None = None) -> None:
-        """Of ``rod`` on a ``level``, or by a model of its arm with a ``problem`` of its own."""
-        self._rod, self._arm, self._level = rod, rod.arm, level
-        self.problem = problem or rod.problem(level)
+    def __init__(self, problem: Problem, arm: Arm) -> None:
+        """Of ``arm`` at the nodes of ``problem``."""
+        self.problem, self._arm = problem, arm
         self.others, self.turn = self.problem.others, self.problem.turn
         self._weights = self.problem.elements.weights
         self._rest = self._weights[:, np.newaxis] * unloaded_tendons(self.problem.tables).stretch
         self._unloaded = self._rest.sum(axis=0)
         count = self._unloaded.size
-        self._free = rod.arm.stretched(np.array(rod.arm.free_length or np.zeros(count)))
-        self._by_local = rod.arm.stretched(self._rest)
+        self._free = arm.stretched(np.array(arm.free_length or np.zeros(count)))
+        self._by_local = arm.stretched(self._rest)
         self.measure = np.append(self.problem.measure, np.zeros(count))
-        self._tolerance = Tolerance.of(rod.arm.length, rod.has_friction)
+        self._tolerance = Tolerance.of(arm.length, problem.friction is not None)
 
     def displacement(self, state: State) -> FloatArray:
         """What winches have reeled in [m], (J,), of the state that is in `Problem.work`."""
@@ -138,24 +138,6 @@ class Reeling:
     def balance(self, condition: Condition, z: FloatArray) -> State:
         """The state of the arm alone."""
         return self.problem.evaluate(self.problem.acting(condition), z)
-
-    def unloaded(self, condition: Condition) -> State:
-        """Of the arm under tensions alone, to begin with.
-
-        Raises:
-            SolveError: if there is none.
-        """
-        return self.balance(condition, self._rod.unloaded(self.problem, condition)[0])
-
-    def is_resolved(self, state: State) -> bool:
-        """See `Rod.is_resolved`."""
-        return self._rod.is_resolved(self.problem, state, self._level)
-
-    @functools.cached_property
-    def slack(self) -> tuple[State, Border]:
-        """Of the arm without loads whose tendons are all slack."""
-        state = self.unloaded(Condition(np.zeros_like(self._unloaded), np.zeros(6), 0.0))
-        return state, self.linearise(state)
 
     def linearise(
         self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
@@ -287,6 +269,29 @@ class Reeling:
         soft = np.maximum(own, _STIFFEST * np.abs(give))[taut]
         variation.add(border.lengths[taut] / np.sqrt(soft)[:, np.newaxis])
         return variation.stability().is_stable
+
+
+class RodReeling(Reeling):
+    """Of a `Rod`."""
+
+    def __init__(self, rod: Rod, level: int, problem: Problem | None = None) -> None:
+        """Of ``rod`` on a ``level``, or by a model of its arm with a ``problem`` of its own."""
+        super().__init__(problem or rod.problem(level), rod.arm)
+        self._rod, self._level = rod, level
+
+    def unloaded(self, condition: Condition) -> State:
+        """Of the arm under tensions alone, to begin with; a `SolveError` if there is none."""
+        return self.balance(condition, self._rod.unloaded(self.problem, condition)[0])
+
+    def is_resolved(self, state: State) -> bool:
+        """See `Rod.is_resolved`."""
+        return self._rod.is_resolved(self.problem, state, self._level)
+
+    @functools.cached_property
+    def slack(self) -> tuple[State, Border]:
+        """Of the arm without loads whose tendons are all slack."""
+        state = self.unloaded(Condition(np.zeros_like(self._unloaded), np.zeros(6), 0.0))
+        return state, self.linearise(state)
 
 
 # Which tendons are taut --------------------------------------------------------------------------

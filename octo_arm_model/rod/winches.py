@@ -20,7 +20,7 @@ from octo_arm_model.rod.checks import check_solution
 from octo_arm_model.rod.continuation import MOST_CORRECTED, growth, judge
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.newton import Found, settle
-from octo_arm_model.rod.reeling import Border, Reeling
+from octo_arm_model.rod.reeling import Border, RodReeling
 from octo_arm_model.rod.rod import Equilibrium, Rod, moved
 
 _TOLERANCE = 1e-10
@@ -38,10 +38,10 @@ _MOST_JUMPS = 4  # to what an arm whose branch ends turns to under tensions that
 class Winches:
     """Equilibria of an arm of which winches hold some tendons at a length."""
 
-    def __init__(self, rod: Rod, reeling: Callable[[int], Reeling] | None = None) -> None:
+    def __init__(self, rod: Rod, reeling: Callable[[int], RodReeling] | None = None) -> None:
         """Of ``rod``, or of another model of its arm with its ``reeling`` of each level."""
         self._rod = rod
-        self.reeling = functools.cache(reeling or functools.partial(Reeling, rod))
+        self.reeling = functools.cache(reeling or functools.partial(RodReeling, rod))
 
     def solve(
         self,
@@ -83,7 +83,7 @@ class _Search:
     """One search for the tensions that hold a condition."""
 
     def __init__(
-        self, rod: Rod, reeling: Callable[[int], Reeling], wanted: Condition, spending: Spending
+        self, rod: Rod, reeling: Callable[[int], RodReeling], wanted: Condition, spending: Spending
     ) -> None:
         """For ``wanted`` on a ``rod`` with its equations of each level."""
         self._rod, self._reeling, self._wanted, self._spending = rod, reeling, wanted, spending
