@@ -12,7 +12,6 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import Wound, solve_displacements, wound_sensitivity
-from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.rod.sensitivity import Uncertainty
 from octo_arm_model.rod.solver import Solver
 
@@ -29,6 +28,43 @@ class Answer(NamedTuple):
     backbone: Backbone
     covariance: FloatArray | None
     unknown: OctoArmError | None = None
+
+
+class FrictionMemory:
+    """Discards the friction history of a sequence after gaps in time.
+
+    Attributes:
+        forgotten: how many times the history was discarded because of a gap.
+    """
+
+    def __init__(self) -> None:
+        """Begin without any time stamp."""
+        self._newest_ns: dict[str, int] = {}
+        self.forgotten = 0
+
+    def recall(
+        self, last: Backbone | None, time_ns: int, seconds: float, source: str = ''
+    ) -> Backbone | None:
+        """Solution to continue from at ``time_ns`` [ns]: the ``last`` one, as far as it is valid.
+
+        None where the time of a ``source`` goes back, as when a sequence starts over; stamps of
+        different sources, such as load cells and encoders, need not be ordered. After a gap of
+        more than ``seconds`` [s] without stamps (0: no limit) the motion of the tendons in between
+        is unknown: the solution is returned without its history, as if pulled from slack.
+        """
+        newest = self._newest_ns
+        if time_ns < newest.get(source, time_ns):
+            self._newest_ns = {source: time_ns}
+            return None
+        gap = time_ns - max(newest.values(), default=time_ns)
+        newest[source] = time_ns
+        if not 0.0 < seconds < 1e-9 * gap:
+            return last
+        if last is None or last.point_tensions is None:
+            return last
+        self.forgotten += 1
+        # Still the start of the continuation of a loaded arm.
+        return dataclasses.replace(last, point_tensions=None)
 
 
 class DrivenArm:

@@ -14,7 +14,7 @@ from octo_arm_model.arm.validation import finite, not_negative, positive, set_fi
 
 
 class Law(NamedTuple):
-    """An elastic law of a cross section; `rod.loops` has its energy.
+    """An elastic law of a cross section; `rod.section_loops` has its energy.
 
     Attributes:
         widens: whether a section widens as it is compressed, by 1 / sqrt(stretch).

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.driven_arm import DrivenArm
+from octo_arm_model.analysis.driven_arm import DrivenArm, FrictionMemory
 from octo_arm_model.analysis.worker_pool import solve_parts
 from octo_arm_model.arm.errors import OctoArmError, SolveError
 from octo_arm_model.arm.hints import FloatArray
@@ -15,7 +15,6 @@ from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config
-from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.wire.backbone import (
     TENDON_LENGTHS,
     TENSION_ESTIMATES,

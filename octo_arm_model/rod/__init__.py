@@ -6,14 +6,15 @@ the wrench of everything beyond a node, F and M = M_free + integral from it to t
 
     residual = d psi(z; T) / dz - (R^T M, t . F[, n . F, b . F]),    Jacobian = d residual / dz
 
-where psi is the energy of the cross section with its tendons, see `loops`. Arrays over nodes go
-from the base to the tip and have the node as first axis.
+where psi is the energy of the cross section with its tendons, see `section_loops`. Arrays over
+nodes go from the base to the tip and have the node as first axis.
 
 `elements`       where the nodes are: elements between anchorages, knots and loads, by the radius
 `tables`         `Tables` of an arm at its nodes and `Work`, the arrays that node functions fill in
 `loops`          the node functions as loops for numba
-`arrays`         the same over whole arrays for NumPy; `paper_loops` and `paper_arrays`: of the
-                 paper's models; `compiled`: how numba compiles loops
+`arrays`         the same over whole arrays for NumPy; `section_loops`, `section_arrays`: of cross
+                 sections, by `section_formulas`; `paper_loops`, `paper_arrays`: of the paper's
+                 models; `compiled`: how numba compiles loops
 `forms`          which of the two is used
 `tendons`        where tendons run at the nodes, their lengths, and the derivatives of both
 `dead_loads`     F and M_free of dead loads at the nodes
@@ -28,7 +29,7 @@ from the base to the tip and have the node as first axis.
 `resolution`     the error of positions, estimated from the last coefficients in each element
 `read_out`       positions, orientations and strains at stations
 `rod`            `Rod`: from tensions and a wrench on the tip to an `Equilibrium`
-`reeling`        Newton's method for tendons at given lengths; `complementarity`: which are slack
+`reeling`        Newton's method for tendons at given lengths, which may be slack
 `winches`        `Winches`: equilibria of tendons at given lengths, by `reeling`
 `derivatives`    first derivatives of an equilibrium; `sensitivity`: what they are given as
 
@@ -39,7 +40,6 @@ from the base to the tip and have the node as first axis.
 `solver`         `Solver`: one arm or a batch, quantities of solutions; `solve` in one call
 `backbone`       `Backbone`: the result; `stations`: where it is known
 `displacements`  tendons at given lengths: shapes and derivatives, for a user
-`friction_memory`  validity of the friction history of a sequence
 
 `motion`         `Dynamics`: implicit time steps; `motion_state`: what they take and give
 `inertia`        the same equations with inertia, drag, added mass and viscosity, and their

@@ -45,9 +45,6 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
     """Refuse twists ``z`` (N, m) that compress a section, or a fibre of rubber, to nothing.
 
     Laws with widening have unbounded stress at zero length, unlike any material.
-
-    Raises:
-        SolveError: if there is one.
     """
     stretch = z[:, 3]
     if problem.tables.widens:
@@ -83,11 +80,7 @@ def _shortest_fibres(tables: Tables, z: FloatArray) -> FloatArray:
 
 
 def check_tendons(problem: Problem, state: State) -> None:
-    """Refuse tendons that are pressed out of the body.
-
-    Raises:
-        SolveError: if one is.
-    """
+    """Refuse tendons that are pressed out of the body."""
     problem.load_work(state)
     tables = problem.tables
     path = tables.tendons[..., [ALONG_N, ALONG_B]]
@@ -99,11 +92,7 @@ def check_tendons(problem: Problem, state: State) -> None:
 
 
 def check_stable(problem: Problem, state: State) -> None:
-    """Refuse an equilibrium without loads that is no minimum of the energy.
-
-    Raises:
-        SolveError: if a section is unstable.
-    """
+    """Refuse an equilibrium without loads that is no minimum of the energy."""
     problem.form.sections(problem.tables, state.z, state.acting.tensions, problem.work)
     least = np.linalg.eigvalsh(problem.work.hessian)[:, 0]
     _refuse(problem, ~(least > 0.0), 'bend the arm without end', 'sheaths are')

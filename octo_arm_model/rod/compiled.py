@@ -26,7 +26,7 @@ def compiled(function: _F, *, has_entry: bool = True, inlined: bool = False) -> 
 
 
 def helper(function: _F) -> _F:
-    """What node functions of the same file call, as numba's cache watches no other."""
+    """What node functions call; of files numba's cache watches theirs alone."""
     return compiled(function, has_entry=False)
 
 

@@ -7,6 +7,7 @@ arm's would be.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import NamedTuple
 
@@ -62,17 +63,16 @@ class Judged(NamedTuple):
 def judge(problem: Problem, state: State) -> Judged:
     """Judge the stability of an equilibrium of ``problem`` by its Jacobian there.
 
-    Where a load states no tangent stiffness nothing tells of it, and it counts as stable.
-
-    Raises:
-        ConvergenceError: if the Jacobian is singular and decides.
+    Where a load states no tangent stiffness nothing tells of it, and it counts as stable; where
+    the Jacobian decides and is singular it does not.
     """
     problem.fill_jacobian(state)
     variation = problem.variation()
     is_known = not problem.others.without_tangent
     stability = variation.stability() if is_known else Stability(True, False)
     if not stability.is_stable and not problem.has_energy(state.acting.condition):
-        stability = Stability(factorise(problem.work.jacobian.copy()).sign > 0, False)
+        with contextlib.suppress(ConvergenceError):
+            stability = Stability(factorise(problem.work.jacobian.copy()).sign > 0, False)
     return Judged(state, Deferred(problem.work.jacobian.copy()), stability, variation)
 
 
@@ -103,13 +103,13 @@ def follow(
         guess = z
         if last is not None:
             guess = z + (target - done) / last[1] * (z - last[0])
-        found = settle(problem, acting, guess, limit)
+        found = settle(problem, problem.evaluate(acting, guess), limit)
         spending.add(found.iterations, done, found.state.residual)
         is_found = found.state.residual <= limit
         judged = None
         is_last = step <= _SMALLEST_STEP and not problem.others.without_tangent
         if is_found and (found.corrected <= MOST_CORRECTED or is_last):
-            judged = _judged_stable(problem, found.state)
+            judged = judge_stable(problem, found.state)
             if limit > _CLOSER and (is_last if judged is None else not judged.stability.is_firm):
                 # Near the end of a branch what a rough balance leaves decides where the arm goes.
                 found, judged = _closer(problem, found, judged)
@@ -145,21 +145,18 @@ def _closer(problem: Problem, found: Found, judged: Judged | None) -> tuple[Foun
     None in place of the latter where it is not, or not near what was found.
     """
     rough = found.state
-    closer = settle(problem, rough.acting, rough.z, _CLOSER, found.factors)
+    closer = settle(problem, rough, _CLOSER, found.factors)
     closer = closer._replace(corrected=found.corrected + problem.turn(closer.state.z - rough.z))
     if closer.corrected > MOST_CORRECTED:
         return closer, None
     if judged is None:
-        return closer, _judged_stable(problem, closer.state)
+        return closer, judge_stable(problem, closer.state)
     return closer, judged._replace(state=closer.state)
 
 
-def _judged_stable(problem: Problem, state: State) -> Judged | None:
+def judge_stable(problem: Problem, state: State) -> Judged | None:
     """The equilibrium ``state`` if it is stable."""
-    try:
-        judged = judge(problem, state)
-    except ConvergenceError:
-        return None
+    judged = judge(problem, state)
     return judged if judged.stability.is_stable else None
 
 

@@ -20,11 +20,7 @@ class DeadLoads:
     """
 
     def __init__(self, arm: Arm, elements: Elements, loads: Loads) -> None:
-        """Tabulate the dead ones of ``loads`` on ``arm`` at the nodes of ``elements``.
-
-        Raises:
-            ArmDefinitionError: if gravity acts on an arm of no density.
-        """
+        """Tabulate the dead ones of ``loads`` on ``arm`` at the nodes of ``elements``."""
         self.others = loads.others
         self._to_tip = elements.weights - elements.integration(elements.s)
         self._fixed = self.tabulate(arm, elements, loads)
@@ -46,11 +42,7 @@ class DeadLoads:
         return np.asarray(factor * total + tip_wrench.reshape(2, 1, 3))
 
     def tabulate(self, arm: Arm, elements: Elements, loads: Loads) -> FloatArray:
-        """Force and free moment of other dead ``loads`` at the same nodes, as `at`, (2, N, 3).
-
-        Raises:
-            ArmDefinitionError: if gravity acts on an arm of no density.
-        """
+        """Force and free moment of other dead ``loads`` at the same nodes, as `at`, (2, N, 3)."""
         found = np.zeros((2, elements.s.size, 3))
         found[0] = self._to_tip @ force_per_length(arm, elements.s, loads)
         for point in loads.points:

@@ -29,10 +29,10 @@ from octo_arm_model.arm.errors import ArmDefinitionError, TensionError, listed, 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import LARGEST, finite
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.reeling import MET
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.solver import Solver
 
+_MET = 1e-9  # error of displacements over the length
 # Of the largest singular value of D_T: of an arm that tapers the smallest is 1e-2 to 1e-4, and
 # what is zero comes out as 1e-10 or less.
 _SINGULAR = 1e-8
@@ -91,7 +91,7 @@ def solve_displacements(
     with solver.together():
         backbone, reached = solver.wind(wanted, driven, held, tip_wrench, near)
     is_slack = driven & (backbone.tensions.ravel() == 0.0)
-    is_slack &= reached > wanted + MET * arm.length
+    is_slack &= reached > wanted + _MET * arm.length
     slack = tuple(arm.tendon_names[tendon] for tendon in np.flatnonzero(is_slack).tolist())
     return Wound(backbone, reached.reshape(arm.tension_shape), slack, driven)
 

@@ -156,11 +156,7 @@ def build_elements(
 
 
 def check_thickness(arm: Arm) -> None:
-    """Check that ``arm`` is not absurdly thin.
-
-    Raises:
-        ConfigError: if it is.
-    """
+    """Refuse an ``arm`` that is absurdly thin."""
     s = np.linspace(0.0, arm.length, _SAMPLES)
     acts = np.array([section.anchorage for section in arm.sections])[arm.tendon_section - 1]
     place = np.hypot(*arm.tendon_offsets(s)) * (s <= acts[:, np.newaxis])

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.factors import Factors, Variation, factorise
+from octo_arm_model.rod.factors import Factors, Linear, Variation, factorise
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
@@ -26,22 +27,28 @@ class Condition(NamedTuple):
         factor: on all other loads [-], from 0 to 1.
         before: tensions (M, J) [N] at the points of `Friction.fine` from which tendons slide;
             None for slack ones.
+        lengths: reeled in by winches [m], (J,); they count where a tendon is driven.
+        driven: whether winches hold the length of a tendon, else its tension, (J,); empty where
+            there are none.
     """
 
     tensions: FloatArray
     tip_wrench: FloatArray
     factor: float = 1.0
     before: FloatArray | None = None
+    lengths: FloatArray = np.zeros(0)
+    driven: NDArray[np.bool_] = np.zeros(0, np.bool_)
 
     def towards(self, other: Condition, part: float) -> Condition:
         """This one, moved by ``part`` of the way to ``other``."""
         if part == 1.0:
             return other
-        return Condition(
-            self.tensions + part * (other.tensions - self.tensions),
-            self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
-            self.factor + part * (other.factor - self.factor),
-            other.before,
+        lengths = self.lengths if other.driven.size else other.lengths
+        return other._replace(
+            tensions=self.tensions + part * (other.tensions - self.tensions),
+            tip_wrench=self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
+            factor=self.factor + part * (other.factor - self.factor),
+            lengths=lengths + part * (other.lengths - lengths),
         )
 
 
@@ -71,12 +78,16 @@ class State(NamedTuple):
         z: twists, (N, m) [1/m and -].
         imbalance: gradient of the energy less the wrench of the loads, (N, m) [N m and N].
         residual: the largest, over its scale [-]; NaN where a strain is impossible.
+        reeled: what winches have reeled in [m], (J,); of slack tendons what would make them taut.
+        wrong: what that lacks [m], (J,), zero of tendons that are not driven.
     """
 
     acting: Acting
     z: FloatArray
     imbalance: FloatArray
     residual: float
+    reeled: FloatArray = np.zeros(0)
+    wrong: FloatArray = np.zeros(0)
 
 
 class Problem:
@@ -92,6 +103,8 @@ class Problem:
         strains: 4, or 6 with shear.
         friction: of the tendons; None where they have none.
     """
+
+    remembered = 1  # residual, see `newton.settle`
 
     def __init__(
         self, elements: Elements, tables: Tables, loads: DeadLoads, form: Form, strains: int,
@@ -156,6 +169,14 @@ class Problem:
         self._current = self._oriented = z
         return State(acting, z, work.residual.copy(), left)
 
+    def step(self, state: State, factors: Linear) -> tuple[FloatArray, Linear]:
+        """Newton's step of the twists by ``factors``, (N m,), and these."""
+        return factors.solve(-state.imbalance.ravel()), factors
+
+    def moved(self, state: State, step: FloatArray, _: Linear) -> State:
+        """The ``state`` after a `step`."""
+        return self.evaluate(state.acting, state.z + step.reshape(state.z.shape))
+
     def local_tensions(self, state: State) -> LocalTensions:
         """The tensions that friction leaves in ``state``."""
         self.load_work(state)
@@ -164,7 +185,7 @@ class Problem:
 
     def tendons(self, state: State) -> Tendons:
         """The tendons in ``state``; those of the last one are kept."""
-        if self._tendons is None or self._tendons[0] is not state:
+        if self._tendons is None or not _are_same(self._tendons[0], state):
             if self.tables.compliance.any():
                 self.load_work(state)  # their offsets in sheaths
             tendons = Tendons(self.tables, state.z, state.acting.tensions, self.work.offsets)
@@ -244,7 +265,7 @@ class Problem:
         """Derivatives of local tensions at ``state``; None without friction, or of given ones."""
         if self.friction is None or state.acting.condition.tensions.ndim > 1:
             return None
-        if self._derivatives is None or self._derivatives[0] is not state:
+        if self._derivatives is None or not _are_same(self._derivatives[0], state):
             local, tendons = self.local_tensions(state), self.tendons(state)
             derivatives = TensionDerivatives(self.friction, state.z, local, tendons, self.work)
             self._derivatives = state, derivatives
@@ -267,3 +288,7 @@ class Problem:
     def power(self, state: State, change: FloatArray) -> float:
         """What the imbalance of ``state`` does on a ``change`` (N, m), as a loss of energy [J]."""
         return -float((state.imbalance * change).sum(axis=1) @ self.elements.weights)
+
+
+def _are_same(one: State, other: State) -> bool:
+    return one.z is other.z and one.acting is other.acting

@@ -87,8 +87,8 @@ class Exact(Statics):
         start: Equilibrium | None, spending: Spending,
     ) -> tuple[Shape, FloatArray]:  # fmt: skip
         """See `Statics`."""
-        held = self._winches.solve(displacements, driven, condition, start, spending)
-        return self.shape(held.equilibrium), held.reached.displacement
+        found = self._winches.solve(displacements, driven, condition, start, spending)
+        return self.shape(found), found.state.reeled
 
     def shape(self, found: Equilibrium) -> Shape:
         """An equilibrium at the stations."""

@@ -5,9 +5,10 @@ node by the wrap angle
 
     theta = int |c| ds + sum 2 asin(|[e]| / 2),    c = e' + kappa x e                          (1)
 
-with jumps [e] where strains jump, see `loops.angles`. It loses tension, dT = -mu T dtheta, where
-it is drawn in, gains as much where it is let out, and sticks in between (Euler and Eytelwein).
-With the tension T_0 at the base and T_b before at each node, T is the nearest to T_b of all within
+with jumps [e] where strains jump, see `section_loops.angles`. It loses tension, dT = -mu T
+dtheta, where it is drawn in, gains as much where it is let out, and sticks in between (Euler and
+Eytelwein). With the tension T_0 at the base and T_b before at each node, T is the nearest to T_b
+of all within
 
     lower = T_0 exp(-mu theta) <= T <= T_0 exp(mu theta) = upper,                              (2)
 
@@ -33,9 +34,9 @@ import numpy as np
 
 from octo_arm_model.arm.errors import ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.arrays import Bends
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.section_arrays import Bends
 from octo_arm_model.rod.tables import Tables, Work
 from octo_arm_model.rod.tendons import Tendons
 
@@ -43,6 +44,7 @@ _STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts
 SAME = 1e-6  # relative difference up to which two tensions of a tendon count as equal
 # Tolerance of wrap angles of tendons in sheaths [rad], and most iterations for them.
 _CONVERGED, _MOST_ITERATIONS = 1e-13, 50
+_MOST_LOSS = 100.0  # mu theta beyond which nothing is left of a tension
 _LEAST = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
 
 
@@ -164,6 +166,33 @@ class Friction:
             if not left > _CONVERGED:  # nor NaN, where a section cannot be
                 return found
         raise ConvergenceError('the tension of tendons in their sheaths', left, _MOST_ITERATIONS)
+
+    def pulled(
+        self, tensions: FloatArray, before: FloatArray, angle: FloatArray, more: FloatArray,
+        free: FloatArray,
+    ) -> FloatArray:  # fmt: skip
+        """Tensions at the base (J,) [N] at which integrals are more than under ``tensions`` (J,).
+
+        By ``more`` (J,) [N m], of local tensions by (2), for ``before`` and ``angle`` see `hold`,
+        and of that at the base over a ``free`` length (J,) [m]. They are linear between the
+        tensions at which one of the fine points begins or ends to stick.
+        """
+        loss = self.tables.friction * self.spread(self.tables.to_fine, angle)
+        kept = np.exp(-np.minimum(loss, _MOST_LOSS))
+        weights, found = self.fine.weights[:, np.newaxis] * self.reach, tensions.copy()
+        for j, (was, part, weight) in enumerate(zip(before.T, kept.T, weights.T)):
+            turns = np.concatenate([was * part, was / part])
+            order, nothing = turns.argsort(), np.zeros_like(weight)
+            let_out = np.concatenate([weight / part, nothing])[order]
+            drawn_in = np.concatenate([nothing, weight * part])[order]
+            ends = np.append(0.0, turns[order])
+            ends = np.append(ends, 1e3 * max(ends[-1], tensions[j]) + 1.0)
+            slopes = np.append(let_out[::-1].cumsum()[::-1], 0.0) + free[j]
+            slopes[1:] += drawn_in.cumsum()
+            integrals = np.append(0.0, np.cumsum(slopes * np.diff(ends)))
+            wanted = np.interp(tensions[j], ends, integrals) + more[j]
+            found[j] = np.interp(wanted, integrals, ends)
+        return found
 
     def angles(self, z: FloatArray, tensions: FloatArray, work: Work) -> FloatArray:
         """Theta (N, J) of tendons under ``tensions`` (N, J) [N] along an arm of twists ``z``."""

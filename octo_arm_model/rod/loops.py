@@ -1,20 +1,8 @@
 """The node functions as loops, compiled by numba; `arrays` has the same for NumPy.
 
-The energy of a cross section per reference length, of scaled strain e = (w kappa, lambda, v):
-
-    psi = psi_material(e) + sum T |u| + sum k |d|^2 / 2
-    u = (lambda, v_n, v_b) + w kappa x (r + d) + w r'
-
-for a tendon of tension T at the offset r that stands off its path by d in a sheath of stiffness k;
-w(lambda) is the widening of the section, lambda^-1/2 for rubber. d is the one of least energy.
-With c = u / |u|, the gradient of |u| by e is g = c . du/de, and its Hessian
-(du/de . du/de - g g^T) / |u|.
-
 All take `Tables` and `Work`; z is (N, m), ``tensions`` (N, J) [N], ``force`` and ``couple`` the
-force and the free moment of all that acts beyond each node, (N, 3) in base_frame.
-
-What is compiled by itself takes the arrays that it needs, as a call would copy the hundreds of
-numbers of tables, and what is inlined may as well: some have more than seven arguments for that.
+force and the free moment of all that acts beyond each node, (N, 3) in base_frame. Those of cross
+sections, with their equations, are in `section_loops`.
 """
 
 from __future__ import annotations
@@ -25,20 +13,8 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.compiled import compiled, helper, inlined
 from octo_arm_model.rod.paper_loops import paper_twists
 from octo_arm_model.rod.resolution import OF_BENDS, OF_DIRECTIONS
-from octo_arm_model.rod.tables import (
-    ALONG_B,
-    ALONG_N,
-    AXIAL,
-    LEVER,
-    SHEAR,
-    SLOPE_B,
-    SLOPE_N,
-    SQUARED_RADIUS,
-    TORSION,
-    Places,
-    Tables,
-    Work,
-)
+from octo_arm_model.rod.section_loops import angles, balance, cross, section, sections
+from octo_arm_model.rod.tables import Places, Tables, Work
 
 # The node functions, see `forms.Form`.
 __all__ = [
@@ -48,10 +24,6 @@ __all__ = [
 
 _MOST_SWEEPS = 80  # of orientations
 _ROUNDING = 2e-13  # change by a sweep, which leaves a thirtieth of it
-_MOST_STEPS = 30  # of the offset of a tendon in its sheath
-_ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see `angles`
-_SETTLED = 1e-14  # change of an offset, over the lever
-MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `arrays.balance`
 
 
 # Orientations ----------------------------------------------------------------------------------
@@ -248,520 +220,6 @@ def _position_error(
     return error
 
 
-# Cross sections --------------------------------------------------------------------------------
-
-
-@inlined
-def _density(
-    widens: bool, stretch: float, bend: float
-) -> tuple[float, float, float, float, float]:
-    """Derivatives of psi_material / (E A) by lambda and (c R)^2, c the curvature.
-
-    By lambda, by bend, by both twice: ss, sb, bb. NaN where a fibre has no length.
-    """
-    if not widens:
-        return stretch - 1.0, 0.125, 1.0, 0.0, 0.0
-    # Rubber: the mean of 1 / l over the circle of fibres of stretch l is 2 / (lambda + root).
-    root = np.sqrt(stretch * abs(stretch) - bend)
-    over, over_root = 1.0 / (stretch + root), 1.0 / root
-    third = over_root * over / 3.0
-    varying, square = third * over, over_root * over_root
-    mixed = square * varying
-    return (
-        stretch / 3.0 - 2.0 * third,
-        varying + 1.0 / 24.0,
-        square * over_root * (2.0 / 3.0) + 1.0 / 3.0,
-        -(stretch + 2.0 * root) * mixed,
-        (root * over + 0.5) * mixed,
-    )
-
-
-@inlined
-def _widening(widens: bool, stretch: float) -> tuple[float, float, float]:
-    """Radius over reference radius, and its two derivatives by the stretch."""
-    if not widens:
-        return 1.0, 0.0, 0.0
-    over = 1.0 / stretch
-    width = np.sqrt(over)
-    slope = -0.5 * width * over
-    return width, slope, -1.5 * slope * over
-
-
-@inlined
-def _scaled(z: FloatArray, width: float, strain: FloatArray) -> None:
-    """The six scaled strains of one node, (t, n, b, lambda, v_n, v_b)."""
-    strain[4] = strain[5] = 0.0
-    for c in range(z.size):
-        strain[c] = width * z[c] if c < 3 else z[c]
-
-
-@helper
-def _offset(
-    tendon: FloatArray, strain: FloatArray, width: float, yielding: float, lever: float
-) -> tuple[float, float]:
-    """Offset d of a tendon from its path; ``yielding`` is T / k, see `loops` for the equations."""
-    t, n, b, stretch = strain[0], strain[1], strain[2], strain[3]
-    near = yielding if yielding * (n * n + b * b) < 0.25 * stretch else 0.0
-    d_n, d_b, left = near * b, -near * n, np.inf
-    for _ in range(_MOST_STEPS):
-        u_t, u_n, u_b = _along(tendon, strain, width, d_n, d_b)
-        over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
-        p_n, p_b = (t * u_b - b * u_t) * over, (n * u_t - t * u_n) * over
-        r_n, r_b = d_n + yielding * p_n, d_b + yielding * p_b
-        nn, nb, bb = _offset_stiffness(yielding * over, (t, n, b), p_n, p_b)
-        over = 1.0 / (nn * bb - nb * nb)
-        s_n, s_b = (bb * r_n - nb * r_b) * over, (nn * r_b - nb * r_n) * over
-        d_n, d_b = d_n - s_n, d_b - s_b
-        left = (abs(s_n) + abs(s_b)) / lever
-        if not left * left > _SETTLED:
-            break
-    if not left * left <= _SETTLED:
-        return np.nan, np.nan
-    return d_n, d_b
-
-
-@inlined
-def _along(
-    tendon: FloatArray, strain: FloatArray, width: float, d_n: float, d_b: float
-) -> tuple[float, float, float]:
-    """U of a tendon that stands off its path by (d_n, d_b)."""
-    x, y = tendon[ALONG_N] + d_n, tendon[ALONG_B] + d_b
-    return (
-        strain[3] + strain[1] * y - strain[2] * x,
-        width * tendon[SLOPE_N] - strain[0] * y + strain[4],
-        width * tendon[SLOPE_B] + strain[0] * x + strain[5],
-    )
-
-
-@inlined
-def _material(
-    widens: bool, body: FloatArray, strain: FloatArray, g: FloatArray, h: FloatArray
-) -> None:
-    """Gradient and lower half of the Hessian of the energy of the material by the strain."""
-    n, b, axial, square = strain[1], strain[2], body[AXIAL], body[SQUARED_RADIUS]
-    by_s, by_bend, by_ss, by_sb, by_bb = _density(widens, strain[3], (n * n + b * b) * square)
-    twice = 2.0 * axial * square
-    once = twice * by_bend
-    g[0], g[1], g[2], g[3] = body[TORSION] * strain[0], once * n, once * b, axial * by_s
-    g[4], g[5] = body[SHEAR] * strain[4], body[SHEAR] * strain[5]
-    if h.shape[0]:
-        both, second = twice * by_sb, 2.0 * square * twice * by_bb
-        for a in range(6):
-            for c in range(a):
-                h[a, c] = 0.0
-        h[0, 0], h[4, 4], h[5, 5] = body[TORSION], body[SHEAR], body[SHEAR]
-        h[1, 1], h[2, 1], h[2, 2] = once + second * n * n, second * n * b, once + second * b * b
-        h[3, 1], h[3, 2], h[3, 3] = both * n, both * b, axial * by_ss
-
-
-@compiled
-def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-    """Gradient and Hessian of the energy of every cross section by the twist."""
-    body, tendons, compliance = tables.body, tables.tendons, tables.compliance
-    active, offsets = tables.active, work.offsets
-    g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
-    for i in range(z.shape[0]):
-        _section(
-            tables.widens, body[i], tendons[i], compliance, active[i],
-            z[i], tensions[i], offsets[i], g, h, room,
-        )  # fmt: skip
-        _keep(g, h, work.gradient[i], work.hessian[i])
-
-
-@inlined
-def _keep(g: FloatArray, h: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
-    """Fill in what `_section` found."""
-    for a in range(gradient.size):
-        gradient[a] = g[a]
-        for c in range(a + 1):
-            hessian[a, c] = hessian[c, a] = h[a, c]
-
-
-@inlined
-def _section(
-    widens: bool, body: FloatArray, tendons: FloatArray, compliance: FloatArray, active: int,
-    z: FloatArray, tensions: FloatArray, offsets: FloatArray, g: FloatArray, h: FloatArray,
-    room: FloatArray,
-) -> None:  # fmt: skip
-    """Gradient by the twist and lower half of the Hessian at one node into ``g`` and ``h``.
-
-    Without rows in ``h`` there is no Hessian. ``room`` has rows of one tendon in a sheath, du/de
-    and C, and the scaled strain, as the last.
-    """
-    strain = room[5]
-    width, slope, bend = _widening(widens, z[3])
-    _scaled(z, width, strain)
-    _material(widens, body, strain, g, h)
-    for j in range(active):
-        tension = tensions[j]
-        if tension == 0.0:
-            continue
-        d_n = d_b = 0.0
-        if compliance[j] > 0.0:
-            d_n, d_b = _offset(tendons[j], strain, width, compliance[j] * tension, body[LEVER])
-            offsets[j, 0], offsets[j, 1] = d_n, d_b
-        x, y = tendons[j, ALONG_N] + d_n, tendons[j, ALONG_B] + d_b
-        dx, dy = tendons[j, SLOPE_N], tendons[j, SLOPE_B]
-        u_t = strain[3] + strain[1] * y - strain[2] * x
-        u_n = width * dx - strain[0] * y + strain[4]
-        u_b = width * dy + strain[0] * x + strain[5]
-        over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
-        u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
-        along = bend * tension * (dx * u_n + dy * u_b)
-        dx, dy = slope * dx, slope * dy
-        p, y_t, x_t, q = x * u_b - y * u_n, y * u_t, x * u_t, u_t + dx * u_n + dy * u_b
-        g[0] += tension * p
-        g[1] += tension * y_t
-        g[2] -= tension * x_t
-        g[3] += tension * q
-        g[4] += tension * u_n
-        g[5] += tension * u_b
-        if not h.shape[0]:
-            continue
-        # Lower half of du/de . du/de - g g^T, g = (p, y_t, -x_t, q, u_n, u_b).
-        w = tension * over
-        h[0, 0] += w * (x * x + y * y - p * p)
-        h[1, 0] -= w * y_t * p
-        h[1, 1] += w * (y * y - y_t * y_t)
-        h[2, 0] += w * x_t * p
-        h[2, 1] -= w * (x * y - x_t * y_t)
-        h[2, 2] += w * (x * x - x_t * x_t)
-        h[3, 0] += w * (x * dy - y * dx - q * p)
-        h[3, 1] += w * (y - q * y_t)
-        h[3, 2] -= w * (x - q * x_t)
-        h[3, 3] += w * (1.0 + dx * dx + dy * dy - q * q) + along
-        if z.size == 6:
-            _add_shear(w, (x, y, dx, dy), (p, y_t, -x_t, q, u_n, u_b), h)
-        if compliance[j] > 0.0:
-            room[1, 0], room[2, 0], room[0, 1], room[0, 2] = -y, x, y, -x
-            room[0, 3], room[1, 3], room[2, 3], room[1, 4], room[2, 5] = 1.0, dx, dy, 1.0, 1.0
-            _condense(compliance[j], tension, (u_t, u_n, u_b, over), room, h)
-    if widens:
-        _unscale(z, (width, slope, bend), g, h)
-
-
-@helper
-def _add_shear(
-    w: float, path: tuple[float, float, float, float],
-    g: tuple[float, float, float, float, float, float], h: FloatArray,
-) -> None:  # fmt: skip
-    """The rows of shear of a tendon of tension over |u| ``w``, see `sections`."""
-    x, y, dx, dy = path
-    for c in range(6):
-        h[4, c] -= w * g[4] * g[c]
-        h[5, c] -= w * g[5] * g[c]
-    h[4, 0] -= w * y
-    h[4, 3] += w * dx
-    h[4, 4] += w
-    h[5, 0] += w * x
-    h[5, 3] += w * dy
-    h[5, 5] += w
-
-
-@helper
-def _condense(
-    compliance: float, tension: float, unit: tuple[float, float, float, float],
-    room: FloatArray, h: FloatArray,
-) -> None:  # fmt: skip
-    """Subtract C D^-1 C^T, as an offset follows the strain; ``unit`` ends with 1 / |u|."""
-    t, n, b = room[5, 0], room[5, 1], room[5, 2]
-    u_t, u_n, u_b, over = unit
-    p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
-    weight, stiff = tension * over, compliance * tension * over
-    for c in range(6):
-        along = room[0, c] * u_t + room[1, c] * u_n + room[2, c] * u_b
-        room[3, c] = weight * (t * room[2, c] - b * room[0, c] - p_n * along)
-        room[4, c] = weight * (n * room[0, c] - t * room[1, c] - p_b * along)
-    room[3, 0] += tension * u_b
-    room[3, 2] -= tension * u_t
-    room[4, 0] -= tension * u_n
-    room[4, 1] += tension * u_t
-    nn, nb, bb = _offset_stiffness(stiff, (t, n, b), p_n, p_b)
-    factor = compliance / (nn * bb - nb * nb)
-    for a in range(6):
-        of_n, of_b = bb * room[3, a] - nb * room[4, a], nn * room[4, a] - nb * room[3, a]
-        for c in range(a + 1):
-            h[a, c] -= factor * (of_n * room[3, c] + of_b * room[4, c])
-
-
-@inlined
-def _offset_stiffness(
-    stiff: float, bend: tuple[float, float, float], p_n: float, p_b: float
-) -> tuple[float, float, float]:
-    """Second derivatives of the energy by d over k, nn, nb and bb."""
-    t, n, b = bend
-    nn = 1.0 + stiff * (b * b + t * t - p_n * p_n)
-    bb = 1.0 + stiff * (n * n + t * t - p_b * p_b)
-    return nn, -stiff * (b * n + p_n * p_b), bb
-
-
-@inlined
-def _unscale(
-    z: FloatArray, widening: tuple[float, float, float], g: FloatArray, h: FloatArray
-) -> None:
-    """From gradient and lower half of the Hessian by the scaled strain to those by the twist.
-
-    Of rubber, which has no shear.
-    """
-    width, slope, bend = widening
-    t, n, b = z[0], z[1], z[2]
-    along = t * g[0] + n * g[1] + b * g[2]
-    if h.shape[0]:
-        by_t = t * h[0, 0] + n * h[1, 0] + b * h[2, 0]
-        by_n = t * h[1, 0] + n * h[1, 1] + b * h[2, 1]
-        by_b = t * h[2, 0] + n * h[2, 1] + b * h[2, 2]
-        mixed = t * h[3, 0] + n * h[3, 1] + b * h[3, 2]
-        twice = t * by_t + n * by_n + b * by_b
-        h[3, 3] += slope * (2.0 * mixed + slope * twice) + bend * along
-        h[3, 0] = width * (h[3, 0] + slope * by_t) + slope * g[0]
-        h[3, 1] = width * (h[3, 1] + slope * by_n) + slope * g[1]
-        h[3, 2] = width * (h[3, 2] + slope * by_b) + slope * g[2]
-        for a in range(3):
-            for c in range(a + 1):
-                h[a, c] *= width * width
-    g[3] += slope * along
-    for c in range(3):
-        g[c] *= width
-
-
-@compiled
-def balance(
-    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, tolerance: float,
-    work: Work,
-) -> tuple[float, int]:  # fmt: skip
-    """Bring every cross section to balance with ``wrench`` (N, m) by Newton's method.
-
-    From the twists ``z``, which are overwritten, or from those of parallel tendons where the
-    stretch is zero. Steps at whose end the energy has risen again are halved. The last step begins
-    where a residual is at most ``tolerance``.
-
-    Returns:
-        The largest residual before the last step, and the largest number of steps.
-    """
-    g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
-    largest, worst, most = np.zeros(6), 0.0, 0
-    compliance = tables.compliance
-    step, scale, count = np.zeros(6), np.zeros(6), z.shape[1]
-    for i in range(z.shape[0]):
-        for c in range(count):
-            largest[c] = max(largest[c], abs(wrench[i, c]))
-    for i in range(z.shape[0]):
-        body, tendons, active = tables.body[i], tables.tendons[i], tables.active[i]
-        own, pulls, offsets = z[i], tensions[i], work.offsets[i]
-        gradient, hessian, left = work.gradient[i], work.hessian[i], work.residual[i]
-        if own[3] == 0.0:
-            _guess(tables.widens, body, tendons, active, pulls, own)
-        force = tables.least_scale[i]
-        for j in range(active):
-            force += pulls[j]
-        for c in range(count):
-            scale[c] = largest[c] + force * (body[LEVER] if c < 3 else 1.0)
-        slope, size, steps = 0.0, np.inf, 0
-        while steps < MOST_STEPS and not size <= tolerance:
-            steps += 1
-            _section(
-                tables.widens, body, tendons, compliance, active, own, pulls, offsets, g, h, room,
-            )  # fmt: skip
-            along, size = 0.0, 0.0
-            for c in range(count):
-                left[c] = g[c] - wrench[i, c]
-                along += left[c] * step[c]
-                value = abs(left[c]) / scale[c]
-                if not value <= size:  # also NaN, which stays
-                    size = value
-            if steps > 1 and not (size <= ROUNDING or along <= OVERSHOOT * slope):
-                slope *= SHORTENED
-                for c in range(count):
-                    step[c] *= SHORTENED
-                    own[c] -= step[c]
-                continue
-            _keep(g, h, gradient, hessian)
-            _solve_ldl(h, left, step)
-            slope = 0.0
-            for c in range(count):
-                own[c] += step[c]
-                slope -= left[c] * step[c]
-        if not size <= worst:
-            worst = size
-        most = max(most, steps)
-    return worst, most
-
-
-@helper
-def _guess(
-    widens: bool, body: FloatArray, tendons: FloatArray, active: int, tensions: FloatArray,
-    z: FloatArray,
-) -> None:  # fmt: skip
-    """Twist of a node as if tendons were parallel, see `arrays.initial_twists`."""
-    axial, radius = body[AXIAL], np.sqrt(body[SQUARED_RADIUS])
-    force = about_n = about_b = 0.0
-    for j in range(active):
-        pull = tensions[j] / axial
-        force += pull
-        about_n += pull * tendons[j, ALONG_B]
-        about_b -= pull * tendons[j, ALONG_N]
-    moment = np.sqrt(about_n * about_n + about_b * about_b)
-    if widens:
-        stress = 1.0 + force + force + force * force / (1.0 + force)
-        straight = 1.0 / np.sqrt(stress)
-        ratio = 12.0 * moment / radius / (straight + 2.0 * stress)
-        secant = np.sqrt(1.0 + ratio * ratio)
-        stretch = straight * np.sqrt(secant)
-        curvature = stretch * ratio / secant / radius
-    else:
-        straight = stretch = max(1.0 - force, 0.05)
-        curvature = 4.0 * moment / radius / radius
-    if not stretch > curvature * body[LEVER]:
-        stretch, curvature = straight, 0.0
-    curvature /= -max(moment, 1e-300)
-    if widens:
-        curvature *= np.sqrt(stretch)
-    z[1], z[2], z[3] = about_n * curvature, about_b * curvature, stretch
-
-
-@inlined
-def _solve_ldl(h: FloatArray, left: FloatArray, x: FloatArray) -> None:
-    """Fill in ``x``, which a symmetric matrix of lower half ``h`` takes to minus ``left``."""
-    count = left.size
-    for a in range(count):
-        x[a] = -left[a]
-        for c in range(a):
-            for k in range(c):
-                h[a, c] -= h[a, k] * h[c, k] * h[k, k]
-            h[a, c] /= h[c, c]
-        for k in range(a):
-            h[a, a] -= h[a, k] * h[a, k] * h[k, k]
-            x[a] -= h[a, k] * x[k]
-    for a in range(count - 1, -1, -1):
-        x[a] /= h[a, a]
-        for k in range(a + 1, count):
-            x[a] -= h[k, a] * x[k]
-
-
-# Tendons with friction -------------------------------------------------------------------------
-
-
-@compiled
-def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-    """Angle by which every tendon under tension has turned between the base and every node.
-
-    The integral of the length of e' + kappa x e, e the unit tangent in the axes of the section,
-    and the angles between tangents where strains jump; its length has a kink where it vanishes,
-    and is taken at fine points where it may. ``tensions`` displace tendons in sheaths.
-    """
-    lengths, to_point, friction = tables.lengths, tables.to_point, tables.friction
-    points, angle, strain = to_point.shape[0], work.angle, np.empty(6)
-    unit, bend, rate = np.empty((points, 3)), np.empty((points, 3)), np.empty(points)
-    last, total = np.zeros((friction.size, 3)), np.zeros(friction.size)
-    angle[:] = 0.0
-    for e in range(lengths.size):
-        start, h = e * points, lengths[e]
-        for j in range(tables.active[start]):
-            if tensions[start, j] == 0.0 or friction[j] == 0.0:
-                continue
-            for k in range(points):
-                i = start + k
-                _tangent(
-                    tables.widens, z[i], tables.tendons[i, j], tables.body[i, LEVER],
-                    tables.compliance[j] * tensions[i, j], strain, work.offsets[i, j], unit[k],
-                )  # fmt: skip
-            kink = _kink(tables.ends, unit, last[j])
-            if tables.sharp[e]:
-                total[j] += kink
-            _bends(tables.differentiation, h, z[start : start + points], unit, bend, rate)
-            along, end = 0.0, points - 1
-            for c in range(3):
-                along += bend[0, c] * bend[end, c]
-            own = angle[start : start + points, j]
-            if along < _ROUGH * rate[0] * rate[end]:
-                total[j] = _turn_finely(
-                    tables.to_fine, tables.fine_weights, h, bend, total[j], own
-                )
-                continue
-            for i in range(points):
-                value = 0.0
-                for k in range(points):
-                    value += to_point[i, k] * rate[k]
-                own[i] = total[j] + h * value
-            for k in range(points):
-                total[j] += tables.weights[start + k] * rate[k]
-
-
-@helper
-def _tangent(
-    widens: bool, z: FloatArray, tendon: FloatArray, lever: float, yielding: float,
-    strain: FloatArray, offset: FloatArray, unit: FloatArray,
-) -> None:  # fmt: skip
-    """Unit tangent of a tendon and its offset in its sheath, see `_offset`."""
-    width, _, _ = _widening(widens, z[3])
-    _scaled(z, width, strain)
-    d_n = d_b = 0.0
-    if yielding > 0.0:
-        d_n, d_b = _offset(tendon, strain, width, yielding, lever)
-        offset[0], offset[1] = d_n, d_b
-    u_t, u_n, u_b = _along(tendon, strain, width, d_n, d_b)
-    over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
-    unit[0], unit[1], unit[2] = over * u_t, over * u_n, over * u_b
-
-
-@helper
-def _kink(ends: FloatArray, unit: FloatArray, last: FloatArray) -> float:
-    """Angle between the tangents at the start of an element and the ``last``, before it."""
-    square = 0.0
-    for c in range(3):
-        first = end = 0.0
-        for k in range(unit.shape[0]):
-            first += ends[0, k] * unit[k, c]
-            end += ends[1, k] * unit[k, c]
-        square += (first - last[c]) ** 2
-        last[c] = end
-    return 2.0 * np.arcsin(min(0.5 * np.sqrt(square), 1.0))
-
-
-@helper
-def _bends(
-    differentiation: FloatArray, h: float, z: FloatArray, unit: FloatArray, bend: FloatArray,
-    rate: FloatArray,
-) -> None:  # fmt: skip
-    """Derivatives of the tangents ``unit`` (p, 3) by s, and their lengths."""
-    for k in range(z.shape[0]):
-        p = q = r = 0.0
-        for n in range(z.shape[0]):
-            slope = differentiation[k, n] / h
-            p += slope * unit[n, 0]
-            q += slope * unit[n, 1]
-            r += slope * unit[n, 2]
-        _cross(z[k], unit[k], bend[k])
-        p, q, r = bend[k, 0] + p, bend[k, 1] + q, bend[k, 2] + r
-        bend[k, 0], bend[k, 1], bend[k, 2] = p, q, r
-        rate[k] = np.sqrt(p * p + q * q + r * r)
-
-
-@helper
-def _turn_finely(
-    to_fine: FloatArray, weights: FloatArray, h: float, bend: FloatArray, total: float,
-    angle: FloatArray,
-) -> float:  # fmt: skip
-    """Angles (p,) of a tendon at the points of an element with its ``bend``, by fine points.
-
-    From ``total`` at its start; returns that at its end.
-    """
-    points = bend.shape[0]
-    for i in range(points):
-        angle[i] = total
-    for f in range(to_fine.shape[0]):
-        p = q = r = 0.0
-        for k in range(points):
-            p += to_fine[f, k] * bend[k, 0]
-            q += to_fine[f, k] * bend[k, 1]
-            r += to_fine[f, k] * bend[k, 2]
-        size = h * np.sqrt(p * p + q * q + r * r)
-        for i in range(points):
-            angle[i] += weights[i, f] * size
-        total += weights[points, f] * size
-    return total
-
-
 # The whole arm ---------------------------------------------------------------------------------
 
 
@@ -787,7 +245,7 @@ def residual(
     wrench, largest, worst = np.empty(6), np.zeros(6), 0.0
     for i in range(z.shape[0]):
         gradient, own, turn = work.gradient[i], left[i], work.rotation[i]
-        _section(
+        section(
             tables.widens, body[i], tendons[i], compliance, active[i],
             z[i], tensions[i], offsets[i], g, h, room,
         )  # fmt: skip
@@ -812,13 +270,6 @@ def _turn_back(turn: FloatArray, vector: FloatArray, first: int, out: FloatArray
         out[first + c] = turn[0, c] * vector[0] + turn[1, c] * vector[1] + turn[2, c] * vector[2]
 
 
-@inlined
-def _cross(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
 @helper
 def _moments(
     lengths: FloatArray, weights: FloatArray, to_end: FloatArray, slope: FloatArray,
@@ -830,7 +281,7 @@ def _moments(
     for e in range(lengths.size - 1, -1, -1):
         start, h = e * points, lengths[e]
         for k in range(points):
-            _cross(slope[start + k], force[start + k], rate[k])
+            cross(slope[start + k], force[start + k], rate[k])
         for i in range(points):
             for c in range(3):
                 value = 0.0
@@ -900,7 +351,7 @@ def _levers(
                 own[a, c] = turn[c, a]
             lever[i, 4 * a] -= product
         for a in range(3, own.shape[0]):
-            _cross(own[a - 3], f, own[a])
+            cross(own[a - 3], f, own[a])
 
 
 @inlined

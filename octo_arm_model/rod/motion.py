@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError, TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.motion_properties import MotionProperties
@@ -38,7 +37,7 @@ from octo_arm_model.rod.inertia_arrays import POSITION, TimeRule
 from octo_arm_model.rod.inputs import check_tensions
 from octo_arm_model.rod.motion_state import Driven, Inputs, MotionState, load_state, save_state
 from octo_arm_model.rod.newton import settle
-from octo_arm_model.rod.reeling import Aim, Reeling, RodReeling
+from octo_arm_model.rod.reeling import Reeling
 from octo_arm_model.rod.rod import moved
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.rod.statics import strains_of
@@ -69,12 +68,8 @@ class Alpha(NamedTuple):
         return cls(m, f, 0.5 - m + f, 0.25 * (1.0 - m + f) ** 2)
 
 
-class _MovingReeling(RodReeling):
+class _MovingReeling(Reeling):
     """Winches of an arm that moves, whose Jacobian always is that of the whole arm."""
-
-    def __init__(self, problem: MovingProblem, arm: Arm) -> None:
-        """Of ``arm`` at the nodes of ``problem``."""
-        Reeling.__init__(self, problem, arm)
 
     def _factors(self, state: State) -> Linear:
         return self.problem.linearise(state)
@@ -178,7 +173,7 @@ class Dynamics:
                 for part in range(1, parts + 1):
                     water = np.array([current * (part / parts), np.zeros(3)])
                     problem.rule = problem.rest._replace(water=water)
-                    found = settle(problem, acting, guess, TOLERANCE)
+                    found = settle(problem, problem.evaluate(acting, guess), TOLERANCE)
                     guess = found.state.z
                 if found.state.residual <= TOLERANCE:
                     break
@@ -314,15 +309,16 @@ class Dynamics:
     ) -> tuple[State, Linear | None, int]:  # fmt: skip
         condition = Condition(given.tensions, given.tip_wrench, 1.0, state.history)
         if given.driven.any():
-            aim = Aim(condition, given.displacements, given.driven)
-            begun = aim.begin(state.tensions)
-            held = self.reeling.settle(aim, guess, begun, tolerance)
-            if not held.is_met:
-                raise ConvergenceError('the displacement of the tendons', held.reached.left, 0)
-            return held.reached.state, None, held.iterations
+            condition = condition._replace(
+                tensions=np.where(given.driven, state.tensions, given.tensions),
+                lengths=given.displacements, driven=given.driven,
+            )  # fmt: skip
+            begun = self.reeling.evaluate(condition, guess)
+            found = settle(self.reeling, begun, tolerance)
+            return found.state, None, found.iterations
         problem = self.problem
         acting = problem.acting(condition)
-        found = settle(problem, acting, guess, tolerance, factors, _AGAIN)
+        found = settle(problem, problem.evaluate(acting, guess), tolerance, factors, again=_AGAIN)
         return found.state, found.factors, found.iterations
 
     def _require(self, state: State, tolerance: float = TOLERANCE) -> None:

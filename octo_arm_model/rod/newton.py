@@ -6,12 +6,14 @@ update, in the form of Kelley 1995, 7.3), so that a change of a per cent takes f
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import contextlib
+from typing import NamedTuple, Protocol
 
-from octo_arm_model.arm.errors import ConvergenceError
+from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.equilibrium import Acting, Problem, State
+from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.factors import Linear
+from octo_arm_model.rod.other_loads import OtherLoads
 
 MOST = 15  # iterations of one search
 # Part of a residual that a step has to leave at most: the first by factors from elsewhere, the
@@ -68,45 +70,74 @@ class Chord:
         return step
 
 
+class Equations(Protocol):
+    """Equations of an arm at its nodes: a `Problem`, or with winches.
+
+    Attributes:
+        remembered: how many residuals, than the worst of which a next one has to be less.
+    """
+
+    remembered: int
+
+    @property
+    def others(self) -> OtherLoads:
+        """Loads of other kinds."""
+
+    @property
+    def measure(self) -> FloatArray:
+        """Factors of the squares of steps, (n,)."""
+
+    def linearise(self, state: State) -> Linear:
+        """The equations linearised at ``state``."""
+
+    def step(self, state: State, factors: Linear, /) -> tuple[FloatArray, Linear]:
+        """Newton's change of the unknowns, (n,), from ``state``, and the factors it is by."""
+
+    def moved(self, state: State, step: FloatArray, factors: Linear, /) -> State:
+        """The ``state`` after a step by ``factors``."""
+
+    def turn(self, change: FloatArray) -> float:
+        """How far a ``change`` (N, m) of the twists turns the arm [rad]."""
+
+
 def settle(
-    problem: Problem, acting: Acting, z: FloatArray, tolerance: float,
-    factors: Linear | None = None, again: float = CHORD,
+    equations: Equations, state: State, tolerance: float, factors: Linear | None = None,
+    is_near: bool = False, again: float = CHORD,
 ) -> Found:  # fmt: skip
-    """Search for a balance from the twists ``z`` (N, m), with ``factors`` from nearby if any.
+    """Search for a balance from ``state``, with ``factors`` from nearby, or of it, if any.
 
     Factors are used ``again`` as long as they leave at most this part of a residual. The state it
     ends in is a balance if its residual is at most ``tolerance``.
     """
-    state, iterations = problem.evaluate(acting, z), 0
-    predicted: State | None = None
-    chord = None if factors is None else Chord(problem.measure)
-    is_near, is_first = False, True
+    iterations, predicted, first, errors = 0, None, state, [state.residual]
+    chord = None if factors is None else Chord(equations.measure)
     limit, progress = MOST, PROGRESS
-    if problem.others.without_tangent:
+    if equations.others.without_tangent:
         limit, progress, again = MOST_LINEAR, LINEAR_PROGRESS, LINEAR_PROGRESS
     while state.residual > tolerance and iterations < limit:
-        try:
+        new = None
+        with contextlib.suppress(SolveError):
             if chord is None or factors is None:
-                factors, is_near = problem.linearise(state), True
-                chord = Chord(problem.measure)
-            step = chord.corrected(factors.solve(-state.imbalance.ravel()))
-        except ConvergenceError:
-            break
-        new = problem.evaluate(acting, state.z + step.reshape(state.z.shape))
-        iterations += 1
+                is_near, chord = True, Chord(equations.measure)
+                factors = equations.linearise(state)
+            step, factors = equations.step(state, factors)
+            new = equations.moved(state, chord.corrected(step), factors)
+            iterations += 1
         most = progress
-        if is_first:
+        if state is first:
             most = FIRST if is_near else PREDICTED
         elif is_near and state.residual <= _SOFT:
             most = FIRST
-        if not new.residual <= most * state.residual:  # nor where it is NaN
+        most *= max(errors[-equations.remembered :])
+        if new is None or not new.residual <= most:  # nor where it is NaN
             if is_near:
                 break
             chord = None
             continue
-        predicted = new if is_first else predicted
+        predicted = new if predicted is None else predicted
         if new.residual > again * state.residual:
             chord = None
-        state, is_first, is_near = new, False, False
-    corrected = 0.0 if predicted is None else problem.turn(state.z - predicted.z)
+        errors.append(new.residual)
+        state, is_near = new, False
+    corrected = 0.0 if predicted is None else equations.turn(state.z - predicted.z)
     return Found(state, factors, iterations, corrected)

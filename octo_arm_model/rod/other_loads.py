@@ -105,11 +105,7 @@ class OtherLoads:
         work.jacobian[:] += rows.reshape(-1, 3) @ columns.reshape(-1, 3).T
 
     def require_tangents(self, what: str) -> None:
-        """Refuse ``what`` needs the tangent stiffness of every load.
-
-        Raises:
-            LoadError: if a load states none.
-        """
+        """Refuse ``what`` needs the tangent stiffness of every load, if one states none."""
         if self.without_tangent:
             raise LoadError(
                 f'{self.without_tangent} states no tangent stiffness, which {what} needs'

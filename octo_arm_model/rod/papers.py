@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
@@ -18,7 +17,7 @@ from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
 from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.paper_equations import Equations, MakesEquations, Strains
-from octo_arm_model.rod.reeling import Aim, Border, Reached, Reeling
+from octo_arm_model.rod.reeling import Border, RodReeling
 from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import WORST, Equilibrium, Rod, Setting, require_resolved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
@@ -71,17 +70,17 @@ class Papers(Statics):
             )
         self._equations = equations
         setting = Setting(False, accuracy=setup.accuracy, compiled=setup.compiled)
-        self._rod = Rod(setup.arm, Loads(), setup.base[1], setting)
-        self.is_compiled = self._rod.is_compiled
+        self.rod = Rod(setup.arm, Loads(), setup.base[1], setting)
+        self.is_compiled = self.rod.is_compiled
         self._at = functools.cache(self._level)
         self._at(0)
-        self._winches = Winches(self._rod, lambda level: _Reeling(self, level))
+        self._winches = Winches(self.rod, lambda level: _Reeling(self, level))
         self._several = functools.lru_cache(8)(
             lambda level, arms: Several(self._at(level).problem, arms)
         )
 
     def _level(self, level: int) -> _Level:
-        setup, problem = self._setup, self._rod.problem(level, self._rod.added)
+        setup, problem = self._setup, self.rod.problem(level, self.rod.added)
         nodes, places = problem.elements.s.size, places_at(problem.elements, setup.s)
         equations = self._equations(setup.arm, problem.elements, setup.s, problem.form)
         nothing = np.zeros((nodes, 3)), np.zeros((nodes, 3)), np.ones((nodes, 2))
@@ -108,7 +107,7 @@ class Papers(Statics):
             try:
                 shape, error = self.shape(number, wanted)
             except ConvergenceError:
-                if self._rod.is_last(number):
+                if self.rod.is_last(number):
                     raise
             else:
                 if self.is_resolved(number, wanted, error):
@@ -116,7 +115,7 @@ class Papers(Statics):
             number += 1
 
     def _first_level(self, wanted: Condition) -> int:
-        return 0 if wanted.before is None else self._rod.level_of(wanted.before)
+        return 0 if wanted.before is None else self.rod.level_of(wanted.before)
 
     def is_resolved(self, number: int, wanted: Condition, error: float) -> bool:
         """Whether an ``error`` of positions, over the length, is small enough on a level.
@@ -128,7 +127,7 @@ class Papers(Statics):
         allowed = allowed_between(accuracy) if wanted.before is None else _OF_HISTORY * accuracy
         if self._setup.arm.friction and wanted.before is None:
             allowed *= _OF_FRICTION
-        if error > allowed and self._rod.is_last(number):
+        if error > allowed and self.rod.is_last(number):
             require_resolved(self.problem(number), error, max(accuracy, WORST))
             return True
         return error <= allowed
@@ -142,7 +141,7 @@ class Papers(Statics):
             local = np.empty((nodes, wanted.tensions.size))
             local[:] = wanted.tensions
         else:
-            wanted = self._rod.at_level(wanted, number)
+            wanted = self.rod.at_level(wanted, number)
             found, local, along = self._slide(level, wanted)
         twist = found.twist[0]
         self._check(problem, twist[:, 3])
@@ -171,10 +170,9 @@ class Papers(Statics):
             tensions = start.state.acting.condition.tensions
             begun = condition._replace(tensions=np.where(driven, tensions, condition.tensions))
             start = self.shape(self._first_level(begun), begun)[0].equilibrium
-        held = self._winches.solve(displacements, driven, condition, start, spending)
-        wanted = condition._replace(tensions=held.reached.tensions)
-        shape, _ = self.shape(held.equilibrium.level, wanted)
-        return shape, held.reached.displacement
+        found = self._winches.solve(displacements, driven, condition, start, spending)
+        wanted = condition._replace(tensions=found.state.acting.condition.tensions)
+        return self.shape(found.level, wanted)[0], found.state.reeled
 
     @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def _solve_at_once(
@@ -247,11 +245,6 @@ class Papers(Statics):
         names = self._setup.arm.tendon_names
         return sensitivity(self._at(level), state, names, rates).by_tension
 
-    @property
-    def arm(self) -> Arm:
-        """The arm."""
-        return self._setup.arm
-
     def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
         """See `Statics`."""
         return self.sensitivity(found).tip_covariance(uncertainty)
@@ -261,17 +254,17 @@ class Papers(Statics):
         raise NotImplementedError
 
 
-class _Reeling(Reeling):
+class _Reeling(RodReeling):
     """An arm whose winches are known by its tensions alone, of which all else follows."""
 
     def __init__(self, model: Papers, level: int) -> None:
         """Of a ``model`` on a ``level``."""
-        super().__init__(model.problem(level), model.arm)
-        self._model, self._level = model, level
+        super().__init__(model.rod, level, model.problem(level))
+        self._model = model
 
-    def evaluate(self, aim: Aim, z: FloatArray, tensions: FloatArray) -> Reached:
+    def balance(self, condition: Condition, z: FloatArray) -> State:
         """See `Reeling`."""
-        return self.reached(aim, self.unloaded(aim.condition._replace(tensions=tensions)))
+        return self.unloaded(condition)
 
     def unloaded(self, condition: Condition) -> State:
         """See `Reeling`."""
@@ -283,7 +276,7 @@ class _Reeling(Reeling):
         error = self._model.shape(self._level, wanted)[1]
         return self._model.is_resolved(self._level, wanted, error)
 
-    def border(
+    def linearise(
         self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
     ) -> Border:
         """See `Reeling`."""
@@ -291,7 +284,8 @@ class _Reeling(Reeling):
         change = self._model.by_tension(self._level, state, rates)
         mean = change.tendon_tension
         felt = np.eye(len(rates.T)) if mean is None else mean
-        changes = self.stretched(felt) - change.tendon_length
+        integrals = self._unloaded[:, np.newaxis] * felt
+        changes = self._arm.stretched(integrals.T).T + np.diag(self._free) - change.tendon_length
         none, (nodes, strains) = np.zeros((state.z.size, len(felt))), state.z.shape
         held = Blocks(np.zeros((nodes, strains, strains)))
         return Border(state.z, held, none, none.T, changes, rates, rates, None)

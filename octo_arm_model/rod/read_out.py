@@ -15,9 +15,9 @@ import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.arrays import Bends, tendons_at
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.friction import Band
+from octo_arm_model.rod.section_arrays import Bends, tendons_at
 from octo_arm_model.rod.tables import places_at, tabulate, work_arrays
 from octo_arm_model.rod.unloaded import straight_twists
 

@@ -7,11 +7,11 @@ A winch that has reeled in D leaves its tendon of axial stiffness k [N] under T 
 or, where D is less than that at T = 0, slack. Newton's method is that of the bordered system
 
     [ J   C ] [dz]   [-residual ]      C_ij = d residual_i / dT_j
-    [-G   K ] [dT] = [D - reached]     G_j = dL_j / dz,  K_j = d reached_j / dT_j at fixed z
+    [-G   K ] [dT] = [D - reeled]      G_j = dL_j / dz,  K_j = d reeled_j / dT_j at fixed z
 
 by elimination of dz: the derivative of what is reeled in by the tensions, with the arm in balance,
-is G J^-1 C + K, and which tendons are slack follows from it; see `complementarity`. Friction is in
-J, C and K by the local tensions, which change with those at the base and with z.
+is G J^-1 C + K, and which tendons are slack follows from it; see `complementary_step`. Friction is
+in J, C and K by the local tensions, which change with those at the base and with z.
 
 Where a tendon with friction turns round, it slips next to its base first, so that it is reeled in
 by the square of what its tension changes by. But that is nearly in proportion to its mean tension:
@@ -20,73 +20,35 @@ steps are those of mean tensions, from which those at the base follow by the law
 
 from __future__ import annotations
 
-import abc
 import functools
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.optimize import nnls
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.errors import ConvergenceError, SolveError
+from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.complementarity import Tolerance, complementary_step
-from octo_arm_model.rod.continuation import ON_THE_WAY
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.friction import TensionDerivatives
-from octo_arm_model.rod.newton import (
-    CHORD,
-    FIRST,
-    LINEAR_PROGRESS,
-    MOST,
-    MOST_LINEAR,
-    PREDICTED,
-    PROGRESS,
-    Chord,
-)
 from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.tendons import unloaded_tendons
 
-TOLERANCE = 1e-10  # residual of the balance
-MET = 1e-9  # error of displacements over the length, and of tensions over the largest
-# The same of displacements on the way, and with a history of friction.
-_ROUGHLY, _ROUGHLY_TURNED = 3e-5, 1e-7
-_REMEMBERED = 4  # errors with a history, than the worst of which a next one has to be less
+_LENGTHS = 10.0  # errors of displacements over the length of the arm count so many times
 _STIFFEST = 1e-6  # compliance of a held tendon over what the arm gives way, at least
 _STICKS = 1e-5  # part of a tendon that slips, below which all of it is taken to
 _MOST_PASSES, _SAME_RATES = 8, 0.05  # for rates over a step, and when they are these
 _LEAST_SECANT = 1e-9  # step that rates are taken over, over the largest tension
-_FARTHEST, _HALVINGS = 4.0, 50  # tension that a step may end at, over these, and halvings to it
+_FARTHEST = 4.0  # tension that a step may end at, over those around it
 # An error over the length that takes no tendon through all that it sticks for, and how many times
 # the step of a tendon that slips that is.
 _HELD, _THROUGH = 1e-11, 10.0
 _ROUNDING = 1e-13  # of displacements, over the length
-
-
-class Aim(NamedTuple):
-    """What is to be held.
-
-    Attributes:
-        condition: what acts on the arm; its tensions are those of tendons that are not driven.
-        displacements: reeled in [m], (J,); they count where a tendon is driven.
-        driven: whether winches hold the length of a tendon, else its tension, (J,).
-    """
-
-    condition: Condition
-    displacements: FloatArray
-    driven: NDArray[np.bool_]
-
-    def towards(self, other: Aim, part: float) -> Aim:
-        """This one, moved by ``part`` of the way to ``other``."""
-        if part == 1.0:
-            return other
-        reeled = self.displacements + part * (other.displacements - self.displacements)
-        return Aim(self.condition.towards(other.condition, part), reeled, other.driven)
-
-    def begin(self, tensions: FloatArray) -> FloatArray:
-        """Those of ``tensions`` (J,) [N] that are to be found, and the given ones."""
-        return np.where(self.driven, tensions, self.condition.tensions)
+_EXCHANGES = 40  # of tendons between slack and taut in one step, at most
+_UNSURE = 1e-4  # error of a step over the largest error before it
 
 
 class Border(NamedTuple):
@@ -101,6 +63,7 @@ class Border(NamedTuple):
         rates: derivative of local tensions by those at the base at fixed twists, (N, J).
         by_local: derivative of what is reeled in by local tensions at fixed twists, (N, J) [m/N].
         local: derivatives of local tensions with friction; None where they do not change.
+        kept: the largest error that lengths which contradict each other left in a step [m].
     """
 
     z: FloatArray
@@ -111,6 +74,7 @@ class Border(NamedTuple):
     rates: FloatArray
     by_local: FloatArray
     local: TensionDerivatives | None
+    kept: float = 0.0
 
     def solve(self, right: FloatArray) -> FloatArray:
         """See `Factors.solve`."""
@@ -125,69 +89,57 @@ class Border(NamedTuple):
         return found
 
 
-class Reached(NamedTuple):
-    """A state, and what its winches have reeled in.
+class Reeling:
+    """The equations of an arm and its winches at its nodes, for `newton.settle`.
 
     Attributes:
-        state: twists and what acts on them.
-        displacement: (J,) [m]; of slack tendons what would make them taut.
-        wrong: what displacements lack [m], (J,), zero of tendons that are not driven.
-        left: the largest that counts: of taut tendons, or of slack ones that lack some [m].
+        problem: the equations of the arm alone.
+        others: loads of other kinds.
+        measure: see `Problem`; tensions do not count.
     """
 
-    state: State
-    displacement: FloatArray
-    wrong: FloatArray
-    left: float
-
-    @property
-    def tensions(self) -> FloatArray:
-        """At the base [N], (J,)."""
-        return self.state.acting.condition.tensions
-
-
-class Found(NamedTuple):
-    """Where a search ended; as `newton.Found`."""
-
-    reached: Reached
-    border: Border | None
-    iterations: int
-    corrected: float
-    is_met: bool
-
-
-class Reeling(abc.ABC):
-    """The equations of one arm and its winches at the nodes of a `Problem`."""
+    remembered = 4  # where tendons turn round residuals do not fall at every step
 
     def __init__(self, problem: Problem, arm: Arm) -> None:
         """Of ``arm`` at the nodes of ``problem``."""
         self.problem, self._arm = problem, arm
-        self._weights = problem.elements.weights
-        self._rest = self._weights[:, np.newaxis] * unloaded_tendons(problem.tables).stretch
+        self.others, self.turn = self.problem.others, self.problem.turn
+        self._weights = self.problem.elements.weights
+        self._rest = self._weights[:, np.newaxis] * unloaded_tendons(self.problem.tables).stretch
         self._unloaded = self._rest.sum(axis=0)
         count = self._unloaded.size
         self._free = arm.stretched(np.array(arm.free_length or np.zeros(count)))
         self._by_local = arm.stretched(self._rest)
-        self._measure = np.append(problem.measure, np.zeros(count))
+        self.measure = np.append(self.problem.measure, np.zeros(count))
         self._tolerance = Tolerance.of(arm.length, problem.friction is not None)
 
     def displacement(self, state: State) -> FloatArray:
         """What winches have reeled in [m], (J,), of the state that is in `Problem.work`."""
-        acting, reeled = (
-            state.acting,
-            self._unloaded - self._weights @ self.problem.tendons(state).stretch,
-        )
+        acting, lengths = state.acting, self._weights @ self.problem.tendons(state).stretch
+        reeled = self._unloaded - lengths
         if self._arm.axial_stiffness:
             reeled += np.einsum('ij,ij->j', self._by_local, acting.tensions)
             reeled += self._free * acting.condition.tensions
         return np.asarray(reeled)
 
-    @abc.abstractmethod
-    def evaluate(self, aim: Aim, z: FloatArray, tensions: FloatArray) -> Reached:
-        """What twists ``z`` (N, m) and ``tensions`` (J,) [N] leave of ``aim``."""
+    def evaluate(self, condition: Condition, z: FloatArray, kept: float = 0.0) -> State:
+        """The state of twists ``z`` (N, m) and the tensions of ``condition``.
 
-    @abc.abstractmethod
-    def border(
+        Its residual is also that of lengths, but for what is ``kept`` of them [m].
+        """
+        state = self.balance(condition, z)
+        reeled = self.displacement(state)
+        wrong = np.where(condition.driven, condition.lengths - reeled, 0.0)
+        counts = (condition.tensions > 0.0) | (wrong > 0.0)
+        left = float(np.abs(wrong * counts).max(initial=0.0)) - kept
+        residual = max(state.residual, _LENGTHS * left / self._arm.length)
+        return state._replace(reeled=reeled, wrong=wrong, residual=residual)
+
+    def balance(self, condition: Condition, z: FloatArray) -> State:
+        """The state of the arm alone."""
+        return self.problem.evaluate(self.problem.acting(condition), z)
+
+    def linearise(
         self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
     ) -> Border:
         """The system linearised at ``state``, or nearby where its ``factors`` are known.
@@ -197,40 +149,33 @@ class Reeling(abc.ABC):
         Raises:
             ConvergenceError: if it is singular.
         """
+        problem, weights = self.problem, self._weights
+        rates = self.rates(state) if rates is None else rates
+        problem.load_work(state)
+        if factors is None:
+            factors = self._factors(state)
+        tendons = problem.tendons(state)
+        pull = tendons.stretch_by_twist.swapaxes(1, 2)
+        columns = (pull * rates[:, np.newaxis]).reshape(-1, rates.shape[1])
+        by_tension = factors.solve(columns)
+        lengths = (pull * weights[:, np.newaxis, np.newaxis]).reshape(columns.shape).T
+        # What is reeled in by the local tensions, at fixed twists.
+        by_local = self._by_local - weights[:, np.newaxis] * tendons.stretch_by_tension
+        local = problem.tension_derivatives(state)
+        border = Border(state.z, factors, by_tension, lengths, by_tension, rates, by_local, local)
+        changes = border.reeled_in(-by_tension)
+        changes += np.diag(np.einsum('ij,ij->j', by_local, rates) + self._free)
+        if not np.isfinite(changes).all():
+            raise ConvergenceError('the displacement of the tendons', np.inf, 0)
+        return border._replace(changes=changes)
 
-    @abc.abstractmethod
-    def unloaded(self, condition: Condition) -> State:
-        """Of the arm under tensions alone, to begin with.
-
-        Raises:
-            SolveError: if there is none.
-        """
-
-    @abc.abstractmethod
-    def is_resolved(self, state: State) -> bool:
-        """Whether the nodes are enough for ``state``.
-
-        Raises:
-            SolveError: if they are not, and there are no more.
-        """
-
-    @functools.cached_property
-    def slack(self) -> tuple[State, Border]:
-        """Of the arm without loads whose tendons are all slack."""
-        state = self.unloaded(Condition(np.zeros_like(self._unloaded), np.zeros(6), 0.0))
-        return state, self.border(state)
-
-    def stretched(self, mean: FloatArray) -> FloatArray:
-        """By what tendons stretch by their ``mean`` (J, J) and own tensions at the base [m/N]."""
-        integrals = self._unloaded[:, np.newaxis] * mean
-        return self._arm.stretched(integrals.T).T + np.diag(self._free)
-
-    def reached(self, aim: Aim, state: State) -> Reached:
-        """What the ``state`` that is in `Problem.work` leaves of ``aim``."""
-        displacement = self.displacement(state)
-        wrong = np.where(aim.driven, aim.displacements - displacement, 0.0)
-        counts = (state.acting.condition.tensions > 0.0) | (wrong > 0.0)
-        return Reached(state, displacement, wrong, float(np.abs(wrong * counts).max(initial=0.0)))
+    def _factors(self, state: State) -> Linear:
+        problem, acting = self.problem, state.acting
+        is_loaded = acting.force.any() or acting.couple.any() or problem.others.loads
+        if is_loaded or self._arm.friction:
+            return problem.linearise(state)
+        problem.form.sections(problem.tables, state.z, acting.tensions, problem.work)
+        return Blocks.of(problem.work.hessian)
 
     def rates(self, state: State) -> FloatArray:
         """See `Border.rates`; of a tendon that sticks those that it has once it slips."""
@@ -245,187 +190,80 @@ class Reeling(abc.ABC):
         """Whether tendons whose local tensions change by ``rates`` (N, J) stick, (J,)."""
         return np.asarray(self._weights @ rates < _STICKS * self._unloaded)
 
-    def settle(
-        self,
-        aim: Aim,
-        z: FloatArray,
-        tensions: FloatArray,
-        tolerance: float,
-        border: Border | None = None,
-    ) -> Found:
-        """Search for what holds ``aim`` from ``z`` (N, m) and ``tensions`` (J,) [N].
-
-        With a ``border`` from nearby if there is any; as `newton.settle`.
-        """
-        problem, length = self.problem, self._arm.length
-        now, iterations = self.evaluate(aim, z, tensions), 0
-        chord = None if border is None else Chord(self._measure)
-        is_near = border is not None and border.z is z
-        is_first, is_worse, expected, kept = True, False, np.inf, 0.0
-        predicted: State | None = None
-
-        def found(is_met: bool) -> Found:
-            far = 0.0 if predicted is None else problem.turn(now.state.z - predicted.z)
-            last = self._unmoved(aim, now, tensions, tolerance, border) if is_met else now
-            return Found(last, border, iterations, far, is_met)
-
-        limit, progress, again = MOST, PROGRESS, CHORD
-        if problem.others.without_tangent:
-            limit, progress, again = MOST_LINEAR, LINEAR_PROGRESS, LINEAR_PROGRESS
-        # On the way tensions need not be exact, nor lengths.
-        least, is_rough = (MET, False) if tolerance < ON_THE_WAY else (_ROUGHLY, True)
-        # Where tendons turn round errors do not fall at every step.
-        remembered, errors = 1, list[float]()
-        if aim.condition.before is not None:
-            least, remembered = min(least, _ROUGHLY_TURNED), _REMEMBERED
-        while True:
-            is_met = now.state.residual <= tolerance and now.left - kept <= least * length
-            is_fine = expected <= MET * float(now.tensions.max(initial=0.0))
-            if is_met and (is_rough or is_worse or is_fine):
-                return found(True)
-            if iterations >= limit:
-                return found(is_met)
-            if chord is None:
-                try:
-                    border, is_near = self.border(now.state), True
-                except ConvergenceError:
-                    return found(False)
-                chord = Chord(self._measure)
-            assert border is not None
-            border, step, kept = self._step(aim, now, border)
-            step = chord.corrected(step)
-            moved_z, moved = step[: z.size].reshape(now.state.z.shape), step[z.size :]
-            iterations += 1
-            try:
-                new = self.evaluate(aim, now.state.z + moved_z, self._moved(now, border, moved))
-            except SolveError:
-                new = now._replace(left=np.inf)
-            before, after = (
-                max(one.state.residual, (one.left - kept) / length) for one in (now, new)
-            )
-            errors.append(before)
-            most = progress * max(errors[-remembered:])
-            if is_first:
-                # Residuals are measured by tensions, which a first step may raise from nothing.
-                most = max(FIRST * before, 1.0) if is_near else PREDICTED * before
-            if not after <= most and not is_met:  # nor where it is NaN
-                if is_near:
-                    return found(False)
-                chord = None
-                continue
-            if is_met and not after <= before:
-                return found(True)  # it is all rounding
-            # The next step is smaller in proportion, nearly.
-            change = np.abs(new.tensions - now.tensions).max(initial=0.0)
-            expected = float(change) * after / max(before, 1e-300)
-            is_worse = is_met and after > CHORD * before
-            predicted = new.state if is_first else predicted
-            if after > again * before and not is_met:
-                chord = None
-            elif ((new.tensions > 0.0) != (now.tensions > 0.0)).any():
-                chord = Chord(self._measure)
-            now, is_first, is_near = new, False, False
-
-    def _step(self, aim: Aim, now: Reached, border: Border) -> tuple[Border, FloatArray, float]:
-        """Newton's step of twists and tensions, (N m + J,), and what no tension changes [m].
+    def step(self, state: State, border: Linear) -> tuple[FloatArray, Border]:
+        """Newton's step of twists and tensions, (N m + J,), by a `Border`.
 
         And the ``border`` of local tensions that change as they do over this step.
         """
-        own = border.solve(-now.state.imbalance.ravel())
-        lacks = now.wrong - border.reeled_in(own[:, np.newaxis])[:, 0]
-        wrong = np.where(aim.driven, lacks, 0.0)
+        condition = state.acting.condition
+        assert isinstance(border, Border)
+        own = border.solve(-state.imbalance.ravel())
+        lacks = state.wrong - border.reeled_in(own[:, np.newaxis])[:, 0]
+        wrong = np.where(condition.driven, lacks, 0.0)
         for passes in range(_MOST_PASSES):
             step, kept = complementary_step(
-                border.changes, wrong, now.tensions, aim.driven, self._tolerance
+                border.changes, wrong, condition.tensions, condition.driven, self._tolerance
             )
-            rates = self._secants(now, border, step)
+            rates = self._secants(state, border, step)
             if np.abs(rates - border.rates).max() <= _SAME_RATES:
                 break
             if passes > 1:  # between tendons that make each other turn round
                 rates = 0.5 * (rates + border.rates)
-            border = self.border(now.state, border.factors, rates)
-        step[self._moved(now, border, step) == now.tensions] = 0.0  # of tendons that stick
-        kept = min(kept, self._tolerance.contradiction)
-        return border, np.append(own - border.by_tension @ step, step), kept
+            border = self.linearise(state, border.factors, rates)
+        # Of tendons that stick there is none.
+        step[self._pulled(state, border, step) == condition.tensions] = 0.0
+        border = border._replace(kept=min(kept, self._tolerance.contradiction))
+        return np.append(own - border.by_tension @ step, step), border
 
-    def _unmoved(
-        self,
-        aim: Aim,
-        now: Reached,
-        begun: FloatArray,
-        tolerance: float,
-        border: Border | None,
-    ) -> Reached:
-        """What is reached ``now``, with tendons that stick pulled as the search has ``begun``.
+    def moved(self, state: State, step: FloatArray, border: Linear) -> State:
+        """The ``state`` after a `step`."""
+        assert isinstance(border, Border)
+        condition, size = state.acting.condition, state.z.size
+        condition = condition._replace(tensions=self._pulled(state, border, step[size:]))
+        return self.evaluate(condition, state.z + step[:size].reshape(state.z.shape), border.kept)
 
-        By tensions (J,) [N]: between some the nodes show no difference.
-        """
-        friction, before = self.problem.friction, now.state.acting.condition.before
-        if friction is None or before is None or (begun == now.tensions).all():
-            return now
-        local = friction.hold(begun, before, self.problem.local_tensions(now.state).angle).tensions
-        means = self._weights @ (local - now.state.acting.tensions)
-        sticks = np.abs(means) <= _STICKS * np.abs(self._unloaded * (begun - now.tensions))
-        pulled = np.where(sticks, begun, now.tensions)
-        new = self.evaluate(aim, now.state.z, pulled)
-        if border is not None:
-            step = border.solve(-new.state.imbalance.ravel()).reshape(now.state.z.shape)
-            new = self.evaluate(aim, now.state.z + step, pulled)
-        is_met = new.left <= MET * self._arm.length
-        return new if is_met and new.state.residual <= tolerance else now
-
-    def _secants(self, now: Reached, border: Border, step: FloatArray) -> FloatArray:
+    def _secants(self, state: State, border: Border, step: FloatArray) -> FloatArray:
         """Mean of `Border.rates` over a ``step`` (J,) of the tensions, of those with a history."""
-        friction, before = self.problem.friction, now.state.acting.condition.before
-        over = self._moved(now, border, step) - now.tensions
+        friction, condition = self.problem.friction, state.acting.condition
+        tensions, before = condition.tensions, condition.before
         if friction is None or before is None:
             return border.rates
-        angle, least = self.problem.local_tensions(now.state).angle, float(now.tensions.max())
-        local = friction.hold(now.tensions + over, before, angle).tensions
+        over = self._pulled(state, border, step) - tensions
+        angle, least = self.problem.local_tensions(state).angle, float(tensions.max())
+        local = friction.hold(tensions + over, before, angle).tensions
         over[np.abs(over) <= _LEAST_SECANT * least] = np.nan
-        found = (local - now.state.acting.tensions) / over
+        found = (local - state.acting.tensions) / over
         is_known = np.isfinite(over) & ~self._sticks(found)
         return np.where(is_known, found, border.rates)
 
-    def _moved(self, now: Reached, border: Border, step: FloatArray) -> FloatArray:
+    def _pulled(self, state: State, border: Border, step: FloatArray) -> FloatArray:
         """Tensions (J,) [N] after a ``step`` (J,), of tendons with a history one of their mean."""
-        friction, before = self.problem.friction, now.state.acting.condition.before
-        tensions, new = now.tensions, np.maximum(now.tensions + step, 0.0)
+        friction, condition = self.problem.friction, state.acting.condition
+        tensions, before = condition.tensions, condition.before
+        new = np.maximum(tensions + step, 0.0)
         if friction is None or before is None:
             return new
         # What a tendon reels in by its own local tensions, per newton of their mean, and besides.
-        angle, means = (
-            self.problem.local_tensions(now.state).angle,
-            self._weights @ now.state.acting.tensions,
-        )
-        per_mean = (border.changes.diagonal() - self._free) / (self._weights @ border.rates)
-        sign, wanted = np.sign(step), np.abs(border.changes.diagonal() * step)
-        wanted -= _ROUNDING * self._arm.length
-
-        def reeled_in(pulled: FloatArray) -> FloatArray:
-            local = friction.hold(pulled, before, angle).tensions
-            found = per_mean * (self._weights @ local - means) + self._free * (pulled - tensions)
-            return np.asarray(found)
-
-        near, far = tensions, np.where(step > 0.0, _FARTHEST * np.maximum(tensions, new), 0.0)
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (near + far)
-            is_near = sign * reeled_in(middle) < wanted
-            near, far = np.where(is_near, middle, near), np.where(is_near, far, middle)
+        give = border.changes.diagonal()
+        per_mean = (give - self._free) / (self._weights @ border.rates)
+        wanted = np.abs(give * step) - _ROUNDING * self._arm.length
+        more = np.sign(step) * np.maximum(wanted, 0.0) / per_mean
+        angle, most = self.problem.local_tensions(state).angle, np.maximum(tensions, new)
+        far = friction.pulled(tensions, before, angle, more, self._free / per_mean)
+        far = np.minimum(far, _FARTHEST * most)
         # What is held well enough does not take a tendon through all that it sticks for.
         sticks = np.abs(far - tensions) > _THROUGH * np.abs(step)
         far = np.where(sticks & (wanted <= _HELD * self._arm.length), tensions, far)
         return np.where((step == 0.0) | (new == 0.0) | ~(per_mean > 0.0), new, far)
 
-    def is_held(self, aim: Aim, state: State, border: Border) -> bool:
-        """Whether the balance ``state``, with its ``border``, is stable while ``aim`` is held.
+    def is_held(self, state: State, border: Border) -> bool:
+        """Whether the balance ``state``, with its ``border``, is stable while lengths are held.
 
         The energy then has that of the lengths of taut tendons, as stiff ones, besides.
         """
-        problem = self.problem
-        problem.fill_jacobian(state)
-        variation = problem.variation()
-        taut = aim.driven & (state.acting.condition.tensions > 0.0)
+        self.problem.fill_jacobian(state)
+        variation, condition = self.problem.variation(), state.acting.condition
+        taut = condition.driven & (condition.tensions > 0.0)
         give = border.changes.diagonal()
         own = give - np.einsum('jn,nj->j', border.lengths, border.by_tension)
         soft = np.maximum(own, _STIFFEST * np.abs(give))[taut]
@@ -436,61 +274,118 @@ class Reeling(abc.ABC):
 class RodReeling(Reeling):
     """Of a `Rod`."""
 
-    def __init__(self, rod: Rod, level: int) -> None:
-        """At the nodes of a ``level``."""
-        super().__init__(rod.problem(level), rod.arm)
+    def __init__(self, rod: Rod, level: int, problem: Problem | None = None) -> None:
+        """Of ``rod`` on a ``level``, or by a model of its arm with a ``problem`` of its own."""
+        super().__init__(problem or rod.problem(level), rod.arm)
         self._rod, self._level = rod, level
 
-    def evaluate(self, aim: Aim, z: FloatArray, tensions: FloatArray) -> Reached:
-        """See `Reeling`."""
-        acting = self.problem.acting(aim.condition._replace(tensions=tensions))
-        return self.reached(aim, self.problem.evaluate(acting, z))
-
     def unloaded(self, condition: Condition) -> State:
-        """See `Reeling`."""
-        z, _, _ = self._rod.unloaded(self.problem, condition)
-        return self.problem.evaluate(self.problem.acting(condition), z)
+        """Of the arm under tensions alone, to begin with; a `SolveError` if there is none."""
+        return self.balance(condition, self._rod.unloaded(self.problem, condition)[0])
 
     def is_resolved(self, state: State) -> bool:
-        """See `Reeling`."""
+        """See `Rod.is_resolved`."""
         return self._rod.is_resolved(self.problem, state, self._level)
 
-    def border(
-        self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
-    ) -> Border:
-        """See `Reeling`."""
-        problem, weights = self.problem, self._weights
-        rates = self.rates(state) if rates is None else rates
-        problem.load_work(state)
-        if factors is None:
-            factors = self._factors(state)
-        tendons = problem.tendons(state)
-        columns = (tendons.stretch_by_twist * rates[..., np.newaxis]).swapaxes(1, 2)
-        by_tension = factors.solve(columns.reshape(-1, rates.shape[1]))
-        lengths = tendons.stretch_by_twist * weights[:, np.newaxis, np.newaxis]
-        lengths = lengths.swapaxes(1, 2).reshape(-1, rates.shape[1]).T
-        # What is reeled in by the local tensions, at fixed twists.
-        by_local = self._by_local - weights[:, np.newaxis] * tendons.stretch_by_tension
-        border = Border(
-            state.z,
-            factors,
-            by_tension,
-            lengths,
-            by_tension,
-            rates,
-            by_local,
-            problem.tension_derivatives(state),
-        )
-        changes = border.reeled_in(-by_tension)
-        changes += np.diag(np.einsum('ij,ij->j', by_local, rates) + self._free)
-        if not np.isfinite(changes).all():
-            raise ConvergenceError('the displacement of the tendons', np.inf, 0)
-        return border._replace(changes=changes)
+    @functools.cached_property
+    def slack(self) -> tuple[State, Border]:
+        """Of the arm without loads whose tendons are all slack."""
+        state = self.unloaded(Condition(np.zeros_like(self._unloaded), np.zeros(6), 0.0))
+        return state, self.linearise(state)
 
-    def _factors(self, state: State) -> Linear:
-        problem, acting = self.problem, state.acting
-        is_loaded = acting.force.any() or acting.couple.any() or problem.others.loads
-        if is_loaded or self._arm.friction:
-            return problem.linearise(state)
-        problem.form.sections(problem.tables, state.z, acting.tensions, problem.work)
-        return Blocks.of(problem.work.hessian)
+
+# Which tendons are taut --------------------------------------------------------------------------
+
+
+class Tolerance(NamedTuple):
+    """What displacements do not tell of tensions.
+
+    Attributes:
+        singular: pivot over the largest, below which tensions are not determined: of tendons
+            that lengths do not tell apart, or that friction alone does.
+        slack: error of the displacement up to which a slack tendon stays slack [m]. With less,
+            antagonistic tendons would alternate between slack and taut.
+        contradiction: by how much lengths may contradict each other [m]; where they do by more,
+            the tendon of least tension becomes slack.
+    """
+
+    singular: float
+    slack: float
+    contradiction: float
+
+    @classmethod
+    def of(cls, length: float, has_friction: bool) -> Tolerance:
+        """Of an arm of a ``length`` [m]."""
+        if has_friction:
+            return cls(1e-5, 1e-10 * length, 1e-6 * length)
+        return cls(1e-10, 1e-10 * length, 1e-10 * length)
+
+
+def complementary_step(
+    changes: FloatArray,
+    wrong: FloatArray,
+    tensions: FloatArray,
+    driven: NDArray[np.bool_],
+    tolerance: Tolerance,
+) -> tuple[FloatArray, float]:
+    """Step (J,) of ``tensions`` [N] that takes out what is ``wrong`` (J,) [m].
+
+    By the derivatives ``changes`` (J, J) [m/N] of what is reeled in; nothing is wrong where a
+    tendon is not ``driven``. A linear complementarity problem: every ``driven`` tendon is taut,
+    its error zero, or slack, its tension zero and its error at most as the ``tolerance`` says. By
+    principal pivoting the tendon that violates this most is exchanged until none does. Where
+    errors do not determine the tensions of taut tendons the least change is taken.
+
+    Returns:
+        The step, and the largest error that lengths which contradict each other leave [m].
+    """
+    taut = driven & (tensions > 0.0)
+    left = max(float(wrong.max()), -float((wrong * taut).min()), 0.0)
+    unsure = _UNSURE * left
+    stays_slack = max(tolerance.slack, unsure)
+    if not taut.any():
+        taut = driven & (wrong > stays_slack)
+    size = np.abs(changes.diagonal())
+    for _ in range(_EXCHANGES):
+        step = np.where(taut | ~driven, 0.0, -tensions)
+        right, kept = wrong - changes @ step, 0.0
+        (index,) = taut.nonzero()
+        if index.size:
+            scale = 1.0 / np.sqrt(size[index])
+            part, own = changes[index[:, np.newaxis], index], right[index]
+            scaled = part * scale * scale[:, np.newaxis]
+            factors, pivots, _ = dgetrf(scaled)
+            pivot = np.abs(factors.diagonal())
+            if pivot.min() > tolerance.singular * pivot.max():
+                step[index] = scale * dgetrs(factors, pivots, scale * own)[0]
+            else:
+                least = np.linalg.lstsq(scaled, scale * own, rcond=tolerance.singular)[0]
+                step[index] = scale * least
+                kept = float(np.abs(part @ step[index] - own).max())
+                if kept > max(tolerance.contradiction, unsure):
+                    taut[index[tensions[index].argmin()]] = False
+                    continue
+        new = tensions + step
+        excess = np.where(taut, -size * new, wrong - changes @ step - stays_slack) * driven
+        worst = excess.argmax()
+        if not excess[worst] > 0.0:
+            return step, kept
+        taut[worst] = not taut[worst]
+    return _least(changes, wrong, tensions, driven), 0.0
+
+
+def _least(
+    changes: FloatArray, wrong: FloatArray, tensions: FloatArray, driven: NDArray[np.bool_]
+) -> FloatArray:
+    """The same by the quadratic programme of which it is the condition, of a symmetric part.
+
+    Least (T' - T) C (T' - T) / 2 - wrong (T' - T) over T' >= 0, for C = U^T U.
+    """
+    (index,) = driven.nonzero()
+    part = changes[np.ix_(index, index)]
+    values, vectors = np.linalg.eigh(0.5 * (part + part.T))
+    root = np.sqrt(np.maximum(values, 1e-10 * values[-1]))
+    goal = (vectors.T @ wrong[index]) / root + root * (vectors.T @ tensions[index])
+    step = np.zeros_like(tensions)
+    step[index] = nnls(root[:, np.newaxis] * vectors.T, goal)[0] - tensions[index]
+    return step

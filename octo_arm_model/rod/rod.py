@@ -22,7 +22,7 @@ from octo_arm_model.rod.continuation import (
     TOLERANCE,
     Judged,
     follow,
-    judge,
+    judge_stable,
 )
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
@@ -33,6 +33,7 @@ from octo_arm_model.rod.inputs import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
 from octo_arm_model.rod.read_out import Finer, Readout
 from octo_arm_model.rod.resolution import added_points, allowed_between
+from octo_arm_model.rod.section_arrays import initial_twists
 from octo_arm_model.rod.tables import tabulate
 from octo_arm_model.rod.unloaded import balance_sections
 
@@ -253,7 +254,7 @@ class Rod:
         local = np.empty((problem.elements.s.size, wanted.tensions.size))
         local[:] = wanted.tensions
         if problem.friction is not None and wanted.tensions.any():
-            straight = arrays.initial_twists(problem.tables, local, problem.strains)
+            straight = initial_twists(problem.tables, local, problem.strains)
             local = problem.first_tensions(wanted, straight)
         z = np.zeros((len(local), problem.strains))
         try:
@@ -268,7 +269,8 @@ class Rod:
         """By Newton's method from ``start``; None where that leads to no stable equilibrium."""
         problem = self.problem(start.level)
         acting = problem.acting(self.at_level(wanted, start.level))
-        found = settle(problem, acting, start.state.z, spending.residual, start.factors)
+        begun = problem.evaluate(acting, start.state.z)
+        found = settle(problem, begun, spending.residual, start.factors)
         spending.add(found.iterations, 0.0, found.state.residual)
         return self._accepted(problem, found, start, spending)
 
@@ -282,17 +284,10 @@ class Rod:
         firm = start.judged
         if firm is not None and self.is_near(problem, firm, state):
             return Equilibrium(state, start.level, found.factors or start.factors, firm, total)
-        return self._equilibrium(self._judged(problem, state), start.level, total)
+        judged = judge_stable(problem, state)
+        return None if judged is None else self._equilibrium(judged, start.level, total)
 
-    def _judged(self, problem: Problem, state: State) -> Judged | None:
-        try:
-            return judge(problem, state)
-        except ConvergenceError:
-            return None
-
-    def _equilibrium(self, judged: Judged | None, level: int, total: int) -> Equilibrium | None:
-        if judged is None or not judged.stability.is_stable:
-            return None
+    def _equilibrium(self, judged: Judged, level: int, total: int) -> Equilibrium:
         firm = judged.state if judged.stability.is_firm else None
         return Equilibrium(judged.state, level, judged.factors, firm, total)
 
@@ -320,9 +315,7 @@ class Rod:
         else:
             level = self.first_level(None, wanted)
             judged = self._cold(wanted, level, spending)
-        found = self._equilibrium(judged, level, spending.iterations)
-        assert found is not None
-        return found
+        return self._equilibrium(judged, level, spending.iterations)
 
     def _known(self, problem: Problem, wanted: Condition) -> tuple[Condition, FloatArray]:
         """A condition without loads, under the tensions ``wanted``, and twists (N, m) in it.
@@ -336,7 +329,8 @@ class Rod:
             known = known._replace(tensions=part * wanted.tensions)
             with contextlib.suppress(ConvergenceError):
                 z = self.unloaded(problem, known)[0]
-                state = settle(problem, problem.acting(known), z, ON_THE_WAY).state
+                begun = problem.evaluate(problem.acting(known), z)
+                state = settle(problem, begun, ON_THE_WAY).state
                 if state.residual <= ON_THE_WAY:
                     return known, state.z
         return known, self.unloaded(problem, known)[0]
@@ -346,11 +340,11 @@ class Rod:
         fine, coarse = self.problem(level), self.problem(COARSE)
         given, wanted = wanted, self.at_level(wanted, level)
         known, z = self._known(fine, wanted)
-        found = settle(fine, fine.acting(wanted), z, TOLERANCE)
+        found = settle(fine, fine.evaluate(fine.acting(wanted), z), TOLERANCE)
         spending.add(found.iterations, 0.0, found.state.residual)
         if found.state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
-            judged = self._judged(fine, found.state)
-            if judged is not None and judged.stability.is_stable:
+            judged = judge_stable(fine, found.state)
+            if judged is not None:
                 return judged
         if coarse.elements.s.size < fine.elements.s.size:
             try:
@@ -380,9 +374,7 @@ class Rod:
             z = moved(found.state.z, self.problem(found.level).elements, problem.elements)
             condition = self.at_level(wanted, level)
             judged = follow(problem, condition, z, condition, spending)
-            finer = self._equilibrium(judged, level, spending.iterations)
-            assert finer is not None
-            found = finer
+            found = self._equilibrium(judged, level, spending.iterations)
         return found
 
     def is_resolved(self, problem: Problem, state: State, level: int) -> bool:
@@ -422,11 +414,7 @@ class Rod:
 
 
 def require_resolved(problem: Problem, error: float, allowed: float) -> None:
-    """Refuse an ``error`` of positions over the length on the nodes of ``problem``.
-
-    Raises:
-        SolveError: if it is more than ``allowed``.
-    """
+    """Refuse an ``error`` of positions over the length of more than ``allowed``."""
     if not error <= allowed:
         raise SolveError(
             f'{problem.elements.s.size} nodes do not resolve the strains: error of '

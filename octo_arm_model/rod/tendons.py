@@ -4,8 +4,8 @@ A tendon of tension T at the offset r + d in the cross section, d within its she
 
     u = (lambda, v_n, v_b) + U(r + d, r'),    U(r, r') = w (kappa x r + r'),    e = u / |u|    (1)
 
-per reference length of the arm; w(lambda) is the widening, see `loops`. |u| is its stretch, and d
-has the least energy T |u| + k |d|^2 / 2, whose gradient by the twist z is T g:
+per reference length of the arm; w(lambda) is the widening, see `section_loops`. |u| is its
+stretch, and d has the least energy T |u| + k |d|^2 / 2, whose gradient by the twist z is T g:
 
     k d + T p = 0,    p = A^T e,    A d = U(d, 0)                                              (2)
     g = e . (lambda, v_n, v_b)_z + G(e, r + d, r'),    G(e, r, r') = e . U_z(r, r')            (3)
@@ -32,6 +32,7 @@ import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.section_formulas import offset_stiffness, widening
 from octo_arm_model.rod.tables import Tables
 
 
@@ -69,11 +70,7 @@ class Tendons:
         """Of twists ``z`` (N, m) under local ``tensions`` (N, J) [N] with `Work.offsets`."""
         columns = z.T[..., np.newaxis]
         self._kappa, stretch = columns[:3], columns[3]
-        if tables.widens:
-            self.width = 1.0 / np.sqrt(stretch)
-            self.widening = -0.5 * self.width / stretch
-        else:
-            self.width, self.widening = np.ones_like(stretch), np.zeros_like(stretch)
+        self.width, self.widening, _ = widening(tables.widens, stretch)
         self.scaled, self._strains = self.width * self._kappa, z.shape[1]
         self.tension = tensions * tables.reach
         paths = np.ascontiguousarray(tables.tendons.transpose(2, 0, 1))
@@ -182,12 +179,9 @@ class Tendons:
 
     def _offset_change(self, force: FloatArray) -> FloatArray:
         """Change dd of (4) for f = ``force`` (..., 2, N, J), zero in rigid sheaths."""
-        t, n, b = self.scaled
-        p_n, p_b = self._stretch_by_offset
         stiff = self._compliance * self.tension * self._inverse
-        nn = 1.0 + stiff * (b * b + t * t - p_n * p_n)
-        nb = -stiff * (b * n + p_n * p_b)
-        bb = 1.0 + stiff * (n * n + t * t - p_b * p_b)
+        (t, n, b), (p_n, p_b) = self.scaled, self._stretch_by_offset
+        nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), stiff)
         x, y = np.moveaxis(force, -3, 0)
         found = np.stack([bb * x - nb * y, nn * y - nb * x], axis=-3)
         return found * (-self._compliance / (nn * bb - nb * nb))

@@ -1,14 +1,14 @@
 """Equilibria of an arm of which winches hold some tendons at a length.
 
-Found by `reeling` from an equilibrium nearby, in one step or by continuation of what is held. From
-the unloaded arm winches are wound before it bears its loads.
+Found by the equations of `reeling` from an equilibrium nearby, in one step or by continuation of
+what is held. From the unloaded arm winches are wound before it bears its loads.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,15 @@ from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.checks import check_solution
-from octo_arm_model.rod.continuation import MOST_CORRECTED, ON_THE_WAY, growth, judge
+from octo_arm_model.rod.continuation import MOST_CORRECTED, growth, judge
 from octo_arm_model.rod.equilibrium import Condition
-from octo_arm_model.rod.reeling import TOLERANCE, Aim, Border, Found, Reached, Reeling, RodReeling
+from octo_arm_model.rod.newton import Found, settle
+from octo_arm_model.rod.reeling import Border, RodReeling
 from octo_arm_model.rod.rod import Equilibrium, Rod, moved
 
+_TOLERANCE = 1e-10
+_MET = 1e-8  # residual that will do where rounding and friction leave no less
+_ON_THE_WAY, _TURNING = 3e-4, 1e-6  # of equilibria on the way, and where tendons turn round
 # Of continuation, see `rod.continuation`: the first step, the smallest, iterations of one that may
 # grow, and factors on one that was not accepted or not found.
 _FIRST_STEP, _SMALLEST_STEP, _QUICKLY, _SHORTER, _MUCH_SHORTER = 0.3, 1e-3, 5, 0.7, 0.25
@@ -31,22 +35,10 @@ _BEYOND = 0.05  # the end of a branch
 _MOST_JUMPS = 4  # to what an arm whose branch ends turns to under tensions that are held
 
 
-class Held(NamedTuple):
-    """An equilibrium that winches hold.
-
-    Attributes:
-        equilibrium: of the rod.
-        reached: what winches have reeled in there.
-    """
-
-    equilibrium: Equilibrium
-    reached: Reached
-
-
 class Winches:
     """Equilibria of an arm of which winches hold some tendons at a length."""
 
-    def __init__(self, rod: Rod, reeling: Callable[[int], Reeling] | None = None) -> None:
+    def __init__(self, rod: Rod, reeling: Callable[[int], RodReeling] | None = None) -> None:
         """Of ``rod``, or of another model of its arm with its ``reeling`` of each level."""
         self._rod = rod
         self.reeling = functools.cache(reeling or functools.partial(RodReeling, rod))
@@ -58,7 +50,7 @@ class Winches:
         condition: Condition,
         start: Equilibrium | None = None,
         spending: Spending | None = None,
-    ) -> Held:
+    ) -> Equilibrium:
         """What holds ``displacements`` (J,) [m] of the ``driven`` tendons (J,).
 
         And the tensions of the others, in ``condition``; neither counts for the rest. From
@@ -69,15 +61,16 @@ class Winches:
             SolveError: if no tensions were found that hold these lengths.
             ContinuationError: if it would take more than the budget.
         """
-        wanted = np.where(driven, displacements, 0.0)
-        given = condition._replace(tensions=np.where(driven, 0.0, condition.tensions))
-        search = _Search(self._rod, self.reeling, spending or self._rod.spending())
+        wanted = condition._replace(
+            tensions=np.where(driven, 0.0, condition.tensions),
+            lengths=np.where(driven, displacements, 0.0), driven=driven,
+        )  # fmt: skip
+        search = _Search(self._rod, self.reeling, wanted, spending or self._rod.spending())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            aim = Aim(given, wanted, driven)
-            held = search.find(aim, self._rod.at_least(start, given.before))
-            problem = self.reeling(held.equilibrium.level).problem
-            check_solution(problem, held.equilibrium.state, not search.is_free(aim))
-        return held
+            found = search.find(self._rod.at_least(start, condition.before))
+            problem = self.reeling(found.level).problem
+            check_solution(problem, found.state, not search.is_free(wanted))
+        return found
 
     def displacements(self, equilibrium: Equilibrium) -> FloatArray:
         """What winches have reeled in [m], (J,); of slack tendons what would make them taut."""
@@ -87,169 +80,167 @@ class Winches:
 
 
 class _Search:
-    """One search for tensions."""
+    """One search for the tensions that hold a condition."""
 
-    def __init__(self, rod: Rod, reeling: Callable[[int], Reeling], spending: Spending) -> None:
-        """On a ``rod`` with its equations of each level."""
-        self._rod, self._reeling, self._spending = rod, reeling, spending
+    def __init__(
+        self, rod: Rod, reeling: Callable[[int], RodReeling], wanted: Condition, spending: Spending
+    ) -> None:
+        """For ``wanted`` on a ``rod`` with its equations of each level."""
+        self._rod, self._reeling, self._wanted, self._spending = rod, reeling, wanted, spending
 
-    def find(self, aim: Aim, start: Equilibrium | None) -> Held:
-        """See `Winches.solve`."""
-        if start is not None:
-            try:
-                held = self._from(aim, start)
-            except ContinuationError:
-                raise  # Its budget is spent.
-            except SolveError:
-                pass
-            else:
-                is_known = held.equilibrium.judged is start.judged is not None
-                return held if is_known else self._resolved(held, aim)
-        return self._resolved(self._cold(aim), aim)
-
-    def is_free(self, aim: Aim) -> bool:
+    def is_free(self, condition: Condition) -> bool:
         """Whether nothing but tendons acts, so that there is one equilibrium."""
-        condition = aim.condition
         is_loaded = condition.factor > 0.0 and self._rod.is_loaded
         return not (is_loaded or condition.tip_wrench.any())
 
+    def find(self, start: Equilibrium | None) -> Equilibrium:
+        """See `Winches.solve`."""
+        found = None
+        if start is not None:
+            with self._failing():
+                found = self._from(self._wanted, start)
+        if found is None:
+            found = self._cold()
+        elif start is not None and found.judged is start.judged is not None:
+            return found  # resolved as well as that
+        return self._resolved(found)
+
+    @contextlib.contextmanager
+    def _failing(self) -> Iterator[None]:
+        """Where a search may fail, unless because its budget is spent."""
+        try:
+            yield
+        except ContinuationError:
+            raise
+        except SolveError:
+            pass
+
     def _try(
-        self, aim: Aim, last: Equilibrium, tolerance: float, part: float
-    ) -> tuple[Held | None, Found]:
-        """What holds ``aim`` near the ``last`` equilibrium, if it is stable, and what was found.
+        self, wanted: Condition, last: Equilibrium, tolerance: float, part: float
+    ) -> tuple[Equilibrium | None, Found]:
+        """What holds ``wanted`` near the ``last`` equilibrium, if stable, and what was found.
 
         ``part`` of the way has been followed.
         """
-        border = last.factors if isinstance(last.factors, Border) else None
-        tensions = aim.begin(last.state.acting.condition.tensions)
-        aim = aim._replace(condition=self._rod.at_level(aim.condition, last.level))
-        found = self._reeling(last.level).settle(aim, last.state.z, tensions, tolerance, border)
-        state = found.reached.state
-        self._spending.add(found.iterations, part, state.residual)
-        return self._accepted(aim, last, found, tolerance), found
+        reeling, z, factors = self._reeling(last.level), last.state.z, last.factors
+        border = factors if isinstance(factors, Border) else None
+        pulled = np.where(wanted.driven, last.state.acting.condition.tensions, wanted.tensions)
+        wanted = self._rod.at_level(wanted, last.level)._replace(tensions=pulled)
+        begun = reeling.evaluate(wanted, z)
+        found = settle(reeling, begun, tolerance, border, border is not None and border.z is z)
+        self._spending.add(found.iterations, part, found.state.residual)
+        return self._accepted(last, found, tolerance), found
 
-    def _accepted(
-        self, aim: Aim, last: Equilibrium, found: Found, tolerance: float
-    ) -> Held | None:
+    def _accepted(self, last: Equilibrium, found: Found, tolerance: float) -> Equilibrium | None:
         """What was ``found``, if it is stable and nothing says that it left its branch."""
-        state, border, firm = found.reached.state, found.border, last.judged
-        reeling, is_free = self._reeling(last.level), self.is_free(aim)
-        if not found.is_met or (found.corrected > MOST_CORRECTED and not is_free):
+        state, border, firm = found.state, found.factors, last.judged
+        condition, reeling = state.acting.condition, self._reeling(last.level)
+        is_free = self.is_free(condition)
+        if not state.residual <= max(tolerance, _MET):
+            return None
+        if found.corrected > MOST_CORRECTED and not is_free:
             return None
         if firm is None or not self._rod.is_near(reeling.problem, firm, state):
             firm = None
         if firm is None and not is_free:
-            try:
-                judged = judge(reeling.problem, state)
-            except ConvergenceError:
-                return None
+            judged = judge(reeling.problem, state)
             is_stable = judged.stability.is_stable
-            served = tolerance < ON_THE_WAY and found.iterations <= _SERVED
-            if border is None or not (served and is_stable):
-                border = reeling.border(state, judged.factors)
-            if not (is_stable or reeling.is_held(aim, state, border)):
+            served = tolerance < _TURNING and found.iterations <= _SERVED
+            if not (isinstance(border, Border) and served and is_stable):
+                border = reeling.linearise(state, judged.factors)
+            if not (is_stable or reeling.is_held(state, border)):
                 return None
             firm = judged.state if judged.stability.is_firm else None
-        total = self._spending.iterations
-        return Held(Equilibrium(state, last.level, border, firm, total), found.reached)
+        return Equilibrium(state, last.level, border, firm, self._spending.iterations)
 
-    def _from(self, aim: Aim, start: Equilibrium) -> Held:
+    def _from(self, wanted: Condition, start: Equilibrium) -> Equilibrium:
         """From an equilibrium nearby, in one step or by continuation."""
         near, factors = start, start.factors
         if factors is not None and not isinstance(factors, Border):
-            border = self._reeling(start.level).border(start.state, factors)
+            border = self._reeling(start.level).linearise(start.state, factors)
             near = start._replace(factors=border)
-        return self._try(aim, near, self._spending.residual, 0.0)[0] or self._followed(aim, start)
+        found = self._try(wanted, near, self._spending.residual, 0.0)[0]
+        return found or self._followed(wanted, start)
 
-    def _begun(self, aim: Aim, start: Equilibrium) -> tuple[Held, Aim]:
-        """Where continuation begins, and what is held there."""
+    def _held(self, start: Equilibrium) -> Condition:
+        """What is held in ``start``."""
         reeling, state = self._reeling(start.level), start.state
         reeling.problem.load_work(state)
-        held = Held(start, reeling.reached(aim, state))
-        return held, Aim(state.acting.condition, held.reached.displacement, aim.driven)
+        lengths, driven = reeling.displacement(state), self._wanted.driven
+        return state.acting.condition._replace(lengths=lengths, driven=driven)
 
-    def _followed(self, aim: Aim, start: Equilibrium) -> Held:
-        """By continuation from the equilibrium ``start``, of the same loads or of none."""
-        held, known = self._begun(aim, start)
-        done, step, jumps = 0.0, _FIRST_STEP, 0
-        is_loading = known.condition.factor < aim.condition.factor
+    def _followed(self, wanted: Condition, last: Equilibrium) -> Equilibrium:
+        """By continuation from the equilibrium ``last``, of the same loads or of none."""
+        known, done, step, jumps = self._held(last), 0.0, _FIRST_STEP, 0
+        is_loading = known.factor < wanted.factor
         smallest = _SMALLEST_LOAD if is_loading else _SMALLEST_STEP
+        on_the_way = _ON_THE_WAY if wanted.before is None else _TURNING
         while True:
             target = min(1.0, done + step)
-            tolerance = TOLERANCE if target == 1.0 else ON_THE_WAY
-            last = held.equilibrium
-            more, found = self._try(known.towards(aim, target), last, tolerance, done)
+            tolerance = _TOLERANCE if target == 1.0 else on_the_way
+            more, found = self._try(known.towards(wanted, target), last, tolerance, done)
             if more is not None:
                 if target == 1.0:
                     return more
                 longer = growth(found.corrected) if found.iterations <= _QUICKLY else 1.0
-                held, done, step = more, target, longer * (target - done)
+                last, done, step = more, target, longer * (target - done)
             elif step > smallest:
-                shorter = min(growth(found.corrected), _SHORTER) if found.is_met else _MUCH_SHORTER
+                is_met = found.state.residual <= tolerance
+                shorter = min(growth(found.corrected), _SHORTER) if is_met else _MUCH_SHORTER
                 step = max(shorter * (target - done), smallest)
             else:
                 jumps += 1
-                if jumps > _MOST_JUMPS or self.is_free(aim) or is_loading:
+                if jumps > _MOST_JUMPS or self.is_free(wanted) or is_loading:
                     raise self._error(found)
                 # The branch ends: on with what the arm turns to under the tensions there.
-                beyond = known.towards(aim, min(1.0, done + _BEYOND))
-                pulled, wrench = beyond.begin(held.reached.tensions), beyond.condition.tip_wrench
-                turned = self._rod.solve(
-                    pulled, wrench, last, self._spending, beyond.condition.before
-                )
-                held, known = self._begun(aim, turned)
-                done, step = 0.0, _FIRST_STEP
+                beyond, own = known.towards(wanted, min(1.0, done + _BEYOND)), last.state.acting
+                pulled = np.where(beyond.driven, own.condition.tensions, beyond.tensions)
+                last = self._pulled(pulled, beyond, last)
+                known, done, step = self._held(last), 0.0, _FIRST_STEP
+
+    def _pulled(
+        self, tensions: FloatArray, condition: Condition, start: Equilibrium | None
+    ) -> Equilibrium:
+        """The arm under ``tensions`` (J,) [N] that are held, in a ``condition``."""
+        return self._rod.solve(
+            tensions, condition.tip_wrench, start, self._spending, condition.before
+        )
 
     def _error(self, found: Found) -> ConvergenceError:
-        left, count = found.reached.left / self._rod.arm.length, self._spending.iterations
-        what = 'the displacement of the tendons'
-        return ConvergenceError(what, left, count)
+        what, count = 'the displacement of the tendons', self._spending.iterations
+        return ConvergenceError(what, found.state.residual, count)
 
-    def _cold(self, aim: Aim) -> Held:
+    def _cold(self) -> Equilibrium:
         """From the arm without loads, whose winches are wound before it bears them."""
-        rod, level = self._rod, self._rod.first_level(None, aim.condition)
-        condition, reeling = rod.at_level(aim.condition, level), self._reeling(level)
-        wrench = condition.tip_wrench
-        free = aim._replace(condition=condition._replace(tip_wrench=np.zeros(6), factor=0.0))
+        rod, wanted, level = self._rod, self._wanted, self._rod.first_level(None, self._wanted)
+        condition, reeling = rod.at_level(wanted, level), self._reeling(level)
+        free = condition._replace(tip_wrench=np.zeros(6), factor=0.0)
         if condition.before is None and not condition.tensions.any():
             begun = Equilibrium(reeling.slack[0], level, reeling.slack[1], None, 0)
         else:
-            begun = Equilibrium(reeling.unloaded(free.condition), level, None, None, 0)
+            begun = Equilibrium(reeling.unloaded(free), level, None, None, 0)
         wound = self._from(free, begun)
-        if self.is_free(aim):
+        if self.is_free(wanted):
             return wound
-        alone = wound.equilibrium._replace(factors=None)
-        held = self._try(aim, alone, TOLERANCE, 0.0)[0]
-        if held is not None:
-            return held
-        for begin in (
-            lambda: self._followed(aim, alone),
-            lambda: self._from(
-                aim,
-                rod.solve(wound.reached.tensions, wrench, None, self._spending, condition.before),
-            ),
-        ):
-            try:
-                return begin()
-            except ContinuationError:
-                raise  # Its budget is spent.
-            except SolveError:
-                pass
-        pulled = rod.solve(condition.tensions, wrench, None, self._spending, condition.before)
-        return self._from(aim, pulled)
+        alone = wound._replace(factors=None)
+        found = self._try(wanted, alone, _TOLERANCE, 0.0)[0]
+        if found is not None:
+            return found
+        with self._failing():
+            return self._followed(wanted, alone)
+        with self._failing():
+            tensions = wound.state.acting.condition.tensions
+            return self._from(wanted, self._pulled(tensions, condition, None))
+        return self._from(wanted, self._pulled(condition.tensions, condition, None))
 
-    def _resolved(self, held: Held, aim: Aim) -> Held:
-        """What is ``held``, on as many nodes as it takes."""
-        last = held.equilibrium
-        while not self._reeling(last.level).is_resolved(last.state):
-            before, now = (self._reeling(last.level + more).problem for more in (0, 1))
-            state = last.state._replace(z=moved(last.state.z, before.elements, now.elements))
-            finer, found = self._try(
-                aim, Equilibrium(state, last.level + 1, None, None, 0), TOLERANCE, 1.0
-            )
+    def _resolved(self, found: Equilibrium) -> Equilibrium:
+        """What was ``found``, on as many nodes as it takes."""
+        while not self._reeling(found.level).is_resolved(found.state):
+            before, now = (self._reeling(found.level + more).problem for more in (0, 1))
+            state = found.state._replace(z=moved(found.state.z, before.elements, now.elements))
+            start = Equilibrium(state, found.level + 1, None, None, 0)
+            finer, last = self._try(self._wanted, start, _TOLERANCE, 1.0)
             if finer is None:
-                raise self._error(found)
-            held, last = finer, finer.equilibrium
-        if not self.is_free(aim):
-            return held
-        return held._replace(equilibrium=last._replace(judged=last.state))
+                raise self._error(last)
+            found = finer
+        return found._replace(judged=found.state) if self.is_free(self._wanted) else found

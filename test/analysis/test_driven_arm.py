@@ -11,11 +11,10 @@ import pytest
 from differences import jacobian
 
 from octo_arm_model import Config, Solver, Uncertainty, solve_displacements
-from octo_arm_model.analysis.driven_arm import DrivenArm
+from octo_arm_model.analysis.driven_arm import DrivenArm, FrictionMemory
 from octo_arm_model.arm.errors import TensionError
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of
-from octo_arm_model.rod.friction_memory import FrictionMemory
 
 HIGH, LOW = np.array([[1.0, 0.3, 0.0, 0.0]]), np.array([[0.4, 0.1, 0.0, 0.0]])
 SECOND = 10**9

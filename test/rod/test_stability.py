@@ -26,7 +26,7 @@ def test_a_straight_column_is_one_of_least_energy_below_eulers_load(
     straight = np.zeros((problem.elements.s.size, problem.strains))
     straight[:, 3] = 1.0
     condition = Condition(np.zeros(4), np.array([-part * EULER, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    found = settle(problem, problem.acting(condition), straight, 1e-11)
+    found = settle(problem, problem.evaluate(problem.acting(condition), straight), 1e-11)
     assert found.state.residual <= 1e-11 and not found.state.z[:, 1:3].any()
     stability = judge(problem, found.state).stability
     # Shear lets it buckle a little earlier.

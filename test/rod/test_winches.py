@@ -14,10 +14,10 @@ from octo_arm_model import Arm, Body, Config, Loads, Material, Section
 from octo_arm_model.arm.budget import Budget
 from octo_arm_model.arm.errors import ContinuationError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.complementarity import Tolerance, complementary_step
 from octo_arm_model.rod.equilibrium import Condition
+from octo_arm_model.rod.reeling import Tolerance, complementary_step
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
-from octo_arm_model.rod.winches import Held, Winches
+from octo_arm_model.rod.winches import Winches
 
 NOTHING = np.zeros(6)
 IN_AIR = Loads(gravity=(0.0, 0.0, -9.81))
@@ -31,10 +31,14 @@ def made(arm: Arm, loads: Loads = Loads(), **setting: object) -> Rod:
 def held(
     rod: Rod, displacements: FloatArray, start: Equilibrium | None = None,
     wrench: FloatArray = NOTHING,
-) -> Held:  # fmt: skip
+) -> Equilibrium:  # fmt: skip
     """With all tendons driven."""
     driven = np.ones(displacements.size, np.bool_)
     return Winches(rod).solve(displacements, driven, Condition(0.0 * displacements, wrench), start)
+
+
+def tensions_of(found: Equilibrium) -> FloatArray:
+    return found.state.acting.condition.tensions
 
 
 def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
@@ -52,16 +56,14 @@ def test_tensions_come_back_from_what_they_reel_in(loads: Loads, setting: dict[s
     pulled = rod.solve(0.4 * TENSIONS, wrench)
     asked = Winches(rod).displacements(pulled)
     cold = held(rod, asked, None, wrench)
-    np.testing.assert_allclose(cold.reached.tensions, 0.4 * TENSIONS, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(cold.reached.displacement, asked, rtol=0.0, atol=1e-10)
-    np.testing.assert_allclose(
-        tip_of(rod, cold.equilibrium), tip_of(rod, pulled), rtol=0.0, atol=1e-9
-    )
+    np.testing.assert_allclose(tensions_of(cold), 0.4 * TENSIONS, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(cold.state.reeled, asked, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(tip_of(rod, cold), tip_of(rod, pulled), rtol=0.0, atol=1e-9)
     # From nearby: the first lengths again, from those a little further.
     more = rod.solve(0.404 * TENSIONS, wrench, pulled)
-    further = held(rod, Winches(rod).displacements(more), cold.equilibrium, wrench)
-    np.testing.assert_allclose(further.reached.tensions, 0.404 * TENSIONS, rtol=0.0, atol=1e-8)
-    assert further.equilibrium.iterations <= 5
+    further = held(rod, Winches(rod).displacements(more), cold, wrench)
+    np.testing.assert_allclose(tensions_of(further), 0.404 * TENSIONS, rtol=0.0, atol=1e-8)
+    assert further.iterations <= 5
 
 
 def test_a_straight_tendon_gives_way_with_its_arm_and_stretches_by_itself() -> None:
@@ -76,7 +78,7 @@ def test_a_straight_tendon_gives_way_with_its_arm_and_stretches_by_itself() -> N
     gives_way = offset**2 / (axial * radius**2 / 4) + 1.0 / axial
     asked = np.array([pull * (gives_way * length + (length + free) / stiffness)])
     found = held(made(arm, widens=False), asked)
-    assert found.reached.tensions.item() == pytest.approx(pull, rel=1e-9)
+    assert tensions_of(found).item() == pytest.approx(pull, rel=1e-9)
 
 
 @pytest.mark.parametrize('loads', [Loads(), IN_AIR], ids=['free', 'in air'])
@@ -95,12 +97,12 @@ def test_any_tensions_of_the_arm_of_table_4_are_held_by_lengths(
         for start in (None, last) if last else (None,):
             found = held(rod, asked, start)
             lacking = np.where(
-                found.reached.tensions > 0.0, np.abs(asked - found.reached.displacement),
-                asked - found.reached.displacement,
+                tensions_of(found) > 0.0, np.abs(asked - found.state.reeled),
+                asked - found.state.reeled,
             )  # fmt: skip
             assert lacking.max() <= 1e-9 * rod.arm.length
-            assert found.equilibrium.state.residual <= 1e-9
-        last = found.equilibrium
+            assert found.state.residual <= 1e-9
+        last = found
 
 
 def test_an_arm_that_buckles_under_tension_is_held_by_lengths() -> None:
@@ -116,8 +118,8 @@ def test_an_arm_that_buckles_under_tension_is_held_by_lengths() -> None:
     asked = Winches(rod).displacements(rod.solve(pretension, NOTHING))
     wrench = np.array([-1.2 * euler, 0.0, 0.0, 0.0, 0.0, 0.0])
     found = held(rod, asked, None, wrench)
-    assert np.hypot(*tip_of(rod, found.equilibrium)[1:]) < 1e-6
-    free = rod.solve(found.reached.tensions, wrench)
+    assert np.hypot(*tip_of(rod, found)[1:]) < 1e-6
+    free = rod.solve(tensions_of(found), wrench)
     assert np.hypot(*tip_of(rod, free)[1:]) > 0.1
 
 
@@ -134,13 +136,12 @@ def test_the_border_is_the_derivative_of_what_is_reeled_in(setting: dict[str, bo
     rod = made(STRETCHING, EVERYTHING, **setting)
     reeling = Winches(rod)
     found = held(rod, reeling.displacements(rod.solve(0.4 * TENSIONS, WRENCH)), None, WRENCH)
-    equilibrium = found.equilibrium
-    border = reeling.reeling(equilibrium.level).border(equilibrium.state)
+    border = reeling.reeling(found.level).linearise(found.state)
 
     def reeled(tensions: FloatArray) -> FloatArray:
-        return reeling.displacements(rod.solve(tensions, WRENCH, equilibrium))
+        return reeling.displacements(rod.solve(tensions, WRENCH, found))
 
-    expected = jacobian(reeled, found.reached.tensions, 1e-3)
+    expected = jacobian(reeled, tensions_of(found), 1e-3)
     np.testing.assert_allclose(border.changes, expected, rtol=0.0, atol=1e-6 * expected.max())
 
 

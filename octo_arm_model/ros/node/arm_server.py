@@ -13,14 +13,13 @@ from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from octo_arm_model.analysis.driven_arm import DrivenArm
+from octo_arm_model.analysis.driven_arm import DrivenArm, FrictionMemory
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
 from octo_arm_model.arm.errors import OctoArmError, TargetError, in_short
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.messages import (
     decoded,

@@ -12,10 +12,10 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from octo_arm_model.analysis.driven_arm import FrictionMemory
 from octo_arm_model.arm.errors import ContinuationError, OctoArmError, SolveError, in_short
 from octo_arm_model.config.parameters import DiagnosticLimits
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.ros.work import until_shutdown

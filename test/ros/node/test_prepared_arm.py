@@ -10,13 +10,12 @@ import pytest
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from octo_arm_model.analysis.driven_arm import DrivenArm
+from octo_arm_model.analysis.driven_arm import DrivenArm, FrictionMemory
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
-from octo_arm_model.rod.friction_memory import FrictionMemory
 from octo_arm_model.ros.estimator.prepared import PreparedEstimator
 from octo_arm_model.ros.node.prepared_arm import Prepared
 

@@ -1,0 +1,414 @@
+"""Node functions of cross sections over whole arrays; `section_loops` has their equations."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+
+from octo_arm_model.arm.hints import FloatArray, Number
+from octo_arm_model.rod.section_formulas import density, offset_stiffness, widening
+from octo_arm_model.rod.tables import (
+    ALONG_B,
+    ALONG_N,
+    AXIAL,
+    LEVER,
+    SHEAR,
+    SQUARED_RADIUS,
+    TORSION,
+    Tables,
+    Work,
+    force_scale,
+)
+
+_MOST_STEPS = 30  # of the offset of a tendon in its sheath
+ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, from which see `Bends`
+_SETTLED = 1e-14  # change of an offset, over the lever
+_MOST_BALANCE = 200  # steps to the balance of a section
+_ROUNDING = 1e-6  # residual below which steps are taken as they are
+_SHORTENED = 0.5  # factor of a step that is too long
+_OVERSHOOT = 0.9  # of the slope along a step, that may be left with the other sign at its end
+# Indices for a cross product by one multiplication of permuted components.
+NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross products along the last axis."""
+    found: FloatArray = a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
+    return found
+
+
+class PulledTendons:
+    """The tendons under tension at all nodes, and their u.
+
+    Attributes:
+        tension: (n, J) [N], zero beyond the anchorage.
+        pulled: which of all tendons these are, (J,).
+        strain: the six scaled strains, (6, n, 1).
+        unit: c = u / |u|, (3, n, J).
+        over: 1 / |u|, (n, J).
+    """
+
+    def __init__(
+        self,
+        tables: Tables,
+        strain: FloatArray,
+        width: FloatArray,
+        tensions: FloatArray,
+        work: Work,
+    ) -> None:
+        """Of scaled ``strain`` (6, n, 1)."""
+        self.tension = tensions * tables.reach
+        # Those that nobody pulls are left out.
+        self.pulled = np.flatnonzero(self.tension.any(axis=0))
+        if not self.pulled.size:
+            self.pulled = np.array([0])  # Arrays without tendons have no shape to go by.
+        self.tension = self.tension[:, self.pulled]
+        # x, y, dx, dy and 1, of which u and its derivatives are linear.
+        self._path = np.ones((5, *self.tension.shape))
+        self._path[:4] = tables.tendons[:, self.pulled].transpose(2, 0, 1)
+        x, y, self.dx, self.dy, _ = self._path
+        self.compliance = tables.compliance[self.pulled]
+        self.strain, self._width = strain, width[:, np.newaxis]
+        self._strains = work.residual.shape[1]
+        if self.compliance.any():
+            offsets = self._offsets(x, y, tables.body[:, LEVER, np.newaxis])
+            work.offsets[:, self.pulled, 0], work.offsets[:, self.pulled, 1] = offsets
+            self._path[:2] += offsets
+        self.x, self.y = x, y
+        u = self._along(x, y)
+        self.over = 1.0 / np.sqrt((u * u).sum(axis=0))
+        self.unit = u * self.over
+        self._winding = self.dx * self.unit[1] + self.dy * self.unit[2]
+
+    def _along(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        t, n, b, stretch, v_n, v_b = self.strain
+        u = np.empty((3, *x.shape))
+        u[0] = stretch + n * y - b * x
+        u[1] = self._width * self.dx - t * y + v_n
+        u[2] = self._width * self.dy + t * x + v_b
+        return u
+
+    def _offsets(self, x: FloatArray, y: FloatArray, lever: FloatArray) -> FloatArray:
+        t, n, b, stretch = self.strain[:4]
+        yielding = self.compliance * self.tension
+        near = np.where(yielding * (n * n + b * b) < 0.25 * stretch, yielding, 0.0)
+        d, left = np.stack([near * b, -near * n]), np.full(x.shape, np.inf)
+        for _ in range(_MOST_STEPS):
+            u_t, u_n, u_b = self._along(x + d[0], y + d[1])
+            over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+            p_n, p_b = (t * u_b - b * u_t) * over, (n * u_t - t * u_n) * over
+            r_n, r_b = d[0] + yielding * p_n, d[1] + yielding * p_b
+            nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), yielding * over)
+            over = 1.0 / (nn * bb - nb * nb)
+            step = np.stack([(bb * r_n - nb * r_b) * over, (nn * r_b - nb * r_n) * over])
+            # A tendon stays where its own iteration has ended.
+            d = d - np.where(left * left > _SETTLED, step, 0.0)
+            now = np.abs(step).sum(axis=0) / lever
+            left = np.where(left * left > _SETTLED, now, left)
+            if not (left * left > _SETTLED).any():
+                break
+        return np.where(left * left <= _SETTLED, d, np.nan)
+
+    def by_strain(self, slope: FloatArray) -> FloatArray:
+        """Gradient of |u| by the scaled strain, (m, n, J)."""
+        u_t, u_n, u_b = self.unit
+        found = np.empty((self._strains, *u_t.shape))
+        found[0] = self.x * u_b - self.y * u_n
+        found[1], found[2] = self.y * u_t, -self.x * u_t
+        found[3] = u_t + slope[:, np.newaxis] * self._winding
+        found[4:] = self.unit[1 : self._strains - 3]
+        return found
+
+    def derivatives(self, slope: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (m, n) and Hessian (n, m, m) of the energy of tendons and sheaths.
+
+        By the scaled strains; of the four without shear where there is none.
+        """
+        by, strains, weight = self.by_strain(slope), self._strains, self.tension * self.over
+        scale = np.ones((len(weight), 5))
+        scale[:, 2] = scale[:, 3] = slope
+        twice = _twice(weight, self._path) * (scale[:, np.newaxis] * scale[..., np.newaxis])
+        found = (twice.reshape(-1, 25) @ _TWICE[strains]).reshape(-1, strains, strains)
+        found -= _twice(weight, by)
+        found[:, 3, 3] += bend * np.einsum('nj,nj->n', self.tension, self._winding)
+        if self.compliance.any():
+            path = self._path * scale.T[..., np.newaxis]
+            found -= self._condensed(np.einsum('ack,knj->canj', _BY[:strains], path), by)
+        return np.einsum('anj,nj->an', by, self.tension), found
+
+    def _condensed(self, by: FloatArray, g: FloatArray) -> FloatArray:
+        """C D^-1 C^T of the offsets in sheaths, (n, m, m)."""
+        t, n, b = self.strain[:3]
+        u_t, u_n, u_b = self.unit
+        p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
+        weight = self.tension * self.over
+        mixed = np.stack(
+            [
+                weight * (t * by[2] - b * by[0] - p_n * g),
+                weight * (n * by[0] - t * by[1] - p_b * g),
+            ]
+        )
+        mixed[0, 0] += self.tension * u_b
+        mixed[0, 2] -= self.tension * u_t
+        mixed[1, 0] -= self.tension * u_n
+        mixed[1, 1] += self.tension * u_t
+        nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), self.compliance * weight)
+        factor = self.compliance / (nn * bb - nb * nb)
+        moved = factor * np.stack([bb * mixed[0] - nb * mixed[1], nn * mixed[1] - nb * mixed[0]])
+        return np.asarray(np.einsum('danj,dcnj->nac', mixed, moved))
+
+
+# From x, y, slope dx, slope dy and 1 to du/de by the six scaled strains, (6, 3, 5), and from their
+# products to those of four or all of these, (25, 16 or 36).
+_BY = np.zeros((6, 3, 5))
+_BY[[0, 2], [1, 0], [1, 0]] = -1.0
+_BY[[0, 1, 3, 3, 3, 4, 5], [2, 0, 0, 1, 2, 1, 2], [0, 1, 4, 2, 3, 4, 4]] = 1.0
+_TWICE = {m: np.einsum('ack,bcl->klab', _BY[:m], _BY[:m]).reshape(25, -1) for m in (4, 6)}
+
+
+def _twice(weight: FloatArray, rows: FloatArray) -> FloatArray:
+    """Sums over the tendons of products of ``rows`` (k, n, J) by ``weight`` (n, J), (n, k, k)."""
+    weighted = (weight * rows).transpose(1, 0, 2)
+    return np.asarray(weighted @ rows.transpose(1, 2, 0))
+
+
+def _scaled(z: FloatArray, width: FloatArray) -> FloatArray:
+    """The six scaled strains, (6, n, 1)."""
+    strain = np.zeros((6, len(z), 1))
+    strain[: z.shape[1], :, 0] = z.T
+    strain[:3] *= width[:, np.newaxis]
+    return strain
+
+
+_Density: TypeAlias = tuple[Number, Number, Number, Number, Number]
+
+
+def _density_at(tables: Tables, strain: FloatArray) -> _Density:
+    """`density` of scaled strains (6, n)."""
+    bend = strain[1] * strain[1] + strain[2] * strain[2]
+    return density(tables.widens, strain[3], bend * tables.body[:, SQUARED_RADIUS])
+
+
+def _stress(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
+    """Gradient of the energy of the material by the scaled strain (6, n), (6, n)."""
+    body, (by_stretch, by_bend, *_) = tables.body.T, parts
+    once = 2.0 * body[AXIAL] * body[SQUARED_RADIUS] * by_bend
+    found = strain.copy()
+    found[0] *= body[TORSION]
+    found[1:3] *= once
+    found[3] = body[AXIAL] * by_stretch
+    found[4:] *= body[SHEAR]
+    return found
+
+
+def _stiffness(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
+    """Hessian of the energy of the material by the scaled strain (6, n), (n, 6, 6)."""
+    body, n, b = tables.body.T, strain[1], strain[2]
+    axial, square = body[AXIAL], body[SQUARED_RADIUS]
+    _, by_bend, by_ss, by_sb, by_bb = parts
+    once = 2.0 * axial * square * by_bend
+    both, second = 2.0 * axial * square * by_sb, 4.0 * axial * square * square * by_bb
+    h = np.zeros((n.size, 6, 6))
+    h[:, 0, 0] = body[TORSION]
+    h[:, 1, 1], h[:, 2, 2] = once + second * n * n, once + second * b * b
+    h[:, 1, 2] = h[:, 2, 1] = second * n * b
+    h[:, 1, 3] = h[:, 3, 1] = both * n
+    h[:, 2, 3] = h[:, 3, 2] = both * b
+    h[:, 3, 3] = axial * by_ss
+    h[:, 4, 4] = h[:, 5, 5] = body[SHEAR]
+    return h
+
+
+def _unscale_gradient(
+    z: FloatArray, width: FloatArray, slope: FloatArray, g: FloatArray
+) -> FloatArray:
+    """From the gradient (6, n) by the scaled strain to that by the twist, (n, m)."""
+    found = g[: z.shape[1]].T.copy()
+    found[:, 3] += slope * (z[:, :3] * found[:, :3]).sum(axis=1)
+    found[:, :3] *= width[:, np.newaxis]
+    return found
+
+
+def gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+    """Gradient of the energy of every cross section."""
+    width, slope, _ = widening(tables.widens, z[:, 3])
+    strain = _scaled(z, width)
+    g = _stress(tables, strain[..., 0], _density_at(tables, strain[..., 0]))
+    tendons = PulledTendons(tables, strain, width, tensions, work)
+    g[: z.shape[1]] += np.einsum('anj,nj->an', tendons.by_strain(slope), tendons.tension)
+    work.gradient[:] = _unscale_gradient(z, width, slope, g)
+
+
+def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+    """Gradient and Hessian of the energy of every cross section by the twist."""
+    width, slope, bend = widening(tables.widens, z[:, 3])
+    strain = _scaled(z, width)
+    tendons = PulledTendons(tables, strain, width, tensions, work)
+    parts = _density_at(tables, strain[..., 0])
+    g, h = _stress(tables, strain[..., 0], parts), _stiffness(tables, strain[..., 0], parts)
+    by_strain, twice = tendons.derivatives(slope, bend)
+    g[: len(by_strain)] += by_strain
+    h = h[:, : z.shape[1], : z.shape[1]] + twice
+    if tables.widens:
+        # Scaled bends change with the stretch as well, by their slope.
+        scaled = np.zeros((len(z), 4, 4))
+        scaled[:, 0, 0] = scaled[:, 1, 1] = scaled[:, 2, 2] = width
+        scaled[:, :3, 3], scaled[:, 3, 3] = slope[:, np.newaxis] * z[:, :3], 1.0
+        h = scaled.swapaxes(1, 2) @ h @ scaled
+        mixed = slope[:, np.newaxis] * g[:3].T
+        h[:, 3, :3] += mixed
+        h[:, :3, 3] += mixed
+        h[:, 3, 3] += bend * (z[:, :3] * g[:3].T).sum(axis=1)
+    work.gradient[:] = _unscale_gradient(z, width, slope, g)
+    work.hessian[:] = h
+
+
+def balance(
+    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, tolerance: float,
+    work: Work,
+) -> tuple[float, int]:  # fmt: skip
+    """Bring every cross section to balance with ``wrench`` (N, m), see `loops`."""
+    if not z[0, 3]:
+        z[:] = initial_twists(tables, tensions, z.shape[1])
+    scale = force_scale(tables, tensions)
+    step, slope, left = np.zeros_like(z), np.zeros(len(z)), np.inf
+    for steps in range(1, _MOST_BALANCE + 1):
+        sections(tables, z, tensions, work)
+        np.subtract(work.gradient, wrench, out=work.residual)
+        left = relative_residual(wrench, scale, work)
+        if left <= tolerance:
+            z += _section_steps(work)
+            return left, steps
+        if not left <= _ROUNDING and steps > 1:
+            along = (work.residual * step).sum(axis=1)
+            sizes = scale.repeat(3, axis=1)[:, : z.shape[1]]
+            worst = (np.abs(work.residual) / sizes).max(axis=1)
+            fine = (along <= _OVERSHOOT * slope) | (worst <= _ROUNDING)  # False for NaN
+            if not fine.all():
+                step = np.where(fine[:, np.newaxis], step, _SHORTENED * step)
+                slope = np.where(fine, slope, _SHORTENED * slope)
+                z -= np.where(fine[:, np.newaxis], 0.0, step)
+                continue
+        step = _section_steps(work)
+        slope = -(work.residual * step).sum(axis=1)
+        z += step
+    return left, _MOST_BALANCE
+
+
+def _section_steps(work: Work) -> FloatArray:
+    """Newton's step of every cross section alone, (n, m)."""
+    try:
+        return np.asarray(np.linalg.solve(work.hessian, -work.residual[..., np.newaxis])[..., 0])
+    except np.linalg.LinAlgError:
+        return np.full_like(work.residual, np.nan)
+
+
+def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatArray:
+    """Twists (n, m) near the balance under ``tensions`` (n, J) [N], as if tendons were parallel.
+
+    Force and moment then do not depend on the strain, and the section bends in one plane; exact to
+    first order in the moment, for rubber from the straight section and a secant.
+    """
+    axial, radius = tables.body[:, AXIAL], np.sqrt(tables.body[:, SQUARED_RADIUS])
+    pull = tensions * tables.reach
+    force = pull.sum(axis=1) / axial
+    about_n = (pull * tables.tendons[..., ALONG_B]).sum(axis=1) / axial
+    about_b = -(pull * tables.tendons[..., ALONG_N]).sum(axis=1) / axial
+    moment = np.hypot(about_n, about_b)
+    if tables.widens:
+        # Straight rubber is in balance where this is lambda + 3 force, nearly, and 1 / lambda^2.
+        stress = 1.0 + force + force + force * force / (1.0 + force)
+        straight = 1.0 / np.sqrt(stress)
+        ratio = 12.0 * moment / radius / (straight + 2.0 * stress)
+        # Bending lengthens rubber.
+        secant = np.sqrt(1.0 + ratio * ratio)
+        stretch = straight * np.sqrt(secant)
+        curvature = stretch * ratio / secant / radius
+    else:
+        straight = stretch = np.maximum(1.0 - force, 0.05)
+        curvature = 4.0 * moment / radius / radius
+    fails = ~(stretch > curvature * tables.body[:, LEVER])
+    stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
+    # Scaled curvatures; moments are those of the tendons' pull with opposite sign.
+    curvature = -curvature / np.maximum(moment, 1e-300)
+    if tables.widens:
+        curvature = curvature * np.sqrt(stretch)
+    z = np.zeros((len(tensions), strains))
+    z[:, 1], z[:, 2], z[:, 3] = about_n * curvature, about_b * curvature, stretch
+    return z
+
+
+def relative_residual(wrench: FloatArray, scale: FloatArray, work: Work) -> float:
+    """Largest residual over its scale and the largest ``wrench`` (N, m) along the arm."""
+    scale = scale.repeat(3, axis=1)[:, : wrench.shape[1]] + np.abs(wrench).max(axis=0)
+    return float((np.abs(work.residual) / scale).max(initial=0.0))
+
+
+# Tendons with friction -------------------------------------------------------------------------
+
+
+class Bends:
+    """How tendons turn in space.
+
+    Attributes:
+        bend: derivative by s of their unit tangents, in the axes of the section, (3, n, J) [1/m].
+        rate: its length, (n, J) [1/m], zero beyond the anchorage.
+        is_rough: where a bend turns so far within an element that its length is taken at fine
+            points, (E, J).
+        kink: jumps of the unit tangents at the starts of elements, (3, E, J), zero where there
+            is none.
+    """
+
+    def __init__(self, tables: Tables, z: FloatArray, unit: FloatArray, reach: FloatArray) -> None:
+        """Of tendons of ``unit`` tangents (3, n, J) that act where ``reach`` (n, J) is 1."""
+        elements = tables.lengths.size
+        by_element = unit.reshape(3, elements, len(tables.to_end), unit.shape[2])
+        slope = tables.differentiation @ by_element
+        slope /= tables.lengths[:, np.newaxis, np.newaxis]
+        self.bend = slope.reshape(unit.shape)
+        self.bend += cross(z[:, np.newaxis, :3], unit.transpose(1, 2, 0)).transpose(2, 0, 1)
+        self.rate = np.sqrt((self.bend * self.bend).sum(axis=0)) * reach
+        ends = self.bend.reshape(by_element.shape)[:, :, [0, -1]]
+        size = self.rate.reshape(elements, len(tables.to_end), unit.shape[2])[:, [0, -1]]
+        along = (ends[:, :, 0] * ends[:, :, 1]).sum(axis=0)
+        self.is_rough = along < ROUGH * size[:, 0] * size[:, 1]
+        ends = tables.ends @ by_element
+        self.kink = np.zeros((3, elements, unit.shape[2]))
+        self.kink[:, 1:] = ends[:, 1:, 0] - ends[:, :-1, 1]
+        self.kink *= tables.sharp[:, np.newaxis] * reach[:: len(tables.to_end)]
+
+    @property
+    def kink_angles(self) -> FloatArray:
+        """Angles of the `kink`, (E, J) [rad]."""
+        size = 0.5 * np.sqrt((self.kink * self.kink).sum(axis=0))
+        return np.asarray(2.0 * np.arcsin(np.minimum(size, 1.0)))
+
+
+def tendons_at(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> PulledTendons:
+    """Those under ``tensions`` (n, J) [N], which displace them in sheaths."""
+    width, _, _ = widening(tables.widens, z[:, 3])
+    return PulledTendons(tables, _scaled(z, width), width, tensions, work)
+
+
+def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+    """Angle by which every tendon has turned between the base and every node, see `loops`."""
+    tendons, elements = tendons_at(tables, z, tensions, work), tables.lengths.size
+    pulled = tendons.pulled
+    bends = Bends(tables, z, tendons.unit, tables.reach[:, pulled])
+    rate = bends.rate.reshape(elements, len(tables.to_end), bends.rate.shape[1])
+    kinks = bends.kink_angles.cumsum(axis=0)
+    whole = tables.weights[: len(tables.to_end)] / tables.lengths[0] @ rate
+    angle = tables.to_point @ rate
+    by_element = bends.bend.reshape(3, *rate.shape)
+    for e, j in zip(*np.nonzero(bends.is_rough)):
+        fine = tables.to_fine @ by_element[:, e, :, j].T
+        fine = tables.fine_weights @ np.sqrt((fine * fine).sum(axis=1))
+        angle[e, :, j], whole[e, j] = fine[:-1], fine[-1]
+    angle *= tables.lengths[:, np.newaxis, np.newaxis]
+    whole *= tables.lengths[:, np.newaxis]
+    kinks += whole.cumsum(axis=0) - whole
+    work.angle[:] = 0.0
+    angle += kinks[:, np.newaxis]
+    rubs = tables.reach[:, pulled] * (tables.friction[pulled] > 0.0)
+    work.angle[:, pulled] = angle.reshape(bends.rate.shape) * rubs

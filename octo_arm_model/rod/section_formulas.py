@@ -1,0 +1,61 @@
+"""Formulas of cross sections that both forms of the node functions take, for numbers and arrays.
+
+Loops compile them, see `section_loops`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo_arm_model.arm.hints import Number
+
+
+def density(
+    widens: bool, stretch: Number, bend: Number
+) -> tuple[Number, Number, Number, Number, Number]:
+    """Derivatives of psi_material / (E A) by lambda and (c R)^2, c the curvature.
+
+    By lambda, by bend, by both twice: ss, sb, bb. NaN where a fibre has no length.
+    """
+    if not widens:
+        return stretch - 1.0, 0.125, 1.0, 0.0, 0.0
+    # Rubber: the mean of 1 / l over the circle of fibres of stretch l is 2 / (lambda + root).
+    root = np.sqrt(stretch * np.abs(stretch) - bend)
+    over, over_root = 1.0 / (stretch + root), 1.0 / root
+    third = over_root * over / 3.0
+    varying, square = third * over, over_root * over_root
+    mixed = square * varying
+    return (
+        stretch / 3.0 - 2.0 * third,
+        varying + 1.0 / 24.0,
+        square * over_root * (2.0 / 3.0) + 1.0 / 3.0,
+        -(stretch + 2.0 * root) * mixed,
+        (root * over + 0.5) * mixed,
+    )
+
+
+def widening(widens: bool, stretch: Number) -> tuple[Number, Number, Number]:
+    """Radius over reference radius, and its two derivatives by the stretch."""
+    if not widens:
+        none = 0.0 * stretch
+        return 1.0 + none, none, none
+    over = 1.0 / stretch
+    width = np.sqrt(over)
+    slope = -0.5 * width * over
+    return width, slope, -1.5 * slope * over
+
+
+def offset_stiffness(
+    bend: tuple[Number, Number, Number], p: tuple[Number, Number], stiff: Number
+) -> tuple[Number, Number, Number]:
+    """Second derivatives of the energy by the offset in a sheath over k, nn, nb and bb.
+
+    Of scaled curvatures ``bend``, where the stretch changes by ``p`` per offset and ``stiff`` is
+    T / (k |u|).
+    """
+    (t, n, b), (p_n, p_b) = bend, p
+    return (
+        1.0 + stiff * (b * b + t * t - p_n * p_n),
+        -stiff * (b * n + p_n * p_b),
+        1.0 + stiff * (n * n + t * t - p_b * p_b),
+    )
