@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from octo_arm_model.arm.errors import BagError, ConfigError
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.tensions import pick_tensions
+from octo_arm_model.bags.tensions import pick_displacements, pick_tensions
 from octo_arm_model.bags.topics import DESCRIPTION, holds_displacements, namespace, usual_topics
 from octo_arm_model.bags.types import STRING
 from octo_arm_model.config.config import Config
@@ -23,7 +23,7 @@ class RecordedArm(NamedTuple):
         prefix: namespace of its topics, with the slash.
         topics: those of both.
         parameters: what it is, see `Config.from_parameters`.
-        fields: what holds the tensions, of topics where that is not the usual field.
+        fields: what holds the numbers, of topics where that is not the usual field.
         displacements: those of ``topics`` that hold displacements.
     """
 
@@ -39,7 +39,8 @@ def find_arms(
     topics: Sequence[str] = (),
     parameters: Mapping[str, Any] | None = None,
     model: str | None = None,
-    tendons: Sequence[str] = (),
+    calibration: Mapping[str, Any] = MappingProxyType({}),
+    displacements: Sequence[str] = (),
 ) -> list[RecordedArm]:
     """The arms in a bag, one for each namespace of tensions or displacements.
 
@@ -49,22 +50,27 @@ def find_arms(
             to, or else the only one there is.
         parameters: of the arms; None for the arm_description in the bag.
         model: model instead of theirs.
-        tendons: what the tendons are called there, in place of tension_names.
+        calibration: parameters of load cells and encoders instead of theirs.
+        displacements: further topics of displacements, or TOPIC:FIELD.
 
     Raises:
         BagError: if there are no tensions, or a topic is named twice.
         ConfigError: if there is no description.
     """
+    driven = dict(filter(None, (pick_displacements(reader, one) for one in displacements)))
     if topics:
         named = [_pick(reader, topic) for topic in topics]
         picked = dict(named)
         if len(picked) < len(named):
             raise BagError(f'--topics names {" ".join(topics)}, expected each topic once')
     else:
-        found = usual_topics(reader, DISPLACEMENTS, (DISPLACEMENT_TYPE,))
+        found = [] if driven else usual_topics(reader, DISPLACEMENTS, (DISPLACEMENT_TYPE,))
         for usual, kind in TENSION_TOPICS.items():
             found += usual_topics(reader, usual, (kind.type_name,))
-        picked = dict.fromkeys(sorted(found), '') or dict([pick_tensions(reader, None)])
+        picked = dict.fromkeys(sorted(found), '')
+        if not (picked or driven):
+            picked = dict([pick_tensions(reader, None)])
+    picked |= driven
     by_prefix: dict[str, list[str]] = {}
     for topic in picked:
         by_prefix.setdefault(namespace(topic, (*TENSION_TOPICS, DISPLACEMENTS)), []).append(topic)
@@ -73,15 +79,15 @@ def find_arms(
         values = dict(parameters if parameters is not None else describe(reader, prefix))
         if model is not None:
             values['model'] = model
-        if tendons:
-            values['tension_names'] = list(tendons)
+        values.update(calibration)
         fields = {topic: picked[topic] for topic in own if picked[topic]}
-        displacements = frozenset(
+        lengths = frozenset(
             topic
             for topic in own
-            if topic not in fields and holds_displacements(topic, reader.topics[topic])
+            if topic in driven
+            or (topic not in fields and holds_displacements(topic, reader.topics[topic]))
         )
-        arms.append(RecordedArm(prefix, tuple(own), values, fields, displacements))
+        arms.append(RecordedArm(prefix, tuple(own), values, fields, lengths))
     return arms
 
 

@@ -248,7 +248,7 @@ class _Output:
         self.topics, self.model = arm.topics, config.model
         self._tendons = config.arm.tendon_names
         self._inputs = {
-            topic: partial(read_lengths, reader, config.arm)
+            topic: partial(read_lengths, reader, config, arm.fields.get(topic, ''))
             if topic in arm.displacements
             else TensionTopic(reader, config, arm.fields.get(topic, '')).read
             for topic in arm.topics

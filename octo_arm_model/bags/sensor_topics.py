@@ -14,15 +14,21 @@ from octo_arm_model.arm.errors import BagError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.bags.reader import BagReader, Record
-from octo_arm_model.bags.tensions import TYPES, TensionTopic, pick_tensions, read_topic
+from octo_arm_model.bags.tensions import (
+    TYPES,
+    TensionTopic,
+    pick_displacements,
+    pick_tensions,
+    read_topic,
+)
 from octo_arm_model.bags.topics import measured_topics, names, namespace, only_one, pick_usual
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.measurements.measurement import Measurement
 from octo_arm_model.estimation.measurements.tendons import Tensions
-from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS, MeasuredArm
+from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS, MeasuredArm, displacements_of
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tensions import TENSION_TOPICS
+from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS
 
 NONE = '-'  # in place of a topic that is not to be used
 MOST_MESSAGES = 1_000_000  # of all topics; they are kept until all are read
@@ -64,11 +70,13 @@ class SensorTopics:
         tensions: that of the tensions; '' for none.
         field: what holds them, where that is not the usual field.
         others: topics by their row of `MEASUREMENT_TOPICS`.
+        encoder_field: likewise of displacements.
     """
 
     tensions: str
     field: str
     others: Mapping[str, str]
+    encoder_field: str = ''
 
     @property
     def all(self) -> list[str]:
@@ -98,13 +106,19 @@ def find_sensors(
         BagError: if a topic is missing, of another type, or there are several; if there is
             nothing at all.
     """
-    found = {}
+    found, encoder_field = {}, ''
     for name, row in MEASUREMENT_TOPICS.items():
         wanted = (others or {}).get(name)
-        if wanted != NONE and (topic := pick_usual(reader, wanted, name, (row.type_name,), name)):
+        if wanted == NONE:
+            continue
+        if name == DISPLACEMENTS:
+            topic, encoder_field = pick_displacements(reader, wanted) or ('', '')
+        else:
+            topic = pick_usual(reader, wanted, name, (row.type_name,), name) or ''
+        if topic:
             found[name] = topic
     topic, field = _tensions(reader, tensions, set(found.values()))
-    sensors = SensorTopics(topic, field, found)
+    sensors = SensorTopics(topic, field, found, encoder_field)
     if not sensors.all:
         raise BagError(
             f'{reader.path}: nothing is measured there, expected tensions or '
@@ -191,6 +205,9 @@ def read_measured(
     rows = {topic: MEASUREMENT_TOPICS[name] for name, topic in sensors.others.items()}
 
     def read(record: Record) -> tuple[Stamp, Measurement | None, str]:
+        if record.topic == sensors.others.get(DISPLACEMENTS):
+            field = sensors.encoder_field
+            return reader.read(record, lambda message: displacements_of(message, arm, field))
         row = rows[record.topic]
         return reader.read(record, lambda message: row.read(message, arm))
 

@@ -8,16 +8,21 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import BagError, MessageError, TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.reader import BagReader, Record
-from octo_arm_model.bags.topics import pick_topic
+from octo_arm_model.bags.topics import pick_topic, pick_usual
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
 from octo_arm_model.wire.stamp import Stamp, time_of
 from octo_arm_model.wire.tension_layout import TensionLayout
-from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, read_displacements
+from octo_arm_model.wire.tensions import (
+    DISPLACEMENT_TYPE,
+    DISPLACEMENTS,
+    TENSION_TOPICS,
+    FieldMessage,
+    read_displacements,
+)
 
 TYPES = tuple(kind.type_name for kind in TENSION_TOPICS.values())
 _KINDS = {kind.type_name: kind for kind in TENSION_TOPICS.values()}
@@ -76,16 +81,8 @@ def pick_tensions(
     Raises:
         BagError: if there is none; the message lists the numeric fields of other types.
     """
-    topic, colon, field = (wanted or '').partition(':')
-    if colon:
-        topic = pick_topic(reader, topic, None, 'tensions')
-        fields = reader.numeric_fields(reader.topics[topic])
-        if re.sub(r'\[\d+\]', '', field) not in fields:
-            raise BagError(
-                f'{reader.path}: {topic} ({reader.topics[topic]}) has no numeric field {field!r}; '
-                f'it has {", ".join(fields) or "none"}'
-            )
-        return topic, field
+    if wanted is not None and ':' in wanted:
+        return pick_field(reader, wanted, 'tensions')
     try:
         topic = pick_topic(reader, wanted, TYPES, 'tensions', without)
     except BagError as error:
@@ -93,6 +90,38 @@ def pick_tensions(
         others = [reader.full_name(one) for one in others]
         raise BagError(f'{error}{_fields_of(reader, others)}') from None
     return topic, ''
+
+
+def pick_field(reader: BagReader, wanted: str, what: str) -> tuple[str, str]:
+    """Topic and numeric field that ``wanted``, TOPIC:FIELD, names for ``what``.
+
+    Raises:
+        BagError: if there is no such topic or field; the message lists what there is.
+    """
+    topic, _, field = wanted.partition(':')
+    topic = pick_topic(reader, topic, None, what)
+    fields = reader.numeric_fields(reader.topics[topic])
+    if re.sub(r'\[\d+\]', '', field) not in fields:
+        raise BagError(
+            f'{reader.path}: {topic} ({reader.topics[topic]}) has no numeric field {field!r}; '
+            f'it has {", ".join(fields) or "none"}'
+        )
+    return topic, field
+
+
+def pick_displacements(reader: BagReader, wanted: str | None) -> tuple[str, str] | None:
+    """Topic of displacements and the field they are in, '' for positions of a JointState.
+
+    ``wanted`` is TOPIC or TOPIC:FIELD; None for tendon_displacements, if there.
+
+    Raises:
+        BagError: as `pick_field`, or if there are several.
+    """
+    if wanted is not None and ':' in wanted:
+        return pick_field(reader, wanted, 'displacements')
+    kinds = (DISPLACEMENT_TYPE,)
+    topic = pick_usual(reader, wanted, DISPLACEMENTS, kinds, 'displacements')
+    return None if topic is None else (topic, '')
 
 
 def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
@@ -178,11 +207,17 @@ class TensionTopic:
         return types is known or types.hash_rihs01(type_name) == known.hash_rihs01(type_name)
 
 
-def read_lengths(reader: BagReader, arm: Arm, records: Sequence[Record]) -> list[Reading]:
-    """Displacements of each of ``records``, as the node reads them, or why it was refused."""
+def read_lengths(
+    reader: BagReader, config: Config, field: str, records: Sequence[Record]
+) -> list[Reading]:
+    """Displacements of each of ``records``, as the node reads them, or why it was refused.
+
+    Readings are in ``field``, if that is given.
+    """
+    read = partial(read_displacements, arm=config.arm, encoders=config.encoders, field=field)
     readings = []
     for record in records:
-        stamp, found, reason = reader.read(record, partial(read_displacements, arm=arm))
+        stamp, found, reason = reader.read(record, read)
         readings.append(stampable(Reading(stamp, None, reason, found)))
     return readings
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import json
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -24,10 +25,12 @@ from octo_arm_model.cli.options import (
     add_storage,
     add_tendons,
     add_value,
+    add_values,
+    read_calibration,
     read_config_option,
     refuse_without_effect,
 )
-from octo_arm_model.cli.recordings import read_alignment
+from octo_arm_model.cli.recordings import add_columns, read_alignment, read_columns
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.estimation.parameters import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.state.unknowns import Unknowns
@@ -341,6 +344,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     text = 'of a camera, to compare with: nav_msgs/Path, PoseArray, or tips (default: '
     add_value(topics, '--midlines', 'TOPIC', f'{text}camera/midline)')
     add_tendons(parser)
+    add_columns(topics)
+    text = 'markers at --marker-s in a table, as columns NAME_x, NAME_y and NAME_z'
+    add_values(topics, '--marker-names', 'NAME', text)
     topics.add_argument(
         '--align',
         nargs='+',
@@ -365,9 +371,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Estimate from the bag, and print and write what was found."""
-    from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.experiment.estimates import estimate
     from octo_arm_model.experiment.sensor_recording import read_recorded
+    from octo_arm_model.experiment.table_bag import as_described
+    from octo_arm_model.experiment.table_bag import opened as open_bag
 
     refuse_inside(options.bag, options.out, options.csv, options.plot)
     check_out(options, '--csv', folder=True)
@@ -377,7 +384,15 @@ def run(options: argparse.Namespace) -> int:
         refuse_without_effect(options, ('--rate', '--no-copy', '--storage'), 'without --out')
     sources, out = _sources(options), options.out
     with contextlib.ExitStack() as opened:
-        reader = opened.enter_context(BagReader(options.bag))
+        columns = read_columns(options.columns)
+        table = {**(sources.parameters or {}), **sources.values} if sources.parameters else None
+        names = tuple(options.marker_names)
+        reader = opened.enter_context(
+            open_bag(options.bag, table, sources.calibration, columns, names)
+        )
+        if options.bag.suffix == '.csv':
+            described = as_described({**(sources.parameters or {}), **sources.calibration})
+            sources = dataclasses.replace(sources, parameters=described, calibration={})
         with Bar('messages') as bar:
             recorded = read_recorded(reader, sources, bar.on_terminal)
         sensors = ([TENSIONS] if recorded.sensors.tensions else []) + list(recorded.sensors.others)
@@ -420,7 +435,7 @@ def _sources(options: argparse.Namespace) -> Sources:
         options.midlines,
         read_config_option(options),
         read_estimator(options),
-        options.tendons,
+        read_calibration(options),
         None if options.align is None else read_alignment(options.align),
         options.clock_offset,
     )  # fmt: skip

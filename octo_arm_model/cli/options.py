@@ -109,13 +109,33 @@ def read_config_option(options: argparse.Namespace) -> dict[str, Any] | None:
 
 
 def add_tendons(parser: argparse.ArgumentParser) -> None:
-    """Add ``--tendons``."""
+    """Add ``--tendons``, ``--motors`` and ``--spools``."""
     text = (
         'what each tendon of the arm, from the tip, is called in what is read: a name, or a '
         'number from 0 on where there are none, or - for one that is slack (default: '
         'tension_names of the arm)'
     )
     add_values(parser, '--tendons', 'NAME', text)
+    text = (
+        'what the encoder of each tendon, from the tip, is called in what is read, likewise; '
+        'tendons that one motor reels have the same (default: displacement_names of the arm)'
+    )
+    add_values(parser, '--motors', 'NAME', text)
+    text = (
+        'length reeled in per unit that encoders read [m], such as the radius of the spool for '
+        'radians, < 0 where the motor lets out, for all or for each tendon (default: '
+        'displacement_scale of the arm)'
+    )
+    add_values(parser, '--spools', 'M', text, float)
+
+
+def read_calibration(options: argparse.Namespace) -> dict[str, Any]:
+    """Parameters that the options of `add_tendons` are."""
+    given = {
+        'tension_names': options.tendons, 'displacement_names': options.motors,
+        'displacement_scale': options.spools,
+    }  # fmt: skip
+    return {name: list(values) for name, values in given.items() if values}
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:

@@ -20,6 +20,7 @@ from octo_arm_model.cli.options import (
     add_value,
     add_values,
     path_of,
+    read_calibration,
     refuse_without_effect,
 )
 from octo_arm_model.config.config import Config
@@ -38,7 +39,7 @@ from octo_arm_model.experiment.observations import (
 from octo_arm_model.experiment.read_recording import read_recording
 from octo_arm_model.experiment.recording import Recording
 from octo_arm_model.experiment.steady_windows import SteadyRule
-from octo_arm_model.experiment.unknowns import AXIAL
+from octo_arm_model.experiment.unknowns import OF_ENCODERS
 from octo_arm_model.rod.solver import MODELS
 
 ALL = 'all'
@@ -49,6 +50,7 @@ recordings of laboratories, for compare and identify alike:
   octo-arm compare trial --midlines /mocap/markers --marker-s 0 0.09 0.18 0.27 --length-unit mm
   octo-arm compare trial --marker-s 0.09 0.27 --marker-frames middle tip
   octo-arm compare trial --displacements /winches/encoders
+  octo-arm compare trial --displacements /servos:angle --motors 0 1 0 1 --spools .01 .01 -.01 -.01
   octo-arm compare trial --ramp
   octo-arm compare --config arm.yaml --tension-csv poses.csv --midline-csv tips.csv --poses
   octo-arm compare --config arm.yaml --tension-csv loads.csv --midline-csv track.csv \\
@@ -81,11 +83,11 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
     )
     text = (
         'measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
-        '(geometry_msgs/PoseStamped, PoseWithCovarianceStamped, PointStamped, TransformStamped); '
-        'by default the only ones there; with --marker-s perhaps one of each marker, with '
-        '--marker-frames topics of TF'
+        '(geometry_msgs/PoseStamped, PointStamped, TransformStamped), sensor_msgs/PointCloud2, or '
+        'any field of points or poses of any message; by default the only ones there; with '
+        '--marker-s perhaps one of each marker, with --marker-frames topics of TF'
     )
-    add_values(parser, '--midlines', 'TOPIC', text)
+    add_values(parser, '--midlines', 'TOPIC[:FIELD]', text)
     text = (
         'arc coordinates of markers [m], from the base on: what is measured are points at these, '
         'NaN where a marker is hidden, and no midlines'
@@ -96,6 +98,11 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         'chains of frames are followed to base_frame, or else to their root'
     )
     add_values(parser, '--marker-frames', 'FRAME', text)
+    text = (
+        'their names among those of one message, or their numbers there from 0 on, or in a table '
+        'of columns NAME_x, NAME_y, NAME_z, in the same order'
+    )
+    add_values(parser, '--marker-names', 'NAME', text)
     parser.add_argument(
         '--length-unit',
         choices=LENGTH_UNITS,
@@ -106,10 +113,11 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
     add_value(parser, '--tensions', 'TOPIC[:FIELD]', text)
     text = (
         'lengths that winches have reeled in, as encoders read them (sensor_msgs/JointState, '
-        'position [m] by name); by default tendon_displacements; where no tensions were recorded '
-        'these follow from them (model exact)'
+        'position [m] by name), or any numeric field of any topic, see --motors and --spools; by '
+        'default tendon_displacements; where no tensions were recorded these follow from them '
+        '(model exact)'
     )
-    add_value(parser, '--displacements', 'TOPIC', text)
+    add_value(parser, '--displacements', 'TOPIC[:FIELD]', text)
     add_tendons(parser)
     parser.add_argument(
         '--align',
@@ -127,11 +135,9 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
     add_path(tables, '--midline-csv', 'CSV', text)
     text = f'encoders: time [s] and a column {DISPLACEMENT}TENDON for each that has one [m]'
     add_path(tables, '--displacement-csv', 'CSV', text)
-    text = (
-        'columns of other names, or a number in place of one (tendon_1_2=0), or a YAML file of '
-        'such; units are those in the header, such as "force [mN]"'
-    )
-    add_values(tables, '--columns', 'NAME=COLUMN', text)
+    text = 'a table of static poses: in each row tensions or encoders, and what was measured; '
+    add_path(tables, '--pose-csv', 'CSV', f'{text}with or without a time')
+    add_columns(tables)
     pairing = parser.add_argument_group('pairing of frames and tensions')
     tolerance = (
         'how far stamps may be off [s] (default: %(default)s): a frame has a sample of tensions '
@@ -169,6 +175,34 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
     add_number(pairing, '--settle', 0.5, settle, 'S')
 
 
+def add_columns(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """Add ``--columns``."""
+    text = (
+        'columns of other names, or #N for the N-th, or a number in place of one (tendon_1_2=0), '
+        'or a YAML file of such; of one file alone tension:, midline: or displacement:NAME; units '
+        'are those in the header, such as "force [mN]"'
+    )
+    add_values(parser, '--columns', 'NAME=COLUMN', text)
+
+
+def read_files(options: argparse.Namespace) -> CsvSources:
+    """The CSV files that options name.
+
+    Raises:
+        MeasurementError: if --columns is wrong, or --pose-csv given beside another.
+    """
+    columns, pose = read_columns(options.columns), options.pose_csv
+    if pose is None:
+        named = options.tension_csv, options.midline_csv, options.displacement_csv
+        return CsvSources(*named, columns)
+    for name in ('tension_csv', 'midline_csv', 'displacement_csv'):
+        if getattr(options, name) is not None:
+            raise MeasurementError(
+                f'--pose-csv and --{name.replace("_", "-")} are given, expected one or the other'
+            )
+    return CsvSources(pose, pose, None, columns, is_poses=True)
+
+
 T = TypeVar('T')
 
 
@@ -191,34 +225,35 @@ def read_options(
     if offset is not None:
         finite('--clock-offset', offset, 'a finite time [s]')
     steady = SteadyRule(options.steady, options.hold, options.settle)
-    kind = POSES if options.poses else STEPS if options.ramp is None else RAMP
+    is_poses = options.poses or options.pose_csv is not None
+    kind = POSES if is_poses else STEPS if options.ramp is None else RAMP
     if kind != STEPS:
         idle = '--steady', '--hold', '--settle'
-        refuse_without_effect(options, idle, f'with --{"poses" if options.poses else "ramp"}')
+        refuse_without_effect(options, idle, f'with --{"poses" if is_poses else "ramp"}')
     alignment = None if options.align is None else read_alignment(options.align)
     measured = Measured(
         tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
-        options.length_unit,
+        options.length_unit, tuple(options.marker_names),
     )  # fmt: skip
-    columns = _columns(options.columns)
+    files = read_files(options)
     with Bar('messages, rows and values') as bar:
         recording = read_recording(
             options.bag,
             options.config,
             options.tensions,
             measured,
-            CsvSources(
-                options.tension_csv, options.midline_csv, options.displacement_csv, columns
-            ),
-            options.tendons,
+            files,
+            read_calibration(options),
             options.displacements,
             progress=bar.on_terminal,
         )
     if recording.is_driven:
         refuse_without_effect(options, ('--tendons',), 'on encoder readings, which have names')
-    elif AXIAL not in getattr(options, 'fit', ()):
-        why = f'beside tensions, which count, but for identify --fit {AXIAL}'
-        refuse_without_effect(options, ('--displacements', '--displacement-csv'), why)
+    elif not {*OF_ENCODERS} & {*getattr(options, 'fit', ())}:
+        why = f'beside tensions, which count, but for identify --fit {" ".join(OF_ENCODERS)}'
+        refuse_without_effect(
+            options, ('--displacements', '--displacement-csv', '--motors', '--spools'), why
+        )
     if recording.is_tips or recording.marker_s is not None:
         refuse_without_effect(options, ('--base-end',), 'on tips and markers')
     config = Config.from_parameters(recording.parameters)
@@ -288,7 +323,7 @@ def read_alignment(words: Sequence[str]) -> Alignment | None:
     return Alignment.from_pose(pose)
 
 
-def _columns(words: Sequence[str]) -> dict[str, str]:
+def read_columns(words: Sequence[str]) -> dict[str, str]:
     """Columns by what they are, from ``words`` name=COLUMN, or the name of a YAML file of such.
 
     Raises:

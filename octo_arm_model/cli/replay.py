@@ -19,9 +19,11 @@ from octo_arm_model.cli.options import (
     add_storage,
     add_tendons,
     add_values,
+    read_calibration,
     read_config_option,
     refuse_without_effect,
 )
+from octo_arm_model.cli.recordings import add_columns, read_columns
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.replay import Report
@@ -69,7 +71,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'type)'
     )
     add_values(parser, '--topics', 'TOPIC[:FIELD]', text)
+    text = 'further topics of displacements, or any numeric field of any, see --motors'
+    add_values(parser, '--displacements', 'TOPIC[:FIELD]', text)
     add_tendons(parser)
+    add_columns(parser)
     text = 'write tendon_lengths too; several times slower, as sets are solved one by one'
     add_flag(parser, '--lengths', text)
     add_flag(parser, '--no-copy', 'write the answers alone, without what is in IN')
@@ -82,16 +87,23 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Write the bag of answers, and print how many messages have one."""
     from octo_arm_model.bags.arms import find_arms
-    from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.bags.replay import CsvAnswers, replay
     from octo_arm_model.bags.writer import BagWriter
+    from octo_arm_model.experiment.table_bag import opened as open_bag
 
     parameters = read_config_option(options)
     began = time.monotonic()
     refuse_inside(options.bag, options.out, options.csv)
     check_out(options, '--csv', folder=True)
-    with unwritten(options.out), Bar('messages') as bar, BagReader(options.bag) as reader:
-        arms = find_arms(reader, options.topics, parameters, options.model, options.tendons)
+    calibration = read_calibration(options)
+    source = open_bag(options.bag, parameters, calibration, read_columns(options.columns))
+    with unwritten(options.out), Bar('messages') as bar, source as reader:
+        if options.bag.suffix == '.csv':
+            parameters, calibration = None, {}
+        arms = find_arms(
+            reader, options.topics, parameters, options.model, calibration,
+            options.displacements,
+        )  # fmt: skip
         if all(arm.displacements.issuperset(arm.topics) for arm in arms):
             refuse_without_effect(options, ('--tendons',), 'on displacements, which have names')
         custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}

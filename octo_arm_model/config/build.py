@@ -102,6 +102,32 @@ class LoadCellCalibration:
         return scale, offset
 
 
+@dataclass(frozen=True)
+class EncoderCalibration:
+    """What the encoders of winches read: length reeled in = scale * reading + offset.
+
+    Attributes:
+        names: name of the reading of each tendon in incoming messages, see `wire.tensions`; of one
+            motor that reels several tendons the same; empty for the name of the tendon.
+        scale: of each tendon [m per unit of the reading]: radius of the spool for radians, < 0
+            where the motor lets out as it turns forwards; empty for 1.
+        offset: of each tendon [m]; empty for none.
+    """
+
+    names: tuple[str, ...] = ()
+    scale: tuple[float, ...] = ()
+    offset: tuple[float, ...] = ()
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether readings are lengths by name of their tendons."""
+        return self == EncoderCalibration()
+
+    def lengths(self, readings: FloatArray) -> FloatArray:
+        """Lengths reeled in [m] for ``readings``, both (..., tendons)."""
+        return np.asarray(readings * (self.scale or 1.0) + np.array(self.offset or 0.0))
+
+
 def build_arm(given: Values) -> Arm:
     """The arm described by ``given``, a value for every parameter.
 
@@ -157,6 +183,29 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
         tuple(positive('tension_scale', scale, '-') for scale in given['tension_scale']),
         tuple(names),
     )
+
+
+def build_encoders(given: Values, arm: Arm) -> EncoderCalibration:
+    """What the encoders of ``arm`` read.
+
+    Raises:
+        ConfigError: if there are offsets, scales or names, but not one for each tendon.
+        ArmDefinitionError: if a value is not finite, or a scale is 0.
+    """
+    names, scale = given['displacement_names'], given['displacement_scale']
+    if '' in names:
+        raise ConfigError(f'displacement_names is {shown(list(names))}, expected names or -')
+    for name in ('displacement_names', 'displacement_scale', 'displacement_offset'):
+        if given[name] and (len(given[name]) != 1 or name != 'displacement_scale'):
+            check_length(name, given[name], len(arm.tendons), ', one per tendon')
+    for one in scale:
+        positive('displacement_scale', abs(one), 'm per unit of the reading')
+    offset = [
+        finite('displacement_offset', one, 'a finite length [m]')
+        for one in given['displacement_offset']
+    ]
+    scale = len(arm.tendons) * tuple(scale) if len(scale) == 1 else tuple(scale)
+    return EncoderCalibration(tuple(names), scale, tuple(offset))
 
 
 def build_uncertainty(given: Values, arm: Arm) -> Uncertainty:

@@ -23,8 +23,10 @@ from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.config.build import (
+    EncoderCalibration,
     LoadCellCalibration,
     build_arm,
+    build_encoders,
     build_limits,
     build_load_cells,
     build_uncertainty,
@@ -61,6 +63,7 @@ class Config:
         tendon_limits: largest tension that may be commanded of each tendon [N]; empty for the
             defaults of `simulation.limits`.
         load_cells: calibration of the load cells.
+        encoders: calibration of the encoders of the winches.
         tension_type: type of further messages that the node takes tensions from; empty for none.
         tension_field: their field that holds the tensions.
         solve_budget: what one solve of a loaded arm may take in the node.
@@ -82,6 +85,7 @@ class Config:
     diagnostic_limits: DiagnosticLimits = field(default_factory=DiagnosticLimits)
     tendon_limits: tuple[float, ...] = ()
     load_cells: LoadCellCalibration = field(default_factory=LoadCellCalibration)
+    encoders: EncoderCalibration = field(default_factory=EncoderCalibration)
     tension_type: str = ''
     tension_field: str = ''
     solve_budget: Budget = field(default_factory=Budget)
@@ -142,6 +146,7 @@ class Config:
             diagnostic_limits=DiagnosticLimits.of(given),
             tendon_limits=build_limits(given, arm),
             load_cells=build_load_cells(given, arm),
+            encoders=build_encoders(given, arm),
             tension_type=given['tension_type'],
             tension_field=given['tension_field'],
             solve_budget=Budget(given['solve_budget.iterations'], given['solve_budget.seconds']),

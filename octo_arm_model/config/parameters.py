@@ -231,6 +231,19 @@ PARAMETERS = (
     Parameter('tension_scale', float,
               'what the reading of each load cell is multiplied by, section by section from the '
               'tip [-]; empty for 1', (), is_array=True, range='> 0'),
+    Parameter('displacement_names', str,
+              'name of the reading of the encoder of each tendon in the messages that come in, or '
+              'its number from 0 on where they have no names, section by section from the tip; '
+              'tendons that one motor reels have the same; - for a tendon without an encoder; '
+              'empty for tendon_names', (), is_array=True, range='not empty'),
+    Parameter('displacement_scale', float,
+              'length reeled in per unit of what the encoder reads [m]: the radius of the spool '
+              'for radians, its circumference over the counts of a turn for counts; < 0 where the '
+              'motor lets out as it turns forwards; one for all or one per tendon, section by '
+              'section from the tip; empty for 1', (), is_array=True, range='not 0'),
+    Parameter('displacement_offset', float,
+              'what is added to the length of each encoder, after displacement_scale, section by '
+              'section from the tip [m]; empty for nothing', (), is_array=True),
     *LOAD_PARAMETERS,
     *MOTION_PARAMETERS,
     Parameter('solve_budget.iterations', int,

@@ -8,25 +8,26 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from octo_arm_model.arm.errors import BagError, MeasurementError
+from octo_arm_model.arm.errors import BagError, MeasurementError, listed
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.bags.arms import describe, find_arms
+from octo_arm_model.bags.arms import describe
 from octo_arm_model.bags.reader import BagReader, Record, stamp_of
 from octo_arm_model.bags.tensions import (
     Reading,
     TensionTopic,
+    pick_displacements,
     pick_tensions,
     read_lengths,
     read_topic,
 )
-from octo_arm_model.bags.topics import pick_topic, pick_usual
+from octo_arm_model.bags.topics import namespace, pick_topic
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.csv_recording import NO_READING, CsvSources
 from octo_arm_model.experiment.measured_points import Frame, Measured, MeasuredPoints
 from octo_arm_model.experiment.recording import Count, Stamped
 from octo_arm_model.experiment.transform_tree import TransformTree
 from octo_arm_model.wire.refusals import Refusals
-from octo_arm_model.wire.tensions import DISPLACEMENT_TYPE, DISPLACEMENTS
+from octo_arm_model.wire.tensions import DISPLACEMENTS, MAX_VALUES, TENSION_TOPICS, field_of
 
 TF = 'tf2_msgs/msg/TFMessage'
 MOST_TRANSFORMS = 4_000_000  # kept at once, 64 bytes each
@@ -48,18 +49,22 @@ class MeasuredTopics:
         """
         self._reader, self._measured, self._points = reader, measured, points
         self._base_frame = base_frame
+        self.topics: list[str] = []
+        self._fields: dict[str, str] = {}  # where points are, of topics of any type
         what = 'markers' if measured.marker_s else 'midlines or tips'
         if measured.marker_frames:
             names = measured.sources or [
                 topic for topic, kind in reader.topics.items() if kind == TF
             ] or ['/tf']  # fmt: skip
             self.topics = [pick_topic(reader, name, (TF,), what) for name in names]
-        elif len(measured.sources) > 1:
-            self.topics = [pick_topic(reader, name, ONE, what) for name in measured.sources]
         else:
-            types = (*MIDLINES, *ONE)
-            name = measured.sources[0] if measured.sources else None
-            self.topics = [pick_topic(reader, name, types, what)]
+            several = len(measured.sources) > 1
+            for source in measured.sources or (None,):
+                name, colon, field = (source or '').partition(':')
+                kinds = None if colon else ONE if several else (*MIDLINES, *ONE)
+                self.topics.append(pick_topic(reader, name or None, kinds, what))
+                if colon:
+                    self._fields[self.topics[-1]] = field
 
     def read(self, refusals: Refusals, count: Count) -> Iterator[Frame]:
         """Frames in the order of their stamps; ``refusals`` count those left out.
@@ -100,12 +105,16 @@ class MeasuredTopics:
 
     def _read(self, record: Record, message: Any) -> FloatArray:
         """The points of a ``message``, checked."""
-        positions = [(p.x, p.y, p.z) for p in _POSITIONS[record.type_name](message)]
-        points = np.array(positions, dtype=np.float64).reshape(-1, 3)
-        self._points.check_frame(str(message.header.frame_id))
+        field = self._fields.get(record.topic)
+        found = (
+            _POSITIONS[record.type_name](message) if field is None else field_of(message, field)
+        )
+        points = points_of(found, self._measured.marker_names)
+        self._points.check_frame(str(getattr(getattr(message, 'header', None), 'frame_id', '')))
         if len(self.topics) > 1:
             points = self._alone(self.topics.index(record.topic), points[0])
-        return self._points.check(points, record.type_name in MIDLINES)
+        is_midline = record.type_name in MIDLINES if field is None else len(points) > 1
+        return self._points.check(points, is_midline)
 
     def _of_tf(self, refusals: Refusals, count: Count) -> Iterator[tuple[int, FloatArray]]:
         """Stamps and points of each marker by chains of transforms.
@@ -151,16 +160,84 @@ class MeasuredTopics:
         return points
 
 
+def points_of(value: Any, names: Sequence[str] = ()) -> FloatArray:
+    """Points (n, 3) of a ``value`` out of a message: one or many points, poses or triples.
+
+    Of those of ``names``, or their numbers from 0 on, in their order; NaN for those not there.
+
+    Raises:
+        MeasurementError: if it has no points, or none of the names.
+    """
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind not in 'fiu' or value.size % 3:
+            raise MeasurementError(f'{value.size} values, expected x, y, z of each point')
+        points, known = np.asarray(value, np.float64).reshape(-1, 3), {}
+    else:
+        entries = value if isinstance(value, (list, tuple)) else [value]
+        points = np.array([_position(one) for one in entries], np.float64).reshape(-1, 3)
+        known = {_name_of(one): number for number, one in enumerate(entries)}
+    if not names:
+        return points
+    known = {str(number): number for number in range(len(points))} | known
+    if not any(name in known for name in names):
+        raise MeasurementError(f'none of {listed(names)}; there are {listed(list(known))}')
+    nothing = np.full(3, np.nan)
+    return np.array([points[known[name]] if name in known else nothing for name in names])
+
+
+def _position(value: Any) -> tuple[float, float, float]:
+    """Where a point or a pose of any kind is."""
+    for _ in range(4):
+        if all(hasattr(value, axis) for axis in 'xyz'):
+            return value.x, value.y, value.z
+        names = ('position', 'point', 'translation', 'pose', 'transform')
+        value = next((getattr(value, one) for one in names if hasattr(value, one)), None)
+    raise MeasurementError('it has entries that are neither points nor poses')
+
+
+def _name_of(value: Any) -> str:
+    """What an entry of a message is called; '' if nothing says it."""
+    for name in ('name', 'marker_name', 'label', 'child_frame_id', 'id', 'marker_id'):
+        if isinstance(found := getattr(value, name, None), (str, int, np.integer)):
+            return str(found)
+    return str(getattr(getattr(value, 'header', None), 'frame_id', ''))
+
+
+def _cloud(message: Any) -> FloatArray:
+    """The points of a PointCloud2, (3 n,)."""
+    kinds = {7: 'f4', 8: 'f8'}  # FLOAT32, FLOAT64
+    order = '>' if message.is_bigendian else '<'
+    fields = {str(one.name): one for one in message.fields}
+    if any(axis not in fields or fields[axis].datatype not in kinds for axis in 'xyz'):
+        raise MeasurementError('its fields x, y, z are missing, or no floating point numbers')
+    step, count = int(message.point_step), int(message.width) * int(message.height)
+    formats = [order + kinds[fields[axis].datatype] for axis in 'xyz']
+    offsets = [int(fields[axis].offset) for axis in 'xyz']
+    ends = [offset + int(form[-1]) for offset, form in zip(offsets, formats)]
+    data = np.asarray(message.data, np.uint8)
+    if max(ends) > step or count * step > data.size or count > MAX_VALUES:
+        raise MeasurementError(
+            f'{count} points of {step} bytes each do not fit into its {data.size}, or are more '
+            f'than {MAX_VALUES}'
+        )
+    layout = np.dtype(
+        {'names': ['x', 'y', 'z'], 'formats': formats, 'offsets': offsets, 'itemsize': step}
+    )
+    rows = np.frombuffer(data.tobytes(), layout, count)
+    return np.stack([rows[axis] for axis in 'xyz'], axis=1).astype(np.float64).ravel()
+
+
 # The positions in a message, by type: of many points, and of one.
-_MANY: dict[str, Callable[[Any], list[Any]]] = {
-    'nav_msgs/msg/Path': lambda message: [pose.pose.position for pose in message.poses],
-    'geometry_msgs/msg/PoseArray': lambda message: [pose.position for pose in message.poses],
+_MANY: dict[str, Callable[[Any], Any]] = {
+    'nav_msgs/msg/Path': lambda message: message.poses,
+    'geometry_msgs/msg/PoseArray': lambda message: message.poses,
+    'sensor_msgs/msg/PointCloud2': _cloud,
 }
-_ONE: dict[str, Callable[[Any], list[Any]]] = {
-    'geometry_msgs/msg/PoseStamped': lambda message: [message.pose.position],
-    'geometry_msgs/msg/PoseWithCovarianceStamped': lambda message: [message.pose.pose.position],
-    'geometry_msgs/msg/PointStamped': lambda message: [message.point],
-    'geometry_msgs/msg/TransformStamped': lambda message: [message.transform.translation],
+_ONE: dict[str, Callable[[Any], Any]] = {
+    'geometry_msgs/msg/PoseStamped': lambda message: message.pose,
+    'geometry_msgs/msg/PoseWithCovarianceStamped': lambda message: message.pose.pose,
+    'geometry_msgs/msg/PointStamped': lambda message: message.point,
+    'geometry_msgs/msg/TransformStamped': lambda message: message.transform,
 }
 _POSITIONS = {**_MANY, **_ONE}
 MIDLINES, ONE = tuple(_MANY), tuple(_ONE)
@@ -190,15 +267,15 @@ class BagRecording:
         self.notes = list(reader.notes)
         if any('synthetic' in text for text in reader.metadata.values()):
             self.notes.insert(0, 'the bag says that it is synthetic')
-        self._encoders: str | None = None
-        self._tensions: tuple[str, str] | None = None  # topic, and the field they are in
+        # Topics, and the fields that they are in.
+        self._encoders: tuple[str, str] | None = None
+        self._tensions: tuple[str, str] | None = None
         if files.displacements is None:
-            wanted = displacements, DISPLACEMENTS, (DISPLACEMENT_TYPE,), 'displacements'
-            self._encoders = pick_usual(reader, *wanted)
+            self._encoders = pick_displacements(reader, displacements)
         if files.tensions is not None:
             return
         try:
-            self._tensions = pick_tensions(reader, tensions, self._encoders)
+            self._tensions = pick_tensions(reader, tensions, (self._encoders or [None])[0])
         except BagError:
             if tensions is not None or (self._encoders is None and files.displacements is None):
                 raise
@@ -209,10 +286,10 @@ class BagRecording:
         Raises:
             ConfigError: if there is no description.
         """
-        wanted = ':'.join(part for part in self._tensions or (self._encoders,) if part)
-        if wanted:
-            return dict(find_arms(self.reader, [wanted], given)[0].parameters)
-        return dict(given) if given is not None else describe(self.reader)
+        if given is not None:
+            return dict(given)
+        topic, _ = self._tensions or self._encoders or ('/', '')
+        return describe(self.reader, namespace(topic, (*TENSION_TOPICS, DISPLACEMENTS)))
 
     def tensions(self, config: Config, refusals: Refusals, count: Count) -> Stamped | None:
         """Tensions of the arm of ``config``; None if there is no topic of them."""
@@ -226,8 +303,9 @@ class BagRecording:
         """Encoder readings likewise, NaN of tendons without an encoder."""
         if self._encoders is None:
             return None
-        read = partial(read_lengths, self.reader, config.arm)
-        return self._read(self._encoders, read, config, refusals, count)
+        topic, field = self._encoders
+        read = partial(read_lengths, self.reader, config, field)
+        return self._read(topic, read, config, refusals, count)
 
     def _read(
         self,

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import MeasurementError, TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
@@ -21,6 +20,7 @@ from octo_arm_model.wire.tensions import NONE
 
 DISPLACEMENT = 'displacement_'  # and the name of a tendon: what its encoder reads
 NO_READING = 'no encoder reading'
+KINDS = ('tension', 'midline', 'displacement')
 _POINT = re.compile(r'^x_?[0-9]{1,6}$')
 
 
@@ -32,13 +32,38 @@ class CsvSources:
         tensions: of the tensions; None for those in the bag.
         midlines: of what was measured; None for that in the bag.
         displacements: of encoder readings; None for those in the bag, if it has any.
-        columns: which column is what, see `read_csv`.
+        columns: which column is what, see `read_csv`; one of one file alone is named with its
+            kind before it, of `KINDS`, such as midline:time.
+        is_poses: whether one file has both tensions, or else encoder readings, and midlines: each
+            row is a static pose, with or without a time.
     """
 
     tensions: Path | None = None
     midlines: Path | None = None
     displacements: Path | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
+    is_poses: bool = False
+
+    def columns_of(self, kind: str) -> dict[str, str]:
+        """The columns of a file of one of `KINDS`."""
+        own = [(key.partition(':'), column) for key, column in self.columns.items()]
+        shared = {k: v for k, v in self.columns.items() if k.partition(':')[0] not in KINDS}
+        return shared | {name: v for (prefix, _, name), v in own if prefix == kind and name}
+
+
+def csv_readings(table: CsvTable, config: Config) -> tuple[list[int], FloatArray]:
+    """Stamps [ns] of the rows of a table, and what load cells read (n, tendons).
+
+    Raises:
+        MeasurementError: if a column is missing or a cell holds no number.
+    """
+    cells, stamps = config.load_cells, table.times()
+    is_scaled = bool(cells.scale)
+    columns = [
+        np.zeros(len(stamps)) if name == NONE else table.numbers(name, FORCE, 'N', is_scaled)
+        for name in cells.names or config.arm.tendon_names
+    ]
+    return stamps, np.stack(columns, axis=1)
 
 
 def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> Stamped:
@@ -47,12 +72,7 @@ def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> Stamped
     Raises:
         MeasurementError: if a column is missing or a cell holds no number.
     """
-    arm, stamps = config.arm, table.times()
-    columns = [
-        np.zeros(len(stamps)) if name == NONE else table.numbers(name, FORCE, 'N')
-        for name in config.load_cells.names or arm.tendon_names
-    ]
-    readings = np.stack(columns, axis=1)
+    arm, (stamps, readings) = config.arm, csv_readings(table, config)
     rows = readings.reshape(-1, *arm.tension_shape)
     try:
         tensions = config.load_cells.tensions(arm, rows).reshape(readings.shape)
@@ -71,7 +91,13 @@ def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> Stamped
     return found
 
 
-def csv_displacements(table: CsvTable, arm: Arm, refusals: Refusals) -> Stamped:
+def has_tensions(table: CsvTable, config: Config) -> bool:
+    """Whether a table has a column of the tension of any tendon."""
+    names = config.load_cells.names or config.arm.tendon_names
+    return any(name != NONE and table.find(name) is not None for name in names)
+
+
+def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> Stamped:
     """Encoder readings of the rows of a table, NaN of tendons without an encoder.
 
     ``refusals`` count the rows that have none.
@@ -79,8 +105,12 @@ def csv_displacements(table: CsvTable, arm: Arm, refusals: Refusals) -> Stamped:
     Raises:
         MeasurementError: if there is no column of a tendon, or a cell holds no number.
     """
-    names = [f'{DISPLACEMENT}{tendon}' for tendon in arm.tendon_names]
-    if all(table.find(name) is None for name in names):
+    encoders = config.encoders
+    names = list(encoders.names) or [
+        f'{DISPLACEMENT}{tendon}' for tendon in config.arm.tendon_names
+    ]
+    there = [name for name in names if name != NONE and table.find(name) is not None]
+    if not there:
         raise MeasurementError(
             f'{table.path}: no column {names[0]}, nor that of another tendon; {table.listing}; '
             f'say --columns {names[0]}=COLUMN'
@@ -88,13 +118,13 @@ def csv_displacements(table: CsvTable, arm: Arm, refusals: Refusals) -> Stamped:
     stamps = table.times()
     rows = np.full((len(stamps), len(names)), np.nan)
     for column, name in zip(rows.T, names):
-        if table.find(name) is not None:
-            column[:] = table.numbers(name, LENGTH_UNITS, 'm')
-    reads = np.isfinite(rows).any(axis=1)
-    for _ in range(np.count_nonzero(~reads)):
+        if name in there:
+            column[:] = table.numbers(name, LENGTH_UNITS, 'm', bool(encoders.scale))
+    rows = encoders.lengths(rows)
+    kept = np.flatnonzero(np.isfinite(rows).any(axis=1)).tolist()
+    for _ in range(len(rows) - len(kept)):
         refusals.count(str(table.path), NO_READING)
-    kept = [stamp for stamp, read in zip(stamps, reads) if read]
-    return Stamped(str(table.path), kept, list(rows[reads]))
+    return Stamped(str(table.path), [stamps[row] for row in kept], list(rows[kept]))
 
 
 def csv_frames(
@@ -117,6 +147,9 @@ def csv_frames(
         wide = [f'x{number + 1}' for number in range(len(measured.marker_s))]
     wide.sort(key=lambda name: int(name.strip('x_')))
     names = [[f'{axis}{name[1:]}' for axis in 'xyz'] for name in wide or ['x']]
+    if measured.marker_names:
+        wide = list(measured.marker_names)
+        names = [[f'{name}_{axis}' for axis in 'xyz'] for name in wide]
     _check_unit(table, names, measured.unit)
     places = np.stack([_point(table, name, measured.unit) for name in names], axis=1)
     grouped = list(zip(stamps, places))
@@ -137,6 +170,13 @@ def csv_frames(
     return frames
 
 
+def has_points(table: CsvTable, measured: Measured) -> bool:
+    """Whether a table has columns of what was measured, see `csv_frames`."""
+    names = [column.name for column in table.columns]
+    wide = any(map(_POINT.match, (*names, *table.given)))
+    return bool(measured.marker_names) or wide or table.find('x') is not None
+
+
 def _check_unit(table: CsvTable, names: list[list[str]], unit: str) -> None:
     """Check that a ``unit`` that is given counts for one of the columns ``names`` at least."""
     found = [table.find(name) for point in names for name in point]
@@ -151,7 +191,7 @@ def _point(table: CsvTable, names: list[str], unit: str) -> FloatArray:
     """Points (rows, 3) in the ``unit`` of what was measured, which the header may override."""
     columns = []
     for name in names:
-        if name[0] == 'z' and table.find(name) is None:
+        if 'z' in (name[0], name[-1]) and table.find(name) is None:
             raise MeasurementError(
                 f'{table.path}: no column {name}; {table.listing}; of a picture without depth say '
                 f'--columns {name}=0'

@@ -6,9 +6,9 @@ import csv
 import io
 import math
 import re
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,16 +21,29 @@ from octo_arm_model.config.files import NUMBER, read_text, reading
 from octo_arm_model.experiment.recording import Count
 
 TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
-FORCE = {'N': 1.0, 'mN': 1e-3}
+FORCE = {
+    'N': 1.0, 'mN': 1e-3, 'kN': 1e3, 'g': 9.80665e-3, 'gf': 9.80665e-3, 'kg': 9.80665,
+    'kgf': 9.80665, 'lbf': 4.4482216152605, 'lb': 4.4482216152605,
+}  # fmt: skip
 # 'time [ms]' or 'time (ms)'.
 _HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')
 _FIRST = re.compile(r'^.*[^\s,;].*$', re.MULTILINE)  # line with more than separators
 _MISSING = ('', 'nan', 'NaN', 'NAN')
 _EXPECTED = (
-    'expected one line of headers, with another name for each column such as time, x, y, z, and '
-    'only rows of numbers below it: leave out lines of other things before it'
+    'expected lines of headers, or none, and only rows of as many numbers below them: leave out '
+    'lines of other things'
 )
+_ISO = re.compile(
+    r'^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?$'
+)
+_UNITS = frozenset({*TIME, *FORCE, 'm', 'cm', 'mm', 'rad', 'deg', 'counts', 'ticks', '-'})
+# Units in words, as Motive has them.
+_IN_WORDS = {
+    'Seconds': 's', 'seconds': 's', 'sec': 's', 'Meters': 'm', 'Centimeters': 'cm',
+    'Millimeters': 'mm',
+}  # fmt: skip
 _TOGETHER = 4096  # rows counted at a time
+_MOST_HEADERS = 20  # lines
 
 
 class _Column(NamedTuple):
@@ -48,7 +61,9 @@ class CsvTable:
         columns: name and unit of each, '' where the header has none.
         rows: texts of each row.
         lines: line of each row.
-        given: name of the column of each quantity where it has another, or a number instead.
+        given: name of the column of each quantity where it has another, or #N for the N-th
+            column, or a number instead.
+        has_time: whether rows have a time; without, they are poses a second apart.
         count: progress of the conversion of its columns.
         wanted: names of all quantities that were looked for.
         taken: those of them that were found as ``given``.
@@ -60,6 +75,7 @@ class CsvTable:
     lines: tuple[int, ...]
     given: Mapping[str, str]
     count: Count
+    has_time: bool = True
     wanted: set[str] = field(default_factory=set)
     taken: set[str] = field(default_factory=set)
 
@@ -90,22 +106,37 @@ class CsvTable:
         return MeasurementError(f'{self.path}: no column {wanted} for {name}; {self.listing}')
 
     def _number(self, wanted: str) -> int | None:
-        for number, column in enumerate(self.columns):
-            if wanted in (column.name, column.text, f'{column.name} [{column.unit}]'):
-                return number
-        return None
+        if wanted[:1] == '#' and wanted[1:].isdecimal() and len(wanted) < 9:
+            if not 1 <= int(wanted[1:]) <= len(self.columns):
+                raise MeasurementError(
+                    f'{self.path}: no column {wanted}, expected #1 to #{len(self.columns)}'
+                )
+            return int(wanted[1:]) - 1
+        for texts in ([one.text for one in self.columns], [one.name for one in self.columns]):
+            if (count := texts.count(wanted)) > 1 and wanted:
+                raise MeasurementError(
+                    f'{self.path}: {count} columns {shown(wanted)}; say which by its number, as '
+                    f'#{texts.index(wanted) + 1}'
+                )
+            if count:
+                return texts.index(wanted)
+        whole = [f'{one.name} [{one.unit}]' for one in self.columns]
+        return whole.index(wanted) if wanted in whole else None
 
     @property
     def listing(self) -> str:
         """The names of the columns, of many not all, and whether they look like a header."""
-        names = [column.name for column in self.columns]
+        names = [one.name or f'#{number + 1}' for number, one in enumerate(self.columns)]
         doubt = f'; {_EXPECTED}' if any(map(NUMBER.match, names)) else ''
         return f'it has {listed(names)}{doubt}'
 
-    def numbers(self, name: str, units: Mapping[str, float], default: str) -> FloatArray:
+    def numbers(
+        self, name: str, units: Mapping[str, float], default: str, is_scaled: bool = False
+    ) -> FloatArray:
         """Values of the column for ``name`` in the first of ``units``, NaN where there is none.
 
-        ``default`` is the unit where the header has none.
+        ``default`` is the unit where the header has none; what a calibration is given for
+        ``is_scaled`` by that, and may be in others, as counts and radians are.
 
         Raises:
             MeasurementError: if there is no such column, its unit is another, or a cell holds no
@@ -119,9 +150,10 @@ class CsvTable:
         if isinstance(number, float):
             return np.full(len(self.rows), number)
         unit = self.columns[number].unit or default
-        if unit not in units:
+        unit = _IN_WORDS.get(unit, unit)
+        if unit not in units and not is_scaled:
             raise MeasurementError(
-                f'{self.path}, line 1: {name} is in {shown(unit)}, expected {" or ".join(units)}'
+                f'{self.path}: {name} is in {shown(unit)}, expected {" or ".join(units)}'
             )
         values = np.empty(len(self.rows))
         for place, row in enumerate(self.rows):
@@ -136,7 +168,7 @@ class CsvTable:
                     f'finite number [{unit}], or nothing'
                 )
         self.count.add(len(self.rows))
-        return units[unit] * values
+        return units.get(unit, 1.0) * values
 
     def times(self) -> list[int]:
         """The column time [ns].
@@ -144,6 +176,11 @@ class CsvTable:
         Raises:
             MeasurementError: if there is none, or a value is missing or none of a clock.
         """
+        number = self.find('time')
+        if number is None and not self.has_time:
+            return [row * 10**9 for row in range(len(self.rows))]
+        if isinstance(number, int) and _ISO.match(self.rows[0][number].strip()):
+            return [self._stamp(row[number].strip(), line) for row, line in self._lines()]
         seconds = self.numbers('time', TIME, 's')
         fine = np.abs(seconds) < 2.0**31
         if not fine.all():
@@ -154,12 +191,33 @@ class CsvTable:
             )
         return [round(second * 1e9) for second in seconds.tolist()]
 
+    def _lines(self) -> Iterator[tuple[Sequence[str], int]]:
+        return zip(self.rows, self.lines, strict=True)
 
-def read_csv(path: Path, given: Mapping[str, str], count: Count) -> CsvTable:
-    """Read a file with one line of headers and rows below; ``given`` says which column is what.
+    def _stamp(self, text: str, line: int) -> int:
+        """A time of ISO 8601 [ns], of UTC where it says nothing else."""
+        try:
+            day, clock, fraction, zone = _ISO.match(text).groups()  # type: ignore[union-attr]
+            zone = '+00:00' if zone in (None, 'Z') else f'{zone[:3]}:{zone[-2:]}'
+            whole = datetime.fromisoformat(f'{day}T{clock}{zone}')
+        except (AttributeError, ValueError):
+            raise MeasurementError(
+                f'{self.path}, line {line}: time is {shown(text)}, expected one of ISO 8601 such '
+                'as 2024-05-02T10:11:12.5Z'
+            ) from None
+        return int(whole.timestamp()) * 10**9 + int((fraction or '0').ljust(9, '0'))
 
-    Fields are separated by commas, semicolons or tabs, whichever the header has. Of the progress
-    ``count`` each row and each value is one.
+
+def read_csv(
+    path: Path, given: Mapping[str, str], count: Count, has_time: bool = True
+) -> CsvTable:
+    """Read a file of headers and rows of numbers; ``given`` says which column is what.
+
+    Fields are separated by commas, semicolons or tabs, whichever the header has. There may be no
+    header, or several lines of it: names above each other are one, and the last line may be of
+    units. Files of Motive and Vicon are known by their first line: their columns are
+    <marker>_x, <marker>_y and <marker>_z, and time. Of the progress ``count`` each row and each
+    value is one.
 
     Raises:
         MeasurementError: if it cannot be read, is too large, or a row is too short or long.
@@ -168,37 +226,42 @@ def read_csv(path: Path, given: Mapping[str, str], count: Count) -> CsvTable:
         text = read_text(path, MAX_CSV_BYTES)
     head = _FIRST.search(text)
     separator = max((',', ';', '\t'), key=head[0].count) if head else ','
-    rows: list[Sequence[str]] = []
+    rows: list[list[str]] = []
     lines: list[int] = []
-    columns: tuple[_Column, ...] = ()
     reader = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
+    count.expect(min(text.rstrip().count('\n'), MAX_CSV_ROWS))
     try:
         for cells in reader:
-            line = reader.line_num
             if not any(cell.strip() for cell in cells):
                 continue
-            if not columns:
-                columns = _header(cells, path, line)
-                expected = min(text.rstrip().count('\n'), MAX_CSV_ROWS)
-                count.expect(expected * (1 + len(columns)))
-                continue
-            if len(cells) != len(columns):
-                doubt = f'; {_EXPECTED}' if not rows else ''
+            if len(cells) > MAX_CSV_COLUMNS:
                 raise MeasurementError(
-                    f'{path}, line {line}: {len(cells)} values, expected {len(columns)} as in the '
-                    f'header{doubt}'
+                    f'{path}, line {reader.line_num}: {len(cells)} columns, expected at most '
+                    f'{MAX_CSV_COLUMNS}'
                 )
-            if len(rows) == MAX_CSV_ROWS:
-                raise MeasurementError(f'{path}, line {line}: more than {MAX_CSV_ROWS} rows')
+            if len(rows) > MAX_CSV_ROWS + _MOST_HEADERS:
+                break
             rows.append(cells)
-            lines.append(line)
+            lines.append(reader.line_num)
             if len(rows) % _TOGETHER == 0:
                 count.add(_TOGETHER)
     except csv.Error as error:
         raise MeasurementError(f'{path}, line {reader.line_num}: no CSV: {error}') from error
+    columns, first = _headers(rows) if rows else ((), 0)
+    rows, lines = rows[first:], lines[first:]
     if not rows:
         raise MeasurementError(f'{path}: no rows, expected a header and rows below it')
-    return CsvTable(path, columns, tuple(rows), tuple(lines), given, count)
+    if len(rows) > MAX_CSV_ROWS:
+        raise MeasurementError(f'{path}, line {lines[-1]}: more than {MAX_CSV_ROWS} rows')
+    for cells, line in zip(rows, lines, strict=True):
+        if len(cells) != len(columns):
+            doubt = f'; {_EXPECTED}' if line == lines[0] else ''
+            raise MeasurementError(
+                f'{path}, line {line}: {len(cells)} values, expected {len(columns)} as in the '
+                f'header{doubt}'
+            )
+    count.expect(len(rows) * len(columns))
+    return CsvTable(path, columns, tuple(rows), tuple(lines), given, count, has_time)
 
 
 def check_taken(tables: Sequence[CsvTable]) -> None:
@@ -214,23 +277,69 @@ def check_taken(tables: Sequence[CsvTable]) -> None:
                 raise table.lacking(name)
 
 
-def _header(cells: Sequence[str], path: str | Path, line: int) -> tuple[_Column, ...]:
-    if len(cells) > MAX_CSV_COLUMNS:
-        raise MeasurementError(
-            f'{path}, line {line}: {len(cells)} columns, expected at most {MAX_CSV_COLUMNS}'
-        )
-    texts = [cell.strip() for cell in cells]
-    if all(NUMBER.match(text) or text in _MISSING for text in texts):
-        raise MeasurementError(f'{path}, line {line}: numbers and no header, {_EXPECTED}')
+def _headers(rows: list[list[str]]) -> tuple[tuple[_Column, ...], int]:
+    """The columns of a file, and which of its ``rows`` is the first of numbers."""
+    first = rows[0][0].strip() if rows else ''
+    named = next((n for n, row in enumerate(rows[:_MOST_HEADERS]) if row[0] == 'Frame'), 0)
+    if first == 'Format Version' and named:
+        return _of_motive(rows[:named], rows[named]), named + 1
+    if first == 'Trajectories' and 1 < named < len(rows) - 1:
+        return _of_vicon(rows, named), named + 2
+    count = next((n for n, row in enumerate(rows[:_MOST_HEADERS]) if _is_data(row, n)), len(rows))
+    if not count:
+        return tuple(_Column('', '', '') for _ in rows[0]), 0
+    headers = [[cell.strip() for cell in row] for row in rows[:count]]
+    headers = [row for row in headers if len(row) == len(headers[0])]
+    units = headers.pop() if count > 1 and {*headers[-1]} <= {*_UNITS, ''} else []
     columns = []
-    for text in texts:
+    for number, texts in enumerate(zip(*headers)):
+        text = ' '.join(filter(None, texts))
         match = _HEADER.match(text)
         name, unit = match.groups() if match else (text, '')
-        columns.append(_Column(name, unit, text))
-    counts = Counter(column.name for column in columns)
-    for name, count in counts.items():
-        if count > 1:
-            raise MeasurementError(
-                f'{path}, line {line}: {count} columns {shown(name)}, {_EXPECTED}'
-            )
+        columns.append(_Column(name, units[number] if units else unit, text))
+    return tuple(columns), count
+
+
+def _is_data(row: Sequence[str], number: int) -> bool:
+    """Whether a row is of numbers; the first one is if it has nothing else."""
+    cells = [cell.strip() for cell in row]
+    numbers = [bool(NUMBER.match(one) or _ISO.match(one)) for one in cells]
+    missing = [one in _MISSING for one in cells]
+    if number:
+        return any(numbers) or all(missing)
+    return all(map(max, numbers, missing))
+
+
+def _of_motive(rows: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[_Column, ...]:
+    """Columns of an export of Motive: names, kinds and ``axes`` are in lines of their own."""
+    about = dict(zip(rows[0][::2], rows[0][1::2]))
+    unit = about.get('Length Units', '')
+    names: Sequence[str] = next((row for row in rows if row[1:2] == ['Name']), axes)
+    kinds: Sequence[str] = next((row for row in rows if 'Position' in row), axes)
+    columns = []
+    for name, kind, axis in zip(names, kinds, axes):
+        if axis.startswith('Time'):
+            columns.append(_Column('time', 's', axis))
+        elif kind == 'Position':
+            columns.append(_Column(f'{name}_{axis.lower()}', unit, f'{name}_{axis.lower()}'))
+        else:
+            whole = ' '.join(part for part in (name, kind, axis) if part)
+            columns.append(_Column(whole, '', whole))
     return tuple(columns)
+
+
+def _of_vicon(rows: list[list[str]], named: int) -> tuple[_Column, ...]:
+    """Columns of trajectories of Vicon; frames over their rate become the column time."""
+    rate, width = rows[1][0].strip(), len(rows[named])
+    columns, name = [], ''
+    for number, axis in enumerate(rows[named]):
+        above = rows[named - 1][number : number + 1]
+        name = above[0].strip().rpartition(':')[2] if above and above[0].strip() else name
+        unit = rows[named + 1][number].strip() if number < len(rows[named + 1]) else ''
+        text = f'{name}_{axis.lower()}' if name else axis
+        columns.append(_Column(text, unit, text))
+    for row in rows[named + 2 :]:
+        row += [''] * (width - len(row))
+        is_known = NUMBER.match(row[0]) and NUMBER.match(rate) and float(rate) > 0.0
+        row.append(repr(float(row[0]) / float(rate)) if is_known else '')
+    return (*columns, _Column('time', 's', 'time'))

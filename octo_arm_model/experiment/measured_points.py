@@ -24,17 +24,20 @@ class Measured:
     """Sources and unit of measured points, and the markers that they are.
 
     Attributes:
-        sources: topics, or none for the only one there is; several are of one marker each, or,
-            with ``marker_frames``, of TF, by default all of that type.
+        sources: topics, or TOPIC:FIELD, or none for the only one there is; several are of one
+            marker each, or, with ``marker_frames``, of TF, by default all of that type.
         marker_s: arc coordinate of each marker, increasing [m]; none for midlines and tips.
         marker_frames: names of the frames of the markers in TF, in the order of ``marker_s``.
         unit: of all lengths, of `LENGTH_UNITS`.
+        marker_names: names of the markers among those of a message or a table, or their numbers
+            from 0 on in a message, in the order of ``marker_s``; none for all as they are.
     """
 
     sources: tuple[str, ...] = ()
     marker_s: tuple[float, ...] = ()
     marker_frames: tuple[str, ...] = ()
     unit: str = 'm'
+    marker_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Validate.
@@ -43,7 +46,14 @@ class Measured:
             MeasurementError: if the numbers of markers differ.
         """
         name, names = '--marker-frames', self.marker_frames
-        if not names and len(self.sources) > 1:
+        if self.marker_names:
+            name, names = '--marker-names', self.marker_names
+            if self.marker_frames or len(self.sources) > 1:
+                raise MeasurementError(
+                    '--marker-names is of one message or table, expected neither --marker-frames '
+                    'nor several --midlines with it'
+                )
+        elif not names and len(self.sources) > 1:
             name, names = '--midlines', self.sources
         if names and len(names) != len(self.marker_s):
             raise MeasurementError(

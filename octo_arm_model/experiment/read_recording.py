@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError, listed
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.experiment.csv_recording import (
+    KINDS,
     CsvSources,
     csv_displacements,
     csv_frames,
     csv_tensions,
+    has_tensions,
 )
 from octo_arm_model.experiment.csv_table import CsvTable, check_taken, read_csv
 from octo_arm_model.experiment.measured_points import Measured, MeasuredPoints
@@ -30,7 +33,7 @@ def read_recording(
     tensions: str | None = None,
     measured: Measured = Measured(),
     files: CsvSources = CsvSources(),
-    tendons: Sequence[str] = (),
+    calibration: Mapping[str, Any] = MappingProxyType({}),
     displacements: str | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Recording:
@@ -45,8 +48,9 @@ def read_recording(
         measured: what was measured; of no topics the only one that the model itself does not
             publish.
         files: CSV files in place of topics.
-        tendons: what the tendons are called there, in place of tension_names.
-        displacements: topic of the encoder readings; None for tendon_displacements, if there.
+        calibration: parameters of load cells and encoders in place of the arm's.
+        displacements: topic of the encoder readings, or TOPIC:FIELD; None for
+            tendon_displacements, if there.
         progress: called with the numbers of messages, rows and values read and of all known of.
 
     Raises:
@@ -60,14 +64,14 @@ def read_recording(
     if path is None:
         if given is None:
             raise ConfigError('no arm: without a bag it has to be given by --config')
-        return _gather(None, given, measured, files, tendons, Count(progress))
+        return _gather(None, given, measured, files, calibration, Count(progress))
     # They need rosbags.
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.experiment.bag_recording import BagRecording
 
     with BagReader(path) as reader:
         bag = BagRecording(reader, tensions, displacements, files)
-        return _gather(bag, bag.parameters(given), measured, files, tendons, Count(progress))
+        return _gather(bag, bag.parameters(given), measured, files, calibration, Count(progress))
 
 
 def _check_sources(
@@ -82,7 +86,8 @@ def _check_sources(
     driven = files.displacements is not None and files.midlines is not None
     if path is None and not (has_all or driven):
         raise MeasurementError(
-            'expected a bag, or --midline-csv and --tension-csv or --displacement-csv'
+            'expected a bag, or --midline-csv and --tension-csv or --displacement-csv, or '
+            '--pose-csv'
         )
     if files.columns and not (files.tensions or files.midlines or files.displacements):
         raise MeasurementError('--columns is given, and no CSV file that it could be of')
@@ -104,13 +109,12 @@ def _gather(
     parameters: dict[str, Any],
     measured: Measured,
     files: CsvSources,
-    tendons: Sequence[str],
+    calibration: Mapping[str, Any],
     count: Count,
 ) -> Recording:
     """Readings and frames, each from a file or from the ``bag``."""
     refusals, notes = Refusals(), [] if bag is None else bag.notes
-    if tendons:
-        parameters['tension_names'] = list(tendons)
+    parameters.update(calibration)
     config = Config.from_parameters(parameters)
     points = MeasuredPoints(measured, config.arm.length)
     topics = None
@@ -121,17 +125,23 @@ def _gather(
         topics = MeasuredTopics(bag.reader, measured, points, config.base_frame)
         count.expect(bag.reader.count(list(dict.fromkeys(topics.topics))))
     pulled = reeled_in = None
-    tables: list[CsvTable] = []
+    tables: dict[str, CsvTable] = {}
+
+    def table_of(kind: str, path: Path) -> CsvTable:
+        columns = files.columns_of(kind)
+        return tables.setdefault(kind, read_csv(path, columns, count, not files.is_poses))
+
     if files.tensions is not None:
-        table = read_csv(files.tensions, files.columns, count)
-        pulled = csv_tensions(table, config, refusals)
-        tables.append(table)
+        table = table_of('tension', files.tensions)
+        if files.is_poses and not has_tensions(table, config):
+            reeled_in = csv_displacements(table, config, refusals)
+        else:
+            pulled = csv_tensions(table, config, refusals)
     elif bag is not None:
         pulled = bag.tensions(config, refusals, count)
     if files.displacements is not None:
-        table = read_csv(files.displacements, files.columns, count)
-        reeled_in = csv_displacements(table, config.arm, refusals)
-        tables.append(table)
+        table = table_of('displacement', files.displacements)
+        reeled_in = csv_displacements(table, config, refusals)
     elif bag is not None:
         reeled_in = bag.displacements(config, refusals, count)
     for what, stamped in (('tensions', pulled), ('encoder readings', reeled_in)):
@@ -142,15 +152,15 @@ def _gather(
     else:
         assert files.midlines is not None
         source = str(files.midlines)
-        table = read_csv(files.midlines, files.columns, count)
-        frames = csv_frames(table, measured, points, refusals)
-        tables.append(table)
-    check_taken(tables)
-    wanted = {name for table in tables for name in table.wanted}
+        frames = csv_frames(table_of('midline', files.midlines), measured, points, refusals)
+    check_taken(list(tables.values()))
+    wanted = {name for table in tables.values() for name in table.wanted}
+    wanted |= {f'{kind}:{name}' for kind, table in tables.items() for name in table.wanted}
     if unread := [name for name in files.columns if name not in wanted]:
+        plain = sorted(name for name in wanted if name.partition(':')[0] not in KINDS)
         raise MeasurementError(
             f'--columns names {listed(unread)}, which is not read here; expected names of '
-            f'{listed(sorted(wanted))}'
+            f'{listed(plain)}, of one file as {", ".join(f"{kind}:NAME" for kind in KINDS)}'
         )
     count.add(count.total - count.done)  # columns that were not used
     return assemble(

@@ -50,7 +50,7 @@ class Sources:
         midlines: topic of the camera; None for the usual one.
         parameters: of the arm, and perhaps of its estimator; None for the bag's description.
         values: parameters in place of these.
-        tendons: what the tendons are called in the bag, in place of tension_names.
+        calibration: parameters of load cells and encoders in place of the arm's.
         alignment: pose of frames that are not base_frame; None where it is not known.
         clock_offset: to add to the stamps of the camera [s]; None to find it.
     """
@@ -60,7 +60,7 @@ class Sources:
     midlines: str | None = None
     parameters: Mapping[str, Any] | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
-    tendons: Sequence[str] = ()
+    calibration: Mapping[str, Any] = field(default_factory=dict)
     alignment: Alignment | None = None
     clock_offset: float | None = None
 
@@ -112,8 +112,7 @@ def read_recorded(
     found = sources.parameters
     given = dict(found if found is not None else describe(reader, sensors.prefix))
     given.update(sources.values)
-    if sources.tendons:
-        given['tension_names'] = list(sources.tendons)
+    given.update(sources.calibration)
     own = {name: given.pop(name) for name in list(given) if name.startswith(PREFIX)}
     config = Config.from_parameters(given)
     refusals, notes = Refusals(), list(reader.notes)

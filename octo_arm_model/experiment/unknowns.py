@@ -26,9 +26,11 @@ from octo_arm_model.rod.solver import Solver
 
 AXIAL = 'axial_stiffness'
 SHEATH = 'sheath_stiffness'
+SPOOL, ENCODER_ZEROS = 'displacement_scale', 'displacement_offset'
+OF_ENCODERS = (SPOOL, ENCODER_ZEROS, AXIAL)  # what their readings show
 FITS = (
     'youngs_modulus', 'poisson_ratio', SHEATH, 'tendon_offsets', 'friction', 'tension_scale',
-    'tension_offset', 'alignment', AXIAL,
+    'tension_offset', 'alignment', SPOOL, ENCODER_ZEROS, AXIAL,
 )  # fmt: skip
 ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
 OFFSET, ZERO = 'tendon_offset.', 'encoder_zero.'  # and the name of a tendon
@@ -118,19 +120,21 @@ def check_fits(fits: Sequence[str], model: str, is_driven: bool) -> None:
 
 
 def unknowns_of(
-    name: str, arm: Arm, pulled: Sequence[str], encoders: Sequence[str], alignment: Alignment
-) -> list[Unknown]:
-    """The unknowns of one of `FITS`, on ``arm``.
+    name: str, config: Config, pulled: Sequence[str], encoders: Sequence[str],
+    alignment: Alignment,
+) -> list[Unknown]:  # fmt: skip
+    """The unknowns of one of `FITS`, on the arm of ``config``.
 
     ``pulled`` are the tendons under tension, ``encoders`` those of them that have one, and
     ``alignment`` is the start of its own fit.
     """
-    material = arm.material
-    if name in ('youngs_modulus', SHEATH, 'tension_scale'):
+    arm, material = config.arm, config.arm.material
+    if name in ('youngs_modulus', SHEATH, 'tension_scale', SPOOL):
         unit, first = {
             'youngs_modulus': ('Pa', float(material.youngs_modulus_at(0.0))),
             SHEATH: ('Pa', arm.sheath_stiffness[0] if arm.sheath_stiffness else 0.0),
             'tension_scale': ('-', 1.0),
+            SPOOL: ('m', float(np.mean(np.abs(config.encoders.scale or (1.0,))))),
         }[name]
         ends = -_FARTHEST, _FARTHEST
         return [Unknown(name, unit, 0.0, 1.0, *ends, Scale.LOGARITHM, first)]
@@ -145,11 +149,11 @@ def unknowns_of(
         return [Unknown(name, 'N', 0.0, 0.1)]
     if name == 'tendon_offsets':
         return [Unknown(f'{OFFSET}{tendon}', 'm', 0.0, 1e-3) for tendon in pulled]
+    if name == ENCODER_ZEROS:
+        return [Unknown(f'{ZERO}{tendon}', 'm', 0.0, 1e-3) for tendon in encoders]
     if name == AXIAL:
-        # Where both together are undetermined the stiffness is left out: it comes last.
-        zeros = [Unknown(f'{ZERO}{tendon}', 'm', 0.0, 1e-3) for tendon in encoders]
         first = float(np.mean(arm.axial_stiffness or (0.0,))) or _THREAD
-        return [*zeros, Unknown(name, 'N', 1.0, 1.0, 0.0, _SOFTEST, Scale.INVERSE, first)]
+        return [Unknown(name, 'N', 1.0, 1.0, 0.0, _SOFTEST, Scale.INVERSE, first)]
     start = (*alignment.shift, *alignment.turn)
     parts = zip(ALIGNMENT, 3 * ['m'] + 3 * ['rad'], start, strict=True)
     return [Unknown(part, unit, float(value), 1e-2) for part, unit, value in parts]
@@ -280,24 +284,29 @@ class Unknowns:
             known = config.arm.sheath_stiffness or (_STIFF_SHEATH * material.shear_modulus,)
             self._parameters['tendons.sheath_stiffness'] = [float(np.mean(known))]
             config = Config.from_parameters(self._parameters)
-        self.arm, self._cells = config.arm, config.load_cells
+        self.arm, self._cells, self._encoders = config.arm, config.load_cells, config.encoders
+        self._fits_encoders = {SPOOL, ENCODER_ZEROS} & {*fits}
         self.slack = _PULLED * float(readings.tensions.max(initial=0.0))
         self._pulled = readings.tensions.max(axis=0, initial=0.0) > self.slack
         self.taut = (readings.tensions > self.slack) & np.isfinite(readings.displacements)
-        if AXIAL in fits and not self.taut.any():
+        of_encoders = [name for name in OF_ENCODERS if name in fits]
+        if of_encoders and not self.taut.any():
             raise ConfigError(
-                f'{AXIAL} shows in encoder readings of tendons under tension, and this recording '
-                'has none'
+                f'{of_encoders[0]} shows in encoder readings of tendons under tension, and this '
+                'recording has none'
             )
         # What encoders read is weighed where nothing else shows what is fitted.
-        self.reads_encoders = AXIAL in fits and not readings.are_lengths
+        self.reads_encoders = bool(of_encoders) and not readings.are_lengths
+        # Tendons stretch from where they were taut, which is not known exactly. Where both
+        # together are undetermined the stiffness is left out: it comes last.
+        wanted = {*fits, *([ENCODER_ZEROS] if AXIAL in fits else [])}
         names = np.array(self.arm.tendon_names)
         pulled, encoders = names[self._pulled].tolist(), names[self.taut.any(axis=0)].tolist()
         self.unknowns = tuple(
             unknown
             for name in FITS
-            if name in fits
-            for unknown in unknowns_of(name, self.arm, pulled, encoders, alignment)
+            if name in wanted
+            for unknown in unknowns_of(name, config, pulled, encoders, alignment)
             if unknown.name not in without
         )
         if not self.unknowns and not without:
@@ -360,6 +369,11 @@ class Unknowns:
         if AXIAL in self.names:
             stiffness = self.value(x, AXIAL, 0.0)
             values['tendons.axial_stiffness'] = [stiffness if math.isfinite(stiffness) else 0.0]
+        if self._fits_encoders:
+            count = len(self.arm.tendons)
+            scale = np.broadcast_to(self._encoders.scale or 1.0, count)
+            values[SPOOL] = (self._spool(x) * scale).tolist()
+            values[ENCODER_ZEROS] = (self._encoder_offset - self._zeros(x)).tolist()
         if 'friction' in self.names:
             values['tendons.friction'] = [self.value(x, 'friction', 0.0)]
         moved = {
@@ -378,11 +392,22 @@ class Unknowns:
 
     def lengths(self, x: FloatArray) -> FloatArray:
         """Lengths reeled in for the readings of encoders, (steps, tendons) [m]."""
-        return self.readings.displacements - self._zeros(x)
+        begun = self.readings.displacements - self._encoder_offset
+        return self._spool(x) * begun + self._encoder_offset - self._zeros(x)
 
     def readings_of(self, x: FloatArray, lengths: FloatArray) -> FloatArray:
         """What encoders read of ``lengths`` (steps, tendons) reeled in: the inverse."""
-        return lengths + self._zeros(x)
+        begun = lengths + self._zeros(x) - self._encoder_offset
+        return begun / self._spool(x) + self._encoder_offset
+
+    def _spool(self, x: FloatArray) -> float:
+        """Radius of the spools over that in the config [-]."""
+        first = float(np.mean(np.abs(self._encoders.scale or (1.0,))))
+        return self.value(x, SPOOL, first) / first
+
+    @property
+    def _encoder_offset(self) -> FloatArray:
+        return np.broadcast_to(np.array(self._encoders.offset or 0.0), len(self.arm.tendons))
 
     def _zeros(self, x: FloatArray) -> FloatArray:
         """Readings of the encoders at the taut unloaded arm, (tendons,) [m]."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MIN_RATE
 from octo_arm_model.arm.validation import positive, within
@@ -112,6 +113,11 @@ class SimulatorConfig:
         ):
             for s in given:
                 within(name, s, 0.0, config.arm.length, 'm')
+        if not config.encoders.is_identity:
+            raise ConfigError(
+                'displacement_names, displacement_scale and displacement_offset are of real '
+                'encoders, and those of a simulator read lengths by name: leave them out'
+            )
         limits = tendon_limits(config)
         name = own['profile.name']
         profile = find_profile(name, config.arm) if name else None

@@ -99,8 +99,13 @@ def tensions_of(readings: FloatArray, arm: MeasuredArm) -> Tensions:
     return Tensions(tensions.ravel(), arm.noise.tension)
 
 
-def _displacements(message: Any, arm: MeasuredArm) -> Measurement:
-    found = read_displacements(message, arm.config.arm)
+def displacements_of(message: Any, arm: MeasuredArm, field: str = '') -> Measurement:
+    """Lengths reeled in, see `read_displacements`.
+
+    Raises:
+        TensionError: as that, or if there are none.
+    """
+    found = read_displacements(message, arm.config.arm, arm.config.encoders, field)
     if not found:
         raise TensionError('it has no displacements')
     return TendonDisplacements(list(found.values()), arm.noise.displacement, tuple(found))
@@ -201,7 +206,7 @@ TIP_POSE, MARKERS, BASE_WRENCH = 'measured/tip_pose', 'measured/markers', 'measu
 MEASUREMENT_TOPICS: dict[str, MeasurementMessage] = {
     DISPLACEMENTS: MeasurementMessage(
         DISPLACEMENT_TYPE, 'lengths reeled in by the winches, as positions by tendon name [m]',
-        _displacements,
+        displacements_of,
     ),
     TIP_POSE: MeasurementMessage(
         'geometry_msgs/msg/PoseWithCovarianceStamped',

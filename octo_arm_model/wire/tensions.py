@@ -19,6 +19,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import TensionError, listed, shown
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.config.build import EncoderCalibration
 from octo_arm_model.rod.displacements import check_displacements
 from octo_arm_model.wire.cdr import Layout
 
@@ -27,11 +28,11 @@ MAX_VALUES = 100_000  # of one message
 _STEP = re.compile(r'^([A-Za-z]\w*)((?:\[\d{1,9}\])*)$')
 
 
-def field_values(message: Any, path: str) -> FloatArray:
-    """Numbers of the field ``path`` of a ``message``, such as 'wrench.force.x' or 'data[2]', (n,).
+def field_of(message: Any, path: str) -> Any:
+    """The field ``path`` of a ``message``, such as 'wrench.force.x' or 'poses[2].position'.
 
     Raises:
-        TensionError: if there is no such field, or it holds no numbers.
+        TensionError: if there is no such field, or it has too many entries.
     """
     value = message
     for step in path.split('.'):
@@ -45,6 +46,16 @@ def field_values(message: Any, path: str) -> FloatArray:
             value = value[int(number)]
     if isinstance(value, (list, tuple, np.ndarray)) and len(value) > MAX_VALUES:
         raise TensionError(f'{path} has {len(value)} values, expected at most {MAX_VALUES}')
+    return value
+
+
+def field_values(message: Any, path: str) -> FloatArray:
+    """Numbers of the field ``path`` of a ``message``, see `field_of`, (n,).
+
+    Raises:
+        TensionError: as `field_of`, or if it holds no numbers.
+    """
+    value = field_of(message, path)
     try:
         array = np.atleast_1d(np.asarray(value))
     except ValueError:
@@ -72,12 +83,16 @@ def values_by_name(names: Sequence[str], values: Sequence[float], field: str) ->
 
 
 def tensions_by_names(
-    values: FloatArray, names: Sequence[str] | None, wanted: Sequence[str], arm: Arm
+    values: FloatArray,
+    names: Sequence[str] | None,
+    wanted: Sequence[str],
+    arm: Arm,
+    hint: str = 'tension_names (--tendons)',
 ) -> FloatArray:
     """Tensions of ``arm``, of `Arm.tension_shape` [N], from ``values`` (n,) of these ``names``.
 
     ``wanted`` is the name or number of each tendon's value, or `NONE`; empty for the tendons' own
-    names, or, where there are no names, the order of the tendons.
+    names, or, where there are no names, the order of the tendons. The ``hint`` is in errors.
 
     Raises:
         TensionError: if a value is missing, or named more than once, or there are too many.
@@ -90,8 +105,8 @@ def tensions_by_names(
         count = len(arm.tendons)
         if names is None and len(values) != count:
             raise TensionError(
-                f'{len(values)} values, expected {count}, one for each tendon, or tension_names '
-                '(--tendons) that say which is which'
+                f'{len(values)} values, expected {count}, one for each tendon, or {hint} that say '
+                'which is which'
             )
         wanted = arm.tendon_names if names is not None else list(map(str, range(count)))
     places = {str(n): n for n in range(len(values))}
@@ -293,17 +308,38 @@ DISPLACEMENTS = 'tendon_displacements'
 DISPLACEMENT_TYPE = 'sensor_msgs/msg/JointState'
 
 
-def read_displacements(message: Any, arm: Arm) -> dict[str, float]:
-    """Length reeled in by tendon name [m], the positions of a JointState ``message``.
+def read_displacements(
+    message: Any,
+    arm: Arm,
+    encoders: EncoderCalibration = EncoderCalibration(),
+    field: str = '',
+) -> dict[str, float]:
+    """Length reeled in by tendon name [m], from the readings of ``encoders`` in a ``message``.
+
+    Those are the positions of a JointState by name of the tendon, or else numbers by the names
+    that encoders have, or of the ``field`` of any message, see `field_values`.
 
     Raises:
         TensionError: if names are unknown or repeated, lengths differ, or a position is not
             finite.
     """
-    count, tendons = len(message.name), len(arm.tendons)
-    if count > tendons:
-        raise TensionError(f'{count} displacements, this arm has {tendons} tendons')
-    given = values_by_name(message.name, message.position, 'position')
-    found = {name: float(position) for name, position in given.items()}
+    tendons = arm.tendon_names
+    if field or encoders.names:
+        values = field_values(message, field or 'position')
+        names = names_of(message, len(values))
+        hint = 'displacement_names (--motors)'
+        readings = tensions_by_names(values, names, encoders.names, arm, hint).ravel()
+        has = [name != NONE for name in encoders.names or tendons]
+    else:
+        if len(message.name) > len(tendons):
+            raise TensionError(
+                f'{len(message.name)} displacements, this arm has {len(tendons)} tendons'
+            )
+        given = values_by_name(message.name, message.position, 'position')
+        check_displacements(arm, {name: float(value) for name, value in given.items()}, {})
+        readings = np.array([given.get(name, 0.0) for name in tendons])
+        has = [name in given for name in tendons]
+    lengths = zip(tendons, encoders.lengths(readings).tolist(), has, strict=True)
+    found = {name: length for name, length, is_read in lengths if is_read}
     check_displacements(arm, found, {})
     return found

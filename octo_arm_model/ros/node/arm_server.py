@@ -216,7 +216,8 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         """Drive the named tendons by length from now on, and the others by tension."""
         winches, message = self._winches, decoded(data, JointState)
         assert winches is not None  # it called
-        found = read_displacements(message, self._arm.config.arm)
+        config = self._arm.config
+        found = read_displacements(message, config.arm, config.encoders)
         self._publish_shape(winches.topic, Stamp.of(message.header.stamp), displacements=found)
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:

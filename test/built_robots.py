@@ -1,0 +1,136 @@
+"""Recordings as built robots leave them: motors, foreign messages, tables of motion capture.
+
+Written by rosbags and by hand, not by our own writers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from experiments import PARAMETERS
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_types_from_msg
+from rosbags.typesys.store import Typestore
+
+from octo_arm_model.bags.types import known_types
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.displacements import displacements_of, solve_displacements
+from octo_arm_model.rod.interpolation import interpolated
+
+START = 1_700_000_000 * 10**9  # [ns]
+SPOOL = 0.012  # radius [m]
+COUNTS = 4096  # of a turn of a servo
+ZERO = 2048  # counts at the unloaded arm
+TENDONS_PER_SECTION = 4
+MOTORS = tuple(f'motor_{section}{side}' for section in (1, 2, 3) for side in 'ab')
+# Motors of the tendons, section by section from the tip, and which way each reels.
+OF_TENDON = tuple(f'motor_{section}{side}' for section in (1, 2, 3) for side in 'abab')
+WAYS = (1.0, 1.0, -1.0, -1.0) * 3
+MARKER_S = (0.1, 0.2, 0.31)
+MARKERS = ('low', 'middle', 'top')
+_MARKER = 'string marker_name\ngeometry_msgs/Point translation\nfloat32 residual\n'
+
+
+def trunk_parameters() -> dict[str, Any]:
+    """A trunk of three sections with four tendons each."""
+    values = load_parameters(preset_path('renda2012_table2'))
+    return {**values, 'model': 'exact', 'stations': 31}
+
+
+def trunk_shapes(turns: Sequence[Sequence[float]]) -> list[Backbone]:
+    """Shapes of the trunk for angles of its six motors [rad]."""
+    config = Config.from_parameters(trunk_parameters())
+    solver, names, found, last = config.solver(), config.arm.tendon_names, [], None
+    for angles in turns:
+        angle = dict(zip(MOTORS, angles, strict=True))
+        lengths = {
+            name: way * SPOOL * angle[motor]
+            for name, motor, way in zip(names, OF_TENDON, WAYS, strict=True)
+        }
+        last = solve_displacements(solver, lengths, start=last)
+        found.append(last.backbone)
+    return found
+
+
+def _types() -> Typestore:
+    store = known_types()
+    if 'trunk_msgs/msg/Marker' not in store.fielddefs:
+        text = 'std_msgs/Header header\ntrunk_msgs/Marker[] markers\n'
+        store.register(get_types_from_msg(_MARKER, 'trunk_msgs/msg/Marker'))
+        store.register(get_types_from_msg(text, 'trunk_msgs/msg/Markers'))
+        text = 'std_msgs/Header header\nstring[] name\nfloat64[] angle\n'
+        store.register(get_types_from_msg(text, 'trunk_msgs/msg/Motors'))
+    return store
+
+
+def trunk_bag(path: Path, turns: Sequence[Sequence[float]], rng: np.random.Generator) -> Path:
+    """Each of the poses held for 3 s: motors at 20 Hz, and markers in another order at 10 Hz."""
+    store = _types()
+
+    def header(at: int) -> Any:
+        stamp = store.types['builtin_interfaces/msg/Time'](*divmod(at, 10**9))
+        return store.types['std_msgs/msg/Header'](stamp=stamp, frame_id='arm_base')
+
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        kinds = 'trunk_msgs/msg/Motors', 'trunk_msgs/msg/Markers'
+        motors, mocap = (
+            writer.add_connection(topic, kind, typestore=store)
+            for topic, kind in zip(('/motors', '/mocap'), kinds)
+        )
+        for number, (angles, shape) in enumerate(zip(turns, trunk_shapes(turns), strict=True)):
+            points = interpolated(np.array(MARKER_S), shape.s, shape.position)
+            for step in range(60):
+                at = START + round((3.0 * number + 0.05 * step) * 1e9)
+                read = np.array(angles) + 1e-4 * rng.standard_normal(len(angles))
+                one = store.types[kinds[0]](header(at), list(MOTORS), read)
+                writer.write(motors, at, store.serialize_cdr(one, kinds[0]))
+                if step % 2:
+                    continue
+                seen = points + 1e-4 * rng.standard_normal(points.shape)
+                several = [
+                    store.types['trunk_msgs/msg/Marker'](
+                        name, store.types['geometry_msgs/msg/Point'](*place.tolist()), 0.1
+                    )
+                    for name, place in list(zip(MARKERS, seen))[::-1]
+                ]
+                two = store.types[kinds[1]](header(at), several)
+                writer.write(mocap, at, store.serialize_cdr(two, kinds[1]))
+    return path
+
+
+def servo_poses(
+    tensions: Sequence[float], rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Counts of the servo of the first tendon of the prototype (n,), and tips (n, 3) [m]."""
+    config = Config.from_parameters({**PARAMETERS, 'model': 'exact'})
+    solver, counts, tips = config.solver(), [], []
+    for tension in tensions:
+        row = np.zeros(config.arm.tension_shape)
+        row.ravel()[0] = tension
+        shape = solver.solve(row)
+        length = displacements_of(solver, shape).ravel()[0]
+        counts.append(round(ZERO + length / (2.0 * np.pi * SPOOL) * COUNTS))
+        tips.append(shape.tip + 1e-4 * rng.standard_normal(3))
+    return np.array(counts), np.array(tips)
+
+
+def motive_csv(path: Path, times: np.ndarray, tips: np.ndarray) -> Path:
+    """An export of Motive 2: a rigid body at the tip, in millimetres, and a marker beside it."""
+    about = 'Format Version,1.23,Take Name,Take 1,Export Frame Rate,120.0,Length Units,Millimeters'
+    kinds = ['Rigid Body'] * 7 + ['Marker'] * 3
+    names = ['Tip'] * 7 + ['Unlabeled 1'] * 3
+    what = ['Rotation'] * 4 + ['Position'] * 3 + ['Position'] * 3
+    axes = ['X', 'Y', 'Z', 'W', 'X', 'Y', 'Z', 'X', 'Y', 'Z']
+    lines = [about, '']
+    lines += [f',{head},{",".join(row)}' for head, row in (('Type', kinds), ('Name', names))]
+    lines += [f',,{",".join(what)}', f'Frame,Time (Seconds),{",".join(axes)}']
+    for number, (time, tip) in enumerate(zip(times, tips)):
+        place = ','.join(f'{1e3 * one:.4f}' for one in tip)
+        lines.append(f'{number},{time:.3f},0,0,0,1,{place},,,')
+    path.write_text('\n'.join(lines) + '\n')
+    return path

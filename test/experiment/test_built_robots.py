@@ -1,0 +1,128 @@
+"""From the files of built robots to fitted parameters, by the commands of the manual."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import printed
+from experiments import PARAMETERS
+
+pytest.importorskip('rosbags', reason='needs rosbags')
+from built_robots import (
+    COUNTS,
+    MARKER_S,
+    MARKERS,
+    OF_TENDON,
+    SPOOL,
+    WAYS,
+    ZERO,
+    motive_csv,
+    servo_poses,
+    trunk_bag,
+    trunk_parameters,
+)
+
+from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.cli.main import main
+from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
+
+TURNS = ((0.0,) * 6, (0.4, 0.0, 0.2, 0.3, -0.3, 0.2), (-0.3, 0.4, 0.3, -0.2, 0.2, 0.4))
+PER_COUNT = 2.0 * np.pi * SPOOL / COUNTS
+PULLS = (0.5, 1.0, 1.5, 2.0, 2.5)
+
+
+@pytest.fixture(scope='module')
+def poses() -> tuple[np.ndarray, np.ndarray]:
+    return servo_poses(PULLS, np.random.default_rng(1))
+
+
+def test_a_trunk_of_motors_that_reel_two_tendons_tells_the_radius_of_its_spools(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = trunk_bag(tmp_path / 'trunk', TURNS, np.random.default_rng(0))
+    config = tmp_path / 'trunk.yaml'
+    config.write_text(parameters_as_yaml(trunk_parameters()))
+    guess = [f'{0.9 * way * SPOOL:.5f}' for way in WAYS]
+    options = [
+        '--json',
+        '--config', str(config), '--displacements', '/motors:angle', '--motors', *OF_TENDON,
+        '--spools', *guess, '--midlines', '/mocap:markers', '--marker-names', *MARKERS,
+        '--marker-s', *map(str, MARKER_S), '--model', 'exact', '--steady', '1e-4',
+    ]  # fmt: skip
+    fitted = printed(capsys, 'identify', str(bag), *options, '--fit', 'displacement_scale',
+                     '--out', str(tmp_path / 'fitted.yaml'))  # fmt: skip
+    assert fitted['estimates']['displacement_scale']['value'] == pytest.approx(SPOOL, rel=5e-3)
+    scale = load_parameters(str(tmp_path / 'fitted.yaml'))['displacement_scale']
+    assert scale == pytest.approx([way * SPOOL for way in WAYS], rel=5e-3)
+
+
+def test_counts_of_servos_and_a_table_of_motive_tell_radius_and_zero(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], poses: tuple[np.ndarray, np.ndarray]
+) -> None:
+    counts, tips = poses
+    times = 10.0 * np.arange(len(counts))
+    ticks = tmp_path / 'ticks.csv'
+    rows = [f'2024-05-02T10:00:{at:06.3f}Z,{count}' for at, count in zip(times, counts)]
+    ticks.write_text('when,servo 1 [ticks]\n' + '\n'.join(rows) + '\n')
+    start = np.datetime64('2024-05-02T10:00:00').astype('datetime64[s]').astype(float)
+    motive = motive_csv(tmp_path / 'motive.csv', start + times, tips)
+    config = tmp_path / 'arm.yaml'
+    zero = (ZERO + 40) * PER_COUNT  # of a servo whose zero is known within 3 degrees
+    known = {'displacement_scale': [1.1 * PER_COUNT], 'displacement_offset': [-zero, 0, 0, 0]}
+    config.write_text(parameters_as_yaml({**PARAMETERS, **known}))
+    options = [
+        '--json',
+        '--config', str(config), '--displacement-csv', str(ticks), '--midline-csv', str(motive),
+        '--columns', 'displacement:time=when', 'displacement_tendon_1_1=servo 1',
+        'x=Tip_x', 'y=Tip_y', 'z=Tip_z', '--poses', '--align', 'none', '--model', 'exact',
+        '--fit', 'displacement_scale', 'displacement_offset',
+    ]  # fmt: skip
+    fitted = printed(capsys, 'identify', *options)['estimates']
+    assert fitted['displacement_scale']['value'] == pytest.approx(PER_COUNT, rel=0.02)
+
+
+def test_a_table_of_poses_without_time_or_header_is_compared_and_replayed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], poses: tuple[np.ndarray, np.ndarray]
+) -> None:
+    _, tips = poses
+    table = tmp_path / 'poses.csv'
+    table.write_text(''.join(
+        f'{pull / 9.80665e-3:.6f};{1e3 * x:.4f};{1e3 * y:.4f};{1e3 * z:.4f}\n'
+        for pull, (x, y, z) in zip(PULLS, tips)
+    ))  # fmt: skip
+    config = tmp_path / 'arm.yaml'
+    config.write_text(parameters_as_yaml({**PARAMETERS, 'tension_scale': [9.80665e-3] * 4}))
+    slack = [f'tendon_1_{number}=0' for number in (2, 3, 4)]
+    columns = ['--columns', 'tendon_1_1=#1', *slack]
+    tip = ['x=#2', 'y=#3', 'z=#4', '--length-unit', 'mm', '--align', 'none', '--model', 'exact']
+    files = ['--config', str(config), '--pose-csv', str(table)]
+    compared = printed(capsys, 'compare', '--json', *files, *columns, *tip)
+    errors = [step['tip_error_percent'] for step in compared['steps']]
+    assert len(errors) == len(PULLS) and max(errors) < 0.2
+    out = tmp_path / 'shapes'
+    assert main(['replay', str(table), str(out), '--config', str(config), *columns]) == 0
+    with BagReader(out) as reader:
+        assert reader.count(['/backbone/path']) == len(PULLS)
+
+
+def test_a_table_is_estimated_as_a_bag_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], poses: tuple[np.ndarray, np.ndarray]
+) -> None:
+    _, tips = poses
+    table = tmp_path / 'poses.csv'
+    names = ','.join(f'tendon_1_{number} [N]' for number in (1, 2, 3, 4))
+    rows = [f'{pull},0,0,0,{",".join(map(repr, tip.tolist()))}' for pull, tip in zip(PULLS, tips)]
+    table.write_text(f'{names},x,y,z\n' + '\n'.join(rows) + '\n')
+    config = tmp_path / 'arm.yaml'
+    config.write_text(parameters_as_yaml({**PARAMETERS, 'model': 'exact'}))
+    words = ['--config', str(config), '--tip-position-stddev', '1e-3', '--tension-stddev', '0.05']
+    found = printed(
+        capsys, 'estimate', str(table), '--json', *words, '--csv', str(tmp_path / 'out')
+    )
+    assert found['touches'] == []
+    lines = (tmp_path / 'out' / 'estimate.csv').read_text().splitlines()
+    assert len(lines) == 1 + len(PULLS)
+    assert main(['estimate', str(table), *words, '--columns', 'tme=x']) == 2
+    assert 'tme, which is not read here; expected names of' in capsys.readouterr().err
