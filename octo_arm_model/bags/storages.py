@@ -50,6 +50,7 @@ _MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, times of receipt an
 _CHUNK_HEAD = struct.Struct('<QQQI')  # first and last time, size when expanded, its checksum
 _FOOTER_FIELDS = struct.Struct('<QQI')  # summary, its offsets, its checksum
 _STATISTICS_HEAD = struct.Struct('<QHIIIIQQI')  # messages, ..., chunks at 5; bytes of counts
+_RECOVER = '`mcap recover` saves what is whole of a file that was cut short'
 _STEPS = 100_000  # instructions of SQLite between checks for a signal
 _FORMATS = {
     'ros2msg': MessageDefinitionFormat.MSG,
@@ -302,13 +303,15 @@ class McapFile:
             kind, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, self._size)
             place += _RECORD.size + length
             if place > end:
-                raise ValueError(f'the record at byte {start} claims {length} bytes, too many')
+                raise ValueError(
+                    f'the record at byte {start} claims {length} bytes, too many; {_RECOVER}'
+                )
             if kind != _ATTACHMENT:
                 check_size(length, f'the record at byte {start}')
             if kind in (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS):
                 yield kind, start + _RECORD.size, length
         if kind != _FOOTER or length != _FOOTER_FIELDS.size:
-            raise ValueError('its last record is no footer')
+            raise ValueError(f'its last record is no footer; {_RECOVER}')
         footer = self._bytes(start + _RECORD.size, length)
         summary, _, checksum = _FOOTER_FIELDS.unpack(footer)
         if summary and checksum and checksum != self._checksum(summary, end - 4):

@@ -325,7 +325,8 @@ cannot be written, 130 interrupted
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
-    add_path(parser, 'bag', 'BAG', 'rosbag2 folder, .mcap or .db3 file; it stays as it is')
+    text = 'rosbag2 folder, .mcap, .db3 or .csv file; it stays as it is'
+    add_path(parser, 'bag', 'BAG', text)
     add_config_option(parser, None, 'the arm_description in the bag')
     text = 'estimate each time from the whole recording instead of what was measured before'
     add_flag(parser, '--smooth', text)

@@ -145,9 +145,10 @@ confidence intervals and correlations. What can be fitted, by default youngs_mod
 
 poisson_ratio, sheath_stiffness and tendon_offsets need the model exact, friction another than
 renda2012 and steps that were loaded and unloaded, axial_stiffness (of the tendons themselves)
-encoder readings of tendons under tension, with an unknown zero for each. The alignment is fitted
-as well where --align is 'fit', or not given while the midlines are not in base_frame. What the
-data cannot tell is left as it is, one parameter at a time, and said.
+encoder readings of tendons under tension, with an unknown zero for each, as displacement_scale
+(one factor for the spools of all motors) and displacement_offset (their zeros) do. The alignment
+is fitted as well where --align is 'fit', or not given while the midlines are not in base_frame.
+What the data cannot tell is left as it is, one parameter at a time, and said.
 """
 EPILOG = (
     """\
@@ -158,6 +159,7 @@ examples:
   octo-arm identify experiment --model exact --fit youngs_modulus sheath_stiffness
   octo-arm identify experiment --model exact --fit youngs_modulus friction
   octo-arm identify experiment --model exact --fit youngs_modulus axial_stiffness
+  octo-arm identify trial --displacements /servos:angle --spools 0.01 --fit displacement_scale
 
 Intervals come from leaving out one load at a time, with all its repeats, with Student's t, whose
 degrees of freedom are one less than the loads that matter. They hold what differs from one load

@@ -44,8 +44,9 @@ examples:
   octo-arm replay experiment.mcap shapes --no-copy --json
   octo-arm replay experiment shapes --topics /tendon_tensions     # without tendon_displacements
 
-IN is a rosbag2 folder, of MCAP or sqlite3, or one of their files; it stays as it is. The arm
-is that of --config, or else of the topic arm_description, which the node publishes. Messages that
+IN is a rosbag2 folder, of MCAP or sqlite3, or one of their files, or a table (.csv) with columns
+of tensions or displacements and perhaps time; it stays as it is. The arm is that of --config, or
+else of the topic arm_description, which the node publishes. Messages that
 hold no tensions of the arm (wrong number or names, NaN, negative) and those that the model has no
 trustworthy answer to are left out, counted and listed with their stamps. Loaded arms follow the
 last solution, from the unloaded shape on after a stamp that runs backwards; their loads are those
@@ -61,7 +62,7 @@ bag, damaged, no tensions, none for this arm) or OUT cannot be written, 130 inte
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
-    add_path(parser, 'bag', 'IN', 'bag with tensions')
+    add_path(parser, 'bag', 'IN', 'bag with tensions, or a table of them that ends in .csv')
     add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
     add_config_option(parser, None, 'what the bag says')
     add_model(parser)

@@ -178,6 +178,22 @@ def test_compressed_files_are_bounded(tmp_path: Path, monkeypatch: pytest.Monkey
     assert 'bytes expand to more than' in problem_of(path)
 
 
+def test_a_bag_that_names_no_storage_or_has_no_metadata_is_read(tmp_path: Path) -> None:
+    path = compressed_bag(tmp_path / 'bag', CompressionMode.FILE)
+    expected = found_in(path)[0]
+    metadata = path / 'metadata.yaml'
+    text = metadata.read_text()
+    metadata.write_text(text.replace('storage_identifier: mcap', "storage_identifier: ''"))
+    assert metadata.read_text() != text and found_in(path) == (expected, [])
+    metadata.unlink()
+    found, (note,) = found_in(path)
+    assert found == expected and 'no metadata.yaml: 1 file(s) are read' in note
+    whole = file_of(path)
+    whole.write_bytes(zstd.decompress(whole.read_bytes())[:-100])
+    whole.rename(path / 'cut.mcap')
+    assert '`mcap recover`' in problem_of(path)
+
+
 def test_a_record_larger_than_its_file_is_refused(tmp_path: Path) -> None:
     path = single(tmp_path / 'bag')
     data = bytearray(path.read_bytes())

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import printed
-from experiments import PARAMETERS
+from experiments import PARAMETERS, bag_of, nanoseconds, tension_samples
+from recordings import header, make, message
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 from built_robots import (
@@ -24,9 +25,13 @@ from built_robots import (
     trunk_parameters,
 )
 
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
+from octo_arm_model.experiment.csv_recording import CsvSources
+from octo_arm_model.experiment.measured_points import Measured
+from octo_arm_model.experiment.read_recording import read_recording
 
 TURNS = ((0.0,) * 6, (0.4, 0.0, 0.2, 0.3, -0.3, 0.2), (-0.3, 0.4, 0.3, -0.2, 0.2, 0.4))
 PER_COUNT = 2.0 * np.pi * SPOOL / COUNTS
@@ -126,3 +131,53 @@ def test_a_table_is_estimated_as_a_bag_is(
     assert len(lines) == 1 + len(PULLS)
     assert main(['estimate', str(table), *words, '--columns', 'tme=x']) == 2
     assert 'tme, which is not read here; expected names of' in capsys.readouterr().err
+
+
+PLACES = np.array([[0.0, 0.0, 0.1], [0.01, 0.0, 0.19], [0.03, 0.01, 0.25]])
+NAMED = Measured(marker_s=(0.1, 0.2, 0.27), marker_names=('a', 'b', 'c'))
+
+
+def test_trajectories_of_vicon_are_read_in_their_units_at_their_rate(tmp_path: Path) -> None:
+    loads, track = tmp_path / 'loads.csv', tmp_path / 'track.csv'
+    loads.write_text('time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\ns,lbf,N,N,N\n0,1,0,0,0\n')
+    cells = [','.join(f'{1e3 * one:.3f}' for one in row) for row in PLACES]
+    track.write_text(
+        'Trajectories\n100\n,,arm:c,,,arm:a,,,arm:b,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z,X,Y,Z\n'
+        f',,mm,mm,mm,mm,mm,mm,mm,mm,mm\n7,0,{cells[2]},{cells[0]},,,\n'
+        f'8,0,{cells[2]},{cells[0]},{cells[1]}\n'
+    )
+    config = tmp_path / 'arm.yaml'
+    config.write_text(parameters_as_yaml(PARAMETERS))
+    found = read_recording(None, str(config), measured=NAMED, files=CsvSources(loads, track))
+    np.testing.assert_allclose(found.frame_time, [0.07, 0.08])
+    np.testing.assert_allclose(found.frames[1], PLACES)
+    assert np.isnan(found.frames[0][1]).all()
+    assert found.tensions[0, 0] == pytest.approx(4.4482, rel=1e-4)
+    with pytest.raises(MeasurementError, match=r'names midline:tme, which is not read here.*time'):
+        files = CsvSources(loads, track, columns={'midline:tme': 'Frame'})
+        read_recording(None, str(config), measured=NAMED, files=files)
+
+
+def test_a_cloud_of_points_is_markers_by_their_numbers(tmp_path: Path) -> None:
+    fields = [
+        make('sensor_msgs/msg/PointField', name=axis, offset=4 * place, datatype=7, count=1)
+        for place, axis in enumerate('xyz')
+    ]
+    data = np.column_stack([PLACES[::-1], np.zeros(3)]).astype('<f4')
+    cloud = {
+        'height': 1, 'width': 3, 'fields': fields, 'is_bigendian': False, 'point_step': 16,
+        'row_step': 48, 'data': data.view(np.uint8).ravel(), 'is_dense': True,
+    }  # fmt: skip
+    samples = tension_samples(np.arange(3.0), np.ones(3))
+    for number, changes in enumerate(({}, {'width': 3000}, {'fields': fields[:2]})):
+        stamp = nanoseconds(float(number))
+        kind = 'sensor_msgs/msg/PointCloud2'
+        one = {'header': header(stamp, 'lidar'), **cloud, **changes}
+        samples.append(message('/points', kind, stamp, **one))
+    config = tmp_path / 'arm.yaml'
+    config.write_text(parameters_as_yaml(PARAMETERS))
+    measured = Measured(marker_s=NAMED.marker_s, marker_names=('2', '1', '0'))
+    found = read_recording(bag_of(tmp_path / 'bag', samples), str(config), measured=measured)
+    np.testing.assert_allclose(found.frames, [PLACES], atol=1e-8)
+    said = ' '.join(found.refusals.lines())
+    assert '3000 points of 16 bytes' in said and 'x, y, z are missing' in said
