@@ -71,9 +71,11 @@ class _McapWriter(_Numbered, McapWriter):
 
 
 class _Sqlite3Writer(_Numbered, Sqlite3Writer):
-    """Without a journal: what fails is discarded whole."""
+    """With pages of several messages, and no journal: what fails is discarded whole."""
 
-    SQLITE_SCHEMA = f'PRAGMA journal_mode = OFF; {Sqlite3Writer.SQLITE_SCHEMA}'
+    SQLITE_SCHEMA = (
+        f'PRAGMA page_size = {2**16}; PRAGMA journal_mode = OFF; {Sqlite3Writer.SQLITE_SCHEMA}'
+    )
 
 
 class _Writer(Writer):
