@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
 
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
@@ -24,6 +24,9 @@ _POINTS = np.arange(-2.0, 3.0)
 _SPACING = 1e-3
 # From values at the five points to the coefficients of the quartic through them.
 _TO_QUARTIC = np.linalg.inv(np.vander(_POINTS, increasing=True))
+
+
+PCHIP, LINEAR = BETWEEN = 'pchip', 'linear'  # what tables do between their points
 
 
 class Profile(ABC):
@@ -106,15 +109,16 @@ class Constant(Profile):
 
 @dataclass(frozen=True)
 class Table(Profile):
-    """Monotone cubic interpolation of given points (PCHIP, Fritsch and Butland 1984).
+    """Interpolation of given points: monotone and cubic, or linear with kinks at the points.
 
-    Linear for two points.
+    The first is PCHIP (Fritsch and Butland 1984); both are linear for two points.
 
     Attributes:
         s: arc coordinates [m], at least two and at most `MAX_TABLE_POINTS`, the first 0,
             increasing.
         values: the value at each.
         name: its name in errors.
+        between: 'pchip' or 'linear'.
 
     Raises:
         ArmDefinitionError: if the points are not as described.
@@ -123,8 +127,12 @@ class Table(Profile):
     s: tuple[float, ...]
     values: tuple[float, ...]
     name: str = 'table'
+    between: str = PCHIP
 
     def __post_init__(self) -> None:
+        if self.between not in BETWEEN:
+            expected = f'one of {", ".join(BETWEEN)}'
+            raise ArmDefinitionError(f'{self.name}.between', self.between, expected)
         for field in ('s', 'values'):
             given = getattr(self, field)
             column = real_numbers(given)
@@ -142,8 +150,10 @@ class Table(Profile):
             raise ArmDefinitionError(f'{self.name}.values', self.values, expected)
 
     @functools.cached_property
-    def _interpolant(self) -> PchipInterpolator:
-        return PchipInterpolator(self.s, self.values)
+    def _interpolant(self) -> PchipInterpolator | BSpline:
+        if self.between == PCHIP:
+            return PchipInterpolator(self.s, self.values)
+        return make_interp_spline(self.s, self.values, k=1)
 
     def value(self, s: ArrayLike) -> FloatArray:
         """Value at ``s``."""

@@ -15,7 +15,7 @@ from octo_arm_model.arm.body import Body, ProfiledBody
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.material import Material
-from octo_arm_model.arm.profile import Constant, Linear, Profile, Table
+from octo_arm_model.arm.profile import BETWEEN, LINEAR, Constant, Linear, Profile, Table
 from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.arm.validation import finite, not_negative, positive
 from octo_arm_model.config.parameter import Values, check_length
@@ -268,6 +268,11 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
             raise ConfigError(f'sections.tendons is {list(numbers)}, expected at least 1 each')
     total = sum(numbers)
     check_size(count, total)
+    between = given['tendons.table_between']
+    if between not in BETWEEN:
+        raise ConfigError(
+            f'tendons.table_between is {shown(between)}, expected {" or ".join(BETWEEN)}'
+        )
     angles = given['tendons.angle'] or tuple(
         2.0 * math.pi * j / number for number in numbers for j in range(number)
     )
@@ -294,7 +299,12 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
 
 def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
     """Tendons with tabulated paths."""
-    s = given['tendons.table_s']
+    s, between = given['tendons.table_s'], given['tendons.table_between']
+    if between == LINEAR and any(given['tendons.friction']):
+        raise ConfigError(
+            'tendons.table_between is linear, and tendons.friction is given: it has no friction '
+            'at kinks, expected pchip'
+        )
     for name in ('sections.offset_base', 'sections.offset_anchorage', 'tendons.twist'):
         if given.get(name):
             raise ConfigError(f'{name} does not go with tendons.table_s')
@@ -308,10 +318,12 @@ def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
     tendons = []
     for j in range(total):
         part = slice(j * len(s), (j + 1) * len(s))
-        offset = Table(s, columns['tendons.table_offset'][part], f'offset of tendon {j + 1}')
+        name = f'offset of tendon {j + 1}'
+        offset = Table(s, columns['tendons.table_offset'][part], name, between)
         angle: Profile = Constant(angles[j])
         if columns['tendons.table_angle']:
-            angle = Table(s, columns['tendons.table_angle'][part], f'angle of tendon {j + 1}')
+            name = f'angle of tendon {j + 1}'
+            angle = Table(s, columns['tendons.table_angle'][part], name, between)
         tendons.append(Tendon(offset, angle))
     return tendons
 

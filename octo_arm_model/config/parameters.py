@@ -180,6 +180,10 @@ PARAMETERS = (
     Parameter('tendons.table_s', float,
               f'arc coordinates of tabulated paths of all tendons, from 0 on [m]{TABLE_BOUND}', (),
               is_array=True, range='increasing from 0 on, as far as the tendons go'),
+    Parameter('tendons.table_between', str,
+              'what distance and direction do between table_s: pchip, a smooth monotone cubic, or '
+              'linear, with kinks at table_s as at rings that guide the tendons', 'pchip',
+              range='pchip or linear'),
     Parameter('tendons.table_offset', float,
               'distance from the midline at each of table_s [m], tendon after tendon; at most '
               f'{MAX_TENDON_TABLE}', (),
