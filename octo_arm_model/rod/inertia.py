@@ -54,10 +54,11 @@ class MotionFunctions(Protocol):
     ) -> None:
         """How nodes move, and what this exerts."""
 
-    def viscous_residual(
-        self, tables: MotionTables, rule: TimeRule, z: FloatArray, work: Work
-    ) -> float:
-        """The residual with viscosity."""
+    def imbalance(
+        self, tables: MotionTables, rule: TimeRule, z: FloatArray, reference: FloatArray,
+        work: Work,
+    ) -> float:  # fmt: skip
+        """The residual with viscosity, over a reference."""
 
 
 def choose_functions(form: Form) -> MotionFunctions:
@@ -74,6 +75,7 @@ class MovingProblem(Problem):
 
     Attributes:
         rule: velocities and accelerations, of a rod at rest at first.
+        reference: moment and force that residuals are measured by besides `Work.scale`, (m,).
         base: position [m] and quaternion w, x, y, z of the base, (7,).
     """
 
@@ -114,6 +116,7 @@ class MovingProblem(Problem):
             np.zeros((nodes, strains)), np.zeros((2, 3)),
         )  # fmt: skip
         self.rule = self.rest
+        self.reference = np.zeros(strains)
         place, velocity, acceleration = np.zeros((3, nodes, COLUMNS))
         self.motion = Motion(place, velocity, acceleration, np.zeros((2, nodes, 3)))
 
@@ -140,9 +143,8 @@ class MovingProblem(Problem):
             self._local = self.friction.hold_along(z, *given, work)
             acting = acting._replace(tensions=self._local.tensions)
         acting = acting._replace(force=total[0], couple=total[1])
-        left = self.form.residual(self.tables, z, acting.tensions, total[0], total[1], work)
-        if self._is_viscous:
-            left = self._functions.viscous_residual(self.moving, self.rule, z, work)
+        self.form.residual(self.tables, z, acting.tensions, total[0], total[1], work)
+        left = self._functions.imbalance(self.moving, self.rule, z, self.reference, work)
         self._current = self._oriented = z
         return State(acting, z, work.residual.copy(), left)
 
@@ -185,6 +187,15 @@ class MovingProblem(Problem):
         own = slope.reshape(nodes, 3, nodes, strains)
         own[number, :, number, 3:] += work.rotation[:, :, : strains - 3]
         return turn, slope
+
+    def velocities(self, place: FloatArray, twist_rate: FloatArray) -> FloatArray:
+        """Of ``place`` (N, 12) for rates of the twists in `work` (N, m), on a base at rest."""
+        turn, slope = self.kinematics(twist_rate.shape[1])
+        spin = (turn @ twist_rate.ravel())[:, np.newaxis]
+        found = np.empty((len(place), 4, 3))
+        found[:, 0] = self.moving.from_base @ (slope @ twist_rate.ravel())
+        found[:, 1:] = np.cross(spin, place[:, 3:].reshape(-1, 3, 3))
+        return found.reshape(place.shape)
 
     def _along_arm(self, matrix: FloatArray, values: FloatArray) -> FloatArray:
         """Integrals of ``values`` (N, 3, n) by a ``matrix`` (N, N)."""

@@ -103,11 +103,15 @@ def moving_loads(
     load[0], load[1] = tables.to_tip @ force, tables.to_tip @ moment
 
 
-def viscous_residual(tables: MotionTables, rule: TimeRule, z: FloatArray, work: Work) -> float:
-    """Add viscosity to the residual in ``work`` and return its size, as `loops.residual`."""
-    wrench = np.abs(work.gradient - work.residual).max(axis=0)
+def imbalance(
+    tables: MotionTables, rule: TimeRule, z: FloatArray, reference: FloatArray, work: Work
+) -> float:
+    """Add viscosity to the residual in ``work`` and return the largest, NaN if one is none.
+
+    Over `Work.scale` and a ``reference`` moment and force, (m,).
+    """
     work.residual[:] += tables.viscous * (rule.by_velocity * z - rule.twist_rate)
-    scale = work.scale[:, np.arange(z.shape[1]) // 3] + wrench
+    scale = work.scale[:, np.arange(z.shape[1]) // 3] + reference
     return float((np.abs(work.residual) / scale).max())
 
 

@@ -91,16 +91,15 @@ def _add_water(
 
 
 @compiled
-def viscous_residual(tables: MotionTables, rule: TimeRule, z: FloatArray, work: Work) -> float:
+def imbalance(
+    tables: MotionTables, rule: TimeRule, z: FloatArray, reference: FloatArray, work: Work
+) -> float:
     """See `inertia_arrays`."""
-    left, viscous, worst, largest = work.residual, tables.viscous, 0.0, np.zeros(6)
+    left, viscous, worst = work.residual, tables.viscous, 0.0
     for i in range(z.shape[0]):
         for c in range(z.shape[1]):
-            largest[c] = max(largest[c], abs(work.gradient[i, c] - left[i, c]))
             left[i, c] += viscous[i, c] * (rule.by_velocity * z[i, c] - rule.twist_rate[i, c])
-    for i in range(z.shape[0]):
-        for c in range(z.shape[1]):
-            value = abs(left[i, c]) / (work.scale[i, c // 3] + largest[c])
-            if not value <= worst:  # also NaN, which stays
+            value = abs(left[i, c]) / (work.scale[i, c // 3] + reference[c])
+            if not (value <= worst or worst != worst):  # also NaN, which stays
                 worst = value
     return worst

@@ -211,9 +211,9 @@ def _position_error(
                     of_bend += tail[row, k] * z[e * points + k, c]
                     of_direction += tail[row, k] * slope[e * points + k, c]
                 # As `max` does not, these keep what is no number.
-                if not of_bend * of_bend <= bend:
+                if not (of_bend * of_bend <= bend or bend != bend):
                     bend = of_bend * of_bend
-                if not of_direction * of_direction <= direction:
+                if not (of_direction * of_direction <= direction or direction != direction):
                     direction = of_direction * of_direction
         error += OF_BENDS * lengths[e] ** 2 * bend
         error += OF_DIRECTIONS * lengths[e] / whole * direction
@@ -258,7 +258,7 @@ def residual(
     for i in range(z.shape[0]):
         for c in range(count):
             value = abs(left[i, c]) / (scale[i, c // 3] + largest[c])
-            if not value <= worst:  # also NaN, which stays
+            if not (value <= worst or worst != worst):  # also NaN, which stays
                 worst = value
     return worst
 

@@ -36,7 +36,7 @@ from octo_arm_model.rod.inertia import MovingProblem
 from octo_arm_model.rod.inertia_arrays import POSITION, TimeRule
 from octo_arm_model.rod.inputs import check_tensions
 from octo_arm_model.rod.motion_state import Driven, Inputs, MotionState, load_state, save_state
-from octo_arm_model.rod.newton import settle
+from octo_arm_model.rod.newton import Chord, settle
 from octo_arm_model.rod.reeling import Reeling
 from octo_arm_model.rod.rod import moved
 from octo_arm_model.rod.solver import Solver
@@ -48,6 +48,7 @@ TOLERANCE = 1e-7  # residual of the balance at the end of a step
 # Shorter steps leave more, as places are rounded: times the square of this over the step [s].
 _ROUNDED = 5e-4
 _AGAIN = 0.4  # part of a residual up to which factors serve for the next iteration
+_MOST, _LEAST_PART = 30, 0.01  # iterations, and part of one that is shortened
 _FEWER_POINTS = -2  # in each element than an equilibrium has
 _LEAST_HALF = 2e-5  # step that is halved no more [s]
 _LONGEST, _SHORTEST = 1.0, 1e-7  # step [s]
@@ -154,12 +155,13 @@ class Dynamics:
         problem = self.problem
         z = moved(z, solver.elements(level), problem.elements)
         problem.place_base(given.base)
+        problem.reference = np.zeros(z.shape[1])
         acting = problem.acting(Condition(given.tensions, given.tip_wrench))
         found = self._in_current(acting, z, given.current)
         place = np.zeros((4, *problem.motion.place.shape))
         place[0] = problem.motion.place
         return self._state(
-            time, given, found, (), np.array([found.z, *np.zeros((2, *z.shape))]),
+            time, given, found, np.array([found.z, *np.zeros((2, *z.shape))]),
             place,
             np.array([given.current, *np.zeros((2, 3))]),
         )  # fmt: skip
@@ -208,18 +210,19 @@ class Dynamics:
         return Driven(tensions, displacements, driven, wrench, np.array(current), base)
 
     def _state(
-        self, time: float, given: Driven, state: State, factors: tuple[tuple[float, Linear], ...],
-        twist: FloatArray, place: FloatArray, water: FloatArray, iterations: int = 0,
+        self, time: float, given: Driven, state: State, twist: FloatArray, place: FloatArray,
+        water: FloatArray, last: tuple[float, Linear | None, int] = (0.0, None, 0),
     ) -> MotionState:  # fmt: skip
-        problem = self.problem
+        problem, (dt, factors, iterations) = self.problem, last
         history = None if problem.friction is None else problem.history(state)
         tensions = state.acting.condition.tensions
-        for array in (twist, place, water, tensions, history):
+        wrench = np.abs(problem.work.gradient).max(axis=0)
+        for array in (twist, place, water, tensions, wrench, history):
             if array is not None:
                 array.setflags(write=False)
         return MotionState(
-            time, twist, place, water, tensions, given.tip_wrench, given.base, history,
-            state.residual, iterations, *factors,
+            time, twist, place, water, tensions, given.tip_wrench, given.base, wrench, history,
+            state.residual, iterations, dt, factors,
         )  # fmt: skip
 
     # Steps -------------------------------------------------------------------------------------
@@ -268,6 +271,11 @@ class Dynamics:
         problem, (m, f, gamma, beta) = self.problem, self._alpha
         z, rate, bend = state.twist
         place, velocity, acceleration, own = state.place
+        problem.place_base(state.base)
+        if state.dt != dt and (given.base == state.base).all():
+            # Rates of places and twists differ by the square of a step, much for a shorter one.
+            problem.orient(z)
+            velocity, own = problem.velocities(place, rate), acceleration
         # What the rule makes of the end of the step, x: a_1 = c x - a, and so on.
         c, ratio = 1.0 / (beta * dt * dt), (1.0 - m) / (1.0 - f)
         lost = (0.5 - beta) / beta
@@ -289,9 +297,9 @@ class Dynamics:
             water[:2],
         )  # fmt: skip
         problem.place_base(given.base)
+        problem.reference = state.wrench
         guess = z + dt * rate + 0.5 * dt * dt * bend
-        known = state.factors
-        factors = known[1] if known is not None and known[0] == dt else None
+        factors = state.factors if state.dt == dt else None
         tolerance = TOLERANCE * max(1.0, (_ROUNDED / dt) ** 2)
         begin = guess, factors, tolerance
         found, next_factors, iterations = self._balance(state, given, *begin)
@@ -300,8 +308,8 @@ class Dynamics:
         bend = c * found.z - a_z
         twist = np.array([found.z, rule.by_velocity * found.z - rule.twist_rate, bend])
         places = np.array([place, velocity, acceleration, c * place - a])
-        kept = () if next_factors is None else ((dt, next_factors),)
-        return self._state(state.time + dt, given, found, kept, twist, places, water, iterations)
+        last = dt, next_factors, iterations
+        return self._state(state.time + dt, given, found, twist, places, water, last)
 
     def _balance(
         self, state: MotionState, given: Driven, guess: FloatArray, factors: Linear | None,
@@ -316,10 +324,35 @@ class Dynamics:
             begun = self.reeling.evaluate(condition, guess)
             found = settle(self.reeling, begun, tolerance)
             return found.state, None, found.iterations
+        return self._newton(condition, guess, factors, tolerance)
+
+    def _newton(
+        self, condition: Condition, z: FloatArray, factors: Linear | None, tolerance: float
+    ) -> tuple[State, Linear | None, int]:
+        """By chord steps, and where they do not serve by Newton's, shortened if too long."""
         problem = self.problem
-        acting = problem.acting(condition)
-        found = settle(problem, problem.evaluate(acting, guess), tolerance, factors, again=_AGAIN)
-        return found.state, found.factors, found.iterations
+        state = problem.evaluate(problem.acting(condition), z)
+        chord, is_near, part = Chord(problem.measure), False, 1.0
+        for iteration in range(_MOST):
+            if state.residual <= tolerance:
+                return state, factors, iteration
+            if factors is None:
+                factors, is_near = problem.linearise(state), True
+                chord = Chord(problem.measure)
+            step = chord.corrected(factors.solve(-state.imbalance.ravel())).reshape(z.shape)
+            new = problem.evaluate(state.acting, state.z + step)
+            if not new.residual <= _AGAIN * state.residual:
+                part, served = 1.0, is_near
+                while served and part > _LEAST_PART and not new.residual < state.residual:
+                    part *= 0.5
+                    new = problem.evaluate(state.acting, state.z + part * step)
+                factors, is_near = None, False
+                if not new.residual < state.residual:
+                    if served:
+                        break
+                    continue
+            state = new
+        return state, None, _MOST
 
     def _require(self, state: State, tolerance: float = TOLERANCE) -> None:
         if not state.residual <= tolerance:

@@ -20,7 +20,7 @@ from octo_arm_model.rod.inertia import MovingProblem
 from octo_arm_model.rod.inertia_arrays import COLUMNS
 
 _VERSION = 1  # of files of states
-_ARRAYS = 'twist', 'place', 'water', 'tensions', 'tip_wrench', 'base'
+_ARRAYS = 'twist', 'place', 'water', 'tensions', 'tip_wrench', 'base', 'wrench'
 _MOST_BYTES = 2**28  # of a file
 
 
@@ -79,10 +79,12 @@ class MotionState:
         tensions: of the tendons at the base [N], (J,).
         tip_wrench: with that of the loads, (6,) [N, N m].
         base: position [m] and quaternion w, x, y, z, (7,).
+        wrench: largest along the arm, moment and force in the axes of sections, (m,) [N m, N].
         history: tensions at the points of friction [N], (M, J); None without friction.
         residual: of the balance [-].
         iterations: of the last step.
-        factors: step [s] and factors that the next step may begin with.
+        dt: last step [s]; 0 at rest.
+        factors: that the next step may begin with.
     """
 
     time: float
@@ -92,10 +94,12 @@ class MotionState:
     tensions: FloatArray
     tip_wrench: FloatArray
     base: FloatArray
+    wrench: FloatArray
     history: FloatArray | None = None
     residual: float = 0.0
     iterations: int = 0
-    factors: tuple[float, Linear] | None = None
+    dt: float = 0.0
+    factors: Linear | None = None
 
 
 def save_state(state: MotionState, path: Path) -> None:
@@ -104,12 +108,14 @@ def save_state(state: MotionState, path: Path) -> None:
     Factors of an arm with winches are left out: its next step finds its own.
     """
     arrays = {name: getattr(state, name) for name in _ARRAYS}
-    arrays['numbers'] = np.array([_VERSION, state.time, state.residual, state.iterations])
+    arrays['numbers'] = np.array(
+        [_VERSION, state.time, state.residual, state.iterations, state.dt]
+    )
     if state.history is not None:
         arrays['history'] = state.history
-    if state.factors is not None and isinstance(state.factors[1], Factors):
-        dt, (factors, pivots, sign) = state.factors[0], state.factors[1]
-        arrays |= {'factors': factors, 'pivots': pivots, 'factored': np.array([dt, sign])}
+    if isinstance(state.factors, Factors):
+        factors, pivots, sign = state.factors
+        arrays |= {'factors': factors, 'pivots': pivots, 'sign': np.array(sign)}
     with path.open('wb') as file:
         np.savez(file, **arrays)
 
@@ -128,32 +134,32 @@ def load_state(path: Path, problem: MovingProblem) -> MotionState:
     except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise ConfigError(f'{path} cannot be read as a state: {error}') from None
     _check(given, path, problem)
-    version, time, residual, iterations = given['numbers'].tolist()
+    version, time, residual, iterations, dt = given['numbers'].tolist()
     if version != _VERSION:
         raise ConfigError(f'{path} is of version {version:g}, expected {_VERSION}')
-    factors: tuple[float, Linear] | None = None
+    factors: Linear | None = None
     if 'factors' in given:
-        dt, sign = given['factored'].tolist()
         lu = np.asfortranarray(given['factors'])
-        factors = dt, Factors(lu, given['pivots'].astype(np.int32), int(sign))
+        factors = Factors(lu, given['pivots'].astype(np.int32), int(given['sign']))
     values = {name: given[name] for name in _ARRAYS}
     return MotionState(
         time, **values, history=given.get('history'), residual=residual,
-        iterations=int(iterations), factors=factors,
+        iterations=int(iterations), dt=dt, factors=factors,
     )  # fmt: skip
 
 
 def _check(given: dict[str, FloatArray], path: Path, problem: MovingProblem) -> None:
     nodes, strains, count = problem.elements.s.size, problem.strains, problem.tables.friction.size
     shapes: dict[str, tuple[int, ...]] = {
-        'numbers': (4,), 'twist': (3, nodes, strains), 'place': (4, nodes, COLUMNS),
+        'numbers': (5,), 'twist': (3, nodes, strains), 'place': (4, nodes, COLUMNS),
         'water': (3, 3), 'tensions': (count,), 'tip_wrench': (6,), 'base': (7,),
+        'wrench': (strains,),
     }  # fmt: skip
     if problem.friction is not None:
         shapes['history'] = (problem.friction.fine.s.size, count)
     size = nodes * strains
     if 'factors' in given:
-        shapes |= {'factors': (size, size), 'pivots': (size,), 'factored': (2,)}
+        shapes |= {'factors': (size, size), 'pivots': (size,), 'sign': ()}
     for name, shape in shapes.items():
         array = given.get(name)
         if array is None or array.shape != shape or array.dtype.kind not in 'fi':

@@ -102,16 +102,15 @@ class Equations(Protocol):
 
 def settle(
     equations: Equations, state: State, tolerance: float, factors: Linear | None = None,
-    is_near: bool = False, again: float = CHORD,
+    is_near: bool = False,
 ) -> Found:  # fmt: skip
     """Search for a balance from ``state``, with ``factors`` from nearby, or of it, if any.
 
-    Factors are used ``again`` as long as they leave at most this part of a residual. The state it
-    ends in is a balance if its residual is at most ``tolerance``.
+    The state it ends in is a balance if its residual is at most ``tolerance``.
     """
     iterations, predicted, first, errors = 0, None, state, [state.residual]
     chord = None if factors is None else Chord(equations.measure)
-    limit, progress = MOST, PROGRESS
+    limit, progress, again = MOST, PROGRESS, CHORD
     if equations.others.without_tangent:
         limit, progress, again = MOST_LINEAR, LINEAR_PROGRESS, LINEAR_PROGRESS
     while state.residual > tolerance and iterations < limit:

@@ -320,7 +320,7 @@ def balance(
                 left[c] = g[c] - wrench[i, c]
                 along += left[c] * step[c]
                 value = abs(left[c]) / scale[c]
-                if not value <= size:  # also NaN, which stays
+                if not (value <= size or size != size):  # also NaN, which stays
                     size = value
             if steps > 1 and not (size <= ROUNDING or along <= OVERSHOOT * slope):
                 slope *= SHORTENED
@@ -334,7 +334,7 @@ def balance(
             for c in range(count):
                 own[c] += step[c]
                 slope -= left[c] * step[c]
-        if not size <= worst:
+        if not (size <= worst or worst != worst):
             worst = size
         most = max(most, steps)
     return worst, most

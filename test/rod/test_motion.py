@@ -33,6 +33,7 @@ from octo_arm_model import (
     modes,
     solve_displacements,
 )
+from octo_arm_model.arm.stiffness import default_highest
 
 TABLE4 = load_config('renda2012_table4').arm.with_density(1080.0)
 SLACK = np.zeros((3, 4))
@@ -427,8 +428,23 @@ def test_an_arm_that_is_crushed_ends_the_motion_with_a_sentence() -> None:
     dynamics = Dynamics(Solver(TABLE4, 'exact', stations=5), MotionProperties(300.0))
     first = dynamics.at_rest(Inputs(SLACK))
     with pytest.raises(SolveError, match=r'the motion ends at .* s, no step of .* s succeeds'):
-        swing(dynamics, first, Inputs(np.full((3, 4), 200.0)), 1.0, 0.1)
+        swing(dynamics, first, Inputs(np.full((3, 4), 1e4)), 0.01, 2e-3)
     assert dynamics.step(first, Inputs(PULL), 2e-3).time == pytest.approx(2e-3)
+
+
+@pytest.mark.endurance
+def test_random_commands_move_an_arm_without_a_step_that_fails() -> None:
+    # Ten minutes of new tensions twice a second, as large as the arm bears.
+    highest, generator = default_highest(TABLE4), np.random.default_rng(0)
+    loads = Loads(gravity=GRAVITY, fluid_density=1022.0)
+    dynamics = Dynamics(Solver(TABLE4, 'exact', stations=5, loads=loads), WATER)
+    state, tensions, goal = dynamics.at_rest(Inputs(SLACK)), SLACK, SLACK
+    for number in range(120_000):
+        if number % 100 == 0:
+            goal = highest * generator.random((3, 4)) * (generator.random((3, 4)) < 0.4)
+        tensions = tensions + np.clip(goal - tensions, -0.02 * highest, 0.02 * highest)
+        state = dynamics.step(state, Inputs(tensions), 5e-3)
+    assert state.time == pytest.approx(600.0)
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,18 @@ def test_both_forms_compute_the_same(name: str, level: int) -> None:
         np.testing.assert_allclose(second[name], one, rtol=0.0, atol=1e-12 * scale, err_msg=name)
 
 
+@pytest.mark.parametrize('form', ['loops', 'arrays'])
+def test_a_strain_that_is_impossible_anywhere_leaves_no_residual(form: str) -> None:
+    # A fibre of no length, at a node in the middle.
+    if form == 'loops':
+        pytest.importorskip('numba')
+    problem = rod_of('neo_hookean', compiled=form == 'loops').problem(0)
+    z = twists_at(problem.elements.s, problem.strains)
+    z[len(z) // 2, 1] = 1e3
+    with np.errstate(invalid='ignore'):
+        assert np.isnan(problem.evaluate(problem.acting(CONDITION), z).residual)
+
+
 @pytest.mark.parametrize('name', CASES)
 def test_gradient_and_hessian_are_derivatives_of_each_other(name: str) -> None:
     # The gradient is that of an energy: its Hessian is symmetric and its derivative.
