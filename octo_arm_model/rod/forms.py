@@ -43,6 +43,12 @@ class Form(Protocol):
     ) -> float:  # fmt: skip
         """Imbalance of every cross section under the loads beyond it."""
 
+    def oriented_residual(
+        self, tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray,
+        couple: FloatArray, work: Work,
+    ) -> float:  # fmt: skip
+        """The same, where orientations are known."""
+
     def jacobian(
         self, tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, work: Work
     ) -> None:

@@ -105,7 +105,7 @@ class MovingProblem(Problem):
         )  # fmt: skip
         from_base = elements.integration(elements.s)
         self.moving = MotionTables(
-            from_base, elements.weights - from_base, section, bool(section[:, 3:].any()),
+            np.asfortranarray(from_base), np.asfortranarray(elements.weights - from_base), section, bool(section[:, 3:].any()),
             _viscosities(tables, strains, properties),
         )  # fmt: skip
         self._is_viscous = bool(self.moving.viscous.any())
@@ -143,7 +143,8 @@ class MovingProblem(Problem):
             self._local = self.friction.hold_along(z, *given, work)
             acting = acting._replace(tensions=self._local.tensions)
         acting = acting._replace(force=total[0], couple=total[1])
-        self.form.residual(self.tables, z, acting.tensions, total[0], total[1], work)
+        loads = total[0], total[1]
+        self.form.oriented_residual(self.tables, z, acting.tensions, *loads, work)
         left = self._functions.imbalance(self.moving, self.rule, z, self.reference, work)
         self._current = self._oriented = z
         return State(acting, z, work.residual.copy(), left)
@@ -209,18 +210,19 @@ class MovingProblem(Problem):
         mass, rotary, _, added, across, along = self.moving.section.T[..., np.newaxis, np.newaxis]
         one, nodes = np.eye(3), len(place)
         by_turn, moment_by_place = np.zeros((2, nodes, 3, 3))
-        moment_by_turn = np.zeros((nodes, 3, 3))
-        for axis in (slice(6, 9), slice(9, 12)):
-            d = skew(place[:, axis])
-            moment_by_turn += (c0 * d - skew(acceleration[:, axis])) @ d
-        moment_by_turn *= rotary
+        # Of n x n'' + b x b'', with n n^T + b b^T = 1 - t t^T.
+        t, tt = place[:, TANGENT], _outer(place[:, TANGENT], place[:, TANGENT])
+        axes, spun = (x[:, 6:].reshape(-1, 2, 3) for x in (place, acceleration))
+        turning = axes.swapaxes(1, 2) @ spun
+        trace = (axes * spun).sum(axis=(1, 2))[:, np.newaxis, np.newaxis]
+        moment_by_turn = rotary * ((trace - c0) * one - c0 * tt - turning)
         by_place = -c0 * mass * one
         if not self.moving.in_water:
             return by_place, by_turn, moment_by_place, moment_by_turn
-        (u, rate), t, dt = self.rule.water, place[:, TANGENT], velocity[:, TANGENT]
+        (u, rate), dt = self.rule.water, velocity[:, TANGENT]
         w, a = velocity[:, POSITION] - u, acceleration[:, POSITION] - rate
         tw, size = dot(t, w)[..., np.newaxis], np.sqrt(dot(w, w))[..., np.newaxis]
-        tt, turned = _outer(t, t), _outer(dt, t)
+        turned = _outer(dt, t)
         by_acceleration = -added * (one - tt)
         by_velocity = added * (turned + turned.swapaxes(1, 2))
         by_velocity -= size * (across * one + along * tt)

@@ -20,7 +20,7 @@ class MotionTables(NamedTuple):
     """What does not change while an arm moves.
 
     Attributes:
-        from_base: matrix of integrals from the base to each node, (N, N) [m].
+        from_base: matrix of integrals from the base to each node, (N, N) in columns [m].
         to_tip: the same from each node to the tip.
         section: per reference length, rho A [kg/m], rho J [kg m], the mass of the displaced water
             and the added one [kg/m], and factors of the drag, see `inertia` (1): rho_w R C_n and

@@ -26,16 +26,12 @@ def moving_loads(
 ) -> None:
     """See `inertia_arrays`."""
     place, velocity, acceleration = motion.place, motion.velocity, motion.acceleration
-    nodes, rotation, slope = place.shape[0], work.rotation, work.slope
-    density = np.zeros((2, nodes, 3))
+    nodes, rotation = place.shape[0], work.rotation
+    position, density, total = np.empty((3, nodes)), np.zeros((nodes, 6)), np.empty((6, nodes))
+    _integrate(tables.from_base, work.slope, position)
     for i in range(nodes):
-        x = y = z = 0.0
-        for k in range(nodes):
-            weight = tables.from_base[i, k]
-            x += weight * slope[k, 0]
-            y += weight * slope[k, 1]
-            z += weight * slope[k, 2]
-        place[i, 0], place[i, 1], place[i, 2] = x + base[0], y + base[1], z + base[2]
+        for c in range(3):
+            place[i, c] = position[c, i] + base[c]
         for a in range(3):
             for c in range(3):
                 place[i, 3 + 3 * a + c] = rotation[i, c, a]
@@ -43,23 +39,29 @@ def moving_loads(
             velocity[i, c] = rule.by_velocity * place[i, c] - rule.velocity[i, c]
             acceleration[i, c] = rule.by_acceleration * place[i, c] - rule.acceleration[i, c]
         section, own, rates = tables.section[i], place[i], acceleration[i]
-        force, moment = density[0, i], density[1, i]
+        force, moment = density[i, :3], density[i, 3:]
         for c in range(3):
             force[c] = -section[MASS] * rates[c]
         _add_cross(-section[ROTARY], own[6:9], rates[6:9], moment)
         _add_cross(-section[ROTARY], own[9:12], rates[9:12], moment)
         if tables.in_water:
             _add_water(section, rule.water, own[3:6], velocity[i], rates, force, moment)
+    _integrate(tables.to_tip, density, total)
     for i in range(nodes):
-        for part in range(2):
-            x = y = z = 0.0
-            for k in range(nodes):
-                weight = tables.to_tip[i, k]
-                x += weight * density[part, k, 0]
-                y += weight * density[part, k, 1]
-                z += weight * density[part, k, 2]
-            load = motion.load[part, i]
-            load[0], load[1], load[2] = x, y, z
+        for c in range(3):
+            motion.load[0, i, c], motion.load[1, i, c] = total[c, i], total[3 + c, i]
+
+
+@helper
+def _integrate(matrix: FloatArray, values: FloatArray, out: FloatArray) -> None:
+    """A ``matrix`` (N, N) in columns times ``values`` (N, k), into ``out`` (k, N)."""
+    for c in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            out[c, i] = 0.0
+        for k in range(values.shape[0]):
+            value = values[k, c]
+            for i in range(out.shape[1]):
+                out[c, i] += matrix[i, k] * value
 
 
 @helper

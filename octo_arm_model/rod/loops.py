@@ -18,8 +18,8 @@ from octo_arm_model.rod.tables import Places, Tables, Work
 
 # The node functions, see `forms.Form`.
 __all__ = [
-    'angles', 'balance', 'jacobian', 'orientations', 'paper_twists', 'poses', 'residual',
-    'sections',
+    'angles', 'balance', 'jacobian', 'orientations', 'oriented_residual', 'paper_twists',
+    'poses', 'residual', 'sections',
 ]  # fmt: skip
 
 _MOST_SWEEPS = 80  # of orientations
@@ -237,6 +237,15 @@ def residual(
         strain is impossible.
     """
     orientations(tables, z, work)
+    return oriented_residual(tables, z, tensions, force, couple, work)
+
+
+@compiled
+def oriented_residual(
+    tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
+    work: Work,
+) -> float:  # fmt: skip
+    """As `residual`, after `orientations` of the same z."""
     moment, left, scale, count = work.moment, work.residual, work.scale, z.shape[1]
     _moments(tables.lengths, tables.weights, tables.to_end, work.slope, force, couple, moment)
     body, tendons, compliance = tables.body, tables.tendons, tables.compliance
