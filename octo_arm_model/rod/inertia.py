@@ -105,7 +105,8 @@ class MovingProblem(Problem):
         )  # fmt: skip
         from_base = elements.integration(elements.s)
         self.moving = MotionTables(
-            np.asfortranarray(from_base), np.asfortranarray(elements.weights - from_base), section, bool(section[:, 3:].any()),
+            np.asfortranarray(from_base), np.asfortranarray(elements.weights - from_base),
+            section, bool(section[:, 3:].any()),
             _viscosities(tables, strains, properties),
         )  # fmt: skip
         self._is_viscous = bool(self.moving.viscous.any())
