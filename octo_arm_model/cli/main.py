@@ -14,10 +14,12 @@ from octo_arm_model.cli import (
     identify,
     inverse,
     load,
+    modes,
     play,
     record_demo,
     replay,
     reproduce,
+    simulate,
     solve,
     workspace,
 )
@@ -42,8 +44,8 @@ class Command(Protocol):
 
 
 _COMMANDS: tuple[Command, ...] = (
-    solve, compare, estimate, record_demo, identify, inverse, load, play, replay, reproduce,
-    workspace,
+    solve, compare, estimate, record_demo, identify, inverse, load, play, simulate, modes, replay,
+    reproduce, workspace,
 )  # fmt: skip
 _OF_RECORDINGS = ('compare', 'estimate', 'identify')  # which read bags and draw pictures
 _PROG = 'octo-arm'
@@ -57,6 +59,8 @@ examples:
   octo-arm inverse renda2012_table4 --tip 0.2 0.1 -0.1
   octo-arm workspace renda2012_table4 --out cloud.png
   octo-arm play --list
+  octo-arm simulate my_arm.yaml bending --plot bending.png
+  octo-arm modes my_arm.yaml
   octo-arm load renda2012_table2 --node /octo_arm
   octo-arm record-demo experiment
   octo-arm compare experiment --out compared

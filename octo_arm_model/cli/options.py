@@ -11,6 +11,7 @@ from typing import Any
 
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.material import LAWS
+from octo_arm_model.arm.motion_properties import WATERS
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.rod.solver import MODELS
@@ -201,8 +202,8 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     add_vector(physics, '--tip-moment', 'X Y Z', 'in base_frame [N m]')
 
 
-def read_config(options: argparse.Namespace) -> Config:
-    """The config of `add_config`'s options.
+def read_config(options: argparse.Namespace, moves: bool = False) -> Config:
+    """The config of `add_config`'s options, of an arm that perhaps ``moves``.
 
     Raises:
         ConfigError: if there is no such file or preset, or it does not describe an arm, or the
@@ -226,7 +227,7 @@ def read_config(options: argparse.Namespace) -> Config:
         if value is not None
     }
     acting = dataclasses.replace(config.loads, **loads)
-    if not any(acting.gravity):
+    if not (any(acting.gravity) or moves):
         refuse_without_effect(options, ('--density', '--fluid-density'), 'without --gravity')
     return dataclasses.replace(
         config,
@@ -235,6 +236,33 @@ def read_config(options: argparse.Namespace) -> Config:
         law=options.material or config.law,
         loads=acting,
     )
+
+
+def add_moving_arm(parser: argparse.ArgumentParser) -> None:
+    """As `add_config`, and the options of its damping."""
+    add_config(parser)
+    motion = parser.add_argument_group('motion', 'instead of what the config says')
+    add_value(motion, '--viscosity', 'ETA', 'of the material [Pa s]', float)
+    water = 'coefficients of drag and added mass, in a fluid of --fluid-density'
+    motion.add_argument('--water', choices=WATERS, help=water)
+
+
+def read_moving_arm(options: argparse.Namespace) -> Config:
+    """The config of the options of `add_moving_arm`; its model is exact.
+
+    Raises:
+        OctoArmError: as `read_config`; also if another model is given.
+    """
+    if options.model not in (None, 'exact'):
+        raise ConfigError(f'--model is {options.model}, which does not move: expected exact')
+    options.model = 'exact'
+    config = read_config(options, moves=True)
+    changes: dict[str, Any] = {}
+    if options.viscosity is not None:
+        changes |= {'viscosity': options.viscosity, 'damping_time': 0.0}
+    if options.water is not None:
+        changes |= WATERS[options.water]._asdict()
+    return dataclasses.replace(config, motion=dataclasses.replace(config.motion, **changes))
 
 
 def read_json(text: str, option: str, example: str) -> Any:

@@ -1,0 +1,88 @@
+"""``octo-arm modes``: natural frequencies, damping and shapes of the arm about an equilibrium."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from octo_arm_model.cli.files import check_out, writing
+from octo_arm_model.cli.options import (
+    add_json,
+    add_moving_arm,
+    add_number,
+    add_path,
+    add_value,
+    read_json,
+    read_moving_arm,
+)
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.modes import Modes, modes
+from octo_arm_model.rod.motion_state import Inputs
+
+SUMMARY = 'natural frequencies of the arm'
+DESCRIPTION = """\
+Find the natural modes of the arm about its equilibrium under tensions: small swings at a
+frequency of their own, with the added mass of the water, and how the viscosity of the material
+damps them. Tendons with friction stick.
+"""
+EPILOG = """\
+examples:
+  octo-arm modes renda2012_table4 --density 1080 --viscosity 300
+  octo-arm modes renda2012_table4 --density 1080 --fluid-density 1000 --water renda2018
+  octo-arm modes my_arm.yaml --tensions '[[0,0,0.1,0],[0,0,0,0],[1,0,0,0]]' --plot modes.png
+
+exit status: 0 done, 1 no stable equilibrium, 2 the input is wrong
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
+    add_moving_arm(parser)
+    text = 'JSON, a row for each section from the tip [N] (default: none is pulled)'
+    add_value(parser, '--tensions', 'ROWS', text)
+    add_number(parser, '--count', 6, 'how many, the slowest first', 'N')
+    add_path(parser, '--plot', 'PNG', 'picture of their shapes; needs matplotlib')
+    add_json(parser, ', in SI units: frequencies, damping ratios and shapes')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Find, print and draw them."""
+    config = read_moving_arm(options)
+    check_out(options, '--plot', folder=False, draws=True)
+    tensions = np.zeros(config.arm.tension_shape)
+    if options.tensions is not None:
+        tensions = read_json(options.tensions, '--tensions', "'[[0,0,0.5,0]]'")
+    dynamics = config.dynamics()
+    state = dynamics.at_rest(Inputs(tensions))
+    found = modes(dynamics, state, options.count)
+    if options.plot:
+        with writing(options.plot) as place:
+            draw_modes(place, found, dynamics.backbone(state))
+    if options.json:
+        print(json.dumps({name: value.tolist() for name, value in found._asdict().items()}))
+        return
+    print(f'{"mode":>4}  {"frequency [Hz]":>14}  {"damping ratio":>13}')
+    for number, (frequency, damping) in enumerate(zip(found.frequencies, found.damping), start=1):
+        print(f'{number:4}  {frequency:14.4f}  {damping:13.4f}')
+    if options.plot:
+        print(options.plot)
+
+
+def draw_modes(path: Path, found: Modes, backbone: Backbone) -> None:
+    """Draw shapes of modes about that of ``backbone`` into a PNG file."""
+    from matplotlib.figure import Figure
+
+    count = len(found.frequencies)
+    figure = Figure(figsize=(3.0 * min(count, 4), 3.2 * -(-count // 4)), layout='constrained')
+    size = 0.2 * backbone.s[-1]
+    for number, shape in enumerate(found.shapes, start=1):
+        axes = figure.add_subplot(-(-count // 4), min(count, 4), number, projection='3d')
+        for part in (-1.0, 0.0, 1.0):
+            line = backbone.position + part * size * shape
+            axes.plot(*line.T, color='0.6' if part else 'C0')
+        axes.set_title(f'{found.frequencies[number - 1]:.4g} Hz')
+        axes.set_aspect('equal')
+    figure.savefig(path, dpi=120, format='png')

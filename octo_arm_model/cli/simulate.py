@@ -1,0 +1,111 @@
+"""``octo-arm simulate``: the motion of the arm along a profile of tensions, without ROS."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.cli.files import Bar, check_out, unwritten, writing
+from octo_arm_model.cli.options import (
+    add_highest,
+    add_moving_arm,
+    add_number,
+    add_path,
+    add_storage,
+    read_highest,
+    read_moving_arm,
+)
+from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.simulation.moving_arm import (
+    Course,
+    animate,
+    draw_motion,
+    simulate,
+    write_motion_csv,
+)
+from octo_arm_model.simulation.profiles.commands import find_profile
+
+SUMMARY = 'simulate the motion of the arm along a profile of tensions'
+DESCRIPTION = """\
+Simulate how the arm moves while its tendons are pulled along a profile: with its inertia, its
+weight, the viscosity of its material, and drag and added mass of the water around it. It begins
+at rest. PROFILE is a movement of `octo-arm play --list`, or a file as that command reads them;
+its tensions change linearly within a step. ROS is not needed.
+"""
+EPILOG = """\
+examples:
+  octo-arm simulate renda2012_table4 fetching_in_plane --density 1080 --viscosity 300 \\
+      --gravity 0 0 -9.81 --fluid-density 1022 --water renda2018 --plot fetching.png
+  octo-arm simulate my_arm.yaml steps --out steps --csv steps.csv --hold 5
+  octo-arm simulate my_arm.yaml my_profile.csv --animate my_profile.gif --rate 25
+
+A bag has the topics tendon_tensions, backbone/path, backbone/poses, strains and tip_pose. A CSV
+file has a row for each moment: time [s], position [m] and velocity [m/s] of the tip and tensions
+[N]. The same options give the same numbers.
+
+exit status: 0 done, 1 no step of the motion succeeds, as of an arm that is crushed, 2 the input is
+wrong or a file cannot be written, 130 interrupted
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
+    add_moving_arm(parser)
+    parser.add_argument(
+        'profile',
+        metavar='PROFILE',
+        help='movement of octo-arm play --list, or a CSV or YAML file',
+    )
+    add_highest(parser, 'what the arm bears', ' of rotating, ramps, steps and sweeps')
+    add_number(parser, '--step', Course().step, 'of the integration [s]', 'S')
+    add_number(parser, '--rate', Course().rate, 'moments that are written, a second', 'HZ')
+    add_number(parser, '--hold', Course().hold, 'time after the end of the profile [s]', 'S')
+    add_path(parser, '--out', 'BAG', 'bag to write, not there yet')
+    add_path(parser, '--csv', 'CSV', 'table to write')
+    add_path(parser, '--plot', 'PNG', 'picture to write; needs matplotlib')
+    add_path(parser, '--animate', 'GIF', 'moving picture to write; needs matplotlib')
+    add_storage(parser)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Simulate, and write what is wanted."""
+    config = read_moving_arm(options)
+    for name in ('--csv', '--plot', '--animate'):
+        check_out(options, name, folder=False, draws=name != '--csv')
+    files = [path for path in (options.csv, options.plot, options.animate) if path is not None]
+    if len(set(files)) < len(files):
+        raise ConfigError('--csv, --plot and --animate are expected to be different files')
+    profile = find_profile(options.profile, config.arm, read_highest(options))
+    course = Course(options.step, options.rate, options.hold)
+    began = time.monotonic()
+    with Bar('moments') as bar:
+        moments = simulate(config.dynamics(), profile, course, bar)
+        if options.out is None:
+            made = list(moments)
+        else:
+            from octo_arm_model.bags.motion import add_motion
+            from octo_arm_model.bags.writer import BagWriter
+
+            custom = {'octo_arm_simulate': f'{options.config} {options.profile}'}
+            parameters = load_parameters(options.config)
+            with unwritten(options.out), BagWriter(options.out, options.storage, custom) as writer:
+                made = add_motion(writer, config, parameters, moments)
+    elapsed = time.monotonic() - began
+    for path, write in (
+        (options.csv, lambda place: write_motion_csv(place, made, config.arm.tendon_names)),
+        (options.plot, lambda place: draw_motion(place, made, options.profile)),
+        (options.animate, lambda place: animate(place, made, options.rate, options.profile)),
+    ):
+        if path is not None:
+            with writing(path) as place:
+                write(place)
+    tip = ', '.join(f'{1e3 * c:.2f}' for c in made[-1].backbone.tip)
+    fastest = max(float(np.linalg.norm(one.tip_velocity)) for one in made)
+    print(f'{made[-1].time:.4g} s simulated in {elapsed:.4g} s')
+    print(f'tip at the end at {tip} mm, at most {fastest:.3g} m/s fast')
+    for path in (options.out, *files):
+        if path is not None:
+            print(path)
