@@ -28,7 +28,7 @@ from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.rod import arrays, inertia_arrays
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.equilibrium import Acting, Problem, State
+from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.inertia_arrays import (
     COLUMNS,
@@ -117,6 +117,7 @@ class MovingProblem(Problem):
             np.zeros((nodes, strains)), np.zeros((2, 3)),
         )  # fmt: skip
         self.rule = self.rest
+        self._dead: tuple[Condition, FloatArray] | None = None
         self.reference = np.zeros(strains)
         place, velocity, acceleration = np.zeros((3, nodes, COLUMNS))
         self.motion = Motion(place, velocity, acceleration, np.zeros((2, nodes, 3)))
@@ -133,7 +134,9 @@ class MovingProblem(Problem):
         work, condition = self.work, acting.condition
         self.form.orientations(self.tables, z, work)
         self._functions.moving_loads(self.moving, self.rule, self.base[:3], work, self.motion)
-        total = self.loads.at(condition.factor, condition.tip_wrench) + self.motion.load
+        if self._dead is None or self._dead[0] is not condition:
+            self._dead = condition, self.loads.at(condition.factor, condition.tip_wrench)
+        total = self._dead[1] + self.motion.load
         if self.others.loads:
             rod = NodeRod(self.others, work.quaternion, z)
             total += condition.factor * self.others.resultants(rod)

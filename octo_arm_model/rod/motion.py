@@ -161,7 +161,7 @@ class Dynamics:
         place = np.zeros((4, *problem.motion.place.shape))
         place[0] = problem.motion.place
         return self._state(
-            time, given, found, np.array([found.z, *np.zeros((2, *z.shape))]),
+            time, given, found, np.array([found.z, *np.zeros((3, *z.shape))]),
             place,
             np.array([given.current, *np.zeros((2, 3))]),
         )  # fmt: skip
@@ -269,7 +269,7 @@ class Dynamics:
 
     def _one_step(self, state: MotionState, given: Driven, dt: float) -> MotionState:
         problem, (m, f, gamma, beta) = self.problem, self._alpha
-        z, rate, bend = state.twist
+        z, rate, bend, last_bend = state.twist
         place, velocity, acceleration, own = state.place
         problem.place_base(state.base)
         if state.dt != dt and (given.base == state.base).all():
@@ -298,15 +298,17 @@ class Dynamics:
         )  # fmt: skip
         problem.place_base(given.base)
         problem.reference = state.wrench
-        guess = z + dt * rate + 0.5 * dt * dt * bend
-        factors = state.factors if state.dt == dt else None
+        guess, factors = z + dt * rate + 0.5 * dt * dt * bend, None
+        if state.dt == dt:
+            factors = state.factors
+            guess += beta * dt * dt * (bend - last_bend)
         tolerance = TOLERANCE * max(1.0, (_ROUNDED / dt) ** 2)
         begin = guess, factors, tolerance
         found, next_factors, iterations = self._balance(state, given, *begin)
         self._require(found, tolerance)
         rule, (place, velocity, acceleration, _) = problem.rule, problem.motion
-        bend = c * found.z - a_z
-        twist = np.array([found.z, rule.by_velocity * found.z - rule.twist_rate, bend])
+        rate = rule.by_velocity * found.z - rule.twist_rate
+        twist = np.array([found.z, rate, c * found.z - a_z, bend])
         places = np.array([place, velocity, acceleration, c * place - a])
         last = dt, next_factors, iterations
         return self._state(state.time + dt, given, found, twist, places, water, last)

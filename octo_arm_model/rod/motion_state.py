@@ -73,7 +73,8 @@ class MotionState:
 
     Attributes:
         time: [s].
-        twist: (N, m), its rate, and the acceleration of the rule.
+        twist: twists, their rates, and accelerations of the rule after this step and the last one,
+            (4, N, m).
         place: places, velocities, accelerations and accelerations of the rule, (4, N, 12).
         water: velocity of the water, its acceleration and that of the rule, (3, 3).
         tensions: of the tendons at the base [N], (J,).
@@ -151,7 +152,7 @@ def load_state(path: Path, problem: MovingProblem) -> MotionState:
 def _check(given: dict[str, FloatArray], path: Path, problem: MovingProblem) -> None:
     nodes, strains, count = problem.elements.s.size, problem.strains, problem.tables.friction.size
     shapes: dict[str, tuple[int, ...]] = {
-        'numbers': (5,), 'twist': (3, nodes, strains), 'place': (4, nodes, COLUMNS),
+        'numbers': (5,), 'twist': (4, nodes, strains), 'place': (4, nodes, COLUMNS),
         'water': (3, 3), 'tensions': (count,), 'tip_wrench': (6,), 'base': (7,),
         'wrench': (strains,),
     }  # fmt: skip
