@@ -166,8 +166,9 @@ def test_the_linear_model_has_the_compliance_of_the_equilibrium() -> None:
 # Conservation and convergence --------------------------------------------------------------------
 
 
+@pytest.mark.parametrize('seconds', [1.0, pytest.param(10.0, marks=pytest.mark.endurance)])
 @pytest.mark.parametrize(('water', 'added'), [(0.0, 0.0), (1000.0, 1.5)], ids=['air', 'water'])
-def test_a_free_swing_keeps_its_energy(water: float, added: float) -> None:
+def test_a_free_swing_keeps_its_energy(water: float, added: float, seconds: float) -> None:
     loads = Loads(gravity=(0.0, -1.0, 0.0), fluid_density=water)
     solver = Solver(TABLE4, 'exact', stations=5, material='linear', loads=loads)
     dynamics = Dynamics(solver, MotionProperties(added_mass=added))
@@ -177,7 +178,7 @@ def test_a_free_swing_keeps_its_energy(water: float, added: float) -> None:
         wrench = (0.0, 0.002 * part, 0.001 * part, 0.0, 0.0, 0.0)
         state = dynamics.step(state, Inputs(SLACK, tip_wrench=wrench), 2e-3)
     found = []
-    for _ in range(500):
+    for _ in range(round(seconds / 2e-3)):
         state = dynamics.step(state, Inputs(SLACK), 2e-3)
         found.append(energy(dynamics, state))
     assert energy(dynamics, first) > rest
