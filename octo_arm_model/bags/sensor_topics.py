@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,11 +22,24 @@ from octo_arm_model.bags.tensions import (
     pick_tensions,
     read_topic,
 )
-from octo_arm_model.bags.topics import measured_topics, names, namespace, only_one, pick_usual
+from octo_arm_model.bags.topics import (
+    measured_topics,
+    names,
+    namespace,
+    only_one,
+    pick_topic,
+    pick_usual,
+)
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.measurements.measurement import Measurement
 from octo_arm_model.estimation.measurements.tendons import Tensions
-from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS, MeasuredArm, displacements_of
+from octo_arm_model.wire.measurements import (
+    MARKERS,
+    MEASUREMENT_TOPICS,
+    MeasuredArm,
+    displacements_of,
+    markers_of,
+)
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS
@@ -70,13 +84,15 @@ class SensorTopics:
         tensions: that of the tensions; '' for none.
         field: what holds them, where that is not the usual field.
         others: topics by their row of `MEASUREMENT_TOPICS`.
-        encoder_field: likewise of displacements.
+        fields: likewise of other topics.
+        marker_names: of the markers, see `points_of`; empty for all as they are.
     """
 
     tensions: str
     field: str
     others: Mapping[str, str]
-    encoder_field: str = ''
+    fields: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    marker_names: Sequence[str] = ()
 
     @property
     def all(self) -> list[str]:
@@ -92,33 +108,41 @@ class SensorTopics:
 
 
 def find_sensors(
-    reader: BagReader, tensions: str | None = None, others: Mapping[str, str | None] | None = None
+    reader: BagReader,
+    tensions: str | None = None,
+    others: Mapping[str, str | None] | None = None,
+    marker_names: Sequence[str] = (),
 ) -> SensorTopics:
     """The topics that an arm is estimated from.
 
     Args:
         reader: the bag.
         tensions: topic of the tensions, or TOPIC:FIELD, or `NONE`; None for the only one there is.
-        others: topics by their row of `MEASUREMENT_TOPICS`, or `NONE`; None for those of the
-            usual name, in whatever namespace.
+        others: topics by their row of `MEASUREMENT_TOPICS`, of displacements and markers perhaps
+            TOPIC:FIELD, or `NONE`; None for those of the usual name, in whatever namespace.
+        marker_names: of the markers, see `points_of`.
 
     Raises:
         BagError: if a topic is missing, of another type, or there are several; if there is
             nothing at all.
     """
-    found, encoder_field = {}, ''
+    found, fields = {}, {}
     for name, row in MEASUREMENT_TOPICS.items():
         wanted = (others or {}).get(name)
         if wanted == NONE:
             continue
+        where = ''
         if name == DISPLACEMENTS:
-            topic, encoder_field = pick_displacements(reader, wanted) or ('', '')
+            topic, where = pick_displacements(reader, wanted) or ('', '')
+        elif name == MARKERS and ':' in (wanted or ''):
+            topic, _, where = str(wanted).partition(':')
+            topic = pick_topic(reader, topic, None, name)
         else:
             topic = pick_usual(reader, wanted, name, (row.type_name,), name) or ''
         if topic:
-            found[name] = topic
-    topic, field = _tensions(reader, tensions, set(found.values()))
-    sensors = SensorTopics(topic, field, found, encoder_field)
+            found[name], fields[topic] = topic, where
+    topic, held = _tensions(reader, tensions, set(found.values()))
+    sensors = SensorTopics(topic, held, found, fields, marker_names)
     if not sensors.all:
         raise BagError(
             f'{reader.path}: nothing is measured there, expected tensions or '
@@ -205,9 +229,11 @@ def read_measured(
     rows = {topic: MEASUREMENT_TOPICS[name] for name, topic in sensors.others.items()}
 
     def read(record: Record) -> tuple[Stamp, Measurement | None, str]:
+        where, names = sensors.fields.get(record.topic, ''), sensors.marker_names
         if record.topic == sensors.others.get(DISPLACEMENTS):
-            field = sensors.encoder_field
-            return reader.read(record, lambda message: displacements_of(message, arm, field))
+            return reader.read(record, lambda message: displacements_of(message, arm, where))
+        if record.topic == sensors.others.get(MARKERS):
+            return reader.read(record, lambda message: markers_of(message, arm, where, names))
         row = rows[record.topic]
         return reader.read(record, lambda message: row.read(message, arm))
 

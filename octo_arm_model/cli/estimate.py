@@ -346,7 +346,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_value(topics, '--midlines', 'TOPIC', f'{text}camera/midline)')
     add_tendons(parser)
     add_columns(topics)
-    text = 'markers at --marker-s in a table, as columns NAME_x, NAME_y and NAME_z'
+    text = (
+        'markers at --marker-s, by their names or numbers in a message of --markers TOPIC:FIELD, '
+        'or as columns NAME_x, NAME_y and NAME_z of a table'
+    )
     add_values(topics, '--marker-names', 'NAME', text)
     topics.add_argument(
         '--align',
@@ -387,13 +390,16 @@ def run(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as opened:
         columns = read_columns(options.columns)
         table = {**(sources.parameters or {}), **sources.values} if sources.parameters else None
-        names = tuple(options.marker_names)
+        is_table = options.bag.suffix == '.csv'
+        names = sources.marker_names if is_table else ()
         reader = opened.enter_context(
             open_bag(options.bag, table, sources.calibration, columns, names)
         )
-        if options.bag.suffix == '.csv':
+        if is_table:
             described = as_described({**(sources.parameters or {}), **sources.calibration})
-            sources = dataclasses.replace(sources, parameters=described, calibration={})
+            sources = dataclasses.replace(
+                sources, parameters=described, calibration={}, marker_names=()
+            )
         with Bar('messages') as bar:
             recorded = read_recorded(reader, sources, bar.on_terminal)
         sensors = ([TENSIONS] if recorded.sensors.tensions else []) + list(recorded.sensors.others)
@@ -439,6 +445,7 @@ def _sources(options: argparse.Namespace) -> Sources:
         read_calibration(options),
         None if options.align is None else read_alignment(options.align),
         options.clock_offset,
+        tuple(options.marker_names),
     )  # fmt: skip
 
 

@@ -53,6 +53,7 @@ class Sources:
         calibration: parameters of load cells and encoders in place of the arm's.
         alignment: pose of frames that are not base_frame; None where it is not known.
         clock_offset: to add to the stamps of the camera [s]; None to find it.
+        marker_names: of the markers, see `find_sensors`.
     """
 
     tensions: str | None = None
@@ -63,6 +64,7 @@ class Sources:
     calibration: Mapping[str, Any] = field(default_factory=dict)
     alignment: Alignment | None = None
     clock_offset: float | None = None
+    marker_names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def read_recorded(
         ConfigError: if there is no description of the arm, or the estimator does not cover it.
         OctoArmError: if a value is outside its range.
     """
-    sensors = find_sensors(reader, sources.tensions, sources.others)
+    sensors = find_sensors(reader, sources.tensions, sources.others, sources.marker_names)
     found = sources.parameters
     given = dict(found if found is not None else describe(reader, sensors.prefix))
     given.update(sources.values)

@@ -6,7 +6,7 @@ A message is an object of whichever library decoded it, as in `wire.tensions`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -26,10 +26,12 @@ from octo_arm_model.estimation.measurements.tendons import TendonDisplacements, 
 from octo_arm_model.estimation.measurements.tip import TipPose, TipPosition
 from octo_arm_model.estimation.settings import SensorNoise
 from octo_arm_model.rod.rotations import skew
+from octo_arm_model.wire.points import points_of
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tensions import (
     DISPLACEMENT_TYPE,
     DISPLACEMENTS,
+    field_of,
     read_displacements,
 )
 
@@ -159,20 +161,28 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
     return TipPose(position, quaternion, covariance)
 
 
-def _markers(message: Any, arm: MeasuredArm) -> Measurement:
+def markers_of(
+    message: Any, arm: MeasuredArm, field: str = '', names: Sequence[str] = ()
+) -> Measurement:
+    """Markers at estimator.marker_s in a PoseArray, or in the ``field`` of any message.
+
+    Those of ``names``, see `points_of`.
+
+    Raises:
+        MeasurementError: if there are others, or none is seen.
+        TensionError: if there is no such field.
+    """
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
     if not noise.marker_s:
         raise MeasurementError(
             'estimator.marker_s is empty: where the markers are on the arm is not known'
         )
-    if len(message.poses) != len(noise.marker_s):
+    points = points_of(field_of(message, field) if field else message.poses, names)
+    if len(points) != len(noise.marker_s):
         raise MeasurementError(
-            f'it has {len(message.poses)} marker(s), expected {len(noise.marker_s)}, one for each '
-            'of estimator.marker_s'
+            f'it has {len(points)} marker(s), expected {len(noise.marker_s)}, one for each of '
+            'estimator.marker_s'
         )
-    points: FloatArray = np.array(
-        [(p.x, p.y, p.z) for p in (pose.position for pose in message.poses)], np.float64
-    )
     if np.isinf(points).any():
         raise MeasurementError('a marker is infinite, expected finite numbers, or NaN if hidden')
     seen = ~np.isnan(points).any(axis=1)
@@ -217,7 +227,7 @@ MEASUREMENT_TOPICS: dict[str, MeasurementMessage] = {
     MARKERS: MeasurementMessage(
         'geometry_msgs/msg/PoseArray',
         'points of the midline at `estimator.marker_s`, NaN where hidden',
-        _markers,
+        markers_of,
     ),
     BASE_WRENCH: MeasurementMessage(
         'geometry_msgs/msg/WrenchStamped',

@@ -181,3 +181,20 @@ def test_a_cloud_of_points_is_markers_by_their_numbers(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.frames, [PLACES], atol=1e-8)
     said = ' '.join(found.refusals.lines())
     assert '3000 points of 16 bytes' in said and 'x, y, z are missing' in said
+
+
+def test_an_estimator_takes_motors_and_markers_of_foreign_messages(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = trunk_bag(tmp_path / 'trunk', TURNS[:2], np.random.default_rng(0))
+    config = tmp_path / 'trunk.yaml'
+    own = {'displacement_names': list(OF_TENDON), 'displacement_scale': [w * SPOOL for w in WAYS]}
+    config.write_text(parameters_as_yaml({**trunk_parameters(), **own}))
+    words = [
+        '--json', '--config', str(config), '--markers', '/mocap:markers', '--marker-s',
+        *map(str, MARKER_S), '--marker-stddev', '1e-3', '--displacement-stddev', '1e-4',
+        '--tendon-displacements', '/motors:angle', '--contact', 'none',
+    ]  # fmt: skip
+    found = printed(capsys, 'estimate', str(bag), *words, '--marker-names', *MARKERS)
+    found = found['innovations']
+    assert found['markers']['accepted'] > 50 and found['tendon displacements']['accepted'] > 60
