@@ -411,7 +411,7 @@ def run(options: argparse.Namespace) -> int:
             opened.enter_context(unwritten(out))
             outputs.append(_bag_output(options, opened, reader, recorded))
         if options.csv is not None:
-            from octo_arm_model.experiment.tables import EstimateTables
+            from octo_arm_model.experiment.estimates import EstimateTables
 
             place = opened.enter_context(writing(options.csv, folder=True))
             tables = opened.enter_context(EstimateTables(place, recorded.models))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.branches import LOADING, REST, UNLOADING
 from octo_arm_model.experiment.camera_check import CameraErrors
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison, compare
-from octo_arm_model.experiment.estimates import Moment, Touch
 from octo_arm_model.experiment.fit import shape_residuals
 from octo_arm_model.experiment.identification import Identification
 from octo_arm_model.experiment.measured_shapes import MeasuredShape
@@ -23,6 +22,10 @@ from octo_arm_model.experiment.unknowns import is_of_arm
 from octo_arm_model.reproduce.figures import LINES
 from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.rotations import axes_of
+
+if TYPE_CHECKING:
+    # They need rosbags, and pictures of recordings in CSV files do not.
+    from octo_arm_model.experiment.estimates import Moment, Touch
 
 
 def new_figure(
