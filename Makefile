@@ -67,6 +67,7 @@ lint: prepare
 bench: prepare
 	@tools/with_ros python benchmarks/solvers.py
 	@tools/with_ros python benchmarks/effects.py
+	@tools/with_ros python benchmarks/dynamics.py
 	@tools/with_ros python benchmarks/node.py
 	@tools/with_ros python benchmarks/floods.py
 	@tools/with_ros python benchmarks/bags.py
