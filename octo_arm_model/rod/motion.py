@@ -120,6 +120,7 @@ class Dynamics:
         )
         self.problem.place_base(base)
         self._base, self.places = base, places_at(elements, solver.grid.s)
+        self._to_base = elements.interpolation(np.zeros(1))[0]
         self._numbers = {name: number for number, name in enumerate(arm.tendon_names)}
 
     @property
@@ -217,12 +218,14 @@ class Dynamics:
         history = None if problem.friction is None else problem.history(state)
         tensions = state.acting.condition.tensions
         wrench = np.abs(problem.work.gradient).max(axis=0)
-        for array in (twist, place, water, tensions, wrench, history):
+        beyond = np.concatenate([state.acting.force, problem.work.moment], axis=1)
+        at_base = self._to_base @ beyond
+        for array in (twist, place, water, tensions, wrench, at_base, history):
             if array is not None:
                 array.setflags(write=False)
         return MotionState(
-            time, twist, place, water, tensions, given.tip_wrench, given.base, wrench, history,
-            state.residual, iterations, dt, factors,
+            time, twist, place, water, tensions, given.tip_wrench, given.base, wrench,
+            at_base, history, state.residual, iterations, dt, factors,
         )  # fmt: skip
 
     # Steps -------------------------------------------------------------------------------------

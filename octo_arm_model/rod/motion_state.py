@@ -20,7 +20,7 @@ from octo_arm_model.rod.inertia import MovingProblem
 from octo_arm_model.rod.inertia_arrays import COLUMNS
 
 _VERSION = 1  # of files of states
-_ARRAYS = 'twist', 'place', 'water', 'tensions', 'tip_wrench', 'base', 'wrench'
+_ARRAYS = 'twist', 'place', 'water', 'tensions', 'tip_wrench', 'base', 'wrench', 'base_wrench'
 _MOST_BYTES = 2**28  # of a file
 
 
@@ -81,6 +81,8 @@ class MotionState:
         tip_wrench: with that of the loads, (6,) [N, N m].
         base: position [m] and quaternion w, x, y, z, (7,).
         wrench: largest along the arm, moment and force in the axes of sections, (m,) [N m, N].
+        base_wrench: force and moment of all loads about the base, inertia and water among them,
+            (6,) [N, N m].
         history: tensions at the points of friction [N], (M, J); None without friction.
         residual: of the balance [-].
         iterations: of the last step.
@@ -96,6 +98,7 @@ class MotionState:
     tip_wrench: FloatArray
     base: FloatArray
     wrench: FloatArray
+    base_wrench: FloatArray
     history: FloatArray | None = None
     residual: float = 0.0
     iterations: int = 0
@@ -154,7 +157,7 @@ def _check(given: dict[str, FloatArray], path: Path, problem: MovingProblem) -> 
     shapes: dict[str, tuple[int, ...]] = {
         'numbers': (5,), 'twist': (4, nodes, strains), 'place': (4, nodes, COLUMNS),
         'water': (3, 3), 'tensions': (count,), 'tip_wrench': (6,), 'base': (7,),
-        'wrench': (strains,),
+        'wrench': (strains,), 'base_wrench': (6,),
     }  # fmt: skip
     if problem.friction is not None:
         shapes['history'] = (problem.friction.fine.s.size, count)

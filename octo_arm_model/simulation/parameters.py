@@ -16,6 +16,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import Parameter, refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.rod.solver import Solver
+from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.hardware import Hardware
 from octo_arm_model.simulation.load_cells import LoadCells
 from octo_arm_model.simulation.profiles.commands import find_profile
@@ -36,6 +37,9 @@ PARAMETERS = (
     *Winches.table(),
     *LoadCells.table(),
     *Relaxation.table(),
+    Parameter('dynamics', bool,
+              'whether the arm moves with inertia and water, see motion.*, or follows its '
+              'tensions at once', False),
     Parameter('profile.name', str,
               'movement, or CSV or YAML file, that the simulator plays; empty for none',
               ''),
@@ -64,6 +68,7 @@ class SimulatorConfig:
         model: what the arm's file says of how it is solved.
         push: what pushes the arm.
         sensors: those besides load cells and encoders.
+        dynamics: whether the arm moves.
     """
 
     arm: Arm
@@ -77,6 +82,7 @@ class SimulatorConfig:
     model: Config
     push: Push
     sensors: Sensors
+    dynamics: bool = False
 
     @functools.cached_property
     def solver(self) -> Solver:
@@ -84,8 +90,10 @@ class SimulatorConfig:
         return self.model.node_solver()
 
     @functools.cached_property
-    def pushed_arm(self) -> PushedArm | None:
-        """The arm that is pushed and seen; None where nothing does either."""
+    def pushed_arm(self) -> PushedArm | DynamicArm | None:
+        """The arm that moves, is pushed or seen; None where it does nothing of that."""
+        if self.dynamics:
+            return DynamicArm(self.model, self.push, self.sensors)
         if not any(self.push.force) and not any(self.sensors.rates):
             return None
         return PushedArm(self.model, self.push, self.sensors)
@@ -137,6 +145,7 @@ class SimulatorConfig:
             model=config,
             push=Push.of(own),
             sensors=Sensors.of(own),
+            dynamics=own['dynamics'],
         )
         found.pushed_arm  # noqa: B018 - what it refuses is refused here
         return found

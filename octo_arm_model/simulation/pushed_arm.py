@@ -13,6 +13,7 @@ from octo_arm_model.estimation.measurements import Markers, Measurement
 from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
 from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
 from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.simulation.sensors import Push, Sensors
 
 _ANY = Walk(1.0)  # the state of a simulation is known; its prior is not used
@@ -54,6 +55,10 @@ class PushedArm:
             return False
         return before._at is not None and before.at.solved.point_tensions is not None
 
+    def advance(self, tensions: FloatArray, force: FloatArray, elapsed: float) -> None:
+        """As `solve`, whatever time has ``elapsed``."""
+        self.solve(tensions, force)
+
     def solve(self, tensions: FloatArray, force: FloatArray) -> None:
         """Be in the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].
 
@@ -77,11 +82,7 @@ class PushedArm:
 
     def tip_pose(self) -> Pose:
         """Pose of the tip, as it is measured."""
-        own, shape = self._sensors, self.at.solved
-        position = shape.tip + own.tip_position_stddev * self._noise.standard_normal(3)
-        turn = Rotation.from_rotvec(own.tip_rotation_stddev * self._noise.standard_normal(3))
-        turned = turn * Rotation.from_quat(np.array(shape.quaternion[-1]))
-        return Pose(tuple(position.tolist()), tuple(turned.as_quat().tolist()))
+        return measured_tip(self.at.solved, self._sensors, self._noise)
 
     def markers(self) -> FloatArray:
         """Positions of the markers, as they are measured (markers, 3) [m]."""
@@ -102,3 +103,11 @@ class PushedArm:
     def _predicted(self, zero: Measurement) -> FloatArray:
         """The value of a measurement without noise; ``zero`` is that measurement with value 0."""
         return -zero.innovation(self.at)
+
+
+def measured_tip(shape: Backbone, own: Sensors, noise: np.random.Generator) -> Pose:
+    """Pose of the tip of ``shape``, as sensors measure it with ``noise``."""
+    position = shape.tip + own.tip_position_stddev * noise.standard_normal(3)
+    turn = Rotation.from_rotvec(own.tip_rotation_stddev * noise.standard_normal(3))
+    turned = turn * Rotation.from_quat(np.array(shape.quaternion[-1]))
+    return Pose(tuple(position.tolist()), tuple(turned.as_quat().tolist()))

@@ -39,14 +39,17 @@ from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.ros.simulator.diagnostics import SimulatorDiagnostics
+from octo_arm_model.ros.simulator.motion_publishers import MotionPublishers, MotionServices
 from octo_arm_model.ros.simulator.push_service import PushService
 from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
 from octo_arm_model.ros.work import WorkQueue, until_shutdown
+from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.length_control import LengthControl
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.simulation.profiles.limits import check_command
+from octo_arm_model.simulation.pushed_arm import PushedArm
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tensions import DISPLACEMENTS, NONE, read_displacements
 
@@ -74,6 +77,8 @@ class SimulatorNode(CheckedNode):
         self._encoders = create_publisher(self, JointState, DISPLACEMENTS, OUTPUT_QOS)
         table = (*ARM_PARAMETERS, *PARAMETERS)
         self._sensors = SensorPublishers(self)
+        self._motion = MotionPublishers(self)
+        self._motion_services = MotionServices(self, partial(self._step, forced=True), self._reset)
         self._push = PushService(self, lambda: self._config.push)
         self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
@@ -121,7 +126,7 @@ class SimulatorNode(CheckedNode):
     def _go_on(self, before: SimulatorConfig, config: SimulatorConfig) -> None:
         """Go on with the arm ``before``, pushed and driven by length, if ``config`` has it too."""
         pushed = config.pushed_arm
-        if pushed and before.pushed_arm and pushed.go_on_from(before.pushed_arm):
+        if pushed and before.pushed_arm and _goes_on(pushed, before.pushed_arm):
             self.get_logger().warning(
                 'friction history forgotten: another arm, or pushed at another s'
             )
@@ -167,15 +172,29 @@ class SimulatorNode(CheckedNode):
         with until_shutdown(self.context):
             what()
 
-    def _step(self) -> None:
-        """Advance winches and load cells to the present time."""
+    def _reset(self) -> None:
+        """Begin anew: slack tendons, no commands, the arm at rest and without history."""
+        config = self._config
+        self._hardware = SimulatedHardware(config.hardware, len(config.arm.tendons))
+        self._command, self._control = np.zeros(len(config.arm.tendons)), None
+        self._played = 0.0
+        if isinstance(config.pushed_arm, DynamicArm):
+            config.pushed_arm.reset()
+
+    def _step(self, forced: bool = False) -> None:
+        """Advance winches, load cells and arm to the present time; by a period if ``forced``."""
         config, now = self._config, self.get_clock().now()
+        if self._motion_services.is_paused and not forced:
+            self._last = now.nanoseconds
+            return
         if now.nanoseconds == self._last:
             return  # where several clock messages wait, rclpy calls the timer once for each
         # Time that is not set yet is 0. Where it jumps back, as when a bag is played again, the
         # winches do not move.
         elapsed = 1e-9 * (now.nanoseconds - self._last) if self._last else 1.0 / config.rate
         elapsed, self._last = max(elapsed, 0.0), now.nanoseconds
+        if forced:
+            elapsed = 1.0 / config.rate
         if self._is_playing and config.profile is not None:
             self._command = config.profile.at(self._played, loop=config.loop)
             self._played += config.speed * elapsed
@@ -199,6 +218,8 @@ class SimulatorNode(CheckedNode):
         if config.pushed_arm is not None:
             try:
                 self._sensors.publish(config, self._push.at, effective, elapsed, stamp)
+                if isinstance(config.pushed_arm, DynamicArm):
+                    self._motion.publish(config.model, config.pushed_arm, elapsed, stamp)
             except OctoArmError as error:
                 self._diagnostics.warn('push', error)
 
@@ -226,6 +247,13 @@ class SimulatorNode(CheckedNode):
 
     def _report(self) -> None:
         self._diagnostics.publish('profile' if self._is_playing else 'commands')
+
+
+def _goes_on(arm: PushedArm | DynamicArm, before: PushedArm | DynamicArm) -> bool:
+    """Let ``arm`` go on from one ``before``; whether a history of friction is lost."""
+    if isinstance(arm, DynamicArm):
+        return isinstance(before, DynamicArm) and arm.go_on_from(before)
+    return isinstance(before, PushedArm) and arm.go_on_from(before)
 
 
 def main(arguments: list[str] | None = None) -> int:

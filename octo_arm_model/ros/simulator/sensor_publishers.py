@@ -64,7 +64,7 @@ class SensorPublishers:
         assert arm is not None
         before, self._time = self._time, self._time + elapsed
         pushed = push(self._time)
-        arm.solve(tensions, pushed)
+        arm.advance(tensions, pushed, elapsed)
         header = Header(stamp=stamp, frame_id=config.base_frame)
         if config.push.is_at_tip(config.arm.length):
             # What a node of the true shape needs beside the true tensions.

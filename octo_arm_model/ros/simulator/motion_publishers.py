@@ -1,0 +1,83 @@
+"""What the simulator publishes of an arm that moves, and services that stop and restart it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.config.config import Config
+from octo_arm_model.ros.messages import message_class
+from octo_arm_model.ros.node.outputs import OUTPUT_QOS
+from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.simulation.dynamic_arm import DynamicArm
+from octo_arm_model.wire.backbone import BACKBONE_TOPICS, BackboneWriter
+
+STATES = 'tendon_states'
+
+
+class MotionPublishers:
+    """Publishes the shape as it is, and tendons as joints: reeled in, rate, tension."""
+
+    def __init__(self, node: Node) -> None:
+        """Create the publishers on ``node``."""
+        self._shapes = [
+            create_publisher(node, message_class(kind), f'ground_truth/{topic}', OUTPUT_QOS)
+            for topic, kind in BACKBONE_TOPICS.items()
+        ]
+        self._states = create_publisher(node, JointState, STATES, OUTPUT_QOS)
+        self._last: FloatArray | None = None
+
+    def publish(self, config: Config, arm: DynamicArm, elapsed: float, stamp: Time) -> None:
+        """Publish the ``arm`` of ``config``, ``elapsed`` [s] after the last time."""
+        shape, known = arm.backbone, np.zeros((6, 6))
+        writer = BackboneWriter(config.base_frame, shape.model, shape.s, shape.section)
+        messages = writer.all(shape, known, stamp.sec, stamp.nanosec)
+        for publisher, data in zip(self._shapes, messages, strict=True):
+            publisher.publish(data)
+        reeled_in, rate = arm.reeled_in(), np.zeros(len(config.arm.tendons))
+        if self._last is not None and self._last.size == rate.size and elapsed > 0.0:
+            rate = (reeled_in - self._last) / elapsed
+        self._last = reeled_in
+        message = JointState(name=list(config.arm.tendon_names), position=reeled_in.tolist())
+        message.velocity, message.effort = rate.tolist(), arm.state.tensions.tolist()
+        message.header.stamp, message.header.frame_id = stamp, config.base_frame
+        self._states.publish(message)
+
+
+class MotionServices:
+    """Services ``pause``, ``step`` and ``reset`` of the simulated hardware and its arm.
+
+    Attributes:
+        is_paused: whether time stands still for it.
+    """
+
+    def __init__(self, node: Node, step: Callable[[], None], reset: Callable[[], None]) -> None:
+        """Offer them on ``node``; ``step`` goes on by one period and ``reset`` begins anew."""
+        self.is_paused, self._step, self._reset = False, step, reset
+        node.create_service(SetBool, 'pause', self._on_pause)
+        node.create_service(Trigger, 'step', self._on_step)
+        node.create_service(Trigger, 'reset', self._on_reset)
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self.is_paused, response.success = bool(request.data), True
+        response.message = 'paused' if request.data else 'goes on'
+        return response
+
+    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self.is_paused:
+            self._step()
+            response.success, response.message = True, 'went on by one period'
+        else:
+            response.message = 'is not paused, expected pause before step'
+        return response
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._reset()
+        response.success, response.message = True, 'at rest, tendons slack'
+        return response

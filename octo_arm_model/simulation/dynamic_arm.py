@@ -1,0 +1,119 @@
+"""A simulated arm that moves, and what sensors besides load cells read of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Loads, PointLoad, ScaledLoads
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.config.config import Config
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.interpolation import interpolated
+from octo_arm_model.rod.motion_state import Inputs, MotionState
+from octo_arm_model.simulation.pushed_arm import measured_tip
+from octo_arm_model.simulation.sensors import Push, Sensors
+
+_STEP = 5e-3  # of the integration, at most [s]
+_MOST = 0.1  # time that one call goes on by, at most [s]: then the arm is slower than the clock
+
+
+class DynamicArm:
+    """The motion of an arm under tensions and a push, and what sensors read of it."""
+
+    def __init__(self, config: Config, push: Push, sensors: Sensors) -> None:
+        """Of the arm of ``config``, by the model exact.
+
+        Raises:
+            OctoArmError: if the arm has no density.
+        """
+        self._at_tip, self._sensors = push.is_at_tip(config.arm.length), sensors
+        self._push: ScaledLoads | None = None
+        if not self._at_tip:
+            axes = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+            units = [Loads(points=(PointLoad(push.s, axis),)) for axis in axes]
+            self._push = ScaledLoads(units)
+            loads = dataclasses.replace(config.loads, scaled=self._push)
+            config = dataclasses.replace(config, loads=loads)
+        self._config, self._dynamics = config, config.dynamics()
+        self._noise = np.random.default_rng(sensors.seed)
+        self._state: MotionState | None = None
+
+    def go_on_from(self, before: DynamicArm) -> bool:
+        """Move as the same arm ``before``; another begins at rest.
+
+        Returns whether tendons with friction are therefore pulled anew.
+        """
+        configs = [
+            dataclasses.replace(config, loads=dataclasses.replace(config.loads, scaled=None))
+            for config in (self._config, before._config)
+        ]
+        mine, theirs = (one._dynamics.nodes.s for one in (self, before))
+        if configs[0].has_balance_of(configs[1]) and np.array_equal(mine, theirs):
+            self._state = before._state
+            return False
+        return before._state is not None and before._state.history is not None
+
+    def reset(self) -> None:
+        """Be at rest again, tendons with friction pulled from slack."""
+        self._state = None
+
+    def advance(self, tensions: FloatArray, force: FloatArray, elapsed: float) -> None:
+        """Move on by ``elapsed`` [s] to ``tensions`` (tendons,) and a ``force`` of the push (3,).
+
+        Raises:
+            SolveError: if no step succeeds; the last state stays.
+        """
+        if self._push is not None:
+            self._push.magnitudes[:] = force
+        wrench = np.append(force * self._at_tip, np.zeros(3))
+        inputs = Inputs(tensions.reshape(self._config.arm.tension_shape), tip_wrench=wrench)
+        state = self._state
+        if state is None:
+            self._state = self._dynamics.at_rest(inputs)
+            return
+        elapsed = min(elapsed, _MOST)
+        count = math.ceil(elapsed / _STEP)
+        for _ in range(count):
+            state = self._dynamics.step(state, inputs, elapsed / count)
+        self._state = state
+
+    @property
+    def state(self) -> MotionState:
+        """Now; there is one after `advance`.
+
+        Raises:
+            SolveError: if there is none.
+        """
+        if self._state is None:
+            raise SolveError('the arm has not moved yet')
+        return self._state
+
+    @property
+    def backbone(self) -> Backbone:
+        """The shape now."""
+        return self._dynamics.backbone(self.state)
+
+    def reeled_in(self) -> FloatArray:
+        """Length that winches have reeled in [m], (tendons,)."""
+        return self._dynamics.displacements(self.state)
+
+    def tip_pose(self) -> Pose:
+        """See `PushedArm`."""
+        return measured_tip(self.backbone, self._sensors, self._noise)
+
+    def markers(self) -> FloatArray:
+        """See `PushedArm`."""
+        shape = self.backbone
+        found = interpolated(np.array(self._sensors.marker_s), shape.s, shape.position)
+        return found + self._sensors.marker_stddev * self._noise.standard_normal(found.shape)
+
+    def base_wrench(self) -> FloatArray:
+        """See `PushedArm`; with inertia and water."""
+        own = self._sensors
+        stddev = np.repeat([own.base_force_stddev, own.base_moment_stddev], 3)
+        return self.state.base_wrench + stddev * self._noise.standard_normal(6)

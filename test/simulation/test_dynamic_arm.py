@@ -1,0 +1,68 @@
+"""The simulated arm that moves: its sensors, and that it goes on or begins anew."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from octo_arm_model import Loads, MotionProperties, SolveError, load_config
+from octo_arm_model.arm.errors import ArmDefinitionError
+from octo_arm_model.simulation.dynamic_arm import DynamicArm
+from octo_arm_model.simulation.pushed_arm import PushedArm
+from octo_arm_model.simulation.sensors import Push, Sensors
+
+PLAIN = load_config('renda2012_table4')
+CONFIG = dataclasses.replace(
+    PLAIN, model='exact', arm=PLAIN.arm.with_density(1080.0), stations=101,
+    loads=Loads((0.0, 0.0, -9.81), 1022.0), motion=MotionProperties(damping_time=0.3),
+)  # fmt: skip
+SENSORS = Sensors(marker_s=(0.1, 0.3), markers_rate=1.0)
+TENSIONS, NONE = np.repeat([0.02, 0.1, 0.3], 4) * np.tile([1.0, 0.0, 0.0, 0.5], 3), np.zeros(3)
+
+
+@pytest.mark.parametrize('s', [0.0, 0.2])
+def test_sensors_end_with_what_they_read_of_the_arm_at_rest(s: float) -> None:
+    force, push = np.array([0.0, 0.003, 0.002]), Push((0.0, 0.003, 0.002), s)
+    arm, still = DynamicArm(CONFIG, push, SENSORS), PushedArm(CONFIG, push, SENSORS)
+    arm.advance(np.zeros(12), NONE, 0.1)
+    began = arm.tip_pose()
+    for _ in range(110):
+        arm.advance(TENSIONS, force, 0.1)
+    still.advance(TENSIONS, force, 0.1)
+    tip, expected = np.array(arm.tip_pose().position), np.array(still.tip_pose().position)
+    assert np.linalg.norm(tip - began.position) > 0.05
+    np.testing.assert_allclose(tip, expected, atol=2e-5)
+    np.testing.assert_allclose(arm.markers(), still.markers(), atol=2e-5)
+    np.testing.assert_allclose(arm.base_wrench(), still.base_wrench(), atol=2e-5)
+    # Displacements are those of the static arm, which has tensions alone.
+    assert arm.reeled_in()[8] > 0.0
+
+
+def test_an_arm_goes_on_where_it_was_and_begins_anew_when_told() -> None:
+    push = Push()
+    arm = DynamicArm(CONFIG, push, SENSORS)
+    with pytest.raises(SolveError, match='has not moved yet'):
+        arm.tip_pose()
+    arm.advance(np.zeros(12), NONE, 0.0)
+    rest = arm.backbone.tip
+    arm.advance(TENSIONS, NONE, 0.1)
+    next_arm = DynamicArm(CONFIG, push, Sensors())
+    assert not next_arm.go_on_from(arm)
+    np.testing.assert_array_equal(next_arm.backbone.tip, arm.backbone.tip)
+    other = DynamicArm(dataclasses.replace(CONFIG, loads=Loads()), push, SENSORS)
+    assert not other.go_on_from(arm)
+    with pytest.raises(SolveError):
+        other.tip_pose()
+    arm.reset()
+    arm.advance(np.zeros(12), NONE, 0.1)
+    np.testing.assert_array_equal(arm.backbone.tip, rest)
+    # A clock that jumps ahead moves it by a tenth of a second at most.
+    arm.advance(TENSIONS, NONE, 1e6)
+    assert arm.state.time == pytest.approx(0.1)
+
+
+def test_an_arm_that_cannot_move_is_refused() -> None:
+    with pytest.raises(ArmDefinitionError, match='density'):
+        DynamicArm(PLAIN, Push(), Sensors())
