@@ -14,7 +14,7 @@ from tip_force_scenario import PERIOD, arm_model, is_inside, simulated, square
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Filter
-from octo_arm_model.estimation.state.prediction import Prediction
+from octo_arm_model.estimation.model import Prediction
 from octo_arm_model.rod.forms import is_available
 
 STEPS = 3 if IS_BRIEF else 900

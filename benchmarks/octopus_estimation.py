@@ -27,8 +27,8 @@ from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
-from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.model import ArmModel
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
 
 STEPS, SEEDS = (4, 1) if IS_BRIEF else (200, 4)
 SETTLED = 0 if IS_BRIEF else 20  # steps that do not count

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model import Arm, Body, Material, Section
+from octo_arm_model.arm.budget import Budget
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
-from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.model import BUDGET, ArmModel, Prediction
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
 
 PERIOD = 1.0 / 30.0
 CORRELATED = 1.0  # s
@@ -38,7 +39,9 @@ ROBOT = Arm(
 )  # fmt: skip
 
 
-def arm_model(*, remembers: bool, is_compiled: bool = False, stations: int = 51) -> ArmModel:
+def arm_model(
+    *, remembers: bool, is_compiled: bool = False, stations: int = 51, budget: Budget = BUDGET
+) -> ArmModel:
     """The robot, whose errors are correlated in time or, to the estimator, are not."""
     correlated = CORRELATED if remembers else 1e-6
     unknowns = Unknowns(
@@ -46,7 +49,9 @@ def arm_model(*, remembers: bool, is_compiled: bool = False, stations: int = 51)
         tension_bias=Walk.stationary(TENSION, correlated),
         tip_force=Walk.stationary(FORCE, correlated),
     )
-    return ArmModel(ROBOT, unknowns, material='linear', stations=stations, compiled=is_compiled)
+    return ArmModel(
+        ROBOT, unknowns, material='linear', stations=stations, compiled=is_compiled, budget=budget
+    )
 
 
 def simulated(

@@ -5,8 +5,8 @@ import numpy as np
 from octo_arm_model import load_config
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
-from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.model import ArmModel
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
 
 config = load_config('renda2012_prototype')
 force = Walk.stationary(stddev=0.01, correlation_time=0.5)

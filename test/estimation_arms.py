@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model import Arm, Body, Loads, Material, Section
-from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.model import ArmModel
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 
 RUBBER = Arm(
     Material(1.1e5, 0.5, 1080.0), Body(0.2, 0.0075, 0.003), (Section(0.18, 0.006, 0.0025),)

@@ -35,7 +35,7 @@ _LOG, _COMPILE_LOG = 'prepare.log', 'compile.log'
 _KERNELS = (
     'rod/loops.py', 'rod/section_loops.py', 'rod/section_formulas.py', 'rod/paper_loops.py',
     'rod/compiled.py', 'rod/tables.py',
-    'rod/inertia_loops.py', 'rod/inertia_arrays.py', 'estimation/beliefs/kernels.py',
+    'rod/inertia_loops.py', 'rod/inertia_arrays.py',
 )  # fmt: skip
 # Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
 _COMPILE = """
@@ -45,8 +45,8 @@ from octo_arm_model import Solver, load_config
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
-from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.model import ArmModel
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
 from octo_arm_model.rod.forms import is_available
 
 if is_available():

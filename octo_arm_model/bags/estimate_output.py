@@ -14,7 +14,7 @@ from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.estimation.state.prediction import ArmModel
+from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.wire.estimate import ESTIMATES, EstimateMessages
 from octo_arm_model.wire.stamp import Stamp
 

@@ -31,8 +31,7 @@ from octo_arm_model.bags.topics import (
     pick_usual,
 )
 from octo_arm_model.config.config import Config
-from octo_arm_model.estimation.measurements.measurement import Measurement
-from octo_arm_model.estimation.measurements.tendons import Tensions
+from octo_arm_model.estimation.measurements import Measurement, Tensions
 from octo_arm_model.wire.measurements import (
     MARKERS,
     MEASUREMENT_TOPICS,

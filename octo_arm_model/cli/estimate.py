@@ -33,7 +33,7 @@ from octo_arm_model.cli.options import (
 from octo_arm_model.cli.recordings import add_columns, read_alignment, read_columns
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.estimation.parameters import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX
-from octo_arm_model.estimation.state.unknowns import Unknowns
+from octo_arm_model.estimation.unknowns import Unknowns
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, MEASUREMENT_TOPICS, TIP_POSE
 from octo_arm_model.wire.tensions import DISPLACEMENTS
 

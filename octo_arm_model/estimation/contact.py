@@ -10,7 +10,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.estimation.state.unit_loads import facing_area
+from octo_arm_model.estimation.unit_loads import facing_area
 
 
 class Contact(NamedTuple):

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.estimation.gating.updated import Innovation, Updated
-from octo_arm_model.estimation.observability import Unlearnt, unlearnt
-from octo_arm_model.estimation.state.prediction import Prediction
-from octo_arm_model.estimation.state.unknowns import State
+from octo_arm_model.estimation.gaussian import Gaussian
+from octo_arm_model.estimation.model import Prediction
+from octo_arm_model.estimation.rules import Innovation
+from octo_arm_model.estimation.step import Step
+from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.rod.backbone import Backbone
 
 
@@ -29,6 +32,7 @@ class Estimate:
             numbers; see `Innovation`.
         log_likelihood: of all of them, a refused one as if it were at the gate.
         elapsed: since the first time of all [s].
+        doubted: names of the sensors that are not believed, see `Rules`.
     """
 
     time: float
@@ -39,6 +43,7 @@ class Estimate:
     normalised_square: tuple[float, int]
     log_likelihood: float
     elapsed: float
+    doubted: frozenset[str]
     _at: Prediction = field(repr=False)
 
     @functools.cached_property
@@ -110,20 +115,61 @@ class Estimate:
     @functools.cached_property
     def unlearnt(self) -> tuple[Unlearnt, ...]:
         """Directions of the state that the measurements so far have told nothing of."""
-        return unlearnt(self.root, self.prior_stddev, self.state.names)
+        return _unlearnt(self.root, self.prior_stddev, self.state.names)
 
 
-def estimate_of(time: float, elapsed: float, updated: Updated) -> Estimate:
-    """The `Estimate` that ``updated`` is."""
-    at, belief = updated.at, updated.belief
+def estimate_of(step: Step, first: float) -> Estimate:
+    """The `Estimate` that a ``step`` is; the first one of all was at that time [s]."""
+    return estimate_at(step, first, step.known, step.at)
+
+
+def estimate_at(step: Step, first: float, known: Gaussian, at: Prediction) -> Estimate:
+    """That of what is ``known`` at the time of a ``step``, of which ``at`` nearly is the mean."""
     return Estimate(
-        time,
-        at.model.state,
-        belief.mean,
-        belief.root,
-        updated.innovations,
-        updated.normalised_square,
-        updated.log_likelihood,
-        elapsed,
-        at,
+        step.time, at.model.state, known.mean, known.root, step.innovations,
+        step.normalised_square, step.log_likelihood, step.time - first, step.doubted, at,
+    )  # fmt: skip
+
+
+# Nothing was learnt where this part of the standard deviation of the prior is left.
+_LEFT = 0.99
+_PART = 0.1  # of its largest, that a component of a direction has to be mentioned
+
+
+class Unlearnt(NamedTuple):
+    """A direction of the state in which nothing was learnt: there it keeps its prior.
+
+    Attributes:
+        left: part of the standard deviation of the prior that is left in it [-].
+        direction: change of the state in it, of one standard deviation of the prior, (n,).
+        reason: the direction in words.
+    """
+
+    left: float
+    direction: FloatArray
+    reason: str
+
+
+def _unlearnt(
+    root: FloatArray, prior_stddev: FloatArray, names: Sequence[str]
+) -> tuple[Unlearnt, ...]:
+    """Where a covariance of ``root`` is still that of the prior, independent in all components."""
+    _, left, axes = np.linalg.svd((root / prior_stddev[:, np.newaxis]).T, full_matrices=False)
+    return tuple(
+        Unlearnt(float(part), axis * prior_stddev, _told(axis, names))
+        for part, axis in zip(left, axes, strict=True)
+        if part >= _LEFT
     )
+
+
+def _told(axis: FloatArray, names: Sequence[str]) -> str:
+    """A direction in words, in standard deviations of the prior."""
+    largest = axis[np.abs(axis).argmax()]
+    words = [
+        f'{part / largest:+.2g} {name}'
+        for name, part in zip(names, axis, strict=True)
+        if abs(part / largest) >= _PART
+    ]
+    if len(words) == 1:
+        return f'{words[0].split(" ", 1)[1]} keeps its prior'
+    return f'changed together, {", ".join(words)} keep their prior'

@@ -7,7 +7,7 @@ it.
 from __future__ import annotations
 
 from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.estimation.filter import GATE
+from octo_arm_model.estimation.rules import GATE
 
 CONTACTS = ('tip', 'at', 'somewhere', 'current', 'none')
 MAX_PLACES = 50  # of a contact
@@ -15,6 +15,7 @@ MAX_MARKERS = 300  # whose coordinates are one measurement
 PLACES = 5  # of a contact somewhere, evenly along the arm
 BENT = 0.1  # of the length: how far the default of the force moves the tip
 RECOVER_AFTER = 1.0  # [s]
+CELL_FAULT, SENSOR_FAULT = 0.1, 0.005
 TURNED = 2.0  # [rad] by which a tendon turns up to where its friction counts on average
 PREFIX = 'estimator.'
 
@@ -77,10 +78,16 @@ ESTIMATOR_PARAMETERS = (
     Parameter('estimator.gate', float,
               'probability with which a right measurement is accepted; one that lies farther off '
               'is refused', GATE, range='in (0, 1)'),
+    Parameter('estimator.cell_fault', float,
+              'how probable it is that one load cell lies, in parts of the probability that all '
+              'sensors are right: where others cannot tell, the covariance holds what would be; 0 '
+              'for load cells that never lie', CELL_FAULT, range='in [0, 1)'),
+    Parameter('estimator.sensor_fault', float,
+              'likewise of each other sensor', SENSOR_FAULT, range='in [0, 1)'),
     Parameter('estimator.window', float,
               'how late measurements may come [s]', 0.2, range='>= 0'),
     Parameter('estimator.recover_after', float,
-              'for how long a sensor has to be refused for the estimate to begin anew, where the '
-              'sensors agree with each other then [s]; 0 for never', RECOVER_AFTER,
+              'for how long sensors have to contradict the estimate, whichever is doubted, for '
+              'it to begin anew [s]; 0 for never', RECOVER_AFTER,
               range='>= 0'),
 )  # fmt: skip

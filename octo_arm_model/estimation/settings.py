@@ -12,6 +12,7 @@ from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown
+from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.parameters import (
     BENT,
     CONTACTS,
@@ -20,9 +21,9 @@ from octo_arm_model.estimation.parameters import (
     PREFIX,
     TURNED,
 )
-from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.estimation.state.unit_loads import facing_area
-from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk, place_names
+from octo_arm_model.estimation.rules import Rules
+from octo_arm_model.estimation.unit_loads import facing_area
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk, place_names
 
 _TENSION = 0.02  # [N], where neither the arm nor the recording says how exact load cells are
 
@@ -75,19 +76,17 @@ class EstimatorSettings:
     Attributes:
         unknowns: of each hypothesis, by its name; one where the place of contact is given.
         noise: of the sensors.
-        gate: see `Filter`.
-        window: see `Filter` [s].
-        change_time: see `Hypotheses` [s].
-        recover_after: see `Tracker` [s].
+        rules: what is taken for granted of sensors.
+        window: how late measurements may come [s].
+        change_time: see `Estimator` [s].
         notes: values that were not given, in words.
     """
 
     unknowns: Mapping[str, Unknowns]
     noise: SensorNoise
-    gate: float
+    rules: Rules
     window: float
     change_time: float
-    recover_after: float
     notes: tuple[str, ...]
 
     @classmethod
@@ -112,25 +111,28 @@ class EstimatorSettings:
         _check(given, config.arm)
         for name in ('contact_s', 'marker_s'):  # up to rounding they are on the arm
             given[name] = tuple(min(s, config.arm.length) for s in given[name])
+        of_rules = ('gate', 'cell_fault', 'sensor_fault', 'recover_after')
+        rules = Rules(*(given[name] for name in of_rules))
         notes: list[str] = []
         return cls(
             _unknowns(given, config, recorded, notes),
             _noise(given, config, recorded, notes),
-            given['gate'],
+            rules,
             given['window'],
             given['change_time'],
-            given['recover_after'],
             tuple(notes),
         )
 
-    def models(self, config: Config, compiled: bool | None = None) -> dict[str, ArmModel]:
+    def models(self, config: Config, **options: Any) -> dict[str, ArmModel]:
         """The arm of ``config`` with the unknowns of each hypothesis, solved by the model exact.
+
+        ``options`` are those of `ArmModel.of`.
 
         Raises:
             ConfigError: as `ArmModel`.
         """
         return {
-            name: ArmModel.of(config, unknowns, compiled=compiled)
+            name: ArmModel.of(config, unknowns, **options)
             for name, unknowns in self.unknowns.items()
         }
 

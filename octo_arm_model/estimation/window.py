@@ -9,7 +9,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from octo_arm_model.arm.errors import MeasurementError
-from octo_arm_model.estimation.measurements import Measurement
+from octo_arm_model.estimation.measurement import Measurement
 
 MAX_STEPS = 1000  # that a window holds
 
@@ -28,7 +28,7 @@ class Timed(Protocol):
 
 S = TypeVar('S', bound=Timed)
 # The next step: after the last one, if any, of a time [s] and what was measured then. Where there
-# is no last one it is found from another one nearby, if that is given.
+# is one nearby that was found before it is looked for from there.
 Advance = Callable[[S | None, float, tuple[Measurement, ...], S | None], S]
 
 
@@ -104,7 +104,7 @@ class Window(Generic[S]):
         new = steps[:place]
         new.append(self._advance(new[-1] if new else None, time, taken, before))
         for later in steps[index:]:
-            new.append(self._advance(new[-1], later.time, later.measurements, None))
+            new.append(self._advance(new[-1], later.time, later.measurements, later))
         added, newest = new[place], new[-1]
         since = bisect.bisect_left([step.time for step in new], newest.time - self._length)
         # The step before the window is what a late measurement begins from.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
-import contextlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,16 +15,16 @@ from octo_arm_model.arm.errors import MeasurementError, OctoArmError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.sensor_topics import StampedMeasurement
 from octo_arm_model.config.files import CsvFiles
+from octo_arm_model.estimation.consistency import Consistency, count_innovations
 from octo_arm_model.estimation.contact import Contact, contact_of
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.estimation.filter import Step, next_step
-from octo_arm_model.estimation.gating.consistency import Consistency, count_innovations
-from octo_arm_model.estimation.gating.updated import Innovation
+from octo_arm_model.estimation.estimator import Estimated, Estimator
+from octo_arm_model.estimation.model import ArmModel
+from octo_arm_model.estimation.rules import Innovation
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.smoother import check_count, smooth_steps
-from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.estimation.state.unknowns import State
-from octo_arm_model.estimation.tracker import Beginning, Tracked, Tracker
+from octo_arm_model.estimation.step import Step
+from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.camera_check import CameraErrors
 from octo_arm_model.experiment.sensor_recording import Recorded
 from octo_arm_model.rod.sensitivity import chi_square_limit
@@ -48,7 +46,7 @@ class TimedEstimate(NamedTuple):
         probabilities: of all hypotheses.
         innovations: of what was measured.
         estimate: what is known.
-        begins_anew: whether what was known before was given up, see `Tracker`.
+        begins_anew: whether what was known before was given up, see `Estimator`.
     """
 
     stamp_ns: int
@@ -71,12 +69,10 @@ def filtered(followed: Iterable[Followed]) -> Iterator[TimedEstimate]:
 
 
 class Followed(NamedTuple):
-    """Measurements of one time [s], and the filter's result; None where there is none."""
+    """Measurements of one time, and the filter's result; None where there is none."""
 
     group: Sequence[StampedMeasurement]
-    time: float
-    found: Tracked | None
-    step: Step | None
+    found: Estimated | None
 
 
 def follow(
@@ -86,21 +82,20 @@ def follow(
     failed: Failed,
     progress: Progress = lambda done, total: None,
 ) -> Iterator[Followed]:
-    """Results of a `Tracker` for ``groups`` by ascending time, from its first estimate on.
+    """Results of an `Estimator` for ``groups`` by ascending time, from its first estimate on.
 
     Where measurements of one time give no estimate they are left out, and ``failed`` is called.
     """
-    tracker = Tracker.from_settings(settings, models, 0.0)
+    estimator = Estimator.from_settings(settings, models, 0.0)
     for number, group in enumerate(groups):
         progress(number, len(groups))
         found = None
         try:
-            found = tracker.add(group[0].stamp_ns, [one.measurement for one in group])
+            found = estimator.add(group[0].stamp_ns, [one.measurement for one in group])
         except OctoArmError as error:
             failed(str(error))
-        if tracker.origin_ns is not None:
-            time = 1e-9 * (group[0].stamp_ns - tracker.origin_ns)
-            yield Followed(group, time, found, found and found.step)
+        if estimator.origin_ns is not None:
+            yield Followed(group, found)
     progress(len(groups), len(groups))
 
 
@@ -110,12 +105,12 @@ def _stamps_of(group: Sequence[StampedMeasurement]) -> tuple[int, int]:
 
 
 def smoothed(
-    followed: Iterable[Followed], models: Mapping[str, ArmModel], gate: float
+    followed: Iterable[Followed], models: Mapping[str, ArmModel]
 ) -> Iterator[TimedEstimate]:
     """Estimates by the smoother, each of all that the filter used.
 
-    Where the filter begins anew so does the smoother, from the first measurement of that
-    beginning on: the measurements before it belong to a state that was given up.
+    Where the filter begins anew so does the smoother: the measurements before belong to a state
+    that was given up.
 
     Raises:
         MeasurementError: if the place of contact is unknown.
@@ -126,50 +121,21 @@ def smoothed(
             '--smooth goes with one place of contact, not with --contact somewhere'
         )
     ((name, model),) = models.items()
-    parts: list[list[Followed]] = [[]]
+    parts: list[list[tuple[Sequence[StampedMeasurement], Step]]] = [[]]
     for one in followed:
-        if parts[-1] and (last := parts[-1][-1].step) is not None:
-            last.updated.at.forget()
-        if one.found is not None and (beginning := one.found.beginning) is not None:
-            first = bisect.bisect_left(parts[-1], beginning.since, key=lambda one: one.time)
-            lost = parts[-1][first:]
-            del parts[-1][first:]
-            parts.append(_begun(model, beginning, lost, one, gate))
-        parts[-1].append(one)
+        if one.found is None:
+            continue
+        if one.found.begins_anew:
+            parts.append([])
+        one.found.step.at.forget()
+        parts[-1].append((one.group, one.found.step))
     for number, part in enumerate(parts):
-        known = [(one.group, one.step) for one in part if one.step is not None]
-        estimates = smooth_steps(model, [step for _, step in known])
-        for (group, _), estimate in zip(known, estimates, strict=True):
+        estimates = smooth_steps(model, [step for _, step in part])
+        for (group, _), estimate in zip(part, estimates, strict=True):
             yield TimedEstimate(
                 *_stamps_of(group), name, {name: 1.0}, estimate.innovations, estimate,
                 number > 0 and estimate is estimates[0],
             )  # fmt: skip
-
-
-def _begun(
-    model: ArmModel,
-    beginning: Beginning,
-    lost: Sequence[Followed],
-    now: Followed,
-    gate: float,
-) -> list[Followed]:
-    """Filter the measurements between the new ``beginning`` and ``now``, when it was found.
-
-    The tracker used only the newest of them; its results until then are ``lost``.
-    """
-    begun, last = [], None
-    for one in lost:
-        made = tuple(
-            part.measurement
-            for part in one.group
-            if part.measurement.name not in beginning.left_out
-        )
-        step = None
-        with contextlib.suppress(SolveError):
-            step = last = next_step(model, last, one.time, made, gate, now.step)
-            step.updated.at.forget()
-        begun.append(one._replace(step=step))
-    return begun
 
 
 SURE = 0.999  # probability of no false alarm at one time
@@ -319,7 +285,7 @@ def estimate(
     found = filtered(followed)
     if is_smooth:
         check_count(len(recorded.groups))
-        found = smoothed(followed, recorded.models, recorded.settings.gate)
+        found = smoothed(followed, recorded.models)
     moments: list[Moment] = []
     consistency: dict[str, Consistency] = {}
     restarts: list[float] = []

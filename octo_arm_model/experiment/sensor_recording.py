@@ -23,9 +23,9 @@ from octo_arm_model.bags.sensor_topics import (
 )
 from octo_arm_model.bags.topics import MIDLINE, usual_topics
 from octo_arm_model.config.config import Config
+from octo_arm_model.estimation.model import PATIENT, ArmModel
 from octo_arm_model.estimation.parameters import PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
-from octo_arm_model.estimation.state.prediction import ArmModel
 from octo_arm_model.experiment.alignment import Alignment
 from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics
 from octo_arm_model.experiment.camera_check import CameraCheck, CameraFrames
@@ -125,8 +125,10 @@ def read_recorded(
     tensions = read_tension_rows(reader, sensors, config, refusals, count.add)
     time = np.asarray(1e-9 * (tensions.stamps_ns - tensions.stamps_ns[:1]), np.float64)
     recorded = tension_statistics(time, tensions.rows) if len(time) else None
+    # A force is significant only where no load cell may explain it: they are believed here.
+    own = {f'{PREFIX}cell_fault': 0.0, f'{PREFIX}sensor_fault': 0.0} | own
     settings = EstimatorSettings.from_parameters(own, config, recorded)
-    models = settings.models(config)
+    models = settings.models(config, budget=PATIENT)
     turned: set[str] = set()
     arm = MeasuredArm(config, settings.noise, _pose_of(sources.alignment, turned))
     groups = read_measured(reader, sensors, tensions, arm, refusals, count.add)

@@ -9,10 +9,10 @@ from octo_arm_model.arm.budget import Budget
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
+from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements import Markers, Measurement
-from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
-from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.model import ArmModel, Prediction
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.simulation.sensors import Push, Sensors
 

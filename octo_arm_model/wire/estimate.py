@@ -12,7 +12,7 @@ from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.contact import NO_CONTACT, Contact, contact_of
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.estimation.state.prediction import ArmModel
+from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.wire.backbone import (
     BACKBONE_TOPICS,
     TENSION_ESTIMATES,

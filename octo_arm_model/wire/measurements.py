@@ -19,11 +19,16 @@ from octo_arm_model.arm.limits import MAX_NAME
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
-from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
-from octo_arm_model.estimation.measurements.measurement import Measurement, magnitudes
-from octo_arm_model.estimation.measurements.places import Markers
-from octo_arm_model.estimation.measurements.tendons import TendonDisplacements, Tensions
-from octo_arm_model.estimation.measurements.tip import TipPose, TipPosition
+from octo_arm_model.estimation.base_wrench import BaseWrench
+from octo_arm_model.estimation.measurement import magnitudes
+from octo_arm_model.estimation.measurements import (
+    Markers,
+    Measurement,
+    TendonDisplacements,
+    Tensions,
+    TipPose,
+    TipPosition,
+)
 from octo_arm_model.estimation.settings import SensorNoise
 from octo_arm_model.rod.rotations import skew
 from octo_arm_model.wire.points import points_of

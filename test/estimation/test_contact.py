@@ -11,7 +11,7 @@ from octo_arm_model.arm.loads import DistributedLoad, PointLoad
 from octo_arm_model.estimation.contact import contact_of
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Markers, Tensions
-from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 
 TENSION = Walk(5.0, 1.0)
 LENGTH = RUBBER.length

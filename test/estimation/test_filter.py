@@ -12,6 +12,7 @@ from scipy.stats import binom, chi2
 
 from octo_arm_model import Config, Solver, Uncertainty
 from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import (
@@ -20,9 +21,9 @@ from octo_arm_model.estimation.measurements import (
     TipPose,
     TipPosition,
 )
-from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
-from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.model import ArmModel, Prediction
+from octo_arm_model.estimation.rules import Rules
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
 from octo_arm_model.rod.forms import is_available
 
 AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY, tip_moment=Walk(2e-4))
@@ -131,7 +132,7 @@ def test_exact_displacements_and_base_wrench_give_tensions_and_force() -> None:
         TendonDisplacements(drawn_in, 1e-6),
         BaseWrench(wrench, 1e-6),
     ]
-    found = Filter(model, gate=1.0 - 1e-12).add(0.0, measured)
+    found = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, measured)
     np.testing.assert_allclose(found.tensions, TENSIONS, atol=1e-3)
     np.testing.assert_allclose(found.tip_wrench, model.tip_wrench(at.x), atol=1e-5)
 
@@ -147,7 +148,7 @@ def test_what_friction_does_is_within_the_covariance() -> None:
         ('unknown', ArmModel(rough, unknowns, stations=31)),
         ('ignored', rubber(FORCE_AT_TIP)),
     ):
-        found = Filter(model, gate=1.0 - 1e-12).add(0.0, measured)
+        found = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, measured)
         error, known = found.tip_wrench[:3] - force, found.tip_wrench_covariance[:3, :3]
         off[name] = error @ np.linalg.solve(known, error)
     limit = chi2.ppf(0.999, 3)
@@ -181,7 +182,7 @@ def simulated(seed: int, steps: int) -> list[tuple[Estimate, np.ndarray, Predict
     state = model.state
     stddev = state.prior_stddev()
     x = stddev * rng.normal(size=state.size)
-    own, found = Filter(model, gate=1.0 - 1e-9), []
+    own, found = Filter(model, rules=Rules(gate=1.0 - 1e-9)), []
     pull = 1.0 + rng.uniform(0.0, 1.0, 4)
     for step in range(steps):
         if step:
@@ -313,9 +314,11 @@ def test_a_failing_step_leaves_the_filter_as_it_was() -> None:
     for bad in (math.nan, math.inf):
         with pytest.raises(MeasurementError, match='time'):
             own.add(bad, [])
-    for window, gate in ((-1.0, 0.9), (1.0, 1.0)):
-        with pytest.raises(MeasurementError):
-            Filter(model, window, gate)
+    with pytest.raises(MeasurementError, match='window is -1'):
+        Filter(model, -1.0)
+    for name, wrong in (('gate', 1.0), ('cell_fault', -0.1), ('recover_after', -1.0)):
+        with pytest.raises(MeasurementError, match=f'{name} is {wrong}, expected'):
+            Rules(**{name: wrong})
 
 
 def test_a_tip_that_no_tension_and_no_force_explains_is_refused() -> None:

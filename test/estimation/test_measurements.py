@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model import DistributedLoad, Loads, Material, PointLoad, Solver, displacements_of
 from octo_arm_model.arm.errors import ConfigError, MeasurementError
 from octo_arm_model.arm.loads import ScaledLoads
+from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements import (
     Curvatures,
     Markers,
@@ -23,9 +24,8 @@ from octo_arm_model.estimation.measurements import (
     TipPose,
     TipPosition,
 )
-from octo_arm_model.estimation.measurements.base_wrench import BaseWrench
-from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.model import ArmModel, Prediction
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 
 SOME_PLACE = np.array([0.03, 0.11, 0.2])
 TURNED = Rotation.from_rotvec([0.3, -0.2, 0.5])
@@ -237,7 +237,7 @@ def test_the_tip_tells_how_it_bends_with_the_state() -> None:
     assert found is not None
     stddev = model.state.prior_stddev()
     expected = np.zeros_like(found)
-    for component in model.state.shaping:
+    for component in np.flatnonzero(model.state.shapes):
         step = 1e-3 * stddev * (np.arange(x.size) == component)
         ends = [tip.jacobian(Prediction(model, x + one, at.solved)) for one in (step, -step)]
         expected[:, :, component] = (ends[0] - ends[1]) / (2.0 * step[component])

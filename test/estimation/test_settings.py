@@ -13,7 +13,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.estimation.parameters import BENT, ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
-from octo_arm_model.estimation.state.unknowns import State
+from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.measured_points import check_marker_s
 
 VALUES = load_parameters(preset_path('renda2012_prototype'))

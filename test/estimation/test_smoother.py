@@ -15,9 +15,10 @@ from scipy.stats import chi2
 from octo_arm_model.arm.errors import MeasurementError, SolveError
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
+from octo_arm_model.estimation.model import PATIENT, ArmModel, Prediction
+from octo_arm_model.estimation.rules import Rules
 from octo_arm_model.estimation.smoother import smooth
-from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
 
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 
@@ -110,7 +111,7 @@ def test_errors_are_as_large_as_the_covariance_says(runs: int, least: float, mos
     force, squares = model.state.tip_force, []
     for seed in range(runs):
         recording, states = recorded(model, 10 + seed, 7)
-        for found, x in zip(smooth(model, recording, gate=1.0 - 1e-9), states):
+        for found, x in zip(smooth(model, recording, Rules(gate=1.0 - 1e-9)), states):
             error = (found.mean - x)[force]
             squares.append(error @ np.linalg.solve(found.covariance[force, force], error))
     # Runs of 7 steps, correlated over 10: one or two independent sets of 3 in each.
@@ -124,7 +125,7 @@ def test_where_the_arm_bends_by_far_more_than_is_measured_it_is_better_than_the_
     seeds: tuple[int, ...], steps: int
 ) -> None:
     """The first seconds of the scenario of the benchmark: none diverges or is biased."""
-    model = arm_model(remembers=True, stations=21)
+    model = arm_model(remembers=True, stations=21, budget=PATIENT)
     part, errors, squares = model.state.tip_force, [], []
     for seed in seeds:
         data = simulated(steps, seed)

@@ -7,9 +7,8 @@ from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
 from octo_arm_model import Solver
 from octo_arm_model.estimation.filter import Filter
-from octo_arm_model.estimation.measurements.tendons import Tensions
-from octo_arm_model.estimation.measurements.tip import TipPosition
-from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.measurements import Tensions, TipPosition
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
 from octo_arm_model.experiment.estimates import GAP, Moment, find_touches, is_touched
 
 UNKNOWNS = Unknowns(Walk(5.0), tip_force=LIKELY)

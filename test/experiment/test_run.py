@@ -18,7 +18,7 @@ from octo_arm_model.arm.errors import MeasurementError, SolveError
 from octo_arm_model.bags.demo import TrueArm
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.estimate import summary
-from octo_arm_model.estimation.measurements.tendons import Tensions
+from octo_arm_model.estimation.measurements import Tensions
 from octo_arm_model.experiment.estimates import Result, estimate
 from octo_arm_model.experiment.sensor_recording import Recorded, Sources, read_recorded
 

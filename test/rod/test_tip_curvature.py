@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from octo_arm_model import Arm, Body, Material, Section, Solver
-from octo_arm_model.estimation.state.tip_curvature import add_up, compiled_add_up, tip_curvature
+from octo_arm_model.estimation.tip_curvature import tip_curvature
 
 ROD = Arm(
     Material.from_moduli(40e9, 15e9),
@@ -36,7 +36,7 @@ def test_they_are_the_differences_of_first_derivatives(
     solver = Solver(ROD, 'exact', stations, material='linear')
     x = np.append(force, TENSIONS)
     position, pose = by_all(solver, x)
-    found = tip_curvature(position, pose, np.array(force), add_up)
+    found = tip_curvature(position, pose, np.array(force))
     expected = np.stack(
         [
             (by_all(solver, x + step)[1][-1, :3] - by_all(solver, x - step)[1][-1, :3])
@@ -50,16 +50,3 @@ def test_they_are_the_differences_of_first_derivatives(
         off = np.linalg.norm((found - expected)[:, part, :3])
         assert off < 0.02 * np.linalg.norm(expected[:, part, :3])
     assert np.linalg.norm(found - expected) < 0.01 * np.linalg.norm(expected)
-
-
-def test_machine_code_and_numpy_agree() -> None:
-    pytest.importorskip('numba')
-    shape = Solver(ROD, 'exact', 40).solve([TENSIONS], [0.05, -0.04, 0.07, 0.0, 0.0, 0.0])
-    by = Solver(ROD, 'exact', 40).sensitivity(shape)
-    assert by.by_tip_wrench is not None
-    change = np.concatenate([by.by_tip_wrench.pose[..., :3], by.by_tension.pose], axis=2)
-    one, other = (
-        tip_curvature(shape.position, change, shape.tip_wrench[:3], integrate)
-        for integrate in (add_up, compiled_add_up())
-    )
-    np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8 * np.abs(other).max())

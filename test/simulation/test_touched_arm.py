@@ -9,9 +9,9 @@ from checkout import PRESETS
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.estimation.contact import contact_of
+from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import Markers, Tensions, TipPosition
 from octo_arm_model.estimation.settings import EstimatorSettings
-from octo_arm_model.estimation.tracker import Tracker
 from octo_arm_model.simulation.parameters import SimulatorConfig
 from octo_arm_model.simulation.touched_arm import PERIOD, touched
 
@@ -24,7 +24,7 @@ def test_the_force_that_pushes_the_arm_is_found(name: str) -> None:
     own = {key: of_estimator.pop(key) for key in list(of_estimator) if 'estimator.' in key}
     config = Config.from_parameters(values | of_estimator)
     settings = EstimatorSettings.from_parameters(own, config)
-    tracker = Tracker.from_settings(settings, settings.models(config), settings.window)
+    tracker = Estimator.from_settings(settings, settings.models(config), settings.window)
     arm, push, sensors = simulated.pushed_arm, simulated.push, simulated.sensors
     assert arm is not None
     tensions, random = np.full(len(config.arm.tendons), 0.1), np.random.default_rng(3)

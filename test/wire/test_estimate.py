@@ -11,7 +11,7 @@ from estimation_arms import EVERYTHING, LIKELY, TENSIONS, rubber
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
-from octo_arm_model.estimation.state.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 from octo_arm_model.wire.estimate import (
     BIAS,
     CONTACT,

@@ -18,9 +18,9 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.settings import EstimatorSettings
-from octo_arm_model.estimation.state.prediction import ArmModel, Prediction
-from octo_arm_model.estimation.state.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
 from octo_arm_model.wire.measurements import (
     MEASUREMENT_TOPICS,
     MeasuredArm,

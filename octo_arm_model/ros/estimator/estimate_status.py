@@ -8,9 +8,9 @@ from rclpy.node import Node
 
 from octo_arm_model.arm.errors import OctoArmError, in_short
 from octo_arm_model.config.config import Config
+from octo_arm_model.estimation.consistency import Consistency
 from octo_arm_model.estimation.contact import contact_of
-from octo_arm_model.estimation.gating.consistency import Consistency
-from octo_arm_model.estimation.tracker import Tracked, Tracker
+from octo_arm_model.estimation.estimator import Estimated, Estimator
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.ros.node.diagnostics import make_status
 
@@ -28,17 +28,18 @@ class EstimateStatus:
         self._run_back: dict[str, int] = {}
         self.follow(None, None)
 
-    def follow(self, tracker: Tracker | None, config: Config | None) -> None:
-        """Report of ``tracker`` from now on; None while there is none."""
-        self._tracker, self._config = tracker, config
-        self._tracked: Tracked | None = None
-        self._refused: dict[str, int] = {}
+    def follow(self, estimator: Estimator | None, config: Config | None) -> None:
+        """Report of ``estimator`` from now on; None while there is none."""
+        self._estimator, self._config = estimator, config
+        self._found: Estimated | None = None
+        self._newest_ns = 0
         self._late = self._restarts = 0
         self._used, self._unused, self._reason = 0, 0, ''
 
-    def add(self, tracked: Tracked) -> None:
-        """Note what came of a measurement."""
-        self._tracked = tracked
+    def add(self, found: Estimated, stamp_ns: int) -> None:
+        """Note what came of a measurement, and the newest stamp."""
+        self._newest_ns = stamp_ns
+        self._found = found
         self._used += 1
 
     def refused(self, topic: str, error: OctoArmError) -> None:
@@ -52,7 +53,7 @@ class EstimateStatus:
 
     def report(self, idle: str) -> DiagnosticStatus:
         """The status now, of a node that is ``idle`` in some state, or of one that is not."""
-        tracker, config, tracked = self._tracker, self._config, self._tracked
+        estimator, config, found = self._estimator, self._config, self._found
         problems = [
             f'stamps of {topic} ran back, it began anew {count} time(s)'
             for topic, count in sorted(self._run_back.items())
@@ -60,42 +61,42 @@ class EstimateStatus:
         if self._unused and not self._used:
             problems.append(f'none of {self._unused} measurements could be used: {self._reason}')
         self._run_back, self._used, self._unused = {}, 0, 0
-        if tracker is None or config is None or tracked is None:
+        if estimator is None or config is None or found is None:
             problem = idle or '; '.join(problems)
             return make_status('estimate', DiagnosticStatus.WARN, problem, 'waiting', {})
         values: dict[str, object] = {
-            'hypothesis': tracked.hypothesis,
+            'hypothesis': found.hypothesis,
             'probabilities': ', '.join(
-                f'{name}: {part:.3f}' for name, part in tracked.probabilities.items()
+                f'{name}: {part:.3f}' for name, part in found.probabilities.items()
             ),
-            'came too late': tracker.late,
-            'without a shape': tracker.failed,
-            'restarts': tracker.restarts,
+            'came too late': estimator.late,
+            'without a shape': estimator.failed,
+            'restarts': estimator.restarts,
         }
-        for name, one in tracker.consistency.items():
+        for name, one in estimator.consistency.items():
             values[f'{name} accepted'] = one.accepted
             values[f'{name} refused'] = one.refused
-            if (lately := one.refused - self._refused.get(name, 0)) > 0:
-                problems.append(f'{lately} {name} contradict the estimate')
-            self._refused[name] = one.refused
             words, is_large = consistency(one)
             values[f'{name} normalised square'] = words
             if is_large:
                 problems.append(f'innovations of {name} are larger than told: {words}')
-        if (lately := tracker.late - self._late) > 0:
+        for name, since in sorted(estimator.refused_since.items()):
+            seconds = 1e-9 * (self._newest_ns - since)
+            problems.append(f'{name} is refused since {1e-9 * since:.3f} s, for {seconds:.1f} s')
+        if (lately := estimator.late - self._late) > 0:
             problems.append(f'{lately} came too late')
-        if (lately := tracker.restarts - self._restarts) > 0:
+        if (lately := estimator.restarts - self._restarts) > 0:
             problems.append(f'contradicted by its sensors, it began anew {lately} time(s)')
-        self._late, self._restarts = tracker.late, tracker.restarts
-        values |= self._contact(tracked, config)
-        reasons = '; '.join(one.reason for one in tracked.estimate.unlearnt)
+        self._late, self._restarts = estimator.late, estimator.restarts
+        values |= self._contact(found, config)
+        reasons = '; '.join(one.reason for one in found.estimate.unlearnt)
         values['not observable'] = reasons[:_LONGEST]
         return make_status(
             'estimate', DiagnosticStatus.WARN, '; '.join(problems), 'estimating', values
         )
 
-    def _contact(self, tracked: Tracked, config: Config) -> dict[str, object]:
-        contact = contact_of(tracked.estimate, config.arm)
+    def _contact(self, found: Estimated, config: Config) -> dict[str, object]:
+        contact = contact_of(found.estimate, config.arm)
         if contact is None:
             return {}
         force, covariance = contact.wrench[:3], contact.covariance[:3, :3]

@@ -10,11 +10,11 @@ import numpy as np
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import Tensions
+from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings
-from octo_arm_model.estimation.state.prediction import ArmModel
-from octo_arm_model.estimation.tracker import Tracker
 from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.prepared_arm import Prepared, describe
 
@@ -56,7 +56,7 @@ class PreparedEstimator(Prepared):
         prepared = cls(description, config, solver, settings, models)
         # What is compiled or loaded at its first use is so before messages come.
         rest = Tensions(np.zeros(len(config.arm.tendons)), settings.noise.tension)
-        prepared.tracker().add(0, [rest]).estimate.pose_covariance  # noqa: B018
+        prepared.estimator().add(0, [rest]).estimate.pose_covariance  # noqa: B018
         return prepared
 
     def estimates_as(self, other: PreparedEstimator) -> bool:
@@ -66,6 +66,6 @@ class PreparedEstimator(Prepared):
         )
         return mine == theirs and self.config.has_balance_of(other.config)
 
-    def tracker(self) -> Tracker:
-        """A tracker of the arm that begins with the prior."""
-        return Tracker.from_settings(self.settings, self.models, self.settings.window)
+    def estimator(self) -> Estimator:
+        """An estimator of the arm that begins with the prior."""
+        return Estimator.from_settings(self.settings, self.models, self.settings.window)

@@ -1,0 +1,385 @@
+"""Sensors that may lie, believed or doubted by a bank of hypotheses.
+
+Each hypothesis is a normal distribution of the state, and a set of sensors of which it uses
+nothing: none of them, one load cell, one other sensor, or all load cells (multiple-model adaptive
+estimation for failures of sensors, Maybeck 1999). How far one is contradicted is the sum of the
+normalised squares of its innovations beyond what is expected, forgotten in `MEMORY`; determinants
+of covariances are left out, as usual there, so that a hypothesis is not the worse for predicting
+less. What nothing contradicts stays as probable as before, and the covariance is that of the
+mixture: where other sensors cannot tell whether a load cell is right, it holds what would be if
+it is not.
+
+All hypotheses are updated about shapes that are known already. The most probable one then has its
+own shape solved, which may make it less so; then the next one has, and so on while `Work` is left.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.estimation.gaussian import Gaussian, gain, lower_root, solve_lower
+from octo_arm_model.estimation.measurement import Rows
+from octo_arm_model.estimation.measurements import LOAD_CELL
+from octo_arm_model.estimation.model import ArmModel, Prediction
+from octo_arm_model.estimation.posterior import (
+    Agreement,
+    Fit,
+    Work,
+    agree,
+    nearest_possible,
+    reached,
+)
+from octo_arm_model.estimation.rules import (
+    CONTRADICTED,
+    MEMORY,
+    MOST,
+    Doubts,
+    Rules,
+    channels_of,
+)
+
+_STAYS = 1.0  # by which another hypothesis has to be more probable than the present one [nat]
+_SHARE = 4  # evaluations for one hypothesis among several
+_FAR = 0.03  # standard deviations of the prior, from where others are linearised, to do it anew
+_UNSURE = 2.0  # times the gate, for a square that is not exact
+_HALFWAY = 0.5  # part of what is measured less predicted, that is left where it led somewhere
+_NEGLIGIBLE = 1e-7  # probability
+_NOBODY: Doubts = frozenset()
+
+
+class Bank(NamedTuple):
+    """Hypotheses.
+
+    Attributes:
+        doubts: sensors of which each uses nothing.
+        each: what each knows of the state, (hypotheses, n).
+        contradiction: of each [nat], (hypotheses,).
+        leader: number of the most probable one, which is published.
+        heard: sensors other than load cells that were heard so far.
+        agreement: of the leader.
+    """
+
+    doubts: tuple[Doubts, ...]
+    each: Gaussian
+    contradiction: FloatArray
+    leader: int
+    heard: Doubts
+    agreement: Agreement
+
+    @property
+    def leading(self) -> Gaussian:
+        """What the leader knows."""
+        return self.one(self.leader)
+
+    def one(self, number: int) -> Gaussian:
+        """What one hypothesis knows."""
+        return Gaussian(self.each.mean[number], self.each.root[number])
+
+    def some(self, numbers: IntArray | list[int]) -> Bank:
+        """Some hypotheses alone, in this order; the leader is no longer known."""
+        each = Gaussian(self.each.mean[numbers], self.each.root[numbers])
+        doubts = tuple(self.doubts[number] for number in numbers)
+        return self._replace(
+            doubts=doubts, each=each, contradiction=self.contradiction[numbers], leader=-1
+        )
+
+    def after(self, model: ArmModel, elapsed: float) -> Bank:
+        """All of them ``elapsed`` [s] later."""
+        decay, growth = model.state.decay(elapsed), model.state.growth(elapsed)
+        forgotten = math.exp(-elapsed / MEMORY)
+        return self._replace(
+            each=self.each.after(decay, growth), contradiction=forgotten * self.contradiction
+        )
+
+
+def new_bank(model: ArmModel) -> Bank:
+    """Of one hypothesis, that believes everything and knows the prior of ``model``."""
+    stddev = model.state.prior_stddev()
+    each = Gaussian(np.zeros((1, stddev.size)), np.diag(stddev)[np.newaxis])
+    return Bank((_NOBODY,), each, np.zeros(1), 0, _NOBODY, Agreement())
+
+
+class Judged(NamedTuple):
+    """What measurements make of every hypothesis, the first axis.
+
+    Attributes:
+        mean: of the state after them, (hypotheses, n).
+        root: of its covariance, (hypotheses, n, n).
+        is_used: which numbers each used, (hypotheses, m).
+        cost: by how much they contradict each [nat], (hypotheses,).
+        innovation: measured less predicted before, (hypotheses, m).
+        told: root of the covariance of what was predicted, (hypotheses, m, n).
+        square: normalised square of what each used together, (hypotheses,).
+        volume: twice the logarithm of the denominator of its density, (hypotheses,).
+    """
+
+    mean: FloatArray
+    root: FloatArray
+    is_used: NDArray[np.bool_]
+    cost: FloatArray
+    innovation: FloatArray
+    told: FloatArray
+    square: FloatArray
+    volume: FloatArray
+
+    def of(self, numbers: list[int]) -> Judged:
+        """Some hypotheses alone, in this order."""
+        return Judged._make(one[numbers] for one in self)
+
+    def put(self, numbers: IntArray | list[int], others: Judged) -> None:
+        """Write ``others`` in the place of some."""
+        for whole, part in zip(self, others, strict=True):
+            whole[numbers] = part
+
+
+class Judge:
+    """Updates the hypotheses of one arm."""
+
+    def __init__(self, model: ArmModel, rules: Rules, work: Work) -> None:
+        """Of ``model``, by ``rules``, with no more ``work`` than that."""
+        self._model, self._rules, self._work = model, rules, work
+        self._cells = frozenset(f'{LOAD_CELL} {name}' for name in model.arm.tendon_names)
+        self._prior = model.state.prior_stddev()
+
+    def improbability(self, bank: Bank) -> FloatArray:
+        """Of every hypothesis before anything is measured [nat]."""
+        return np.array([self._rules.improbability(one, self._cells) for one in bank.doubts])
+
+    def linear(self, bank: Bank, rows: Rows, at: Prediction) -> tuple[Bank, Judged]:
+        """All hypotheses after ``rows``, linearised about ``at``."""
+        judged = self._judge(bank, rows, at)
+        return _charged(bank, judged), judged
+
+    def led(self, bank: Bank, at: Prediction) -> tuple[Bank, Prediction]:
+        """With the most probable leader, whose tensions are possible, and its shape."""
+        total = bank.contradiction + self.improbability(bank)
+        total[bank.leader] -= _STAYS
+        leader = int(total.argmin())
+        known = bank.one(leader)
+        mean = nearest_possible(self._model, known.root, known.mean)
+        means = bank.each.mean.copy()
+        means[leader] = mean
+        # Where no work is left the shape nearby is moved to the mean to first order.
+        if self._work.is_left or at.shape is None:
+            at = reached(at, mean, self._work)
+        return bank._replace(each=bank.each._replace(mean=means), leader=leader), at
+
+    def shaped(
+        self, bank: Bank, rows: Rows, at: Prediction, *, is_new: bool
+    ) -> tuple[Bank, Judged, Prediction]:
+        """All hypotheses after ``rows``, the most probable one about its own shape.
+
+        Where it ``is_new`` nothing leads to this shape but the prior.
+
+        Raises:
+            SolveError: if there is none.
+        """
+        exact: dict[int, tuple[Fit, Judged]] = {}
+        shapes, stays = [at], self.improbability(bank)
+        stays[bank.leader] -= _STAYS
+        is_one = len(stays) == 1
+        judged = None if is_one else self._judge_about(bank, rows, shapes)
+        while True:
+            cost = 0.0 if judged is None else judged.cost
+            total = bank.contradiction + cost + stays
+            best = int(total.argmin())
+            if best in exact or (exact and not self._work.is_left):
+                break
+            try:
+                exact[best] = fit, own = self._fit(bank, best, rows, at, is_new=is_new)
+            except SolveError:
+                stays[best] = np.inf
+                if not np.isfinite(stays).any() or not (exact or self._work.is_left):
+                    raise
+                continue
+            far = np.abs((fit.at.x - shapes[-1].x) / self._prior).max() > _FAR
+            if judged is None or (far and not is_one):
+                shapes.append(fit.at)
+                judged = own if is_one else self._judge_about(bank, rows, shapes)
+            for number, (_, one) in exact.items():
+                judged.put([number], one)
+        best = min(exact, key=lambda number: float(total[number]))
+        assert judged is not None
+        fit = exact[best][0]
+        bank = _charged(bank, judged)._replace(leader=best, agreement=fit.agreement)
+        return bank, judged, fit.at
+
+    def opened(self, bank: Bank, heard: Sequence[str]) -> tuple[Bank, list[int]]:
+        """With a hypothesis for each sensor that may lie, and from which each of them is.
+
+        Load cells may once another sensor is ``heard``, which can tell.
+        """
+        known = bank.heard | frozenset(heard)
+        if not self._rules.doubts_any or known == bank.heard:
+            return bank, list(range(len(bank.doubts)))
+        return self._about(bank._replace(heard=known), bank.doubts[bank.leader])
+
+    def forgiven(self, bank: Bank, sources: Sequence[int]) -> Bank:
+        """New hypotheses, of one of the ``sources`` as others are, are no more contradicted.
+
+        What they predicted was linearised from afar.
+        """
+        is_new = np.array([sources.count(one) > 1 for one in sources])
+        least = np.where(is_new, bank.contradiction[bank.leader], MOST)
+        return bank._replace(contradiction=np.minimum(bank.contradiction, least))
+
+    def followed(self, bank: Bank) -> Bank:
+        """Hypotheses that are contradicted go on from what the leader knows."""
+        if len(bank.doubts) == 1:
+            return bank
+        doubts, cells = bank.doubts[bank.leader], self._cells
+        is_lost = bank.contradiction >= CONTRADICTED
+        if is_lost[bank.leader] and len(doubts & cells) == len(doubts) == 1:
+            # One load cell that lies does not explain what is measured: two of them may.
+            bank, _ = self._about(bank, doubts)
+            is_lost = bank.contradiction >= CONTRADICTED
+        is_lost |= np.array([one == cells for one in bank.doubts])
+        is_lost[bank.leader] = False
+        if not is_lost.any():
+            return bank
+        mean, root = bank.each.mean.copy(), bank.each.root.copy()
+        mean[is_lost], root[is_lost] = bank.leading.mean, bank.leading.root
+        return bank._replace(each=self._widened(bank, Gaussian(mean, root), is_lost))
+
+    def mixture(self, bank: Bank) -> Gaussian:
+        """The mean of the leader, and a covariance that holds what others think possible."""
+        if len(bank.doubts) == 1:
+            return bank.leading
+        total = bank.contradiction + self.improbability(bank)
+        weight = np.exp(total.min() - total)
+        weight /= weight.sum()
+        some = np.flatnonzero(weight > _NEGLIGIBLE)
+        scale, mean = np.sqrt(weight[some]), bank.leading.mean
+        away = scale[:, np.newaxis] * (bank.each.mean[some] - mean)
+        roots = scale[:, np.newaxis, np.newaxis] * bank.each.root[some]
+        return Gaussian(mean, lower_root(np.concatenate([*roots, away.T], axis=1)))
+
+    def _judge(self, bank: Bank, rows: Rows, at: Prediction) -> Judged:
+        """All hypotheses after ``rows``, linearised about ``at``."""
+        jacobian, channels = rows.jacobian(at), channels_of(rows.channels(at))
+        innovation = rows.left(at) + (at.x - bank.each.mean) @ jacobian.T
+        told = jacobian @ bank.each.root
+        squares = channels.squares(innovation, told, rows.noise)
+        is_doubted = np.array([channels.is_in(doubts) for doubts in bank.doubts])
+        is_used = ~is_doubted & (squares <= channels.limits(self._rules.gate))
+        masked = is_used[..., np.newaxis] * jacobian
+        by = gain(bank.each.root, masked, rows.noise_root)
+        left = np.where(is_used, innovation, 0.0)
+        square = (solve_lower(by.innovation_root, left) ** 2).sum(axis=-1)
+        mean = bank.each.mean + (by.gain @ left[..., np.newaxis])[..., 0]
+        cost = channels.cost(is_used, ~is_used & ~is_doubted, squares, square)
+        volume = 2.0 * np.log(np.einsum('hii->hi', by.innovation_root)).sum(axis=-1)
+        volume += len(rows) * math.log(2.0 * math.pi)
+        return Judged(mean, by.root.copy(), is_used, cost, innovation, told, square, volume)
+
+    def _judge_about(self, bank: Bank, rows: Rows, shapes: Sequence[Prediction]) -> Judged:
+        """All hypotheses after ``rows``, each linearised about the nearest of some ``shapes``."""
+        x = np.array([one.x for one in shapes])
+        away = (bank.each.mean[:, np.newaxis] - x) / self._prior
+        nearest = (away**2).sum(axis=-1).argmin(axis=1)
+        found = self._judge(bank, rows, shapes[int(nearest[0])])
+        for number in set(nearest.tolist()) - {int(nearest[0])}:
+            some = np.flatnonzero(nearest == number)
+            found.put(some, self._judge(bank.some(some), rows, shapes[number]))
+        return found
+
+    def _fit(
+        self, bank: Bank, number: int, rows: Rows, at: Prediction, *, is_new: bool
+    ) -> tuple[Fit, Judged]:
+        """One hypothesis after ``rows``, about the shape that it agrees with them on."""
+        before, channels = bank.one(number), channels_of(rows.channels(at))
+        is_doubted = channels.is_in(bank.doubts[number])
+        is_used, limits = ~is_doubted, channels.limits(self._rules.gate)
+        evaluations = _SHARE if len(bank.doubts) > 1 else self._work.evaluations
+        first = at
+        while True:
+            share = self._work.share(max(evaluations, 1))
+            some = rows.only(np.flatnonzero(is_used))
+            fit = agree(before, some, bank.agreement, at, share, is_new=is_new)
+            at, is_new = fit.at, False
+            jacobian = rows.jacobian(at)
+            left = rows.left(at)
+            innovation = (left + jacobian @ (at.x - before.mean))[np.newaxis]
+            told = (jacobian @ before.root)[np.newaxis]
+            squares = channels.squares(innovation, told, rows.noise)
+            is_refused = is_used & (squares[0] > limits)
+            if not fit.is_converged:
+                # Squares are not exact then; what led nowhere is refused.
+                lengths = [np.linalg.norm(part[is_used]) for part in (left, rows.left(first))]
+                white = solve_lower(rows.noise_root, left)[is_used]
+                is_hopeless = lengths[0] > _HALFWAY * lengths[1] and white @ white > limits.max()
+                is_refused = is_used & ((squares[0] > _UNSURE * limits) | is_hopeless)
+            if not is_refused.any():
+                break
+            is_used &= ~is_refused
+        square = np.array([fit.square])
+        cost = channels.cost(
+            is_used[np.newaxis], (~is_used & ~is_doubted)[np.newaxis], squares, square
+        )
+        return fit, Judged(
+            fit.known.mean[np.newaxis], fit.known.root[np.newaxis], is_used[np.newaxis], cost,
+            innovation, told, square, np.array([fit.volume]),
+        )  # fmt: skip
+
+    def _about(self, bank: Bank, root: Doubts) -> tuple[Bank, list[int]]:
+        """Hypotheses of one doubt more or less than ``root``, and from which each of them is.
+
+        Those that are new know what the leader does, but for what the doubted sensor told.
+        """
+        rules, leading = self._rules, bank.doubts[bank.leader]
+        wanted = {root: None, leading: None, _NOBODY: None}
+        wanted |= {root - {name}: None for name in sorted(root)}
+        suspects = sorted(self._cells) if rules.cell_fault else []
+        if rules.sensor_fault and not root:
+            # All others may not be doubted at once: then it is the arm that is lost.
+            suspects += sorted(bank.heard)
+        wanted |= {root | {name}: None for name in suspects}
+        if rules.cell_fault:
+            wanted[self._cells] = None
+        doubts = tuple(wanted)
+        known = {one: number for number, one in enumerate(bank.doubts)}
+        sources = [known.get(one, bank.leader) for one in doubts]
+        is_new = np.array([one not in known for one in doubts])
+        made = bank.some(sources)._replace(doubts=doubts, leader=doubts.index(leading))
+        return made._replace(each=self._widened(made, made.each, is_new)), sources
+
+    def _widened(self, bank: Bank, each: Gaussian, is_new: NDArray[np.bool_]) -> Gaussian:
+        """``each`` hypothesis, of which new ones know no more of what a doubted sensor told."""
+        believed, state = bank.doubts[bank.leader], self._model.state
+        extra = np.zeros(each.mean.shape)
+        for number in np.flatnonzero(is_new):
+            doubts = bank.doubts[number]
+            if doubts != self._cells:
+                for name in doubts - believed:
+                    for where in self._told_by(name):
+                        extra[number, where] = self._prior[where]
+        some = np.flatnonzero(extra.any(axis=1))
+        if not some.size:
+            return each
+        wide = extra[some, :, np.newaxis] * np.eye(state.size)
+        root = each.root.copy()
+        root[some] = lower_root(np.concatenate([root[some], wide], axis=-1))
+        return Gaussian(each.mean, root)
+
+    def _told_by(self, name: str) -> list[slice]:
+        """Which components of the state follow from the sensor ``name`` before all others."""
+        state = self._model.state
+        found = [slice(state.tip_force.start, state.current.stop)]
+        if name in self._cells:
+            tendons = self._model.arm.tendon_names
+            first = state.tension.start + tendons.index(name.removeprefix(f'{LOAD_CELL} '))
+            found.append(slice(first, first + 1))
+        return found
+
+
+def _charged(bank: Bank, judged: Judged) -> Bank:
+    """``bank`` after measurements as they are ``judged``."""
+    contradiction = np.minimum(bank.contradiction + judged.cost, MOST)
+    return bank._replace(each=Gaussian(judged.mean, judged.root), contradiction=contradiction)

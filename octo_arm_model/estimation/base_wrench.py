@@ -1,0 +1,105 @@
+"""The wrench under the base: what all external loads add up to."""
+
+from __future__ import annotations
+
+import weakref
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+from scipy.interpolate import CubicSpline
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Loads
+from octo_arm_model.estimation.measurement import Measurement
+from octo_arm_model.estimation.model import ArmModel, Prediction
+from octo_arm_model.rod.dead_loads import force_per_length
+from octo_arm_model.rod.stations import StationGrid
+
+_GAUSS = 4  # points of the quadrature between two stations
+_AXES = np.eye(3)
+
+
+class BaseWrench(Measurement):
+    """Force and moment of all external loads on the arm about its base, in base_frame, (6,).
+
+    As a sensor under the base and the winches feels them [N, N m]: tendons' forces are internal.
+    """
+
+    name = 'base wrench'
+
+    def innovation(self, at: Prediction) -> FloatArray:
+        """What was measured less what is predicted, (6,) [N, N m]."""
+        self.check_size(6, 'force and moment')
+        sums = _sums(at.model)
+        magnitudes = np.append(at.x, 1.0)
+        away = at.solved.position - at.solved.position[0]
+        moment = np.cross(away, sums.at_stations @ magnitudes).sum(axis=0)
+        predicted = np.concatenate([sums.force @ magnitudes, moment + sums.moment @ magnitudes])
+        return self.value - predicted
+
+    def jacobian(self, at: Prediction) -> FloatArray:
+        """Change of what is predicted by the state, (6, state)."""
+        sums = _sums(at.model)
+        away = at.solved.position - at.solved.position[0]
+        acting = sums.at_stations @ np.append(at.x, 1.0)
+        moment = sums.moment[:, :-1] + np.cross(
+            away[:, :, np.newaxis], sums.at_stations[..., :-1], axis=1
+        ).sum(axis=0)
+        moment += np.cross(
+            at.change.pose[:, :3], acting[:, :, np.newaxis], axis=1
+        ).sum(axis=0)  # fmt: skip
+        return np.concatenate([sums.force[:, :-1], moment])
+
+
+class _Sums:
+    """What loads of magnitude one sum to; the last column is that of the known loads.
+
+    Attributes:
+        force: in all, (3, state + 1).
+        moment: free moments in all, (3, state + 1).
+        at_stations: forces that have the same moment as the loads whatever the shape, which is
+            a cubic spline through the stations, (stations, 3, state + 1).
+    """
+
+    def __init__(self, model: ArmModel) -> None:
+        if model.loads.others:
+            raise MeasurementError('base wrench: loads.others are not covered')
+        grid, state = model.solver.grid, model.state
+        self.moment = np.zeros((3, state.size + 1))
+        self.at_stations = np.zeros((grid.s.size, 3, state.size + 1))
+        start = state.point_forces.start
+        for column, loads in [*enumerate(model.unit_loads, start), (state.size, model.loads)]:
+            self.at_stations[..., column] = _at_stations(model.arm, grid, loads)
+            moments = [loads.tip_moment, *(point.moment for point in loads.points)]
+            self.moment[:, column] = np.sum(moments, axis=0)
+        if state.tip_force.stop > state.tip_force.start:
+            self.at_stations[-1, :, state.tip_force] = _AXES
+        if state.tip_moment.stop > state.tip_moment.start:
+            self.moment[:, state.tip_moment] = _AXES
+        self.force = self.at_stations.sum(axis=0)
+
+
+_KNOWN: weakref.WeakKeyDictionary[ArmModel, _Sums] = weakref.WeakKeyDictionary()
+
+
+def _sums(model: ArmModel) -> _Sums:
+    if model not in _KNOWN:
+        _KNOWN[model] = _Sums(model)
+    return _KNOWN[model]
+
+
+def _at_stations(arm: Arm, grid: StationGrid, loads: Loads) -> FloatArray:
+    """Forces at stations (stations, 3) of the moment of ``loads``, which lie between them."""
+    points, weights = leggauss(_GAUSS)
+    ends = np.union1d(grid.s, [s for s in loads.knots if 0.0 < s < arm.length])
+    half = 0.5 * np.diff(ends)[:, np.newaxis]
+    s = (ends[:-1, np.newaxis] + half * (1.0 + points)).ravel()
+    density = force_per_length(arm, s, loads) * (half * weights).reshape(-1, 1)
+    cardinal = CubicSpline(grid.s, np.eye(grid.s.size))
+    force = np.asarray(cardinal(s)).T @ density
+    for point in loads.points:
+        force += np.outer(cardinal(point.s), point.force)
+    force[-1] += loads.tip_force
+    return np.asarray(force)

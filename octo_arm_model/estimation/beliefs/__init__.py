@@ -1,1 +1,0 @@
-"""Gaussian beliefs about a state, their mode and mean. Imports state and measurements."""

@@ -1,1 +1,0 @@
-"""Which measurements are used. Imports beliefs and what is below."""

@@ -1,0 +1,392 @@
+"""The state that measurements and what was known before them agree on, by iteration.
+
+An iterated extended Kalman filter with Newton's steps: what measurements predict is taken to
+second order about the last state that was evaluated, where they tell (`Measurement.second`), and
+the next one is what this local model leads to. Each evaluation is one shape and its derivatives.
+
+Measurements much more exact than what was known before leave a thin curved sheet of likely
+states, whose densest point is off to one side of its mean, at every step to the same: a filter
+that remembers would sum that up. The way from one to the other follows from the determinant of the
+information A, grad(ln det A) / 2 (Laplace's approximation; Tierney and Kadane 1986). Innovations
+draw the most probable state to where it is; where they are smaller than expected, as of an arm
+that nothing touches, it is hardly drawn, and the way back is weighted with how they compare.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dposv, dpotrf
+
+from octo_arm_model.arm.errors import ContinuationError, ConvergenceError, SolveError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.estimation.gaussian import (
+    Gain,
+    Gaussian,
+    gain,
+    lower_root,
+    solve_lower,
+    volume_of,
+)
+from octo_arm_model.estimation.measurement import Rows
+from octo_arm_model.estimation.model import ArmModel, Prediction
+
+_TOLERANCE = 0.1  # standard deviations a component, of a step that is the last
+# Likewise where what is measured hardly bends on it: parts of the noise, of values and spread.
+_STRAIGHT, _OFF, _TURNED = 3.0, 0.1, 0.3
+_LOOSE = 0.3  # likewise of what is blurred
+_BLURRED = (100.0, 10.0)  # times the noise, one after the other
+_SOON = 4  # evaluations
+_INNER = 8  # steps within a local model
+_BENT = 0.8  # part of its stiffness that a direction may lose as measurements bend
+_WORSE = 2.0  # growth of what should be least that shortens a step
+_SHORTENED, _SAFE = 6, 0.8
+_LONGEST = 0.2  # of the length of the arm, by which a station moves in a step
+_LARGEST = 5.0  # standard deviations by which one agreement may be off
+_FARTHEST = 3.0  # standard deviations, to the mean: beyond, its second derivatives do not hold
+_LATELY = 1000  # updates over which agreements are averaged
+
+
+class Work:
+    """What one message may cost: evaluations of shapes, and iterations of the solver for them."""
+
+    def __init__(self, evaluations: int, iterations: int, whole: Work | None = None) -> None:
+        """Of so many of both; what is taken of it is taken of the ``whole`` too."""
+        self.evaluations, self.iterations, self._whole = evaluations, iterations, whole
+
+    def share(self, evaluations: int) -> Work:
+        """A part of it, of so many evaluations at most."""
+        return Work(min(evaluations, self.evaluations), self.iterations, self)
+
+    def grow(self, times: int) -> None:
+        """Allow so many ``times`` what is left, and some."""
+        self.evaluations, self.iterations = times * self.evaluations, times * self.iterations
+
+    @property
+    def is_left(self) -> bool:
+        """Whether another shape may be evaluated."""
+        return self.evaluations > 0 and self.iterations > 0
+
+    def take(self, iterations: int) -> None:
+        """Note an evaluation."""
+        self.evaluations -= 1
+        self.iterations -= iterations
+        if self._whole is not None:
+            self._whole.take(iterations)
+
+
+class Agreement(NamedTuple):
+    """How much innovations draw the most probable state, in parts of what is expected of them.
+
+    Attributes:
+        value: 1 on average where what was known before and noise are as told.
+        information: inverse of its variance where they are; 0 of none.
+    """
+
+    value: float = 0.0
+    information: float = 0.0
+
+    @property
+    def weight(self) -> float:
+        """Weight of the way to the mean, 0 to 1: the value and its standard deviation."""
+        if not self.information:
+            return 0.0
+        return min(max(0.0, self.value + 1.0 / math.sqrt(self.information)), 1.0)
+
+    def after(self, drawn: float, expected: float, stddev: float) -> Agreement:
+        """With one more innovation, which has ``drawn`` as much of what was ``expected``."""
+        if not expected > 0.0 or not stddev > 0.0:
+            return self
+        off = min(max((drawn - expected) / stddev, -_LARGEST), _LARGEST)
+        own = (expected / stddev) ** 2
+        information = self.information * (1.0 - 1.0 / _LATELY) + own
+        value = self.value + own / information * (1.0 + off * stddev / expected - self.value)
+        return Agreement(value, information)
+
+
+class Fit(NamedTuple):
+    """What is known after measurements.
+
+    Attributes:
+        known: after them.
+        at: a prediction nearly of its mean, about which they were linearised.
+        innovation: measured less predicted before, by that linearisation, (m,).
+        innovation_root: of its covariance, (m, m).
+        square: least sum of squares of noise and change of the state that explains them.
+        agreement: how the innovations so far draw the most probable state.
+        is_converged: whether the state is one to which the last step was short.
+    """
+
+    known: Gaussian
+    at: Prediction
+    innovation: FloatArray
+    innovation_root: FloatArray
+    square: float
+    agreement: Agreement
+    is_converged: bool
+
+    @property
+    def volume(self) -> float:
+        """Twice the logarithm of the denominator of the density of the innovation."""
+        return volume_of(self.innovation_root)
+
+
+class _Local(NamedTuple):
+    """What measurements predict about a state to second order, in standard deviations."""
+
+    at: Prediction
+    by: Gain
+    z: FloatArray
+    left: FloatArray
+    jacobian: FloatArray
+    second: FloatArray | None
+    slope: FloatArray
+
+
+class _Step(NamedTuple):
+    """A step from a state to ``x``: its size a component, and what is least at its start."""
+
+    x: FloatArray
+    size: float
+    cost: float
+
+
+def agree(
+    before: Gaussian, rows: Rows, agreement: Agreement, at: Prediction, work: Work,
+    *, is_new: bool = False,
+) -> Fit:  # fmt: skip
+    """The mean of what was known ``before`` and measured ``rows``, from the prediction ``at`` on.
+
+    Where it ``is_new``, or does not converge soon, measurements are taken to be less exact at
+    first, which widens the curved valley of likely states. Where no work is left before it has
+    converged, the last step is added to the covariance.
+
+    Raises:
+        SolveError: if there is no trustworthy shape on the way.
+    """
+    if not len(rows):
+        mean = nearest_possible(at.model, before.root, before.mean)
+        at = reached(at, mean, work)
+        nothing = np.zeros(0), np.zeros((0, 0)), 0.0
+        return Fit(Gaussian(mean, before.root), at, *nothing, agreement, is_converged=True)
+    if not is_new:
+        try:
+            found = Posterior(before, rows, agreement).fit(at, work.share(_SOON))
+        except SolveError:
+            found = None
+        if found is not None and (found.is_converged or not work.is_left):
+            return found
+        at = at if found is None else found.at
+    for factor in _BLURRED:
+        at = Posterior(before, rows.blurred(factor), agreement).fit(at, work, _LOOSE).at
+    return Posterior(before, rows, agreement).fit(at, work)
+
+
+def reached(at: Prediction, x: FloatArray, work: Work) -> Prediction:
+    """The prediction of a state ``x``, followed from ``at``, or from nothing if that is too far.
+
+    Raises:
+        SolveError: if there is no trustworthy shape.
+    """
+    found = Prediction(at.model, x, at.shape)
+    try:
+        work.take(int(found.solved.iterations))
+    except ContinuationError as error:
+        work.take(error.iterations)
+        if at.shape is None:
+            raise
+        found = Prediction(at.model, x, None)
+        work.take(int(found.solved.iterations))
+    return found
+
+
+class Posterior:
+    """What is known after measurements, of what was known before."""
+
+    def __init__(self, before: Gaussian, rows: Rows, agreement: Agreement) -> None:
+        """Of what was known ``before`` and measured ``rows``."""
+        self._before, self._rows, self._agreement = before, rows, agreement
+
+    def fit(self, at: Prediction, work: Work, tolerance: float = _TOLERANCE) -> Fit:
+        """The mean, from the prediction ``at`` on, as `agree`.
+
+        Raises:
+            SolveError: if there is no trustworthy shape on the way.
+        """
+        if 'solved' not in vars(at):
+            work.take(int(at.solved.iterations))
+        local = self._local(at, self._rows.left(at))
+        step = self._step(local, at.x)
+        while not self._is_last(local, step, tolerance):
+            if not work.is_left:
+                return self._concluded(local, step, is_converged=False)
+            found = self._moved(local, self._wanted(local, step), work)
+            if found is None:
+                return self._concluded(local, step, is_converged=False)
+            local = self._local(*found)
+            step = self._step(local, local.at.x)
+        return self._concluded(local, step, is_converged=True)
+
+    def _away(self, x: FloatArray) -> FloatArray:
+        return solve_lower(self._before.root, x - self._before.mean)
+
+    def _local(self, at: Prediction, left: FloatArray) -> _Local:
+        rows, root = self._rows, self._before.root
+        jacobian, second = rows.jacobian(at), rows.second(at)
+        by = gain(root, jacobian, rows.noise_root)
+        white = solve_lower(rows.noise_root, np.column_stack([left, jacobian @ root]))
+        slope = np.zeros(len(root))
+        if second is not None:
+            if self._agreement.weight:
+                slope = self._agreement.weight * (gradient(by.gain, second) @ root)
+                away = float(np.linalg.norm(solve_lower(root, by.root).T @ slope))
+                slope *= min(1.0, _FARTHEST / away) if away else 1.0
+            bent = solve_lower(rows.noise_root, second.reshape(len(left), -1))
+            second = root.T @ bent.reshape(second.shape) @ root
+        return _Local(at, by, self._away(at.x), white[:, 0], white[:, 1:], second, slope)
+
+    def _step(self, local: _Local, x: FloatArray) -> _Step:
+        """Newton's step from ``x`` to the mean by a ``local`` model."""
+        z, left, jacobian = local.z, local.left, local.jacobian
+        n = z.size
+        if x is not local.at.x and local.second is not None:
+            bent = local.second @ (self._away(x) - z)
+            left = left - (jacobian + 0.5 * bent) @ (self._away(x) - z)
+            z, jacobian = self._away(x), jacobian + bent
+        root = lower_root(np.concatenate([jacobian.T, _identity(n)], axis=1))
+        change = solve_lower(root, jacobian.T @ left - z - local.slope)
+        if local.second is not None:
+            # What Gauss and Newton leave out: how measurements bend.
+            newton = solve_lower(root, change, is_transposed=True)
+            pulled = (left - jacobian @ newton) @ local.second.reshape(left.size, -1)
+            pulled = pulled.reshape(n, n)
+            pulled = solve_lower(root, solve_lower(root, pulled).T)
+            change = _stiffened(pulled, change)
+        wanted = x + self._before.root @ solve_lower(root, change, is_transposed=True)
+        size = math.sqrt(float(change @ change) / n)
+        cost = float(z @ z + left @ left + 2.0 * (local.slope @ (z - local.z)))
+        return _Step(nearest_possible(local.at.model, local.by.root, wanted), size, cost)
+
+    def _wanted(self, local: _Local, step: _Step) -> FloatArray:
+        """The mean by a ``local`` model, from a ``step`` on."""
+        if local.second is None:
+            return step.x
+        start = local.at.x
+        for _ in range(_INNER):
+            if step.size <= 1.0:
+                break
+            for halved in range(5):
+                x = start + 0.5**halved * (step.x - start)
+                new = self._step(local, x)
+                if new.cost <= step.cost:
+                    break
+            else:
+                return x
+            start, step = x, new
+        return step.x
+
+    def _moved(
+        self, local: _Local, wanted: FloatArray, work: Work
+    ) -> tuple[Prediction, FloatArray] | None:
+        """As far towards the state ``wanted`` as the local model is good for; None if nowhere."""
+        at = local.at
+        moves = at.change.pose[:, :3] @ (wanted - at.x)
+        longest = _LONGEST * at.model.arm.length
+        part = min(1.0, longest / max(float(np.abs(moves).max()), 1e-300))
+        most = _WORSE * float(local.z @ local.z + local.left @ local.left) + wanted.size
+        found = None
+        for _ in range(_SHORTENED):
+            if not work.is_left:
+                break
+            new = Prediction(at.model, at.x + part * (wanted - at.x), at.shape)
+            shorter = 0.5
+            try:
+                left = self._rows.left(new)
+                work.take(int(new.solved.iterations))
+                found, z = (new, left), self._away(new.x)
+                white = solve_lower(self._rows.noise_root, left)
+                if float(z @ z + white @ white) <= most:
+                    break
+            except SolveError as error:
+                work.take(error.iterations if isinstance(error, ConvergenceError) else 1)
+                if isinstance(error, ContinuationError) and error.part > 0.0:
+                    shorter = min(shorter, _SAFE * error.part)
+            part *= shorter
+        return found
+
+    def _is_last(self, local: _Local, step: _Step, tolerance: float) -> bool:
+        if step.size <= tolerance:
+            return True
+        if local.second is None or step.size > _STRAIGHT or not self._rows.is_bend_known(local.at):
+            return False
+        change = self._away(step.x) - local.z
+        bent = local.second @ change
+        turned = bent @ solve_lower(self._before.root, local.by.root)
+        off = 0.5 * float(np.linalg.norm(bent @ change))
+        return off <= _OFF and float(np.linalg.norm(turned)) <= _TURNED
+
+    def _concluded(self, local: _Local, step: _Step, *, is_converged: bool) -> Fit:
+        by, at = local.by, local.at
+        away = at.x - self._before.mean
+        innovation = self._rows.left(at) + self._rows.jacobian(at) @ away
+        white = solve_lower(by.innovation_root, innovation)
+        root = by.root
+        if not is_converged:
+            root = lower_root(np.column_stack([root, step.x - at.x]))
+        return Fit(
+            Gaussian(step.x, root), at, innovation, by.innovation_root, float(white @ white),
+            self._agreed(local, innovation, white), is_converged,
+        )  # fmt: skip
+
+    def _agreed(self, local: _Local, innovation: FloatArray, white: FloatArray) -> Agreement:
+        second = self._rows.second(local.at)
+        if second is None:
+            return self._agreement
+        by = local.by
+        slope = gradient(by.gain, second)
+        shift = by.root.T @ slope
+        # What it draws is a quadratic form of the innovation, whitened: of variance 2 |form|^2.
+        form = solve_lower(
+            by.innovation_root, (second @ (by.root @ shift)) @ by.gain @ by.innovation_root
+        )
+        form = 0.5 * (form + form.T)
+        stddev = math.sqrt(2.0) * float(np.linalg.norm(form))
+        return self._agreement.after(float(white @ form @ white), float(shift @ shift), stddev)
+
+
+def gradient(gain: FloatArray, second: FloatArray) -> FloatArray:
+    """Gradient of ln(det A) / 2 by the state, (n,), for a ``gain`` (n, m): tr(P+ J' R^-1 dJ)."""
+    return np.asarray(gain.T.ravel() @ second.reshape(gain.size, -1))
+
+
+@functools.lru_cache(maxsize=64)
+def _identity(count: int) -> FloatArray:
+    return np.eye(count)
+
+
+def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
+    """A ``change`` (n,) divided by 1 - ``bent`` (n, n), of which no part is above `_BENT`."""
+    one = _identity(change.size)
+    for _ in range(50):
+        every = bent.ravel()
+        if every @ every <= _BENT * _BENT or dpotrf(_BENT * one - bent, lower=1)[1] == 0:
+            return np.asarray(dposv(one - bent, change, lower=1)[1])
+        bent = 0.5 * bent
+    return change
+
+
+def nearest_possible(model: ArmModel, root: FloatArray, mean: FloatArray) -> FloatArray:
+    """The likeliest state about ``mean``, of a covariance of ``root``, of tensions >= 0."""
+    tension = model.state.tension
+    slack = np.zeros(mean.size, dtype=bool)
+    found = mean
+    while (found[tension] < 0.0).any():
+        slack[tension] |= found[tension] < 0.0
+        rows = root[slack]
+        change = np.linalg.lstsq(rows, -mean[slack], rcond=None)[0]
+        found = mean + root @ change
+        found[slack] = 0.0
+    return found

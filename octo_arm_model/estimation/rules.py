@@ -1,0 +1,147 @@
+"""What is taken for granted of sensors, and how they contradict a hypothesis."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.rod.sensitivity import chi_square_limit
+
+GATE = 0.9999
+MEMORY = 0.5  # [s] in which contradictions are forgotten
+EXPECTED = 2.0  # normalised square of a number, beyond which it contradicts
+MOST = 16.0  # contradiction of a hypothesis [nat]: it is forgotten in three times MEMORY
+CONTRADICTED = 8.0  # from which on a hypothesis is no longer followed by itself
+DOUBTS = 2  # load cells that are doubted at once at most, unless it is all of them
+_ALL = 4.0  # load cells that lie together as rarely as all of them
+
+Doubts = frozenset[str]  # names of sensors that a hypothesis does not believe
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What an estimator takes for granted of sensors.
+
+    Attributes:
+        gate: probability with which a right measurement is accepted.
+        cell_fault: probability of a load cell to lie, in parts of that of all being right; 0 for
+            load cells that never do.
+        sensor_fault: likewise of any other sensor.
+        recover_after: for how long all hypotheses have to be contradicted to begin anew [s]; 0 for
+            never.
+
+    Raises:
+        MeasurementError: if a number is outside its range.
+    """
+
+    gate: float = GATE
+    cell_fault: float = 0.0
+    sensor_fault: float = 0.0
+    recover_after: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if not 0.0 < self.gate < 1.0:
+            raise MeasurementError(f'gate is {self.gate}, expected a probability in (0, 1)')
+        for name in ('cell_fault', 'sensor_fault'):
+            value = getattr(self, name)
+            if not 0.0 <= value < 1.0:
+                raise MeasurementError(f'{name} is {value}, expected a probability in [0, 1)')
+        if not 0.0 <= self.recover_after < math.inf:
+            raise MeasurementError(
+                f'recover_after is {self.recover_after}, expected a finite number >= 0 [s]'
+            )
+
+    @property
+    def doubts_any(self) -> bool:
+        """Whether any sensor may lie for longer than a message."""
+        return bool(self.cell_fault or self.sensor_fault)
+
+    def improbability(self, doubts: Doubts, cells: Doubts) -> float:
+        """Of the ``doubts`` of a hypothesis, of an arm with such load ``cells`` [nat]."""
+        of_cells = float(len(doubts & cells))
+        if of_cells > DOUBTS:
+            of_cells = _ALL
+        parts = (of_cells, self.cell_fault), (len(doubts - cells), self.sensor_fault)
+        return -sum((count * math.log(part) for count, part in parts if count), 0.0)
+
+
+class Channels:
+    """Which numbers of several measurements are of one sensor.
+
+    Attributes:
+        names: of the sensor of each number, (m,).
+        counts: how many numbers it measures, (m,).
+    """
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        """Of numbers of sensors of these ``names``."""
+        self.names = names
+        self.counts = np.array([names.count(name) for name in names])
+        many = {name for name in names if names.count(name) > 1}
+        self._blocks: list[IntArray] = [
+            np.flatnonzero([one == name for one in names]) for name in sorted(many)
+        ]
+
+    def limits(self, gate: float) -> FloatArray:
+        """Largest normalised square of each sensor that is within the ``gate``, (m,)."""
+        return np.array([chi_square_limit(gate, count) for count in self.counts.tolist()])
+
+    def is_in(self, doubts: Doubts) -> NDArray[np.bool_]:
+        """Which numbers are of sensors that are doubted, (m,)."""
+        return np.array([name in doubts for name in self.names])
+
+    def squares(self, innovation: FloatArray, told: FloatArray, noise: FloatArray) -> FloatArray:
+        """Normalised square of the sensor of each number, (hypotheses, m).
+
+        Of an ``innovation`` (hypotheses, m), by the root ``told`` (hypotheses, m, n) of the
+        covariance of what was predicted, and the covariance ``noise`` (m, m).
+        """
+        found = innovation**2 / ((told**2).sum(axis=-1) + noise.diagonal())
+        for own in self._blocks:
+            rows, left = told[:, own], innovation[:, own, np.newaxis]
+            block = rows @ rows.swapaxes(-1, -2) + noise[np.ix_(own, own)]
+            solved = np.linalg.solve(block, left)
+            found[:, own] = (solved * left).sum(axis=1)
+        return np.asarray(found)
+
+    def cost(
+        self, is_used: NDArray[np.bool_], is_refused: NDArray[np.bool_], squares: FloatArray,
+        square: FloatArray,
+    ) -> FloatArray:  # fmt: skip
+        """By how much measurements contradict hypotheses [nat], (hypotheses,).
+
+        ``square`` (hypotheses,) is that of all numbers used together; of sensors that are refused
+        each counts by itself.
+        """
+        cost = np.maximum(0.0, 0.5 * (square - EXPECTED * is_used.sum(axis=-1)))
+        parts = np.minimum(0.5 * squares, MOST) / self.counts
+        return np.asarray(cost + np.where(is_refused, parts, 0.0).sum(axis=-1))
+
+
+channels_of = functools.lru_cache(maxsize=64)(Channels)
+
+
+class Innovation(NamedTuple):
+    """What one measurement brought.
+
+    Attributes:
+        name: of the measurement, or of one load cell that was refused.
+        value: measured less predicted before it, linearised about the estimate, (m,).
+        covariance: expected of that, likewise, (m, m).
+        normalised_square: of the value by the covariance. Chi-square of m where all is as told.
+        is_accepted: whether it was used.
+    """
+
+    name: str
+    value: FloatArray
+    covariance: FloatArray
+    normalised_square: float
+    is_accepted: bool

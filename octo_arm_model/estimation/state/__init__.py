@@ -1,1 +1,0 @@
-"""What is estimated, and the shape that follows from it."""

@@ -1,0 +1,207 @@
+"""The recursive estimator: one step for each time that something was measured."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.estimation.bank import Bank, Judge, Judged, new_bank
+from octo_arm_model.estimation.gaussian import Gaussian
+from octo_arm_model.estimation.measurement import Measurement, Rows
+from octo_arm_model.estimation.model import ArmModel, Prediction
+from octo_arm_model.estimation.posterior import Work
+from octo_arm_model.estimation.rules import CONTRADICTED, Doubts, Innovation, Rules
+from octo_arm_model.rod.sensitivity import chi_square_limit
+
+EVALUATIONS, ITERATIONS = 8, 80  # of shapes for one message, and of the solver for them
+_FIRST = 2  # times as many where it is the first one, or the estimate begins anew
+
+
+@dataclass(frozen=True)
+class Step:
+    """One time, what was measured then and what came of it.
+
+    Attributes:
+        time: [s].
+        measurements: made then.
+        bank: all hypotheses after.
+        known: the mean of the leader, and a covariance that holds what others think possible.
+        at: a prediction nearly of this mean.
+        innovations: of every measurement, in their order, then of every load cell refused.
+        accepted: what was used, linear measurements first.
+        normalised_square: of all that was used together, and of how many numbers.
+        log_likelihood: of all measurements; of a refused one as if it were at the gate.
+        doubted: names of the sensors that the leader does not believe.
+        contradicted_since: since when even the leader is contradicted [s]; None if it is not.
+        patience: how many times as long as usual it takes to begin anew.
+        begins_anew: whether it is of the prior and its own measurements alone.
+    """
+
+    time: float
+    measurements: tuple[Measurement, ...]
+    bank: Bank
+    known: Gaussian
+    at: Prediction
+    innovations: tuple[Innovation, ...]
+    accepted: tuple[Rows, ...]
+    normalised_square: tuple[float, int]
+    log_likelihood: float
+    doubted: Doubts
+    contradicted_since: float | None
+    patience: int
+    begins_anew: bool = False
+
+    @property
+    def used(self) -> frozenset[str]:
+        """Names of the sensors of which something was used."""
+        return frozenset(name for rows in self.accepted for name in rows.channels(self.at))
+
+    def innovations_after(self, before: Step | None) -> tuple[Innovation, ...]:
+        """Those that are new after the step ``before``, which is of the same time.
+
+        What was accepted then and is refused now is new too.
+        """
+        earlier = () if before is None else before.innovations
+        known = {one.name for one in earlier}
+        accepted = {one.name for one in earlier if one.is_accepted}
+        return tuple(
+            one
+            for one in self.innovations
+            if one.name not in known or (one.name in accepted and not one.is_accepted)
+        )
+
+
+def next_step(
+    model: ArmModel, last: Step | None, time: float, measurements: tuple[Measurement, ...],
+    rules: Rules, near: Step | None = None, work: Work | None = None,
+) -> Step:  # fmt: skip
+    """From the ``last`` one, or from nothing but the prior, to ``time`` [s].
+
+    The state is looked for from that of the last one, or of a step ``near``. What is measured
+    takes no more than ``work``.
+
+    Raises:
+        SolveError: if the arm has no trustworthy shape, or numbers do not resolve what is known.
+        MeasurementError: if a measurement does not fit the arm.
+    """
+    work = work or Work(EVALUATIONS, ITERATIONS)
+    if last is None:
+        work.grow(_FIRST)
+    update = _Update(model, time, measurements, rules, work)
+    try:
+        with np.errstate(all='ignore'):  # what overflows is not finite in the end
+            found = update.step(last, near)
+            since = found.contradicted_since
+            if last is not None and since is not None and rules.recover_after:
+                if found.time - since >= found.patience * rules.recover_after:
+                    # Each time that this is in vain it takes twice as long to the next.
+                    patience = 2 * found.patience
+                    work.grow(_FIRST)
+                    anew = update.step(None, found)
+                    found = dataclasses.replace(anew, begins_anew=True, patience=patience)
+    except np.linalg.LinAlgError as error:
+        raise _unresolved(measurements) from error
+    is_finite = np.isfinite(found.known.mean).all() and np.isfinite(found.known.root).all()
+    if not (is_finite and math.isfinite(found.log_likelihood)):
+        raise _unresolved(measurements)
+    return found
+
+
+def _unresolved(measurements: Sequence[Measurement]) -> SolveError:
+    noise = ', '.join(
+        f'{one.name} to {math.sqrt(one.covariance.diagonal().min()):.3g}' for one in measurements
+    )
+    return SolveError(
+        f'the estimate is not finite: standard deviations of what is measured ({noise}) and of '
+        'what was known before differ by more than numbers resolve'
+    )
+
+
+class _Update:
+    """Measurements of one time."""
+
+    def __init__(
+        self, model: ArmModel, time: float, measurements: tuple[Measurement, ...], rules: Rules,
+        work: Work,
+    ) -> None:  # fmt: skip
+        self._model, self._time, self._rules = model, time, rules
+        self._measurements = measurements
+        linear = [one for one in measurements if one.is_linear]
+        shapes = [one for one in measurements if not one.is_linear]
+        self._linear = Rows(linear) if linear else None
+        self._shapes = Rows(shapes) if shapes else None
+        self._judge, self._work = Judge(model, rules, work), work
+
+    def step(self, last: Step | None, near: Step | None) -> Step:
+        """What comes of them after the ``last`` step, looked for from it or from one ``near``."""
+        model, judge = self._model, self._judge
+        # Where no work is left the shape is the one that was found nearby before.
+        start = last or near if self._work.is_left else near or last
+        bank = new_bank(model) if last is None else last.bank.after(model, self._time - last.time)
+        start_at = Prediction(model, bank.leading.mean, None) if start is None else start.at
+        at = Prediction(model, bank.leading.mean, start_at.shape)
+        parts: list[tuple[Rows, Judged]] = []
+        if self._linear is not None:
+            bank, judged = judge.linear(bank, self._linear, at)
+            parts.append((self._linear, judged))
+        if self._shapes is None:
+            bank, at = judge.led(bank, start_at)
+        else:
+            bank, sources = judge.opened(bank, self._shapes.channels(at))
+            parts = [(rows, part.of(sources)) for rows, part in parts]
+            if start is None:
+                start_at = at = Prediction(model, bank.leading.mean, None)
+            bank, judged, at = judge.shaped(bank, self._shapes, start_at, is_new=start is None)
+            if len(set(sources)) < len(sources):
+                bank = judge.forgiven(bank, sources)
+            parts.append((self._shapes, judged))
+        leader, doubted = bank.leader, bank.doubts[bank.leader]
+        since = None
+        if bank.contradiction[leader] >= CONTRADICTED:
+            before = None if last is None else last.contradicted_since
+            since = self._time if before is None else before
+        used = [(rows, judged.is_used[leader]) for rows, judged in parts]
+        square = sum(float(judged.square[leader]) for _, judged in parts)
+        volume = sum(float(judged.volume[leader]) for _, judged in parts)
+        accepted = [rows.only(np.flatnonzero(is_used)) for rows, is_used in used]
+        innovations = self._innovations(parts, leader, at)
+        refused = [one.value.size for one in innovations if not one.is_accepted]
+        volume += sum(chi_square_limit(self._rules.gate, size) for size in refused)
+        bank = judge.followed(bank)
+        return Step(
+            self._time, self._measurements, bank, judge.mixture(bank), at,
+            tuple(innovations), tuple(one for one in accepted if len(one)),
+            (square, sum(len(one) for one in accepted)), -0.5 * (square + volume), doubted,
+            since, 1 if last is None else last.patience,
+        )  # fmt: skip
+
+    def _innovations(
+        self, parts: Sequence[tuple[Rows, Judged]], leader: int, at: Prediction
+    ) -> list[Innovation]:
+        """Of every measurement, and of every load cell that was refused by itself."""
+        whole, cells = {}, []
+        for rows, judged in parts:
+            used, value, told = judged.is_used[leader], judged.innovation[leader], judged.told
+            covariance = told[leader] @ told[leader].T + rows.noise
+            names, first = rows.channels(at), 0
+            for one in rows.measurements:
+                own = range(first, first + one.value.size)
+                first = own.stop
+                alone = [n for n in own if names[n] != one.name and not used[n]]
+                kept = [n for n in own if n not in alone]
+                for some, name in ((kept, one.name), *(([n], names[n]) for n in alone)):
+                    if not some:
+                        continue
+                    block, part = covariance[np.ix_(some, some)], value[some]
+                    square = float(part @ np.linalg.solve(block, part))
+                    found = Innovation(name, part, block, square, bool(used[some].all()))
+                    if some is kept:
+                        whole[id(one)] = found
+                    else:
+                        cells.append(found)
+        return [whole[id(one)] for one in self._measurements if id(one) in whole] + cells

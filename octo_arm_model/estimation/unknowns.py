@@ -1,0 +1,201 @@
+"""What is estimated of an arm, and how each of it may change in time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import LARGEST, SMALLEST
+
+_AXES = ('x', 'y', 'z')
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Prior of a quantity in time: random walk or, with a correlation time, Gauss-Markov process.
+
+    Attributes:
+        stddev: standard deviation at the start, about zero, > 0 [unit of the quantity].
+        rate: of the random walk, standard deviation of the change in a second [unit/s^0.5], >= 0.
+        correlation_time: in which a deviation from zero decays by e without measurements, > 0
+            [s]; infinite of a random walk.
+
+    Raises:
+        MeasurementError: if a value is outside its range.
+    """
+
+    stddev: float
+    rate: float = 0.0
+    correlation_time: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        for name, value, is_fine, expected in (
+            (
+                'stddev',
+                self.stddev,
+                SMALLEST <= self.stddev <= LARGEST,
+                f'{SMALLEST:g} to {LARGEST:g}',
+            ),
+            ('rate', self.rate, 0.0 <= self.rate <= LARGEST, f'0 to {LARGEST:g}'),
+            ('correlation_time', self.correlation_time, self.correlation_time > 0.0, '> 0 [s]'),
+        ):
+            if not is_fine:
+                raise MeasurementError(f'{name} of a walk is {value}, expected {expected}')
+
+    @classmethod
+    def stationary(cls, stddev: float, correlation_time: float) -> Walk:
+        """Gauss-Markov process of one standard deviation at all times."""
+        return cls(stddev, stddev * math.sqrt(2.0 / correlation_time), correlation_time)
+
+    def decay(self, elapsed: float) -> float:
+        """What is left of a deviation after ``elapsed`` [s]."""
+        return float(_decay(elapsed, np.array(self.correlation_time)))
+
+    def variance(self, elapsed: float) -> float:
+        """Variance that comes in during ``elapsed`` [s]."""
+        return float(_variance(elapsed, np.array(self.rate), np.array(self.correlation_time)))
+
+
+def _decay(elapsed: float, correlation_time: FloatArray) -> FloatArray:
+    """See `Walk.decay`."""
+    return np.exp(-elapsed / correlation_time)
+
+
+def _variance(elapsed: float, rate: FloatArray, correlation_time: FloatArray) -> FloatArray:
+    """See `Walk.variance`."""
+    past = 2.0 * elapsed / correlation_time
+    # A random walk, of endless correlation, keeps all that comes in.
+    kept = np.divide(-np.expm1(-past), past, out=np.ones_like(past), where=past > 0.0)
+    return rate * rate * elapsed * kept
+
+
+@dataclass(frozen=True)
+class PointForce:
+    """An unknown force on a cross section.
+
+    Attributes:
+        s: arc coordinate of the cross section [m].
+        force: prior of each of its components in base_frame [N].
+    """
+
+    s: float
+    force: Walk
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """What is estimated; None is known to be zero.
+
+    Attributes:
+        tension: true tension of every tendon, one prior for all or one for each [N].
+        tension_bias: what every load cell shows too much [N].
+        tip_force: each component of an external force on the tip, in base_frame [N].
+        tip_moment: likewise of a moment [N m].
+        point_forces: external forces on given cross sections.
+        current: each component of the pressure of a uniform current [Pa]: a dead force per
+            reference length, pressure times diameter, whatever the inclination of the arm.
+        log_modulus: logarithm of E over that of the arm's description [-].
+        tension_loss: of every tendon, logarithm of its tension at the base over the one constant
+            tension along the arm that does as much, which friction makes less where it is drawn in
+            and more where it is let out [-].
+    """
+
+    tension: Walk | tuple[Walk, ...]
+    tension_bias: Walk | None = None
+    tip_force: Walk | None = None
+    tip_moment: Walk | None = None
+    point_forces: tuple[PointForce, ...] = ()
+    current: Walk | None = None
+    log_modulus: Walk | None = None
+    tension_loss: Walk | None = None
+
+
+def place_names(places: Sequence[float]) -> list[str]:
+    """Names of ``places`` [m]: four digits, or as many as tell them apart."""
+    for digits in range(4, 18):
+        names = [f'{s:.{digits}g} m' for s in places]
+        if len(set(names)) == len(names):
+            break
+    return names
+
+
+class State:
+    """The unknowns of one arm as a vector.
+
+    Attributes:
+        unknowns: what it holds.
+        names: of its components.
+        size: how many they are.
+        shapes: whether the shape depends on a component, (n,).
+        tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus,
+        tension_loss: where each is in the vector; empty slices for what is not estimated.
+    """
+
+    def __init__(self, unknowns: Unknowns, arm: Arm) -> None:
+        """Lay out ``unknowns`` of ``arm``.
+
+        Raises:
+            MeasurementError: if a point force is not on the arm, or there is not one prior of the
+                tension for each tendon.
+        """
+        self.unknowns = unknowns
+        self.names: list[str] = []
+        self._walks: list[Walk] = []
+        self.tension = self._add('tension', unknowns.tension, arm.tendon_names)
+        self.tension_bias = self._add('tension_bias', unknowns.tension_bias, arm.tendon_names)
+        self.tip_force = self._add('tip_force', unknowns.tip_force, _AXES)
+        self.tip_moment = self._add('tip_moment', unknowns.tip_moment, _AXES)
+        start = len(self.names)
+        places = place_names([point.s for point in unknowns.point_forces])
+        for point, place in zip(unknowns.point_forces, places, strict=True):
+            if not 0.0 < point.s <= arm.length:
+                raise MeasurementError(
+                    f's of a point force is {point.s}, expected within (0, {arm.length}] [m]'
+                )
+            self._add(f'force at {place}', point.force, _AXES)
+        self.point_forces = slice(start, len(self.names))
+        self.current = self._add('current', unknowns.current, _AXES)
+        self.log_modulus = self._add('log_modulus', unknowns.log_modulus, ('E',))
+        self.tension_loss = self._add('tension_loss', unknowns.tension_loss, arm.tendon_names)
+        self.size = len(self.names)
+        self.shapes = np.ones(self.size, dtype=bool)
+        self.shapes[self.tension_bias] = False
+        self.is_geometric = not (
+            unknowns.tip_moment or unknowns.point_forces or unknowns.current
+            or unknowns.log_modulus
+        )  # fmt: skip
+        self._stddev, self._rate, self._time = np.array(
+            [(walk.stddev, walk.rate, walk.correlation_time) for walk in self._walks]
+        ).T
+
+    def _add(
+        self, what: str, walk: Walk | tuple[Walk, ...] | None, parts: tuple[str, ...]
+    ) -> slice:
+        start = len(self.names)
+        if walk is not None:
+            walks = len(parts) * (walk,) if isinstance(walk, Walk) else walk
+            if len(walks) != len(parts):
+                expected = f'one or {len(parts)}: {", ".join(parts)}'
+                raise MeasurementError(f'{what} has {len(walks)} priors, expected {expected}')
+            self.names += [f'{what} {part}' for part in parts]
+            self._walks += walks
+        return slice(start, len(self.names))
+
+    def prior_stddev(self, elapsed: float = 0.0) -> FloatArray:
+        """Standard deviation of every component ``elapsed`` [s] after the start, unmeasured."""
+        return np.hypot(self._stddev * self.decay(elapsed), self.growth(elapsed))
+
+    def decay(self, elapsed: float) -> FloatArray:
+        """What is left of every component after ``elapsed`` [s]."""
+        return _decay(elapsed, self._time)
+
+    def growth(self, elapsed: float) -> FloatArray:
+        """Standard deviation that comes to every component in ``elapsed`` [s]."""
+        return np.sqrt(_variance(elapsed, self._rate, self._time))

@@ -1,0 +1,214 @@
+"""The loop of node and bag tool: stamps, order, counts, and what is thrown out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
+
+from octo_arm_model import Solver
+from octo_arm_model.arm.errors import MeasurementError, SolveError
+from octo_arm_model.estimation.estimator import Estimator
+from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
+from octo_arm_model.estimation.model import ArmModel
+from octo_arm_model.estimation.rules import Rules
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
+
+SECOND = 10**9
+ORIGIN = 1_700_000_000 * SECOND
+PUSH = np.array([0.0, 0.004, 0.006])
+DOUBTING = Rules(cell_fault=0.1, sensor_fault=0.005, recover_after=0.5)
+FORCE_AT_TIP = Unknowns(Walk(5.0, 0.5), tip_force=LIKELY)
+
+
+def tip(push: np.ndarray = PUSH) -> np.ndarray:
+    return Solver(RUBBER, 'exact', 31).solve([TENSIONS], np.append(push, np.zeros(3))).tip
+
+
+def places() -> dict[str, ArmModel]:
+    return {
+        f'{s:g} m': rubber(Unknowns(Walk(5.0, 0.5), point_forces=(PointForce(s, LIKELY),)))
+        for s in (0.1, 0.2)
+    }
+
+
+def test_it_is_the_filter_by_seconds_from_the_first_stamp() -> None:
+    estimator, one = Estimator({'tip': rubber(FORCE_AT_TIP)}), Filter(rubber(FORCE_AT_TIP))
+    for step in range(3):
+        given = [Tensions(TENSIONS, 0.01), TipPosition(tip(), 1e-3)]
+        found = estimator.add(ORIGIN + step * SECOND // 4, given)
+        expected = one.add(0.25 * step, given)
+        np.testing.assert_allclose(found.estimate.mean, expected.mean, rtol=0, atol=1e-12)
+    assert (found.hypothesis, found.probabilities) == ('tip', {'tip': 1.0})
+    assert found.estimate.time == 0.5
+    kinds = estimator.consistency
+    assert [kinds[name].accepted for name in ('tensions', 'tip position')] == [3, 3]
+    assert kinds['tip position'].size == 9 and len(kinds['tip position'].recent) == 3
+
+
+def test_late_ones_are_put_in_place_within_the_window_and_refused_beyond() -> None:
+    in_order, late = (Estimator({'tip': rubber(FORCE_AT_TIP)}, window=0.3) for _ in range(2))
+    messages = [
+        (0, Tensions(TENSIONS, 0.01)), (1, TipPosition(tip(), 1e-3)),
+        (2, Tensions(TENSIONS, 0.01)), (3, TipPosition(tip(), 1e-3)),
+    ]  # fmt: skip
+    for estimator, order in ((in_order, (0, 1, 2, 3)), (late, (0, 2, 3, 1))):
+        for number in order:
+            step, one = messages[number]
+            found = estimator.add(ORIGIN + step * SECOND // 10, [one])
+            assert [part.name for part in found.innovations] == [one.name]
+    first, second = (one.add(ORIGIN + SECOND // 2, []).estimate for one in (in_order, late))
+    np.testing.assert_allclose(first.mean, second.mean, rtol=0, atol=1e-6)
+    with pytest.raises(MeasurementError, match='before the window'):
+        late.add(ORIGIN + SECOND // 20, [Tensions(TENSIONS, 0.01)])
+    assert (late.late, in_order.late) == (1, 0)
+    for estimator in (late, in_order):
+        assert [one.accepted for one in estimator.consistency.values()] == [2, 2]
+
+
+def test_where_the_place_is_unknown_late_ones_are_put_in_place_too() -> None:
+    estimator = Estimator(places(), window=1.0)
+    estimator.add(ORIGIN, [Tensions(TENSIONS, 0.01)])
+    newest = estimator.add(ORIGIN + SECOND, [Tensions(TENSIONS, 0.01)])
+    found = estimator.add(ORIGIN + SECOND // 2, [TipPosition(tip(), 1e-3)])
+    assert found.estimate.time == newest.estimate.time
+    before, after = (np.trace(one.estimate.covariance) for one in (newest, found))
+    assert after < before
+    estimator.add(ORIGIN + 3 * SECOND, [])
+    with pytest.raises(MeasurementError, match='before the window'):
+        estimator.add(ORIGIN + SECOND // 2, [Tensions(TENSIONS, 0.01)])
+    assert estimator.late == 1 and estimator.consistency['tensions'].accepted == 2
+
+
+def test_the_place_of_a_force_is_found() -> None:
+    true = rubber(Unknowns(Walk(1.0), point_forces=(PointForce(0.1, LIKELY),)))
+    x = np.concatenate([TENSIONS, [0.0, 0.02, 0.01]])
+    shape = true.solve(x, None)
+    estimator = Estimator(places())
+    at = np.array([5, 15, 25, 30])
+    for step in range(4):
+        given = [Tensions(TENSIONS, 0.01),
+                 Markers(shape.s[at], shape.position[at], 5e-4)]  # fmt: skip
+        found = estimator.add(ORIGIN + step * SECOND // 10, given)
+    assert found.hypothesis == '0.1 m' and found.probabilities['0.1 m'] > 0.99
+    np.testing.assert_allclose(found.estimate.point_forces[0], [0.0, 0.02, 0.01], atol=5e-3)
+
+
+def test_a_sensor_that_lies_is_refused_named_and_believed_again_within_two_seconds() -> None:
+    # Three markers tell where the arm is; a tip ten standard deviations off does not fit them.
+    estimator = Estimator({'tip': rubber(FORCE_AT_TIP)}, DOUBTING)
+    shape = Solver(RUBBER, 'exact', 31).solve([TENSIONS], np.append(PUSH, np.zeros(3)))
+    at = np.array([10, 20, 30])
+    for step in range(30):
+        stamp = ORIGIN + step * SECOND // 10
+        markers = Markers(shape.s[at], shape.position[at], 5e-4)
+        estimator.add(stamp, [Tensions(TENSIONS, 0.01), markers])
+        wrong = 3 <= step < 10
+        lie = TipPosition(shape.tip + [0.0, 0.0, 0.02 if wrong else 0.0], 5e-4)
+        found = estimator.add(stamp, [lie])
+        if wrong:
+            assert estimator.refused_since == {'tip position': ORIGIN + 3 * SECOND // 10}
+        force, covariance = found.estimate.tip_wrench[:3] - PUSH, found.estimate.covariance
+        assert force @ np.linalg.solve(covariance[4:7, 4:7], force) < 16.3
+    assert not estimator.refused_since and not found.estimate.doubted
+    kind = estimator.consistency['tip position']
+    assert kind.refused_from == ORIGIN + 3 * SECOND // 10
+    assert ORIGIN + 9 * SECOND // 10 <= kind.refused_to < ORIGIN + 3 * SECOND
+
+
+CELL, PLACE, LIE = 0.01, 5e-4, 0.3  # noise [N], [m], and what a load cell shows too much [N]
+LIAR = f'load cell {RUBBER.tendon_names[2]}'
+
+
+def sensors(lie: float = 0.0) -> list[Measurement]:
+    """What load cells, three markers and a camera that sees the tip measure of one shape."""
+    shape = Solver(RUBBER, 'exact', 31).solve([TENSIONS], np.append(PUSH, np.zeros(3)))
+    at = np.array([10, 20, 30])
+    readings = TENSIONS + np.array([0.0, 0.0, lie, 0.0])
+    markers = Markers(shape.s[at], shape.position[at], PLACE)
+    return [Tensions(readings, CELL), markers, TipPosition(shape.tip, PLACE)]
+
+
+def quick() -> Estimator:
+    """Of an arm whose tensions may change by far more than what a load cell lies."""
+    return Estimator({'tip': rubber(Unknowns(Walk(5.0, 5.0), tip_force=LIKELY))}, DOUBTING)
+
+
+@pytest.mark.parametrize('order', [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
+def test_what_is_measured_at_one_time_is_judged_together_whichever_comes_first(
+    order: tuple[int, ...],
+) -> None:
+    """Whether in one message or in several, and a load cell that lies is found in both."""
+    together, apart = quick(), quick()
+    for estimator in (together, apart):
+        estimator.add(ORIGIN, sensors())
+    for step in range(1, 5):
+        stamp, given = ORIGIN + step * SECOND // 10, sensors(LIE if step in (2, 3) else 0.0)
+        expected = together.add(stamp, given).estimate
+        for number in order:
+            found = apart.add(stamp, [given[number]]).estimate
+        stddev = np.sqrt(np.diag(expected.covariance))
+        # As exactly as either of them converges.
+        assert (np.abs(found.mean - expected.mean) < 0.15 * stddev).all()
+        np.testing.assert_allclose(
+            np.sqrt(np.diag(found.covariance)), stddev, rtol=0.05, atol=1e-9
+        )
+        assert np.abs(found.tensions - TENSIONS).max() < 0.1 * LIE
+    for estimator in (together, apart):
+        counts = {name: (one.accepted, one.refused) for name, one in estimator.consistency.items()}
+        assert counts.pop(LIAR)[1] >= 2
+        assert sum(refused for _, refused in counts.values()) <= (estimator is apart)
+        assert {sum(count) for count in counts.values()} == {5} and len(counts) == 3
+
+
+def test_where_nothing_can_tell_the_covariance_holds_what_would_be() -> None:
+    """Tensions and a tip are explained by a force, whichever load cell lies."""
+    own = Estimator({'tip': rubber(Unknowns(Walk(5.0, 1.0), tip_force=LIKELY))}, DOUBTING)
+    trusting = Estimator({'tip': rubber(Unknowns(Walk(5.0, 1.0), tip_force=LIKELY))})
+    shape = Solver(RUBBER, 'exact', 31).solve([TENSIONS], np.append(PUSH, np.zeros(3)))
+    readings = TENSIONS * [1.0, 0.5, 1.0, 1.0]
+    for step in range(20):
+        given = [Tensions(readings, CELL), TipPosition(shape.tip, PLACE)]
+        stamp = ORIGIN + step * SECOND // 10
+        found, other = (one.add(stamp, given).estimate for one in (own, trusting))
+        off, wrong = (
+            np.linalg.norm(one.backbone.position - shape.position, axis=1)[1:]
+            / np.sqrt(np.trace(one.pose_covariance[1:, :3, :3], axis1=1, axis2=2))
+            for one in (found, other)
+        )
+        assert off.max() < 8.0
+    assert wrong.max() > 3.0 * off.max()
+
+
+def test_a_sensor_that_measures_twice_at_one_time_counts_twice() -> None:
+    own = Estimator({'tip': rubber(Unknowns(Walk(1e4)))})
+    for count in range(1, 6):
+        found = own.add(ORIGIN, [Tensions(TENSIONS, 0.02)])
+        variance = np.diag(found.estimate.covariance)[:4]
+        np.testing.assert_allclose(variance, 0.02**2 / count, rtol=1e-6)
+
+
+def test_a_failure_changes_nothing_but_the_counts() -> None:
+    unbounded = Unknowns(Walk(1e4, 1e4), tip_force=LIKELY)
+    estimator = Estimator({'tip': rubber(unbounded)})
+    given = [Tensions(TENSIONS, 0.01), TipPosition(tip(), 1e-3)]
+    estimator.add(ORIGIN, given)
+    crushed = Tensions([3e3, 0.0, 0.0, 0.0], 0.1)  # no shape holds that
+    with pytest.raises(SolveError):
+        estimator.add(ORIGIN + SECOND, [crushed])
+    with pytest.raises(MeasurementError, match='one for each tendon'):
+        estimator.add(ORIGIN + SECOND, [Tensions([1.0], 0.1)])
+    assert estimator.failed == 1 and estimator.consistency['tensions'].accepted == 1
+    other = Estimator({'tip': rubber(unbounded)})
+    other.add(ORIGIN, given)
+    found, expected = (one.add(ORIGIN + SECOND // 5, given).estimate for one in (estimator, other))
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=0, atol=1e-12)
+
+
+def test_of_nothing_accepted_the_mean_is_not_a_number() -> None:
+    estimator = Estimator({'tip': rubber(FORCE_AT_TIP)})
+    estimator.add(ORIGIN, [TipPosition([5.0, 0.0, 0.0], 1e-6)])
+    assert math.isnan(estimator.consistency['tip position'].mean)

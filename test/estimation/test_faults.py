@@ -1,0 +1,54 @@
+"""Sensors that lie: rows of the table of `benchmarks/faults.py`."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from checkout import ROOT
+
+sys.path.insert(0, str(ROOT / 'benchmarks'))
+
+from faults import Bench, Case
+
+ARM = 'renda2012_table4'
+
+
+@pytest.fixture(scope='module')
+def bench() -> Bench:
+    return Bench(ARM)
+
+
+@pytest.mark.parametrize(
+    'case',
+    [
+        # The cell of tendon_2_1 reads nothing, before and after the other sensors of its stamp.
+        Case(ARM, '0', 4, 'both', 10.0, is_moving=False),
+        Case(ARM, '0', 4, 'tip', 10.0, is_moving=True, cells_first=False),
+        Case(ARM, 'x 5', 8, 'markers', 10.0),
+        pytest.param(Case(ARM, 'x 0.3', 5, 'markers', 4.0), marks=pytest.mark.endurance),
+        pytest.param(Case(ARM, 'x 5', 4, 'both', 50.0), marks=pytest.mark.endurance),
+        pytest.param(Case(ARM, 'base offset', 0, 'both', 20.0), marks=pytest.mark.endurance),
+    ],
+)
+def test_a_sensor_that_lies_is_named_at_once_and_believed_again(bench: Bench, case: Case) -> None:
+    row = bench.run(case)
+    assert row.named_after <= 1.0 and row.named_part > 0.98
+    assert row.beyond <= 0.02
+    assert row.honest_refused <= 1.0 and row.refused_after <= 2.0
+    assert row.published == 1.0
+
+
+@pytest.mark.parametrize(
+    'case',
+    [
+        Case(ARM, 'drift', 6, 'tip', 10.0),
+        Case(ARM, 'stuck', 6, 'markers', 10.0),
+        pytest.param(Case(ARM, 'tip 5 mm off', 0, 'tip', 20.0), marks=pytest.mark.endurance),
+        pytest.param(Case(ARM, 'marker jumps', 0, 'both', 20.0), marks=pytest.mark.endurance),
+        pytest.param(Case(ARM, 'none', 0, 'both', 20.0), marks=pytest.mark.endurance),
+    ],
+)
+def test_what_others_cannot_tell_is_within_the_covariance(bench: Bench, case: Case) -> None:
+    row = bench.run(case)
+    assert row.beyond <= 0.02 and row.published == 1.0
