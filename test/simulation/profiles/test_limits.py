@@ -102,4 +102,4 @@ def test_commands_are_published_in_one_place():
         if makes.search(path.read_text())
     }
     # The simulator publishes what it measures.
-    assert found == {'ros/client/command_publisher.py', 'ros/simulator/main.py'}
+    assert found == {'ros/client/commands.py', 'ros/simulator/main.py'}
