@@ -41,7 +41,7 @@ _KERNELS = (
 _COMPILE = """
 import dataclasses
 import numpy as np
-from octo_arm_model import Solver, load_config
+from octo_arm_model import Dynamics, Inputs, Solver, load_config
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
@@ -56,6 +56,8 @@ if is_available():
         solver = Solver(dataclasses.replace(arm, friction=rough), 'exact')
         shape = solver.solve(tensions)
         solver.sensitivity(solver.solve(tensions, wrench, shape))
+    dynamics = Dynamics(Solver(arm.with_density(1000.0), 'exact'))
+    dynamics.step(dynamics.at_rest(Inputs(tensions)), Inputs(tensions), 1e-3)
     model = ArmModel(arm, Unknowns(Walk(1.0), tip_force=Walk(0.01)))
     measured = [Tensions(tensions.ravel(), 0.02), TipPosition(shape.tip, 0.01)]
     Filter(model).add(0.0, measured)
