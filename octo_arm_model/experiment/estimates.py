@@ -311,9 +311,8 @@ def estimate(
     )  # fmt: skip
 
 
-_AXES = ('x', 'y', 'z')
-_WRENCH = [*(f'force {axis} [N]' for axis in _AXES), *(f'moment {axis} [N m]' for axis in _AXES)]
-_TIP = [f'tip {axis} [m]' for axis in _AXES]
+_WRENCH = [*(f'force {axis} [N]' for axis in 'xyz'), *(f'moment {axis} [N m]' for axis in 'xyz')]
+_TIP = [f'tip {axis} [m]' for axis in 'xyz']
 INNOVATIONS = (
     'time [s]', 'measurement', 'component', 'innovation', 'stddev', 'normalised square',
     'accepted',

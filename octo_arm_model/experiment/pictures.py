@@ -24,7 +24,6 @@ from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.rotations import axes_of
 
 if TYPE_CHECKING:
-    # They need rosbags, and pictures of recordings in CSV files do not.
     from octo_arm_model.experiment.estimates import Moment, Touch
 
 

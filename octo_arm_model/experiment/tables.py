@@ -12,10 +12,9 @@ from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, tension_colum
 from octo_arm_model.experiment.compare import ModelComparison
 from octo_arm_model.experiment.fit import shape_residuals
 
-_AXES = ('x', 'y', 'z')
 MIDLINES = (
     'model', 'step', 's [m]',
-    *(f'{name}_{axis} [m]' for name in ('measured', 'model', 'residual') for axis in _AXES),
+    *(f'{name}_{axis} [m]' for name in ('measured', 'model', 'residual') for axis in 'xyz'),
 )  # fmt: skip
 STATIONS = ('model', 'step', *STATION_COLUMNS)
 
