@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -113,6 +114,8 @@ class Cameras:
         self._first: _Shown | None = None
         self._shown: dict[int, _Shown] = {}
         self._lock = threading.Lock()  # viser calls back in many threads
+        # A window may be closed while its camera is moved, which is no fault.
+        warnings.filterwarnings('ignore', 'Queued .* on a closed connection', UserWarning)
         server.on_client_connect(self._meet)
 
     def aim(self, view_of: Callable[[float], View], near: float) -> None:
