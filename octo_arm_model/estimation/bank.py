@@ -47,10 +47,11 @@ from octo_arm_model.estimation.rules import (
 
 _STAYS = 1.0  # by which another hypothesis has to be more probable than the present one [nat]
 _SHARE = 4  # evaluations for one hypothesis among several
-_FAR = 0.03  # standard deviations of the prior, from where others are linearised, to do it anew
+_FAR = 0.2  # standard deviations of the prior, from where others are linearised, to do it anew
 _UNSURE = 2.0  # times the gate, for a square that is not exact
 _HALFWAY = 0.5  # part of what is measured less predicted, that is left where it led somewhere
 _NEGLIGIBLE = 1e-7  # probability
+_RESOLVED = 1e-14  # part of a standard deviation before, that one of a measurement may be
 _NOBODY: Doubts = frozenset()
 
 
@@ -155,6 +156,9 @@ class Judge:
     def linear(self, bank: Bank, rows: Rows, at: Prediction) -> tuple[Bank, Judged]:
         """All hypotheses after ``rows``, linearised about ``at``."""
         judged = self._judge(bank, rows, at)
+        told = (judged.told[bank.leader] ** 2).sum(axis=-1)
+        if (rows.noise.diagonal() < _RESOLVED**2 * told).any():
+            raise np.linalg.LinAlgError('what is measured is far more exact than what was known')
         return _charged(bank, judged), judged
 
     def led(self, bank: Bank, at: Prediction) -> tuple[Bank, Prediction]:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
-from octo_arm_model import Solver
-from octo_arm_model.arm.errors import MeasurementError, SolveError
+from octo_arm_model import Backbone, Solver
+from octo_arm_model.arm.errors import ConvergenceError, MeasurementError, SolveError
 from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
-from octo_arm_model.estimation.model import ArmModel
+from octo_arm_model.estimation.model import BUDGET, ArmModel
 from octo_arm_model.estimation.rules import Rules
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 
@@ -206,6 +208,34 @@ def test_a_failure_changes_nothing_but_the_counts() -> None:
     other.add(ORIGIN, given)
     found, expected = (one.add(ORIGIN + SECOND // 5, given).estimate for one in (estimator, other))
     np.testing.assert_allclose(found.mean, expected.mean, rtol=0, atol=1e-12)
+
+
+def test_what_a_message_says_does_not_change_what_it_may_cost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model, spent = rubber(FORCE_AT_TIP), [0]
+    follow = model.solver.follow
+
+    def counted(*given: Any) -> Backbone:
+        try:
+            found = follow(*given)
+        except ConvergenceError as error:
+            spent[0] += error.iterations
+            raise
+        spent[0] += int(found.iterations)
+        return found
+
+    monkeypatch.setattr(model.solver, 'follow', counted)
+    own, rng = Estimator({'tip': model}, DOUBTING), np.random.default_rng(1)
+    own.add(ORIGIN, [Tensions(TENSIONS, 0.01), TipPosition(tip(), 1e-3)])
+    for step in range(1, 12):
+        wild = Tensions(4.0 * rng.random(4), 0.01), TipPosition(0.2 * rng.normal(size=3), 1e-3)
+        for one in wild:
+            spent[0] = 0
+            with contextlib.suppress(SolveError):
+                own.add(ORIGIN + step * SECOND // 20, [one])
+            # Those of a step and of a new beginning, and the last solve of each.
+            assert spent[0] <= 80 + 160 + 4 * BUDGET.iterations
 
 
 def test_of_nothing_accepted_the_mean_is_not_a_number() -> None:
