@@ -83,7 +83,8 @@ def moved(seed: int) -> list[Moment]:
             'tip': TipPosition(seen[-1], CAMERA),
             'markers': Markers(shape.s[MARKED], seen[MARKED], CAMERA),
         }
-        made.append(Moment(shape, force, measured))
+        # Without the factors of its Jacobian, of which thousands would fill the memory.
+        made.append(Moment(dataclasses.replace(shape, equilibrium=None), force, measured))
     return made
 
 
