@@ -189,20 +189,29 @@ class Judge:
         shapes, stays = [at], self.improbability(bank)
         stays[bank.leader] -= _STAYS
         is_one = len(stays) == 1
+        # No sensor is doubted before the shape is known by which none lies: far from what was
+        # expected, as after a sudden touch, a linear guess of it is much too bad.
+        believing = bank.doubts.index(_NOBODY) if _NOBODY in bank.doubts else -1
         judged = None if is_one else self._judge_about(bank, rows, shapes)
         while True:
             cost = 0.0 if judged is None else judged.cost
             total = bank.contradiction + cost + stays
             best = int(total.argmin())
-            if best in exact or (exact and not self._work.is_left):
+            has_to_believe = best in exact and believing not in (-1, *exact)
+            if has_to_believe and self._work.is_left:
+                best, believing = believing, -1
+            elif best in exact or (exact and not self._work.is_left):
                 break
             try:
-                exact[best] = fit, own = self._fit(bank, best, rows, at, is_new=is_new)
+                fit, own = self._fit(bank, best, rows, at, is_new=is_new)
             except SolveError:
                 stays[best] = np.inf
                 if not np.isfinite(stays).any() or not (exact or self._work.is_left):
                     raise
                 continue
+            if has_to_believe and not own.is_used.all():
+                continue  # It does not explain all, so that the linear guess may stay.
+            exact[best] = fit, own
             far = np.abs((fit.at.x - shapes[-1].x) / self._prior).max() > _FAR
             if judged is None or (far and not is_one):
                 shapes.append(fit.at)

@@ -139,6 +139,25 @@ def quick() -> Estimator:
     return Estimator({'tip': rubber(Unknowns(Walk(5.0, 5.0), tip_force=LIKELY))}, DOUBTING)
 
 
+@pytest.mark.parametrize('period', [0.05, 0.25])
+def test_a_sudden_touch_is_believed_where_the_sensors_are_far_more_exact_than_its_prior(
+    period: float,
+) -> None:
+    random, size = np.random.default_rng(4), 2.5 * math.sqrt(LIKELY.variance(period))
+    for _ in range(4):
+        estimator = Estimator({'tip': rubber(FORCE_AT_TIP)}, DOUBTING)
+        push = random.standard_normal(3)
+        push *= size / np.linalg.norm(push)
+        for step in range(8):
+            true = tip(push if step > 4 else np.zeros(3)) + 2e-4 * random.standard_normal(3)
+            given = [Tensions(TENSIONS, 0.01), TipPosition(true, 2e-4)]
+            found = estimator.add(ORIGIN + round(step * period * SECOND), given)
+        assert not estimator.refused_since and not found.begins_anew
+        force = found.estimate.tip_wrench[:3]
+        stddev = np.sqrt(found.estimate.tip_wrench_covariance.diagonal()[:3])
+        assert (np.abs(force - push) < 5.0 * stddev).all()
+
+
 @pytest.mark.parametrize('order', [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
 def test_what_is_measured_at_one_time_is_judged_together_whichever_comes_first(
     order: tuple[int, ...],
