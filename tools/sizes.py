@@ -14,14 +14,14 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 # Lines of Python, docstrings and comments included.
 MOST = {
-    'octo_arm_model': 43_380,
+    'octo_arm_model': 43_400,
     'octo_arm_model/analysis': 1_580,
     'octo_arm_model/apps': 460,
     'octo_arm_model/arm': 1_820,
     'octo_arm_model/bags': 3_010,
     'octo_arm_model/cli': 3_000,
     'octo_arm_model/config': 1_610,
-    'octo_arm_model/estimation': 3_870,
+    'octo_arm_model/estimation': 3_880,
     'octo_arm_model/experiment': 6_110,
     'octo_arm_model/reproduce': 1_110,
     'octo_arm_model/rod': 9_870,
@@ -29,7 +29,7 @@ MOST = {
     'octo_arm_model/simulation': 1_720,
     'octo_arm_model/viewer': 2_230,
     'octo_arm_model/wire': 1_820,
-    'test': 32_570,
+    'test': 32_650,
 }
 
 
