@@ -190,11 +190,13 @@ def test_an_estimator_takes_motors_and_markers_of_foreign_messages(
     config = tmp_path / 'trunk.yaml'
     own = {'displacement_names': list(OF_TENDON), 'displacement_scale': [w * SPOOL for w in WAYS]}
     config.write_text(parameters_as_yaml({**trunk_parameters(), **own}))
+    # What a motor lets out is slack: its reading is not the tendon's length, by up to 4 mm here.
     words = [
         '--json', '--config', str(config), '--markers', '/mocap:markers', '--marker-s',
-        *map(str, MARKER_S), '--marker-stddev', '1e-3', '--displacement-stddev', '1e-4',
+        *map(str, MARKER_S), '--marker-stddev', '1e-3', '--displacement-stddev', '4e-3',
         '--tendon-displacements', '/motors:angle', '--contact', 'none',
     ]  # fmt: skip
     found = printed(capsys, 'estimate', str(bag), *words, '--marker-names', *MARKERS)
     found = found['innovations']
-    assert found['markers']['accepted'] > 50 and found['tendon displacements']['accepted'] > 60
+    assert found['markers']['accepted'] == 60
+    assert found['tendon displacements']['accepted'] == 120
