@@ -102,6 +102,7 @@ def test_without_load_cells_only_the_ratio_of_stiffnesses_shows() -> None:
     assert 'axial_stiffness +100 %' in why
 
 
+@pytest.mark.endurance
 def test_tendons_too_stiff_to_tell_are_said_to_be() -> None:
     steps = winches(backlash=1e-4, pulls=HALF, **{'tendons.axial_stiffness': [2e5]})
     fitted = identify(steps, WINCHES, 'exact', BOTH, Alignment.none())
