@@ -345,8 +345,8 @@ class McapFile:
             if encoding != 'cdr':
                 raise ValueError(f'{shown(topic)} is in {shown(encoding)}, expected cdr')
             (length,) = fields.take(struct.Struct('<I'))
-            more = {}
-            while fields.place < min(len(data), length + fields.place):
+            more, end = {}, min(len(data), fields.place + length)
+            while fields.place < end:
                 key = fields.text()
                 more[key] = fields.text()
             none = '__schemaless__', MessageDefinition(MessageDefinitionFormat.NONE, '')

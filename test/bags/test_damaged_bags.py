@@ -113,12 +113,12 @@ def record(kind: int, data: bytes) -> bytes:
     return struct.pack('<BQ', kind, len(data)) + data
 
 
+def text(value: bytes) -> bytes:
+    return struct.pack('<I', len(value)) + value
+
+
 def chunk_alone(compression: bytes, data: bytes, size: int) -> bytes:
     """An MCAP file of one chunk that claims to expand to ``size`` bytes, without an index."""
-
-    def text(value: bytes) -> bytes:
-        return struct.pack('<I', len(value)) + value
-
     magic = b'\x89MCAP0\r\n'
     head = struct.pack('<QQQI', 1, 2, size, 0) + text(compression) + struct.pack('<Q', len(data))
     footer = record(2, struct.pack('<QQI', 0, 0, 0))
@@ -192,6 +192,17 @@ def test_a_bag_that_names_no_storage_or_has_no_metadata_is_read(tmp_path: Path) 
     whole.write_bytes(zstd.decompress(whole.read_bytes())[:-100])
     whole.rename(path / 'cut.mcap')
     assert '`mcap recover`' in problem_of(path)
+
+
+def test_what_newer_recorders_add_to_a_channel_is_passed_over(tmp_path: Path) -> None:
+    more = text(b'offered_qos_profiles') + text(b'')
+    channel = struct.pack('<HH', 1, 0) + text(b'/a') + text(b'cdr') + text(more) + b'\xff' * 8
+    magic, footer = b'\x89MCAP0\r\n', record(2, bytes(20))
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(magic + record(4, channel) + footer + magic)
+    file = storages.McapFile(path)
+    file.close()
+    assert [one.topic for one in file.connections] == ['/a']
 
 
 def test_a_record_larger_than_its_file_is_refused(tmp_path: Path) -> None:
