@@ -94,7 +94,21 @@ def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> Stamped
 def has_tensions(table: CsvTable, config: Config) -> bool:
     """Whether a table has a column of the tension of any tendon."""
     names = config.load_cells.names or config.arm.tendon_names
-    return any(name != NONE and table.find(name) is not None for name in names)
+    return any(_is_there(table, name) for name in names)
+
+
+def has_displacements(table: CsvTable, config: Config) -> bool:
+    """Whether a table has a column of the encoder of any tendon."""
+    return any(_is_there(table, name) for name in _encoder_names(config))
+
+
+def _encoder_names(config: Config) -> tuple[str, ...]:
+    own = tuple(f'{DISPLACEMENT}{tendon}' for tendon in config.arm.tendon_names)
+    return tuple(config.encoders.names) or own
+
+
+def _is_there(table: CsvTable, name: str) -> bool:
+    return name != NONE and table.find(name) is not None
 
 
 def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> Stamped:
@@ -105,12 +119,8 @@ def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> St
     Raises:
         MeasurementError: if there is no column of a tendon, or a cell holds no number.
     """
-    encoders = config.encoders
-    names = list(encoders.names) or [
-        f'{DISPLACEMENT}{tendon}' for tendon in config.arm.tendon_names
-    ]
-    there = [name for name in names if name != NONE and table.find(name) is not None]
-    if not there:
+    encoders, names = config.encoders, _encoder_names(config)
+    if not has_displacements(table, config):
         raise MeasurementError(
             f'{table.path}: no column {names[0]}, nor that of another tendon; {table.listing}; '
             f'say --columns {names[0]}=COLUMN'
@@ -118,7 +128,7 @@ def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> St
     stamps = table.times()
     rows = np.full((len(stamps), len(names)), np.nan)
     for column, name in zip(rows.T, names):
-        if name in there:
+        if _is_there(table, name):
             column[:] = table.numbers(name, LENGTH_UNITS, 'm', bool(encoders.scale))
     rows = encoders.lengths(rows)
     kept = np.flatnonzero(np.isfinite(rows).any(axis=1)).tolist()

@@ -25,6 +25,7 @@ from octo_arm_model.experiment.csv_recording import (
     csv_displacements,
     csv_frames,
     csv_readings,
+    has_displacements,
     has_points,
     has_tensions,
 )
@@ -108,8 +109,7 @@ def _write(
             (stamp, _TENSIONS, TENDON_TENSIONS.type_name, {'name': tendons, 'tension': row})
             for stamp, row in zip(stamps, readings)
         ]
-    with contextlib.suppress(MeasurementError):
-        # A table without encoders has none of their columns.
+    if has_displacements(table, config):
         found = csv_displacements(table, config, refusals)
         nothing: FloatArray = np.zeros(0)
         for stamp, row in zip(found.stamps, found.rows):

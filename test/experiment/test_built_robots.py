@@ -133,6 +133,17 @@ def test_a_table_is_estimated_as_a_bag_is(
     assert 'tme, which is not read here; expected names of' in capsys.readouterr().err
 
 
+def test_a_column_of_encoders_that_cannot_be_read_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table, config = tmp_path / 'table.csv', tmp_path / 'arm.yaml'
+    names = ','.join(f'tendon_1_{number}' for number in (1, 2, 3, 4))
+    table.write_text(f'{names},displacement_tendon_1_1\n1,0,0,0,0.001\n1,0,0,0,a lot\n')
+    config.write_text(parameters_as_yaml(PARAMETERS))
+    assert main(['replay', str(table), str(tmp_path / 'out'), '--config', str(config)]) == 2
+    assert 'a lot' in capsys.readouterr().err
+
+
 PLACES = np.array([[0.0, 0.0, 0.1], [0.01, 0.0, 0.19], [0.03, 0.01, 0.25]])
 NAMED = Measured(marker_s=(0.1, 0.2, 0.27), marker_names=('a', 'b', 'c'))
 
