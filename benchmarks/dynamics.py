@@ -1,6 +1,6 @@
 """How much faster than real time the arm moves, on one core.
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/dynamics.py
+    python benchmarks/dynamics.py
 
 The arm of Table 4 in water (Renda et al. 2018), its tendons pulled in 0.2 s and held, in steps of
 2 or 5 ms; by NumPy, by numba, with friction and with winches. Every step is the least of several
@@ -10,7 +10,11 @@ rounds, as others use the machine.
 from __future__ import annotations
 
 import dataclasses
+import os
 import time
+
+# One thread of BLAS too, which reads this when it is loaded.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
 

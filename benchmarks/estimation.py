@@ -5,7 +5,11 @@ python benchmarks/estimation.py [--brief]
 
 from __future__ import annotations
 
+import os
 import time
+
+# One thread of BLAS too, which reads this when it is loaded.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
 from brief import IS_BRIEF, make_parser

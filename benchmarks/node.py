@@ -53,6 +53,8 @@ sys.path.insert(0, os.path.join(os.path.dirname(__file__), '..', 'test'))
 from backbone_messages import messages_of
 from ros_domains import new_domain
 
+# The nodes have one thread of BLAS, as the programs of the package set it.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
 QUIET = ['--ros-args', '--log-level', 'warn']
