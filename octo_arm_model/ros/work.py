@@ -126,11 +126,6 @@ class WorkQueue:
         self._due.append(piece)
         self._queue()
 
-    def add_first(self, piece: Piece) -> None:
-        """Do ``piece`` before all others that are due: they need what it ends."""
-        self._due.appendleft(piece)
-        self._queue()
-
     def clear(self) -> None:
         """Drop what is not done yet."""
         self._due.clear()

@@ -149,21 +149,6 @@ def test_pieces_take_turns_and_what_arrives_is_heard_between_two(executor):
     assert log.index('arrived') <= 2
 
 
-def test_what_goes_on_first_is_done_before_what_is_due(executor):
-    node, spinning = executor
-    work, log = WorkQueue(node), []
-
-    def long():
-        log.append('long')
-        if len(log) < 3:
-            work.add_first(long)
-
-    for piece in (long, lambda: log.append('other')):
-        work.add(piece)
-    spin_until(spinning, lambda: len(log) == 4)
-    assert log == ['long', 'long', 'long', 'other']
-
-
 def test_requests_are_answered_in_order_a_piece_at_a_time_and_bounded(executor):
     node, spinning = executor
     work, log = WorkQueue(node), []
