@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray, Number
-from octo_arm_model.rod.section_formulas import density, offset_stiffness, widening
+from octo_arm_model.rod.section_formulas import bent_by, density, offset_stiffness, widening
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,
@@ -307,8 +307,7 @@ def _section_steps(work: Work) -> FloatArray:
 def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatArray:
     """Twists (n, m) near the balance under ``tensions`` (n, J) [N], as if tendons were parallel.
 
-    Force and moment then do not depend on the strain, and the section bends in one plane; exact to
-    first order in the moment, for rubber from the straight section and a secant.
+    Force and moment then do not depend on the strain, and the section bends in one plane.
     """
     axial, radius = tables.body[:, AXIAL], np.sqrt(tables.body[:, SQUARED_RADIUS])
     pull = tensions * tables.reach
@@ -316,18 +315,7 @@ def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatA
     about_n = (pull * tables.tendons[..., ALONG_B]).sum(axis=1) / axial
     about_b = -(pull * tables.tendons[..., ALONG_N]).sum(axis=1) / axial
     moment = np.hypot(about_n, about_b)
-    if tables.widens:
-        # Straight rubber is in balance where this is lambda + 3 force, nearly, and 1 / lambda^2.
-        stress = 1.0 + force + force + force * force / (1.0 + force)
-        straight = 1.0 / np.sqrt(stress)
-        ratio = 12.0 * moment / radius / (straight + 2.0 * stress)
-        # Bending lengthens rubber.
-        secant = np.sqrt(1.0 + ratio * ratio)
-        stretch = straight * np.sqrt(secant)
-        curvature = stretch * ratio / secant / radius
-    else:
-        straight = stretch = np.maximum(1.0 - force, 0.05)
-        curvature = 4.0 * moment / radius / radius
+    straight, stretch, curvature = bent_by(tables.widens, force, moment, radius)
     fails = ~(stretch > curvature * tables.body[:, LEVER])
     stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
     # Scaled curvatures; moments are those of the tendons' pull with opposite sign.

@@ -45,6 +45,27 @@ def widening(widens: bool, stretch: Number) -> tuple[Number, Number, Number]:
     return width, slope, -1.5 * slope * over
 
 
+def bent_by(
+    widens: bool, force: Number, moment: Number, radius: Number
+) -> tuple[Number, Number, Number]:
+    """Stretch of the straight section, and of the bent one with its curvature [1/m].
+
+    Under a pull ``force`` and a ``moment`` [m], both over E A, that do not depend on the strain:
+    exact to first order in the moment, for rubber from the straight section and a secant.
+    """
+    if not widens:
+        straight = np.maximum(1.0 - force, 0.05)
+        return straight, straight, 4.0 * moment / radius / radius
+    # Straight rubber is in balance where this is lambda + 3 force, nearly, and 1 / lambda^2.
+    stress = 1.0 + force + force + force * force / (1.0 + force)
+    straight = 1.0 / np.sqrt(stress)
+    ratio = 12.0 * moment / radius / (straight + 2.0 * stress)
+    # Bending lengthens rubber.
+    secant = np.sqrt(1.0 + ratio * ratio)
+    stretch = straight * np.sqrt(secant)
+    return straight, stretch, stretch * ratio / secant / radius
+
+
 def offset_stiffness(
     bend: tuple[Number, Number, Number], p: tuple[Number, Number], stiff: Number
 ) -> tuple[Number, Number, Number]:

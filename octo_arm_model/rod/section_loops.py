@@ -20,7 +20,7 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.compiled import compiled, helper, inlined
-from octo_arm_model.rod.section_formulas import density, offset_stiffness, widening
+from octo_arm_model.rod.section_formulas import bent_by, density, offset_stiffness, widening
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,
@@ -40,7 +40,7 @@ _ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see 
 _SETTLED = 1e-14  # change of an offset, over the lever
 MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `section_arrays.balance`
 _density, _widening = inlined(density), inlined(widening)
-_offset_stiffness = inlined(offset_stiffness)
+_offset_stiffness, _bent_by = inlined(offset_stiffness), helper(bent_by)
 
 
 @inlined
@@ -354,16 +354,7 @@ def _guess(
         about_n += pull * tendons[j, ALONG_B]
         about_b -= pull * tendons[j, ALONG_N]
     moment = np.sqrt(about_n * about_n + about_b * about_b)
-    if widens:
-        stress = 1.0 + force + force + force * force / (1.0 + force)
-        straight = 1.0 / np.sqrt(stress)
-        ratio = 12.0 * moment / radius / (straight + 2.0 * stress)
-        secant = np.sqrt(1.0 + ratio * ratio)
-        stretch = straight * np.sqrt(secant)
-        curvature = stretch * ratio / secant / radius
-    else:
-        straight = stretch = max(1.0 - force, 0.05)
-        curvature = 4.0 * moment / radius / radius
+    straight, stretch, curvature = _bent_by(widens, force, moment, radius)
     if not stretch > curvature * body[LEVER]:
         stretch, curvature = straight, 0.0
     curvature /= -max(moment, 1e-300)
