@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -15,8 +16,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.motion_state import Inputs, MotionState
-from octo_arm_model.simulation.pushed_arm import measured_tip
-from octo_arm_model.simulation.sensors import Push, Sensors
+from octo_arm_model.simulation.sensors import Noise, Push, Sensors
 
 _STEP = 5e-3  # of the integration, at most [s]
 _MOST = 0.1  # time that one call goes on by, at most [s]: then the arm is slower than the clock
@@ -40,7 +40,9 @@ class DynamicArm:
             loads = dataclasses.replace(config.loads, scaled=self._push)
             config = dataclasses.replace(config, loads=loads)
         self._config, self._dynamics = config, config.dynamics()
-        self._noise = np.random.default_rng(sensors.seed)
+        # Several sensors and the ground truth see one state.
+        self._shape_of = functools.lru_cache(1)(self._dynamics.backbone)
+        self._noise = Noise(sensors)
         self._state: MotionState | None = None
 
     def go_on_from(self, before: DynamicArm) -> bool:
@@ -96,24 +98,25 @@ class DynamicArm:
     @property
     def backbone(self) -> Backbone:
         """The shape now."""
-        return self._dynamics.backbone(self.state)
+        return self._shape_of(self.state)
 
     def reeled_in(self) -> FloatArray:
         """Length that winches have reeled in [m], (tendons,)."""
         return self._dynamics.displacements(self.state)
 
     def tip_pose(self) -> Pose:
-        """See `PushedArm`."""
-        return measured_tip(self.backbone, self._sensors, self._noise)
+        """Pose of the tip, as it is measured."""
+        return self._noise.pose(self.backbone)
 
     def markers(self) -> FloatArray:
-        """See `PushedArm`."""
+        """Positions of the markers, as they are measured (markers, 3) [m]."""
         shape = self.backbone
-        found = interpolated(np.array(self._sensors.marker_s), shape.s, shape.position)
-        return found + self._sensors.marker_stddev * self._noise.standard_normal(found.shape)
+        places = np.array(self._sensors.marker_s)
+        return self._noise.markers(interpolated(places, shape.s, shape.position))
 
     def base_wrench(self) -> FloatArray:
-        """See `PushedArm`; with inertia and water."""
-        own = self._sensors
-        stddev = np.repeat([own.base_force_stddev, own.base_moment_stddev], 3)
-        return self.state.base_wrench + stddev * self._noise.standard_normal(6)
+        """Force and moment of all loads about the base, as measured (6,) [N, N m].
+
+        Inertia and water are among the loads.
+        """
+        return self._noise.base_wrench(self.state.base_wrench)

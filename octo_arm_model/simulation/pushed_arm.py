@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.budget import Budget
 from octo_arm_model.arm.hints import FloatArray
@@ -13,8 +12,7 @@ from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements import Markers, Measurement
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
-from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.simulation.sensors import Push, Sensors
+from octo_arm_model.simulation.sensors import Noise, Push, Sensors
 
 _ANY = Walk(1.0)  # the state of a simulation is known; its prior is not used
 
@@ -38,7 +36,7 @@ class PushedArm:
             has_history=True,
             budget=Budget(config.solve_budget.iterations),
         )
-        self._noise = np.random.default_rng(sensors.seed)
+        self._noise = Noise(sensors)
         self._config = config
         self._at: Prediction | None = None
 
@@ -82,32 +80,18 @@ class PushedArm:
 
     def tip_pose(self) -> Pose:
         """Pose of the tip, as it is measured."""
-        return measured_tip(self.at.solved, self._sensors, self._noise)
+        return self._noise.pose(self.at.solved)
 
     def markers(self) -> FloatArray:
         """Positions of the markers, as they are measured (markers, 3) [m]."""
         count = len(self._sensors.marker_s)
         seen = Markers(self._sensors.marker_s, np.zeros((count, 3)), 1.0)
-        read = self._predicted(seen)
-        read += self._sensors.marker_stddev * self._noise.standard_normal(read.size)
-        return read.reshape(-1, 3)
+        return self._noise.markers(self._predicted(seen).reshape(-1, 3))
 
     def base_wrench(self) -> FloatArray:
         """Force and moment of all loads about the base, as measured (6,) [N, N m]."""
-        own = self._sensors
-        stddev = np.repeat([own.base_force_stddev, own.base_moment_stddev], 3)
-        return self._predicted(BaseWrench(np.zeros(6), 1.0)) + stddev * (
-            self._noise.standard_normal(6)
-        )
+        return self._noise.base_wrench(self._predicted(BaseWrench(np.zeros(6), 1.0)))
 
     def _predicted(self, zero: Measurement) -> FloatArray:
         """The value of a measurement without noise; ``zero`` is that measurement with value 0."""
         return -zero.innovation(self.at)
-
-
-def measured_tip(shape: Backbone, own: Sensors, noise: np.random.Generator) -> Pose:
-    """Pose of the tip of ``shape``, as sensors measure it with ``noise``."""
-    position = shape.tip + own.tip_position_stddev * noise.standard_normal(3)
-    turn = Rotation.from_rotvec(own.tip_rotation_stddev * noise.standard_normal(3))
-    turned = turn * Rotation.from_quat(np.array(shape.quaternion[-1]))
-    return Pose(tuple(position.tolist()), tuple(turned.as_quat().tolist()))

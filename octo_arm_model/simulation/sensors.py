@@ -6,12 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.config.parameter import ParameterGroup, stated
 from octo_arm_model.estimation.parameters import MAX_MARKERS
+from octo_arm_model.rod.backbone import Backbone
 
 _RATE = 'how often it is measured [Hz], at most rate; 0 for never'
 
@@ -88,3 +91,28 @@ class Sensors(ParameterGroup):
     def rates(self) -> tuple[float, float, float]:
         """Rates of pose, markers and wrench [Hz]."""
         return self.tip_pose_rate, self.markers_rate, self.base_wrench_rate
+
+
+class Noise:
+    """What the sensors read of true values."""
+
+    def __init__(self, sensors: Sensors) -> None:
+        """Of ``sensors``, by their seed."""
+        self._own, self._random = sensors, np.random.default_rng(sensors.seed)
+
+    def pose(self, shape: Backbone) -> Pose:
+        """The pose of the tip of ``shape``."""
+        position = shape.tip + self._own.tip_position_stddev * self._random.standard_normal(3)
+        turn = self._own.tip_rotation_stddev * self._random.standard_normal(3)
+        turned = Rotation.from_rotvec(turn) * Rotation.from_quat(np.array(shape.quaternion[-1]))
+        return Pose(tuple(position.tolist()), tuple(turned.as_quat().tolist()))
+
+    def markers(self, position: FloatArray) -> FloatArray:
+        """Markers at a ``position`` (markers, 3) [m]."""
+        noise = self._random.standard_normal(position.shape)
+        return np.asarray(position + self._own.marker_stddev * noise)
+
+    def base_wrench(self, wrench: FloatArray) -> FloatArray:
+        """The ``wrench`` of all loads about the base, (6,) [N, N m]."""
+        stddev = np.repeat([self._own.base_force_stddev, self._own.base_moment_stddev], 3)
+        return np.asarray(wrench + stddev * self._random.standard_normal(6))

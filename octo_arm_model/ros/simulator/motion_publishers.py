@@ -32,12 +32,15 @@ class MotionPublishers:
         ]
         self._states = create_publisher(node, JointState, STATES, OUTPUT_QOS)
         self._last: FloatArray | None = None
+        self._described: tuple[Config, BackboneWriter] | None = None
 
     def publish(self, config: Config, arm: DynamicArm, elapsed: float, stamp: Time) -> None:
         """Publish the ``arm`` of ``config``, ``elapsed`` [s] after the last time."""
         shape, known = arm.backbone, np.zeros((6, 6))
-        writer = BackboneWriter(config.base_frame, shape.model, shape.s, shape.section)
-        messages = writer.all(shape, known, stamp.sec, stamp.nanosec)
+        if self._described is None or self._described[0] is not config:
+            writer = BackboneWriter(config.base_frame, shape.model, shape.s, shape.section)
+            self._described = config, writer
+        messages = self._described[1].all(shape, known, stamp.sec, stamp.nanosec)
         for publisher, data in zip(self._shapes, messages, strict=True):
             publisher.publish(data)
         reeled_in, rate = arm.reeled_in(), np.zeros(len(config.arm.tendons))
