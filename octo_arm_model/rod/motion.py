@@ -36,7 +36,7 @@ from octo_arm_model.rod.inertia import MovingProblem
 from octo_arm_model.rod.inertia_arrays import POSITION, TimeRule
 from octo_arm_model.rod.inputs import check_tensions
 from octo_arm_model.rod.motion_state import Driven, Inputs, MotionState, load_state, save_state
-from octo_arm_model.rod.newton import Chord, settle
+from octo_arm_model.rod.newton import Rule, settle
 from octo_arm_model.rod.reeling import Reeling
 from octo_arm_model.rod.rod import moved
 from octo_arm_model.rod.solver import Solver
@@ -47,8 +47,8 @@ RHO_INF = 0.85
 TOLERANCE = 1e-7  # residual of the balance at the end of a step
 # Shorter steps leave more, as places are rounded: times the square of this over the step [s].
 _ROUNDED = 5e-4
-_AGAIN = 0.4  # part of a residual up to which factors serve for the next iteration
-_MOST, _LEAST_PART = 30, 0.01  # iterations, and part of one that is shortened
+# Any progress serves: a step in time is halved where a search fails.
+_RULE = Rule(iterations=30, again=0.4, predicted=1.0, first=1.0, progress=1.0, shortest=0.01)
 _FEWER_POINTS = -2  # in each element than an equilibrium has
 _LEAST_HALF = 2e-5  # step that is halved no more [s]
 _LONGEST, _SHORTEST = 1.0, 1e-7  # step [s]
@@ -306,8 +306,7 @@ class Dynamics:
             factors = state.factors
             guess += beta * dt * dt * (bend - last_bend)
         tolerance = TOLERANCE * max(1.0, (_ROUNDED / dt) ** 2)
-        begin = guess, factors, tolerance
-        found, next_factors, iterations = self._balance(state, given, *begin)
+        found, next_factors, iterations = self._balance(state, given, guess, factors, tolerance)
         self._require(found, tolerance)
         rule, (place, velocity, acceleration, _) = problem.rule, problem.motion
         rate = rule.by_velocity * found.z - rule.twist_rate
@@ -327,37 +326,12 @@ class Dynamics:
                 lengths=given.displacements, driven=given.driven,
             )  # fmt: skip
             begun = self.reeling.evaluate(condition, guess)
-            found = settle(self.reeling, begun, tolerance)
+            found = settle(self.reeling, begun, tolerance, rule=_RULE)
             return found.state, None, found.iterations
-        return self._newton(condition, guess, factors, tolerance)
-
-    def _newton(
-        self, condition: Condition, z: FloatArray, factors: Linear | None, tolerance: float
-    ) -> tuple[State, Linear | None, int]:
-        """By chord steps, and where they do not serve by Newton's, shortened if too long."""
         problem = self.problem
-        state = problem.evaluate(problem.acting(condition), z)
-        chord, is_near, part = Chord(problem.measure), False, 1.0
-        for iteration in range(_MOST):
-            if state.residual <= tolerance:
-                return state, factors, iteration
-            if factors is None:
-                factors, is_near = problem.linearise(state), True
-                chord = Chord(problem.measure)
-            step = chord.corrected(factors.solve(-state.imbalance.ravel())).reshape(z.shape)
-            new = problem.evaluate(state.acting, state.z + step)
-            if not new.residual <= _AGAIN * state.residual:
-                part, served = 1.0, is_near
-                while served and part > _LEAST_PART and not new.residual < state.residual:
-                    part *= 0.5
-                    new = problem.evaluate(state.acting, state.z + part * step)
-                factors, is_near = None, False
-                if not new.residual < state.residual:
-                    if served:
-                        break
-                    continue
-            state = new
-        return state, None, _MOST
+        begun = problem.evaluate(problem.acting(condition), guess)
+        found = settle(problem, begun, tolerance, factors, rule=_RULE)
+        return found.state, found.factors, found.iterations
 
     def _require(self, state: State, tolerance: float = TOLERANCE) -> None:
         if not state.residual <= tolerance:

@@ -15,17 +15,36 @@ from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.other_loads import OtherLoads
 
-MOST = 15  # iterations of one search
-# Part of a residual that a step has to leave at most: the first by factors from elsewhere, the
-# first by those of the state, which may raise it, and every other.
-PREDICTED, FIRST, PROGRESS = 0.3, 3.0, 0.7
-# Where a load states no tangent stiffness convergence is linear: iterations and what each leaves.
-MOST_LINEAR, LINEAR_PROGRESS = 200, 0.99
 # Below this residual a step by factors of the state may raise it again: where the arm is soft it
 # turns far, and what is left is of second order.
 _SOFT = 1e-4
-CHORD = 0.2  # and up to which the same factors are used again
 _LEAST_DENOMINATOR = 0.2  # of Broyden's update
+
+
+class Rule(NamedTuple):
+    """Which steps a search takes; parts are those of a residual that a step leaves at most.
+
+    Attributes:
+        iterations: at most.
+        again: part up to which the same factors serve for the next step.
+        predicted: part that the first step has to leave by factors from elsewhere.
+        first: likewise by factors of the state, which may raise it.
+        progress: likewise every other step.
+        shortest: part of a step by factors of the state, to which it is shortened at least where
+            it would raise the residual.
+    """
+
+    iterations: int = 15
+    again: float = 0.2
+    predicted: float = 0.3
+    first: float = 3.0
+    progress: float = 0.7
+    shortest: float = 1.0
+
+
+STATICS = Rule()
+# Where a load states no tangent stiffness convergence is linear.
+WITHOUT_TANGENT = Rule(iterations=200, again=0.99, progress=0.99)
 
 
 class Found(NamedTuple):
@@ -102,7 +121,7 @@ class Equations(Protocol):
 
 def settle(
     equations: Equations, state: State, tolerance: float, factors: Linear | None = None,
-    is_near: bool = False,
+    is_near: bool = False, rule: Rule = STATICS,
 ) -> Found:  # fmt: skip
     """Search for a balance from ``state``, with ``factors`` from nearby, or of it, if any.
 
@@ -110,23 +129,26 @@ def settle(
     """
     iterations, predicted, first, errors = 0, None, state, [state.residual]
     chord = None if factors is None else Chord(equations.measure)
-    limit, progress, again = MOST, PROGRESS, CHORD
     if equations.others.without_tangent:
-        limit, progress, again = MOST_LINEAR, LINEAR_PROGRESS, LINEAR_PROGRESS
-    while state.residual > tolerance and iterations < limit:
+        rule = WITHOUT_TANGENT
+    while state.residual > tolerance and iterations < rule.iterations:
         new = None
         with contextlib.suppress(SolveError):
             if chord is None or factors is None:
                 is_near, chord = True, Chord(equations.measure)
                 factors = equations.linearise(state)
             step, factors = equations.step(state, factors)
-            new = equations.moved(state, chord.corrected(step), factors)
+            step, part = chord.corrected(step), 1.0
+            new = equations.moved(state, step, factors)
             iterations += 1
-        most = progress
+            while is_near and part > rule.shortest and not new.residual < state.residual:
+                part *= 0.5
+                new = equations.moved(state, part * step, factors)
+        most = rule.progress
         if state is first:
-            most = FIRST if is_near else PREDICTED
+            most = rule.first if is_near else rule.predicted
         elif is_near and state.residual <= _SOFT:
-            most = FIRST
+            most = rule.first
         most *= max(errors[-equations.remembered :])
         if new is None or not new.residual <= most:  # nor where it is NaN
             if is_near:
@@ -134,7 +156,7 @@ def settle(
             chord = None
             continue
         predicted = new if predicted is None else predicted
-        if new.residual > again * state.residual:
+        if new.residual > rule.again * state.residual:
             chord = None
         errors.append(new.residual)
         state, is_near = new, False
