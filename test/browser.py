@@ -116,10 +116,6 @@ class Browser:
         patience = WebDriverWait(self.driver, self._wait, 0.1, [TimeoutException])
         return patience.until(lambda driver: scene.screenshot_as_png, 'no picture of the scene')
 
-    def scene_width(self) -> int:
-        """Width of the scene [pixels]."""
-        return self.driver.find_element(By.CSS_SELECTOR, 'canvas').size['width']
-
     def resize(self, width: int, height: int) -> None:
         """Give the window this very size, as small as that of a phone."""
         size = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': width < 500}

@@ -21,5 +21,5 @@ __all__ = ['Browser', 'colours']
 
 
 def colours(png):
-    """Red, green and blue of all pixels of a picture, (pixels, 3)."""
-    return np.asarray(image.open(io.BytesIO(png)).convert('RGB'), float).reshape(-1, 3)
+    """Red, green and blue of the pixels of a picture, (rows, columns, 3)."""
+    return np.asarray(image.open(io.BytesIO(png)).convert('RGB'), float)

@@ -51,7 +51,7 @@ def shows_what_is_published(setup, browser):
 def body_pixels(png):
     """Where a picture has the colour of the body: clearly redder than it is blue."""
     pixels = colours(png)
-    return (pixels[:, 0] - pixels[:, 2] > 15.0) & (pixels[:, 0] > 100.0)
+    return (pixels[..., 0] - pixels[..., 2] > 15.0) & (pixels[..., 0] > 100.0)
 
 
 def test_the_arm_is_pulled_and_seen(setup, browser):
@@ -72,7 +72,7 @@ def test_the_arm_is_pulled_and_seen(setup, browser):
     # Drawn a moment after the numbers, where no graphics card helps.
     browser.until(lambda: body_pixels(browser.picture()).mean() > 0.005, 'a body')
     straight = browser.picture()
-    assert len(np.unique(colours(straight), axis=0)) > 100  # lit, not flat
+    assert len(np.unique(colours(straight).reshape(-1, 3), axis=0)) > 100  # lit, not flat
     browser.press('15')
     expected = np.ravel(FETCHING_IN_SPACE)
     setup.wait_for(lambda: np.allclose(setup.tensions(), expected), 'the figure')
@@ -146,14 +146,13 @@ def test_the_arm_is_in_what_the_panels_leave_free(setup, browser, width, height)
 
     def is_framed():
         """Whether the resting arm goes from left to right of the picture, with room about it."""
-        picture = browser.picture()
         right, bottom = browser.driver.execute_script("""
             const panel = [...document.querySelectorAll('button')]
               .find(e => e.innerText.includes('whole arm')).getBoundingClientRect();
             const scene = document.querySelector('canvas').getBoundingClientRect();
             return [scene.right - panel.left, scene.bottom - panel.top];
         """)
-        columns = body_pixels(picture).reshape(-1, browser.scene_width()).sum(axis=0) > 2
+        columns = body_pixels(browser.picture()).sum(axis=0) > 2
         low, high = np.flatnonzero(columns)[[0, -1]] / columns.size if columns.any() else (0, 0)
         return min(right, bottom) < 0.0 and 0.04 < low < 0.4 and 0.6 < high < 0.98
 
@@ -192,7 +191,7 @@ def is_push_seen(client, browser):
     def green():
         """How many pixels have the colour of a force."""
         pixels = colours(browser.picture())
-        return int(((pixels[:, 1] - pixels[:, [0, 2]].max(axis=1)) > 25.0).sum())
+        return int(((pixels[..., 1] - pixels[..., [0, 2]].max(axis=-1)) > 25.0).sum())
 
     browser.until(lambda: shows(np.zeros(3)), 'no force')
     browser.leave()
