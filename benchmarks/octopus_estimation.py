@@ -83,8 +83,7 @@ def moved(seed: int) -> list[Moment]:
             'tip': TipPosition(seen[-1], CAMERA),
             'markers': Markers(shape.s[MARKED], seen[MARKED], CAMERA),
         }
-        # Without the factors of its Jacobian, of which thousands would fill the memory.
-        made.append(Moment(dataclasses.replace(shape, equilibrium=None), force, measured))
+        made.append(Moment(shape, force, measured))
     return made
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,11 +16,14 @@ from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.checks import are_stretched
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition, Problem
+from octo_arm_model.rod.factors import Kept
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.winches import Winches
+
+_SHAPES_WITH_FACTORS = 32  # the last ones: factors take a hundred times the memory of a shape
 
 
 class Exact(Statics):
@@ -44,6 +48,7 @@ class Exact(Statics):
         self.rod = Rod(setup.arm, setup.loads, setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
         self._winches = Winches(self.rod)
+        self._kept = deque[Kept]()
         self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
         self._several = functools.lru_cache(8)(
             lambda level, arms: Several(self.rod.finer(level).own, arms)
@@ -59,7 +64,8 @@ class Exact(Statics):
         before: FloatArray | None, spending: Spending,
     ) -> Shape:  # fmt: skip
         """See `Statics`."""
-        return self.shape(self.rod.solve(tensions, tip_wrench, start, spending, before))
+        near = None if start is None else _with_factors(start)
+        return self.shape(self.rod.solve(tensions, tip_wrench, near, spending, before))
 
     def _loaded(self, tip_wrenches: FloatArray) -> bool:
         """See `Statics`."""
@@ -87,14 +93,25 @@ class Exact(Statics):
         start: Equilibrium | None, spending: Spending,
     ) -> tuple[Shape, FloatArray]:  # fmt: skip
         """See `Statics`."""
-        found = self._winches.solve(displacements, driven, condition, start, spending)
+        near = None if start is None else _with_factors(start)
+        found = self._winches.solve(displacements, driven, condition, near, spending)
         return self.shape(found), found.state.reeled
 
     def shape(self, found: Equilibrium) -> Shape:
         """An equilibrium at the stations."""
         reading = self._readout(found.level).read(found.state, found.fine)
         position, quaternion, twist, along = reading
-        return Shape(position + self._setup.base[0], quaternion, strains_of(twist), along, found)
+        position = position + self._setup.base[0]
+        return Shape(position, quaternion, strains_of(twist), along, self._keep(found))
+
+    def _keep(self, found: Equilibrium) -> Equilibrium:
+        """An equilibrium whose factors are kept until there are enough later ones."""
+        if found.factors is None:
+            return found
+        self._kept.append(Kept(found.factors))
+        if len(self._kept) > _SHAPES_WITH_FACTORS:
+            self._kept.popleft().linear = None
+        return found._replace(factors=None, kept=self._kept[-1])
 
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """See `Statics`."""
@@ -107,3 +124,8 @@ class Exact(Statics):
     def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
         """See `Statics`."""
         return self._derivatives(found.level).by_loads(found.state, loads)
+
+
+def _with_factors(start: Equilibrium) -> Equilibrium:
+    """The equilibrium of a shape with its factors, if they are still kept."""
+    return start if start.kept is None else start._replace(factors=start.kept.linear, kept=None)

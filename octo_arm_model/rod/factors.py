@@ -86,6 +86,18 @@ class Blocks(NamedTuple):
         return np.asarray(self.inverse @ right.reshape(nodes, strains, -1)).reshape(right.shape)
 
 
+class Kept:
+    """Factors that a shape has for the next solve to begin with, as long as they are kept.
+
+    Attributes:
+        linear: the factors; None where they are not kept any more.
+    """
+
+    def __init__(self, linear: Linear) -> None:
+        """Keep ``linear``."""
+        self.linear: Linear | None = linear
+
+
 class Deferred:
     """As `Factors`, of a Jacobian that is factorised when a solution is first asked for."""
 

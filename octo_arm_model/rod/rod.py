@@ -27,7 +27,7 @@ from octo_arm_model.rod.continuation import (
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.factors import Linear
+from octo_arm_model.rod.factors import Kept, Linear
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.inputs import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
@@ -78,6 +78,7 @@ class Equilibrium(NamedTuple):
         judged: that one, where it was seen to be stable by a margin; else None.
         iterations: made in all.
         fine: twists at the finer points, of an arm without loads.
+        kept: the factors, of the equilibrium of a shape.
     """
 
     state: State
@@ -86,6 +87,7 @@ class Equilibrium(NamedTuple):
     judged: State | None
     iterations: int
     fine: FloatArray | None = None
+    kept: Kept | None = None
 
 
 class Rod:

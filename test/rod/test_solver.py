@@ -303,6 +303,18 @@ def test_a_copy_and_a_pickled_solver_solve_as_it_does_from_what_it_solved(
         np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-12)
 
 
+def test_shapes_under_loads_can_be_kept_by_the_thousand(table4: Config) -> None:
+    loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
+    heavy = Solver(table4.arm.with_density(1080.0), 'exact', base=table4.base, loads=loads)
+    first = heavy.solve(MIXED)
+    expected = heavy.solve(1.01 * MIXED, start=first)
+    for i in range(32):
+        heavy.solve((1.0 - 0.01 * i) * MIXED)
+    assert len(pickle.dumps(first)) < 5e4
+    found = heavy.solve(1.01 * MIXED, start=first)
+    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-10)
+
+
 # What is refused -------------------------------------------------------------------------------
 
 
