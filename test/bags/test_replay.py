@@ -39,7 +39,7 @@ from recordings import (
     write_bag,
 )
 
-from octo_arm_model import Backbone, Config, Uncertainty, load_config
+from octo_arm_model import Backbone, Config, load_config
 from octo_arm_model.bags import replay as module
 from octo_arm_model.bags.answers import Answers
 from octo_arm_model.bags.arms import find_arms
@@ -135,46 +135,6 @@ def test_every_model_answers_alike_alone_and_side_by_side(preset: str, model: st
     for reading, answer in zip(readings, answers, strict=True):
         expected = expected_messages(config, solver.solve(reading.tensions), reading.stamp_ns)
         assert_alike([bytes(message) for message in answer.messages], expected)
-
-
-def test_a_shape_without_derivatives_is_answered_without_the_pose_of_its_tip() -> None:
-    config = load_config(preset_path('renda2012_prototype'))
-    rough = dataclasses.replace(config.arm, friction=(0.3,))
-    uncertain = Uncertainty(tension=0.02)
-    config = dataclasses.replace(config, model='exact', arm=rough, uncertainty=uncertain)
-    high = np.array([[1.0, 0.3, 0.0, 0.0]])
-    # The second sticks wherever the tendons are pulled a little less.
-    readings = [Reading(Stamp.from_ns(START + i), (1.0 - 0.001 * i) * high, '') for i in range(2)]
-    answers = Answers(config)
-    first, second = answers.answer(readings)
-    missing = [message is None for message in second.messages]
-    assert missing == [topic == 'tip_pose' for topic in answers.topics]
-    assert None not in first.messages and not first.reason
-    assert second.reason.startswith('tip_pose unknown: no derivatives') and not second.is_failure
-
-
-def test_solving_alone_gives_the_same_where_side_by_side_differs(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    config = Config.from_parameters(TABLE_4)
-    readings = [
-        Reading(Stamp.from_ns(START + i), row, '')
-        for i, row in enumerate(random_tensions(ARM, 20))
-    ]
-    found = []
-    for is_alike in (True, False):
-        monkeypatch.setattr(Answers, '_is_alike', lambda self, is_alike=is_alike: is_alike)
-        found.append(Answers(config).answer(readings))
-    solver = config.solver(compiled=None)
-    together, alone = found
-    for reading, one, other in zip(readings, together, alone, strict=True):
-        expected = expected_messages(config, solver.solve(reading.tensions), reading.stamp_ns)
-        assert_alike([bytes(message) for message in other.messages], expected)
-        # Written by the hundred, as `BackboneWriter` writes one.
-        numbers = [np.frombuffer(bytes(data)[-800:], '<f8') for data in one.messages[:2]]
-        exact = [np.frombuffer(data[-800:], '<f8') for data in expected[:2]]
-        np.testing.assert_allclose(numbers, exact, atol=1e-6)
-        assert [len(data) for data in one.messages] == [len(data) for data in expected]
 
 
 def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_back(
@@ -405,30 +365,6 @@ def test_without_a_description_the_arm_must_be_given(tmp_path: Path, cli: Cli) -
 # However it ends --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('storage', STORAGES)
-def test_ctrl_c_leaves_no_bag(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    cli: Cli,
-    storage: str,
-) -> None:
-    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 400))])
-    write = BagWriter.write
-    calls = []
-
-    def interrupted(self: BagWriter, messages: Any) -> None:
-        write(self, messages)
-        calls.append(1)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(BagWriter, 'write', interrupted)
-    out = tmp_path / 'out'
-    status, _, err = cli('replay', bag, out, '--storage', storage)
-    assert status == 130 and f'interrupted, no {out} written' in err
-    assert [path.name for path in tmp_path.iterdir()] == ['in']
-
-
 @pytest.mark.parametrize('command', ['replay', 'record-demo'])
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_that_ends_it_leaves_no_bag(
@@ -498,44 +434,6 @@ def test_memory_is_bounded_whatever_the_length(
     assert (tmp_path / 'out' / 'out_0.mcap').stat().st_size > 50 * 2**20
     # The solver asks once for 24 MiB that it never fills.
     assert peak < (24 + 12) * 2**20
-
-
-@pytest.mark.parametrize('command', ['replay', 'record-demo'])
-def test_help_teaches(cli: Cli, command: str) -> None:
-    status, text, _ = cli.left(command, '--help')
-    assert status == 0
-    assert f'octo-arm {command} experiment' in text and '130 interrupted' in text
-
-
-def test_friction_remembers_the_tensions_before(cli: Cli, tmp_path: Path) -> None:
-    rough = TABLE_4 | {'model': 'exact', 'tendons.friction': [0.2], 'friction_memory': 1.0}
-    pull = np.full((3, 4), 0.02)
-    pull[2, 0] = 1.0
-    # The last ones after a gap, which is forgotten.
-    first = samples(ARM, [pull, 0.6 * pull, 0.8 * pull])
-    later = [
-        Sample(
-            '/tendon_tensions', TENDON_TENSIONS, START + 10**10,
-            tensions_data(TENDON_TENSIONS, ARM.tendon_names, 0.6 * pull, START + 10**10),
-        )
-    ]  # fmt: skip
-    text = text_sample('/arm_description', parameters_as_yaml(rough))
-    bag = write_bag(tmp_path / 'in', [text, *first, *later])
-    assert cli('replay', bag, tmp_path / 'out')[0] == 0
-    config = Config.from_parameters(rough)
-    solver = config.solver(compiled=None)
-    last, expected = None, []
-    for tensions in (pull, 0.6 * pull, 0.8 * pull):
-        last = solver.follow(tensions, last)
-        expected.append(last)
-    # Without history, but from the shape before: from none it is the same to 1e-9 only.
-    expected.append(solver.solve(0.6 * pull, start=last))
-    np.testing.assert_allclose(expected[3].tip, solver.solve(0.6 * pull).tip, atol=1e-9)
-    assert np.linalg.norm(expected[1].tip - expected[3].tip) > 1e-3
-    found = content_of(tmp_path / 'out', '/tip_pose')
-    stamps = [*(START + i * STEP for i in range(3)), START + 10**10]
-    for (*_, data), backbone, stamp in zip(found, expected, stamps, strict=True):
-        assert_alike([data], expected_messages(config, backbone, stamp)[3:])
 
 
 # Beside the node --------------------------------------------------------------------------------

@@ -16,7 +16,6 @@ from recordings import (
     ARM,
     TENDON_TENSIONS,
     Sample,
-    assert_alike,
     displacement_sample,
     tensions_data,
     text_sample,
@@ -25,7 +24,6 @@ from recordings import (
 
 from octo_arm_model import Config, displacements_of, solve_displacements
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path
 
@@ -127,74 +125,3 @@ def test_named_topics_are_all_that_is_read(cli: Cli, tmp_path: Path) -> None:
         out = tmp_path / topic.strip('/')
         assert cli('replay', bag, out, '--topics', topic)[0] == 0
         assert tips(out).keys() == numbers
-
-
-def test_with_friction_displacements_slide_on_from_tensions(cli: Cli, tmp_path: Path) -> None:
-    solver = Config.from_parameters(PARAMETERS | {'tendons.friction': [0.2]}).solver()
-    others = dict(zip(ARM.tendon_names, PULL.ravel().tolist()))
-    pulled = solver.solve(PULL)
-    let_out = {'tendon_2_1': 0.5 * float(displacements_of(solver, pulled)[1, 0])}
-    others.pop('tendon_2_1')
-    bag = bag_of(tmp_path / 'in', [PULL, let_out], **{'tendons.friction': [0.2]})
-    assert cli('replay', bag, tmp_path / 'out')[0] == 0
-    expected = solve_displacements(solver, let_out, others, start=pulled).backbone
-    np.testing.assert_allclose(tips(tmp_path / 'out')[1], expected.tip, atol=1e-7)
-    fresh = solve_displacements(solver, let_out, others).backbone
-    assert np.linalg.norm(fresh.tip - expected.tip) > 1e-5
-
-
-def test_the_node_answers_displacements_of_a_bag_as_replay_does(tmp_path: Path) -> None:
-    pytest.importorskip('rclpy', reason='needs ROS 2')
-    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-    from live_nodes import AFFORDED, OUTPUTS, RELIABLE, hosting
-    from octo_arm_msgs.msg import TendonTensions
-    from sensor_msgs.msg import JointState
-
-    from octo_arm_model.ros.node.main import OctoArmNode
-
-    inputs: Inputs = [HALF, PULL, {'tendon_1_1': 0.025}, 1.1 * PULL, HALF, {}]
-    bag = bag_of(tmp_path / 'in', inputs)
-    assert main(['replay', str(bag), str(tmp_path / 'out'), '--lengths']) == 0
-    options = ['-p', 'model:=exact', '-p', 'tendons.axial_stiffness:=[800.0]']
-    with hosting(OctoArmNode, *RELIABLE, *AFFORDED, *options) as client:
-        winches = client.node.create_publisher(JointState, 'tendon_displacements', 10)
-        client.connect()
-        client.wait(winches.get_subscription_count, 'a subscription to displacements')
-        kinds = OUTPUTS | {ESTIMATES[1:]: TendonTensions}
-        raw = {topic: client.hear(kind, topic, raw=True) for topic, kind in kinds.items()}
-
-        def is_heard() -> bool:
-            message = JointState(name=['tendon_1_1'], position=[0.001])
-            message.header.stamp.sec = next(client.stamps)
-            winches.publish(message)
-            client.spin(0.1)
-            return all(raw.values())
-
-        client.wait(is_heard, 'an answer to displacements')
-        # The bag is of before, so that the node begins anew, with these tensions alone.
-        winches.publish(JointState())
-        client.settle('tendon_tensions')
-        client.ask('tendon_tensions', np.zeros((3, 4)))
-        found: dict[str, list[bytes]] = {topic: [] for topic in raw}
-        for one, given in zip(content(inputs), inputs, strict=True):
-            is_winch = one.topic == '/tendon_displacements'
-            (winches if is_winch else client.publishers['tendon_tensions']).publish(one.data)
-            wanted = OUTPUTS if is_winch and not given else kinds
-
-            def answers(data: bytes = one.data) -> dict[str, list[bytes]]:
-                return {
-                    topic: [answer for answer in got if answer[4:12] == data[4:12]]
-                    for topic, got in raw.items()
-                }
-
-            client.wait(
-                lambda answers=answers, wanted=wanted: all(answers()[topic] for topic in wanted),
-                'an answer',
-            )
-            for topic, got in answers().items():
-                found[topic] += got
-    for topic, got in found.items():
-        with BagReader(tmp_path / 'out') as reader:
-            expected = [bytes(record.data) for record in reader.messages([f'/{topic}'])]
-        assert len(expected) == (5 if f'/{topic}' == ESTIMATES else 6)
-        assert_alike(got, expected)

@@ -11,17 +11,13 @@ pytest.importorskip('rosbags', reason='needs rosbags')
 
 from recordings import (
     ARM,
-    ARRAY,
     START,
     STEP,
     TENDON_TENSIONS,
     TOPICS,
-    TYPES,
-    fingerprint,
     random_tensions,
     samples,
 )
-from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.reader import BagReader
@@ -47,27 +43,6 @@ def test_what_is_written_is_read(tmp_path: Path, storage: str) -> None:
         assert reader.start_ns == content[0].received_ns
         assert reader.duration == pytest.approx(39 * STEP * 1e-9)
         assert [tuple(record) for record in reader.messages()] == [tuple(one) for one in content]
-
-
-@pytest.mark.parametrize('storage', STORAGES)
-def test_the_files_are_those_rosbags_writes_itself(tmp_path: Path, storage: str) -> None:
-    content = samples(ARM, random_tensions(ARM, 300))
-    content += samples(ARM, random_tensions(ARM, 300), '/tendon_tensions/array', ARRAY)
-    (tmp_path / 'theirs').mkdir()
-    plugin = StoragePlugin[storage.upper()]
-    with Writer(tmp_path / 'theirs' / 'bag_0', version=9, storage_plugin=plugin) as theirs:
-        add = theirs.add_connection
-        topics = {topic: add(topic, kind, typestore=TYPES) for topic, kind in list(TOPICS.items())}
-        for one in content:
-            theirs.write(topics[one.topic], one.received_ns, one.data * 9)
-    with BagWriter(tmp_path / 'bag', storage) as ours:
-        with BagReader(tmp_path / 'theirs' / 'bag_0') as reader:
-            copies = {c.topic: ours.add_copy(reader, c) for c in reader.connections()}
-        ours.write((copies[one.topic], one.received_ns, one.data * 9) for one in content)
-    if storage == 'mcap':
-        assert fingerprint(tmp_path / 'bag') == fingerprint(tmp_path / 'theirs' / 'bag_0')
-    with BagReader(tmp_path / 'bag') as ours, BagReader(tmp_path / 'theirs' / 'bag_0') as theirs:
-        assert list(ours.messages()) == list(theirs.messages())
 
 
 def test_a_bag_has_what_the_player_of_jazzy_looks_for(tmp_path: Path) -> None:
