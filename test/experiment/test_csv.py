@@ -8,12 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import printed
-from labs import MARKER_S, TENSIONS, TIP_ERRORS, marker_bag, seen, staircase_of
+from labs import MARKER_S, TIP_ERRORS, marker_bag, seen, staircase_of
 
 from octo_arm_model.arm import limits
 from octo_arm_model.cli.main import main
-from octo_arm_model.experiment.csv_recording import CsvSources
-from octo_arm_model.experiment.read_recording import read_recording
 
 STILL = ['--clock-offset', '0', '--json', '--align', 'none']
 ARM = ['--config', 'renda2012_prototype', '--model', 'exact']
@@ -105,37 +103,6 @@ def test_a_file_of_loads_goes_with_a_bag_of_markers(
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
 
 
-def test_raw_load_cells_in_a_file_have_the_calibration_of_the_arm(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rng = np.random.default_rng(0)
-
-    def raw(at: float, pull: float) -> str:
-        cells = np.array([(pull - 0.2) / 1.25, 0.0, 0.0, 0.0]) + 2e-3 * rng.standard_normal(4)
-        return f'{EPOCH + at:.4f},' + ','.join(map(repr, cells.tolist()))
-
-    header = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4'
-    loads = loads_csv(tmp_path / 'loads.csv', header, raw)
-    files = ['--tension-csv', str(loads), '--midline-csv', str(tidy_csv(tmp_path / 'track.csv'))]
-    notes = printed(capsys, 'compare', *files, *ARM, *STILL)['notes']
-    counts = [int(note.split()[1]) for note in notes if 'left out, as tension of tendon_1' in note]
-    assert len(counts) == 3
-    assert sum(counts) == pytest.approx(7 / 8 * len(staircase_of()[0]), rel=0.1)
-    assert any('tension_deadband takes readings near zero as zero' in note for note in notes)
-    from experiments import PARAMETERS
-
-    from octo_arm_model.config.parameter_files import parameters_as_yaml
-
-    config = tmp_path / 'arm.yaml'
-    config.write_text(parameters_as_yaml({
-        **PARAMETERS, 'tension_deadband': 0.015, 'tension_scale': [1.25, 1.0, 1.0, 1.0],
-        'tension_offset': [0.2, 0.0, 0.0, 0.0],
-    }))  # fmt: skip
-    said = printed(capsys, 'compare', *files, '--config', str(config), '--model', 'exact', *STILL)
-    errors = [step['tip_error_percent'] for step in said['steps']]
-    assert errors == pytest.approx(TIP_ERRORS, abs=0.05)
-
-
 LOADS = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\n0,1,0,0,0\n'
 TRACK = 'time,x,y,z\n0,0,0,0\n'
 
@@ -157,6 +124,11 @@ TRACK = 'time,x,y,z\n0,0,0,0\n'
         (LOADS, 'time,x,y,z [ft]\n0,0,0,0\n', "z is in 'ft', expected m or cm or mm"),
         (LOADS, '', 'track.csv: no rows'),
         (b'\xff\xfe', TRACK, 'loads.csv'),
+        ('0,1,0,0,0\n1,1,0,0,0\n', TRACK, 'no column time; it has #1, #2, #3, #4, #5; say --col'),
+        ('Trial,1\n\ntime,tendon_1_1,b\n0,1,2\n', TRACK,
+         'line 4: 3 values, expected 2 as in the header; expected lines of headers, or none'),
+        ('Trial,1\ntime,tendon_1_1\n0,1\n', TRACK, 'it has Trial time, 1 tendon_1_1'),
+        ('Trial\n', TRACK, 'no rows, expected a header and rows below it'),
     ],
 )  # fmt: skip
 def test_files_that_are_wrong_are_refused_by_line(
@@ -213,66 +185,6 @@ def test_what_is_not_said_is_asked_for(
 ) -> None:
     assert main(['compare', *words]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_reading_files_is_counted_row_by_row(tmp_path: Path) -> None:
-    told: list[tuple[int, int]] = []
-    sources = CsvSources(loads_csv(tmp_path / 'loads.csv'), tidy_csv(tmp_path / 'track.csv'))
-    recording = read_recording(
-        None, 'renda2012_prototype', files=sources,
-        progress=lambda done, total: told.append((done, total)),
-    )  # fmt: skip
-    done = [one for one, _ in told]
-    assert done == sorted(done)
-    assert all(one <= total for one, total in told)
-    # Each row once, each value, and each frame.
-    loads, points = len(recording.tensions), 41 * len(recording.frames)
-    every = loads * 6 + points * 6 + len(recording.frames)
-    assert told[-1] == (every, every)
-    assert len(told) > 20
-
-
-def test_the_tensions_are_those_of_the_study() -> None:
-    assert len(TENSIONS) == len(TIP_ERRORS) == 7
-
-
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [
-        ('0,1,0,0,0\n1,1,0,0,0\n', 'no column time; it has #1, #2, #3, #4, #5; say --columns'),
-        ('Trial,1\n\ntime,tendon_1_1,b\n0,1,2\n',
-         'line 4: 3 values, expected 2 as in the header; expected lines of headers, or none'),
-        ('Trial,1\ntime,tendon_1_1\n0,1\n', 'no column time; it has Trial time, 1 tendon_1_1'),
-        ('time,time\n0,1\n', "2 columns 'time'; say which by its number, as #1"),
-        ('Trial\n', 'no rows, expected a header and rows below it'),
-    ],
-)  # fmt: skip
-def test_a_file_of_other_lines_says_what_it_must_have(
-    text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / 'loads.csv').write_text(text)
-    (tmp_path / 'track.csv').write_text(TRACK)
-    files = ['--tension-csv', str(tmp_path / 'loads.csv')]
-    files += ['--midline-csv', str(tmp_path / 'track.csv')]
-    assert main(['compare', *files, *ARM]) == 2
-    err = capsys.readouterr().err
-    assert message in err and err.count('\n') == 1
-
-
-@pytest.mark.parametrize('head', ['Time (s)', 'Time', 'Time [s]', ' Time (s) '])
-def test_a_header_is_named_as_it_is_written_or_without_its_unit(
-    head: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    loads = loads_csv(tmp_path / 'loads.csv', 'Time (s);F 1 [N];F 2;F 3;F 4',
-                      lambda at, pull: f'{EPOCH + at:.4f};{pull!r};0;0;0')  # fmt: skip
-    track = tmp_path / 'track.csv'
-    track.write_text(tidy_csv(track).read_text().replace('time [s]', 'Time (s)', 1))
-    told = [f'time={head}', 'tendon_1_1=F 1 [N]', 'tendon_1_2=F 2', 'tendon_1_3=F 3',
-            'tendon_1_4=F 4']  # fmt: skip
-    files = ['--tension-csv', str(loads), '--midline-csv', str(track), '--columns', *told]
-    said = printed(capsys, 'compare', *files, *ARM, *STILL)
-    errors = [step['tip_error_percent'] for step in said['steps']]
-    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
 
 
 MOTIVE = ['A-X', 'A-Y', 'B-X', 'B-Y', 'C-X', 'C-Y', 'D-X', 'D-Y']
@@ -343,24 +255,3 @@ def test_options_that_files_leave_without_effect_are_refused(
     files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv')), *ARM]
     assert main(['compare', *files, '--length-unit', 'cm']) == 2
     assert '--length-unit has no effect on' in capsys.readouterr().err
-    for words in (
-        ['--marker-s', '0', '--marker-s', '0.1'],
-        ['--columns', 'z=z', '--columns', 'y=y'],
-    ):
-        with pytest.raises(SystemExit):
-            main(['compare', *files, *words])
-        assert 'is given twice, expected once, with all its' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('before', ['\n', '  \n\n', ';;;;\n'])
-def test_lines_without_a_word_before_the_header_say_nothing_of_separators(
-    tmp_path: Path, before: str
-) -> None:
-    from octo_arm_model.experiment.csv_table import read_csv
-    from octo_arm_model.experiment.recording import Count
-
-    path = tmp_path / 'loads.csv'
-    path.write_text(before + LOADS.replace(',', ';'))
-    table = read_csv(path, {}, Count(lambda done, total: None))
-    assert [column.name for column in table.columns][:2] == ['time', 'tendon_1_1']
-    assert table.numbers('tendon_1_1', {'N': 1.0}, 'N').tolist() == [1.0]

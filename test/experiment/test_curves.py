@@ -21,22 +21,6 @@ def test_points_of_an_arc_stay_on_it_however_few_there_were(count: int, part: fl
     assert np.linalg.norm(point - expected) < 1e-3
 
 
-def test_a_wrong_point_stays_a_wrong_point() -> None:
-    arc = circle(count=81)
-    wrong = arc.copy()
-    wrong[30, 2] += 0.05
-    fraction = np.linspace(0.0, 1.0, 41)
-    off = np.linalg.norm(resample(wrong, fraction) - resample(arc, fraction), axis=1)
-    assert np.median(off) < 1e-4
-    assert off.max() > 0.04
-
-
-def test_repeated_points_are_taken_as_one() -> None:
-    arc = np.repeat(circle(), 2, axis=0)
-    got = resample(arc, np.linspace(0.0, 1.0, 11))
-    np.testing.assert_allclose(got, resample(circle(), np.linspace(0.0, 1.0, 11)), atol=1e-4)
-
-
 @given(numbers, numbers, numbers)
 def test_no_point_of_a_curve_is_nearer_than_the_nearest(x: float, y: float, z: float) -> None:
     point, arc = 0.2 * np.array([[x, y, z]]), circle()

@@ -9,7 +9,6 @@ import pytest
 from experiments import FAR, HELD, PARAMETERS, midline, one_tendon, shapes
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model import Backbone, Solver
 from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.experiment.fit import fit_alignment
 
@@ -34,19 +33,3 @@ def test_too_few_points_align_nothing() -> None:
     (tip,) = shapes([np.zeros((1, 3))], [one_tendon(1.0)])
     with pytest.raises(MeasurementError, match=r'1 measured point\(s\), expected at least 3'):
         fit_alignment([tip], PARAMETERS, 'closed_form')
-
-
-def test_the_arm_is_solved_once_however_the_camera_is_turned(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    pulls = [one_tendon(tension) for tension in HELD]
-    seen = shapes([FAR.to_camera(midline('closed_form', pull)) for pull in pulls], pulls)
-    solved, solve = [], Solver.follow
-
-    def counted(solver: Solver, tensions: np.ndarray, *rest: object) -> Backbone:
-        solved.append(tensions)
-        return solve(solver, tensions, *rest)
-
-    monkeypatch.setattr(Solver, 'follow', counted)
-    fit_alignment(seen, PARAMETERS, 'closed_form')
-    assert len(solved) == len(HELD)

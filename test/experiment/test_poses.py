@@ -108,11 +108,3 @@ def test_options_of_steps_have_no_effect_on_others(
     given = files(tmp_path, random_poses(4, 3), np.arange(3.0))
     status, out, err = run(capsys, 'compare', *given, *ARM, *words)
     assert (status, out) == (2, '') and message in err
-
-
-def test_two_poses_of_one_time_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    given = files(tmp_path, random_poses(5, 3), np.array([0.0, 1.0, 1.0]))
-    status, _, err = run(capsys, 'compare', *given, *ARM, '--poses')
-    assert status == 2 and 'two rows of tensions at 1 s, expected another time for each' in err

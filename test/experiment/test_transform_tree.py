@@ -134,20 +134,6 @@ def test_between_stamps_a_transform_moves_evenly_and_turns_evenly() -> None:
     np.testing.assert_allclose(points, expected, atol=1e-12)
 
 
-def test_stamps_are_those_of_the_moving_transform_nearest_to_the_frame() -> None:
-    tree, level = TransformTree(), (0.0, 0.0, 0.0, 1.0)
-    for stamp in (0, 10, 20):
-        add(tree, 'world', 'body', stamp, 1.0, 0.0, 0.0, *level)
-    for stamp in (5, 15):
-        add(tree, 'body', 'camera', stamp, 2.0, 0.0, 0.0, *level)
-    skipped: list[str] = []
-    # Down a chain, where the transform of the target itself is the farthest.
-    stamps, points = tree.origins('world', 'camera', skipped.append)
-    assert (stamps.tolist(), points.tolist()) == ([10], [[-3.0, 0.0, 0.0]])
-    assert len(skipped) == 2
-    assert tree.origins('camera', 'world', skipped.append)[0].tolist() == [5, 15]
-
-
 @pytest.mark.parametrize(
     ('quaternion', 'message'),
     [((0.0, 0.0, 0.0, 0.0), 'a quaternion of norm 1'), ((np.nan, 0.0, 0.0, 1.0), 'finite num')],
@@ -232,12 +218,6 @@ def test_what_is_forgotten_is_older_than_the_newest_by_the_history() -> None:
         place(tree, 15)
     tree.forget(0)
     assert place(tree, 30) == 30.0
-
-
-def test_frames_whose_stamps_are_ahead_make_no_other_forget() -> None:
-    tree = moving(10**18, child='c', tree=moving(10, 20))
-    tree.forget(100)
-    assert place(tree, 15) == 15.0
 
 
 def test_a_clock_that_began_anew_is_followed() -> None:

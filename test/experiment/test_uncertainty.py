@@ -8,7 +8,6 @@ from experiments import PARAMETERS, PULLS, TRUE, measured, midline, one_tendon, 
 from scipy.stats import binom
 
 from octo_arm_model.experiment.identify import identify
-from octo_arm_model.experiment.uncertainty import freedom_of
 
 
 @pytest.mark.parametrize('trials', [4, pytest.param(64, marks=pytest.mark.endurance)])
@@ -36,14 +35,6 @@ def test_more_frames_of_the_same_steps_do_not_make_a_wrong_tension_right() -> No
         fitted = identify(steps, PARAMETERS, 'closed_form', loss='linear')
         deviations.append(fitted.estimates['youngs_modulus'].stddev)
     assert deviations[1] > 0.7 * deviations[0]
-
-
-def test_steps_that_say_little_do_not_count_as_steps() -> None:
-    alike = [np.ones((4, 3, 1)) for _ in range(6)]
-    folds = [[number] for number in range(6)]
-    assert freedom_of(alike, folds) == pytest.approx([5.0])
-    unlike = [1e-3 * part for part in alike[:3]] + alike[3:]
-    assert freedom_of(unlike, folds) == pytest.approx([2.0], rel=1e-4)
 
 
 def test_what_the_data_cannot_tell_apart_is_said_and_not_fitted() -> None:
