@@ -1,7 +1,5 @@
 """Small parts: types of messages, warnings, RViz."""
 
-import types
-
 import pytest
 import yaml
 from checkout import ROOT
@@ -10,12 +8,9 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
 from octo_arm_model import ConfigError, load_config
-from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros import refusal_log
 from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.outputs import MARKERS_TOPIC
-from octo_arm_model.ros.refusal_log import WARNING_PERIOD, RefusalLog
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 
@@ -31,21 +26,6 @@ def test_a_type_that_is_not_installed_runs_nothing_of_its_package(tmp_path, monk
         with pytest.raises(ConfigError, match='no messages of type'):
             message_class(type_name)
     assert message_class('sensor_msgs/msg/JointState').__name__ == 'JointState'
-
-
-def test_each_topic_is_warned_of_once_a_period_as_refused_and_else(make_node, monkeypatch, capfd):
-    clock = types.SimpleNamespace(now=100.0)
-    monkeypatch.setattr(refusal_log, 'time', types.SimpleNamespace(monotonic=lambda: clock.now))
-    log = RefusalLog(make_node('warner'))
-    for _ in range(2):
-        for _ in range(3):
-            for topic in ('/a', '/b'):
-                log.warn(topic, MessageError('too short'))
-                log.say(topic, 'stamps run back')
-        clock.now += 1.01 * WARNING_PERIOD
-    said = [line.split('[warner]: ')[1] for line in capfd.readouterr().err.splitlines()]
-    expected = '/a refused: too short', '/a: stamps run back', '/b refused: too short'
-    assert said == 2 * [*expected, '/b: stamps run back']
 
 
 CONFIG = load_config(preset_path('renda2012_table4'))

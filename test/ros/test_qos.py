@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from xml.etree import ElementTree
 
@@ -15,7 +13,6 @@ from checkout import ROOT
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from live_nodes import DEADLINE, environment, new_domain
 from rclpy.duration import Duration
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
@@ -102,17 +99,6 @@ def test_every_policy_of_every_topic_is_overridden(kind: str, context: object) -
         (seen,) = node.get_publishers_info_by_topic('/tip_pose')
         assert seen.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         assert seen.qos_profile.deadline == Duration(seconds=3)
-    node.destroy_node()
-
-
-def test_an_override_is_of_one_topic_alone(context: object) -> None:
-    node = make('node', context, 'qos_overrides./strains.publisher.depth:=77')
-    depths = {key[1]: entity.qos_profile.depth for key, entity in entities(node).items()}
-    assert depths['/strains'] == 77
-    assert depths['/tip_pose'] == depths['/backbone/path'] == depths['/markers'] == 5
-    node.destroy_node()
-    node = make('node', context)
-    assert entities(node)['publisher', '/strains'].qos_profile.depth == 5
     node.destroy_node()
 
 
@@ -257,38 +243,3 @@ def test_the_policy_grants_what_the_nodes_have(
 def test_every_enclave_is_tested() -> None:
     paths = {found.attrib['path'] for found in ElementTree.parse(POLICY).iter('enclave')}
     assert paths == {f'/{enclave}' for enclave in ENCLAVES}
-
-
-_PROGRAM = """
-from pathlib import Path
-import rclpy
-from octo_arm_model.ros.client.client import POSES, ArmClient
-from octo_arm_model.ros.start import client_node
-
-def threads():
-    names = {path.read_text().strip() for path in Path('/proc/self/task').glob('*/comm')}
-    return {name for name in names if name.startswith('dds.')} - {'dds.shm.wdog'}
-
-assert not threads()
-try:
-    with client_node('looks_on') as node:
-        client = ArmClient(node)
-        client.listen(POSES)
-        assert threads()
-        raise KeyError('ends the block')
-except KeyError:
-    assert not threads(), threads()
-    assert not rclpy.ok()
-print('done')
-"""
-
-
-def test_no_thread_of_the_middleware_outlives_the_node_of_a_client():
-    done = subprocess.run(
-        [sys.executable, '-c', _PROGRAM],
-        env=environment(new_domain()),
-        capture_output=True,
-        text=True,
-        timeout=DEADLINE,
-    )
-    assert (done.returncode, done.stdout) == (0, 'done\n'), done.stderr

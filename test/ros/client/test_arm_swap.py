@@ -17,14 +17,11 @@ from live_nodes import (
     hosting,
     spinning,
 )
-from rclpy.parameter_client import AsyncParameterClient
-from rclpy.task import Future
 
 from octo_arm_model import load_config
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.ros.client.arm_swap import swap_arm
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.estimator.main import EstimatorNode
 
 
@@ -128,22 +125,6 @@ def test_a_node_that_has_no_arm_is_told(client, load, arguments, complaint):
     assert status == 2
     assert complaint in complaints
     assert complaints.count('\n') == 1
-
-
-def test_what_is_not_answered_is_asked_again(client, monkeypatch):
-    asked, whole = [], AsyncParameterClient.list_parameters
-
-    def ask(self):
-        asked.append(self)
-        return Future() if len(asked) == 1 else whole(self)  # The first answer is lost.
-
-    monkeypatch.setattr(AsyncParameterClient, 'list_parameters', ask)
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(client.domain))
-    values = load_parameters(preset_path('renda2012_table2'))
-    with spinning(client):
-        swap_arm(values, (), '/octo_arm', 20.0)
-    assert len(asked) == 2
-    assert client.dump()['sections.anchorage'] == values['sections.anchorage']
 
 
 def test_the_simulator_keeps_what_is_its_own(load):

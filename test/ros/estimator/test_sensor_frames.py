@@ -25,7 +25,6 @@ from octo_arm_model.ros.estimator.waiting_messages import (
     WaitingMessages,
 )
 from octo_arm_model.ros.node.inputs import Intake
-from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.work import WorkQueue
 
 TOPIC = '/measured/tip_pose'
@@ -74,53 +73,6 @@ def test_a_transform_that_is_none_does_not_hide_those_behind_it(node, wait, capf
     told = "/tf_static refused: 'twisted': transform.rotation is (0.0, 0.0, 0.0, 7.0) of length 7"
     assert told in capfd.readouterr().err
     frames.close()
-
-
-def test_moving_transforms_are_heard_until_static_ones_lead_to_every_frame(node, wait):
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    static = node.create_publisher(tf2.TFMessage, '/tf_static', latched)
-    static.publish(tf2.TFMessage(transforms=[link('lens', 0.3)]))
-    moving = node.create_publisher(tf2.TFMessage, '/tf', 10)
-    frames = SensorFrames(node)
-
-    def heard():
-        return sorted(
-            t.lstrip('/') for t in (s.topic_name for s in node.subscriptions) if 'tf' in t
-        )
-
-    assert heard() == []
-    asked(frames, 'lens')
-    assert heard() == ['tf', 'tf_static']
-    wait(lambda: not isinstance(asked(frames, 'lens'), MeasurementError))
-    assert heard() == ['tf_static']
-    # A frame that moves is waited for beside one that does not.
-    asked(frames, 'rail')
-    wait(moving.get_subscription_count)
-    asked(frames, 'lens')
-    moving.publish(tf2.TFMessage(transforms=[link('rail', 0.1, 100)]))
-    wait(lambda: not isinstance(asked(frames, 'rail', 100), MeasurementError))
-    assert asked(frames, 'lens').position == (0.3, 0.0, 0.0)
-    assert heard() == ['tf', 'tf_static']
-    frames.close()
-    assert heard() == []
-
-
-def test_policies_of_transforms_are_overridden_although_they_are_heard_later(make_node):
-    given = [
-        Parameter(f'qos_overrides./{topic}.subscription.depth', value=depth)
-        for topic, depth in (('tf', 7), ('tf_static', 8))
-    ]
-    node = make_node('overridden', parameter_overrides=given)
-    frames = SensorFrames(node)
-    with pytest.raises(ConfigError, match='overrides nothing'):
-        check_overrides(node)
-    frames.open()
-    check_overrides(node)
-    heard = {'/tf', '/tf_static'}
-    assert heard.isdisjoint(one.topic_name for one in node.subscriptions)
-    asked(frames, 'lens')  # the first message in another frame
-    depths = {one.topic_name: one.qos_profile.depth for one in node.subscriptions}
-    assert (depths['/tf'], depths['/tf_static']) == (7, 8)
 
 
 def test_a_policy_of_transforms_that_cannot_be_is_refused_at_once(make_node):
@@ -173,22 +125,6 @@ def rail(node, wait, waiting):
     asked(waiting.frames, 'rail')
     wait(publisher.get_subscription_count)
     return move
-
-
-def test_messages_wait_for_the_transform_of_their_time(waiting, rail, wait):
-    with pytest.raises(MeasurementError, match='no frame'):
-        waiting.take(b'000000')
-    rail(100)
-    for data in (b'000150', b'000300', b'000160'):
-        waiting.take(data)
-    waiting.take(b'000100')  # is known
-    assert waiting.done == [100]
-    rail(200)
-    wait(lambda: len(waiting.done) == 3)
-    assert waiting.done == [100, 150, 160]
-    rail(300)
-    wait(lambda: len(waiting.done) == 4)
-    assert waiting.done[-1] == 300 and not waiting.refused
 
 
 def test_few_messages_wait_for_a_short_time(waiting, rail, wait, clock):

@@ -140,27 +140,6 @@ def test_what_is_said_of_a_refusal_is_short_whatever_was_sent(client):
     assert max(len(line) for lines in said() for line in lines) < 1000
 
 
-def test_a_refusal_names_the_topics_as_they_are_remapped():
-    remapped = ('-r', 'tendon_tensions:=winch/tension', '-r', 'tip_wrench:=/hand/wrench')
-    with hosting(OctoArmNode, *remapped) as client:
-        winch = client.node.create_publisher(TendonTensions, 'winch/tension', 10)
-        hand = client.node.create_publisher(WrenchStamped, '/hand/wrench', 10)
-        pulling = WrenchStamped()
-        pulling.wrench.force.x = 1.0
-
-        def told(*beginnings):
-            # What is refused often does not hide what is refused seldom.
-            for _ in range(5):
-                winch.publish(TendonTensions())
-            hand.publish(pulling)
-            said = [log.msg for log in client.logs]
-            return all(any(line.startswith(words) for line in said) for words in beginnings)
-
-        client.wait(lambda: told('/winch/tension refused', '/hand/wrench refused'), 'a refusal')
-        refusal = client.status('input')[1]['last refusal']
-        assert '/winch/tension' in refusal or '/hand/wrench' in refusal
-
-
 def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_back():
     with hosting(OctoArmNode, '-p', 'use_sim_time:=true') as client:
         clock = client.node.create_publisher(Clock, '/clock', 10)

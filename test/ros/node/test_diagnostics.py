@@ -1,7 +1,6 @@
 """What the node says of its inputs, and the clock that stamps are compared with."""
 
 import itertools
-import types
 
 import numpy as np
 import pytest
@@ -9,23 +8,14 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from live_nodes import AFFORDED, NAMES, hosting
 from octo_arm_msgs.msg import TendonTensions
-from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from octo_arm_model import load_config
-from octo_arm_model.arm.errors import MeasurementError, MessageError
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
-from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.config.parameters import DiagnosticLimits
-from octo_arm_model.ros.estimator.stamps import Stamps
-from octo_arm_model.ros.node import diagnostics as heard_inputs
-from octo_arm_model.ros.node.diagnostics import Diagnostics, HeardInputs, SteppedClock
 from octo_arm_model.ros.node.main import OctoArmNode
-from octo_arm_model.wire.stamp import Stamp
 
 
 def test_stamps_that_run_backwards_and_two_sources_are_diagnosed(client):
@@ -169,117 +159,4 @@ def test_a_coarse_clock_is_not_mistaken_for_stamps_from_the_future(step, is_ahea
         assert after - before == int(is_ahead)
 
 
-LIMIT = 2.0  # [s]
 WINCHES, WRENCH = '/tendon_displacements', '/tip_wrench'
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    """A clock that stands still until its ``now`` [s] is set."""
-    clock = types.SimpleNamespace(now=100.0)
-    monkeypatch.setattr(heard_inputs, 'time', types.SimpleNamespace(monotonic=lambda: clock.now))
-    return clock
-
-
-@pytest.fixture
-def heard(clock):
-    made = HeardInputs()
-    made.apart, made.unanswered = frozenset({WINCHES, WRENCH}), frozenset({WRENCH})
-    return made
-
-
-def test_an_input_that_was_heard_and_is_no_more_is_named(clock, heard):
-    for topic in ('/tendon_tensions', WINCHES, WRENCH):
-        heard.note(topic)
-    clock.now += 3.0
-    heard.note('/tendon_tensions/array')  # tensions may go on on another topic
-    silent = [f'{topic} is silent for 3.0 s' for topic in (WINCHES, WRENCH)]
-    assert heard.silent(LIMIT) == silent
-    heard.is_used = lambda topic: topic != WRENCH  # it was of no force
-    assert heard.silent(LIMIT) == silent[:1]
-    clock.now += 3.0
-    assert '/tendon_tensions/array is silent for 3.0 s' in heard.silent(LIMIT)
-    heard.begin()
-    assert heard.silent(LIMIT) == []
-
-
-@pytest.mark.parametrize(('topic', 'is_silent'), [(WINCHES, False), (WRENCH, True)])
-def test_who_hears_nothing_to_answer_is_silent(clock, heard, topic, is_silent):
-    clock.now += 3.0
-    assert heard.silent(LIMIT) == ['silent for 3.0 s']
-    heard.note(topic)
-    assert heard.silent(LIMIT) == (['silent for 3.0 s'] if is_silent else [])
-
-
-def test_messages_that_are_refused_are_no_silence(clock, make_node):
-    node, said = make_node('octo_arm'), []
-    node.create_subscription(DiagnosticArray, '/diagnostics', said.append, 10)
-    diagnostics = Diagnostics(node)
-    config = load_config(preset_path('renda2012_table4'))
-    diagnostics.describe(config.solver(compiled=None), DiagnosticLimits(LIMIT, 1.0, 0.1))
-    diagnostics.begin()
-    clock.now += 3.0
-    diagnostics.refused('/tendon_tensions', MessageError('too short'))
-
-    def heard_of_input():
-        said.clear()
-        while not said:
-            node.executor.spin_once(timeout_sec=1.0)
-        return said[-1].status[1].message
-
-    assert heard_of_input() == '1 refused: /tendon_tensions: too short'
-    clock.now += 3.0
-    assert heard_of_input() == '/tendon_tensions is silent for 3.0 s'
-
-
-MILLISECOND = 10**6  # [ns]
-START = 5000 * 10**9  # [ns]
-
-
-@pytest.fixture
-def node(make_node):
-    simulated = [Parameter('use_sim_time', value=True)]
-    return make_node('clocked', parameter_overrides=simulated)
-
-
-@pytest.fixture
-def advance(node):
-    """Lets the clock of the node be another time [ns]."""
-    publisher = node.create_publisher(Clock, '/clock', 10)
-
-    def advance(nanoseconds):
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(nanoseconds, 10**9)
-        while node.get_clock().now().nanoseconds != nanoseconds:
-            publisher.publish(message)
-            node.executor.spin_once(timeout_sec=0.1)
-
-    return advance
-
-
-@pytest.mark.parametrize(('step', 'is_ahead'), [(80, False), (10, True)])
-def test_the_estimator_takes_what_the_steps_of_a_coarse_clock_explain(
-    node, advance, step, is_ahead
-):
-    clock = SteppedClock(node)
-    stamps = Stamps(clock)
-    stamps.ahead = 0.1
-    for number in range(3):
-        advance(START + number * step * MILLISECOND)
-    ahead = Stamp.from_ns(START + (2 * step + 150) * MILLISECOND)
-    if is_ahead:
-        with pytest.raises(MeasurementError, match='ahead of the clock'):
-            stamps.resolve(ahead)
-    else:
-        assert stamps.resolve(ahead) == ahead
-    assert clock.ahead(ahead, clock.now_ns) == pytest.approx(0.15 - 2e-3 * step)
-
-
-def test_nothing_is_ahead_of_a_time_that_is_not_known_nor_of_the_first_step(node, advance):
-    clock = SteppedClock(node)
-    stamp = Stamp.from_ns(START + 150 * MILLISECOND)
-    assert clock.ahead(stamp, clock.now_ns) == 0.0 and not any(clock.now)
-    assert clock.time_of(Stamp(0, 0)) == Stamp(0, 0)
-    advance(START)
-    assert clock.ahead(stamp, clock.now_ns) == pytest.approx(0.15)
-    assert clock.time_of(None) == Stamp.from_ns(START)

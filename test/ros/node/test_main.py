@@ -85,27 +85,6 @@ node.run('stuck', Stuck)
     assert status == 1 and 'in destroy_node' in complaints
 
 
-def test_an_executor_that_a_signal_cut_short_is_not_freed():
-    # That of rclpy aborts the process where it is freed then.
-    assert ended("""
-import os, signal, time
-from rclpy.node import Node
-from octo_arm_model.ros.node import main as node
-class CutShort:
-    def add_node(self, node):
-        self.node = node
-    def spin_once(self, timeout_sec):
-        os.kill(os.getpid(), signal.SIGINT)
-        while node.rclpy.ok():
-            time.sleep(0.001)
-        raise RuntimeError('failed to initialize wait set')
-    def __del__(self):
-        os.abort()
-node.make_executor = CutShort
-raise SystemExit(node.run('short', lambda: Node('short')))
-""") == (0, '')
-
-
 @pytest.mark.parametrize(
     ('old', 'new', 'complaint'),
     [
