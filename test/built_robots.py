@@ -26,7 +26,6 @@ START = 1_700_000_000 * 10**9  # [ns]
 SPOOL = 0.012  # radius [m]
 COUNTS = 4096  # of a turn of a servo
 ZERO = 2048  # counts at the unloaded arm
-TENDONS_PER_SECTION = 4
 MOTORS = tuple(f'motor_{section}{side}' for section in (1, 2, 3) for side in 'ab')
 # Motors of the tendons, section by section from the tip, and which way each reels.
 OF_TENDON = tuple(f'motor_{section}{side}' for section in (1, 2, 3) for side in 'abab')

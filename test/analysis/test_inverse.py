@@ -121,15 +121,6 @@ def test_a_backbone_seen_by_a_camera_is_followed(solver: Solver) -> None:
     np.testing.assert_allclose(found.backbone.position, known.position, atol=1e-5)
 
 
-def test_before_every_solve_a_caller_may_do_something_else(solver: Solver) -> None:
-    paused = []
-    target = TipPosition(solver.solve(TENSIONS).tip)
-    found = find_tensions(solver, target, HIGHEST, pause=lambda: paused.append(True))
-    assert len(paused) == 2 * found.iterations  # solves and derivatives
-    same = find_tensions(solver, target, HIGHEST)
-    np.testing.assert_allclose(same.backbone.tensions, found.backbone.tensions, atol=1e-9)
-
-
 def test_what_is_out_of_reach_is_said_to_be_with_what_is_left(short: Solver) -> None:
     found = find_tensions(short, TipPosition([1.0, 0.0, 0.0]), 4.0)
     assert not found.reached
@@ -239,10 +230,3 @@ def test_the_jacobian_of_a_bending_angle_is_its_derivative_near_half_a_turn(
 def test_what_is_no_target_is_refused(build: object, message: str) -> None:
     with pytest.raises(TargetError, match=message):
         build()  # type: ignore[operator]
-
-
-@pytest.mark.parametrize('size', [1e-300, 1e200])
-def test_the_size_of_a_direction_does_not_matter(size: float) -> None:
-    direction = np.array([1.0, 2.0, -2.0])
-    found = Stiffness(size * direction, 5.0).direction
-    np.testing.assert_allclose(found, direction / 3.0, rtol=1e-12)

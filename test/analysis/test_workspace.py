@@ -6,24 +6,17 @@ import dataclasses
 import multiprocessing
 import socket
 import sys
-from typing import NoReturn
 
 import numpy as np
 import pytest
 from workspaces import HIGHEST, TOO_HIGH, assert_same
 
 from octo_arm_model import (
-    Arm,
-    Body,
     Config,
     ConfigError,
-    Function,
-    Material,
     SolveError,
-    TensionError,
 )
 from octo_arm_model.analysis import worker_pool
-from octo_arm_model.analysis.worker_pool import solve_parts
 from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
 
 
@@ -115,13 +108,6 @@ def test_refused_sets_are_counted_and_not_in_the_cloud(table4: Config) -> None:
     assert len(workspace.direction) == len(tip)
 
 
-def test_all_may_be_refused(table4: Config) -> None:
-    workspace = sample_workspace(table4, 1e9, 8, processes=1)
-    assert workspace.refused == 8
-    assert workspace.tip.shape == workspace.direction.shape == (0, 3)
-    assert workspace.tensions.shape == (0, 3, 4)
-
-
 @pytest.mark.parametrize(
     ('given', 'message'),
     [
@@ -145,25 +131,6 @@ def test_bad_options_are_refused_by_name(
         sample_workspace(table4, HIGHEST, **given)
 
 
-@pytest.mark.parametrize(
-    ('highest', 'message'),
-    [
-        (-1.0, r'highest: tension of tendon_1_1 is -1\.0 N, expected a finite number >= 0'),
-        (float('nan'), 'highest: tension of tendon_1_1 is nan N, expected'),
-        (np.where(np.eye(3, 4) > 0, np.inf, 1.0), 'highest: tension of tendon_1_1 is inf N'),
-        ([1.0, 2.0, 3.0, 4.0], r'highest: tensions have shape \(4,\), expected'),
-        ([[1.0], [1.0, 2.0]], 'highest: tensions must be numbers in rows of equal length'),
-        (np.ones((2, 3, 4)), r'highest has shape \(2, 3, 4\), expected one number or \(3, 4\)'),
-        ('much', 'highest: tensions must be numbers'),
-        (True, 'highest: tensions must be numbers'),
-        (None, 'highest: tensions must be numbers'),
-    ],
-)
-def test_a_bad_box_is_refused(table4: Config, highest: object, message: str) -> None:
-    with pytest.raises(TensionError, match=message):
-        sample_workspace(table4, highest, 8)
-
-
 def test_two_processes_give_the_same(table4: Config) -> None:
     # Some sets are refused, and the last chunk is not full.
     config, count = dataclasses.replace(table4, model='closed_form'), 3 * CHUNK + 5
@@ -174,23 +141,6 @@ def test_two_processes_give_the_same(table4: Config) -> None:
     assert alone.refused
     assert calls == [(done, count) for done in (0, CHUNK, 2 * CHUNK, 3 * CHUNK, count)]
     assert_same(sample_workspace(config, TOO_HIGH, count, processes=2), alone)
-
-
-def test_by_default_processes_are_started_where_they_pay(
-    table4: Config, cloud: Workspace, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Started(Exception):
-        pass
-
-    def start(*given: object) -> NoReturn:
-        raise Started
-
-    monkeypatch.setattr(worker_pool, '_in_pool', start)
-    monkeypatch.setattr(worker_pool.os, 'sched_getaffinity', lambda pid: {0, 1}, raising=False)
-    assert_same(sample_workspace(table4, HIGHEST, 4 * CHUNK), cloud)
-    monkeypatch.setattr(worker_pool, '_POOL_START', 0.0)
-    with pytest.raises(Started):
-        sample_workspace(table4, HIGHEST, 4 * CHUNK)
 
 
 def test_an_interrupt_ends_all_workers(table4: Config) -> None:
@@ -245,38 +195,3 @@ def test_a_scheduler_that_does_not_answer_is_one_line(
             message = str(caught.value)
             assert f'scheduler is {address!r}, expected the address of a running' in message
             assert '\n' not in message
-
-
-def test_a_function_without_a_name_stays_in_this_process(table4: Config) -> None:
-    arm = table4.arm
-    softer = Material(Function(lambda s: 1.1e5 - 1e4 * s, table4.arm.length))
-    assert isinstance(arm.body, Body)
-    config = dataclasses.replace(
-        table4, arm=Arm(softer, arm.body, arm.sections), model='closed_form'
-    )
-    assert len(sample_workspace(config, HIGHEST, 8, processes=1).tip) == 8
-    with pytest.raises(ConfigError, match=r'cannot be sent to other processes .* or processes=1'):
-        sample_workspace(config, HIGHEST, 2 * CHUNK, processes=2)
-
-
-def test_every_set_has_its_shape_or_its_error(table4: Config) -> None:
-    solver = table4.solver('closed_form')
-    tensions = np.zeros((37, 3, 4))
-    tensions[:, 0, 0] = np.linspace(0.0, 0.1, 37)
-    refused = [0, 5, 6, 36]
-    tensions[refused] = 1e3
-    numbers: list[int] = []
-    for part, found in solve_parts(solver, tensions):
-        numbers += range(part.start, part.stop)
-        if isinstance(found, SolveError):
-            assert part.stop == part.start + 1 and part.start in refused
-            continue
-        assert not set(refused) & set(range(part.start, part.stop))
-        expected = [solver.solve(one).tip for one in tensions[part]]
-        np.testing.assert_allclose(found.tip, expected, rtol=0.0, atol=1e-12)
-    assert numbers == list(range(37))
-
-
-def test_a_batch_without_a_refusal_is_solved_at_once(table4: Config) -> None:
-    ((part, found),) = solve_parts(table4.solver('closed_form'), np.zeros((5, 3, 4)))
-    assert (part, len(found.tip)) == (slice(0, 5), 5)

@@ -20,15 +20,13 @@ import pytest
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-import rclpy
-from live_nodes import DEADLINE, PERIOD, RosClient, hosting, new_domain, spinning, start
+from live_nodes import DEADLINE, RosClient, hosting, new_domain, spinning
 
 from octo_arm_model import load_config
 from octo_arm_model.apps import demo, octopus
 from octo_arm_model.apps.shared import own_domain
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.simulation.profiles.commands import find_profile
 
@@ -45,49 +43,6 @@ def family_of(mark):
         except OSError:
             pass  # ended since, or of another user
     return found
-
-
-class Program:
-    """A program, and all that it starts."""
-
-    def __init__(self, module, *arguments, domain=None):
-        self._mark = mark = str(uuid.uuid4())
-        domain = domain or new_domain()
-        self.process = start(f'apps.{module}', *arguments, domain=domain, OCTO_ARM_TEST=mark)
-
-    def family(self):
-        """It and what it has started."""
-        return family_of(self._mark)
-
-    def line(self, pattern):
-        """The next line of its output that ``pattern`` is found in."""
-        end = time.monotonic() + DEADLINE
-        for line in self.process.stdout:
-            if found := re.search(pattern, line):
-                return found
-            assert time.monotonic() < end, f'no {pattern!r} in {DEADLINE} s, at last {line!r}'
-        raise AssertionError(f'it ended by itself: {self.process.stderr.read()}')
-
-    def end(self, how=signal.SIGINT):
-        """Its exit status and its output to stderr."""
-        self.process.send_signal(how)
-        _, complaints = self.process.communicate(timeout=DEADLINE)
-        return self.process.returncode, complaints
-
-
-@pytest.fixture
-def started():
-    programs = []
-
-    def start(*arguments, **options):
-        programs.append(Program(*arguments, **options))
-        return programs[-1]
-
-    yield start
-    for program in programs:
-        for process in program.family():
-            os.kill(process, signal.SIGKILL)
-        program.process.communicate()
 
 
 class Watched(io.StringIO):
@@ -229,30 +184,6 @@ def test_a_domain_with_an_arm_is_left_to_it(monkeypatch, capsys):
     assert capsys.readouterr().out.startswith(f'{expected}{other}: ')
 
 
-@pytest.mark.endurance
-@pytest.mark.parametrize(('module', 'namespace'), [('demo', ''), ('octopus', 'arm_1')])
-def test_a_second_arm_goes_to_another_domain_and_says_so(started, module, namespace):
-    domain = new_domain()
-    started(module, 'renda2012_table4', '--no-viewer', domain=domain).line('arms|waiting|shapes')
-    # Another preset, so that it is told from the first one.
-    program = started(module, 'renda2012_table2', '--no-viewer', domain=domain)
-    said = program.line(r'(\S+): there is an arm in ROS domain (\d+) already; .*DOMAIN_ID=(\d+)$')
-    assert said.groups() == (f'octo_arm_{module}', str(domain), said[3])
-    assert int(said[3]) != domain
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=int(said[3]))
-    client = ArmClient(rclpy.create_node('listener', context=context), namespace)
-    end = time.monotonic() + DEADLINE
-    while client.config is None:
-        assert time.monotonic() < end, f'no arm in {DEADLINE} s'
-        client.poll()
-        time.sleep(PERIOD)
-    rclpy.shutdown(context=context)
-    assert client.config.arm.length == load_config(preset_path('renda2012_table2')).arm.length
-    assert client.config.arm.length != load_config(preset_path('renda2012_table4')).arm.length
-    assert program.end()[0] == 0
-
-
 def test_what_else_publishes_tensions_is_told(run_here):
     said = []
 
@@ -273,39 +204,6 @@ def test_a_domain_that_is_no_number_is_refused(monkeypatch):
     with pytest.raises(ConfigError, match="ROS_DOMAIN_ID is 'lab', expected a number"):
         with own_domain('octo_arm_demo'):
             pass
-
-
-@pytest.mark.endurance
-def test_the_demonstration_ends_quietly_with_the_reader_of_its_numbers(started):
-    program = started('demo', 'renda2012_prototype', '--no-viewer')
-    program.line('waiting|shapes/s')  # as quickly as the node has started
-    program.process.stdout.close()  # as `head` does
-    assert program.process.wait(DEADLINE) == 141
-    assert 'Traceback' not in program.process.stderr.read()
-    assert program.family() == set()
-
-
-@pytest.mark.endurance
-@pytest.mark.skipif(not shutil.which('setpriv'), reason='needs setpriv')
-def test_what_is_killed_leaves_nothing_behind(started):
-    program = started('demo', 'renda2012_prototype', '--no-viewer')
-    program.line(NUMBERS)
-    program.process.kill()
-    assert program.process.wait(DEADLINE) == -signal.SIGKILL
-    end = time.monotonic() + DEADLINE
-    while program.family():
-        assert time.monotonic() < end, f'after {DEADLINE} s they still run'
-
-
-@pytest.mark.endurance
-def test_what_is_ended_while_it_starts_leaves_nothing_behind(started):
-    program = started('demo', 'renda2012_table4')
-    while len(program.family()) < 3:
-        assert program.process.poll() is None
-    status, complaints = program.end(signal.SIGTERM)
-    assert status == 0, complaints
-    assert 'Traceback' not in complaints
-    assert program.family() == set()
 
 
 @pytest.mark.parametrize('config', ['no_such_arm', 'no/such/file.yaml'])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
@@ -60,34 +59,10 @@ def test_tendons_are_named_by_section_and_number_unless_named() -> None:
     assert arm_of((0.4, 0.0, 0.0), names=tuple('ABCD')).tendon_names == ('A', 'B', 'C', 'D')
 
 
-def test_arms_are_values_immutable_equal_and_hashable() -> None:
-    arm = arm_of((0.4, 0.004, 0.004))
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        arm.body = BODY  # type: ignore[misc]
-    assert arm == arm_of((0.4, 0.004, 0.004))
-    assert hash(arm) == hash(arm_of((0.4, 0.004, 0.004)))
-
-
-def test_sections_may_be_any_sequence_and_numbers_integers_or_numpys() -> None:
-    arm = Arm(Material(np.float32(1e5), 0), Body(1, 1, 1), [Section(1, 0, np.int64(1))])
-    assert arm.sections == (Section(1.0, 0.0, 1.0),)
-    assert isinstance(arm.body.length, float)
-
-
 @pytest.mark.parametrize('given', [Section(0.4, 0.0, 0.0), None, 'sections', (0.4,)])
 def test_sections_that_are_none_are_refused(given: Any) -> None:
     with pytest.raises(ArmDefinitionError, match=r'^sections is .*, expected a sequence of'):
         Arm(MATERIAL, BODY, given)
-
-
-def test_a_property_of_tendons_may_be_an_array() -> None:
-    friction: Any = np.full(4, 0.1)
-    arm = Arm(MATERIAL, BODY, (Section(0.4, 0.0, 0.0),), friction=friction)
-    assert arm.friction == (0.1, 0.1, 0.1, 0.1)
-
-
-def test_a_tendon_may_lie_on_the_surface() -> None:
-    assert arm_of((0.4, 0.02, 0.01)).sections[0].offset_anchorage == 0.01
 
 
 @pytest.mark.parametrize('bad', [0.0, -1.0, math.nan, math.inf, -math.inf, '1', None, True, [1.0]])

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-from octo_arm_model import TargetError, TensionError, TipPose, load_config
+from octo_arm_model import TensionError, load_config
 from octo_arm_model.arm.errors import in_short, listed, shown
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.displacements import check_displacements
@@ -21,14 +20,6 @@ def test_names_from_outside_do_not_reach_a_terminal_as_they_are() -> None:
         assert text.isprintable()
         assert 'tendon' in text
     assert len(in_short(error)) <= 300
-
-
-def test_arrays_are_shown_as_lists() -> None:
-    assert shown(np.array([[0.5, np.nan], [1.0, 2.0]])) == '[[0.5, nan], [1.0, 2.0]]'
-    assert shown([np.float64(0.5), (np.int64(3), 'x')]) == "[0.5, (3, 'x')]"
-    assert len(shown(np.zeros(1000))) == 203
-    with pytest.raises(TargetError, match=r'tip quaternion is \[0.0, 0.0, 0.0, 2.0\], expected'):
-        TipPose(np.zeros(3), np.array([0.0, 0.0, 0.0, 2.0]))
 
 
 def test_what_refuses_a_name_shows_it_printable() -> None:

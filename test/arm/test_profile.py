@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from octo_arm_model import ArmDefinitionError, Constant, Function, Linear, Profile, Table
-from octo_arm_model.arm.profile import as_profile
 
 S = np.linspace(0.0, 0.4, 41)
 WAVY = Function(lambda s: 0.01 + 0.002 * np.sin(20.0 * s), 0.4)
@@ -52,16 +51,6 @@ def test_a_table_passes_through_its_points_and_never_beyond_them() -> None:
     assert values.max() <= 0.02 + 1e-12
     assert values.min() >= 0.004 - 1e-12
     assert table.knots == (0.1, 0.2)
-
-
-def test_two_points_are_a_straight_line() -> None:
-    table, line = Table((0.0, 0.4), (0.02, 0.005)), Linear(0.02, 0.005, 0.4)
-    np.testing.assert_allclose(table.value(S), line.value(S), rtol=1e-12)
-
-
-def test_a_number_is_a_constant() -> None:
-    assert as_profile(0.3) == Constant(0.3)
-    assert as_profile(WAVY) is WAVY
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ from workspaces import HIGHEST
 from octo_arm_model import Config, Loads, Solver
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile_files import read_profile
 
@@ -52,14 +51,6 @@ def test_json_holds_the_whole_shape_in_si_units(cli: Cli, table4: Config, model:
     assert all(isinstance(number, int) for number in shape['section'])
 
 
-def test_a_file_is_read_where_the_name_looks_like_a_path(cli: Cli, tmp_path: Path) -> None:
-    path = tmp_path / 'my_arm.yaml'
-    path.write_text(preset_path('renda2012_prototype').read_text())
-    said = cli('solve', path, '--tensions', '[[3, 0, 0, 0]]')
-    assert said[0] == 0
-    assert said == cli('solve', 'renda2012_prototype', '--tensions', '[[3,0,0,0]]')
-
-
 def test_loads_and_material_may_be_said_on_the_command_line(cli: Cli, table4: Config) -> None:
     physics = (
         '--model exact --material linear --gravity 0 0 -9.81 --density 1080 --fluid-density 1000 '
@@ -88,19 +79,6 @@ def test_lengths_that_winches_reel_in_give_the_tensions(cli: Cli) -> None:
     again = cli.json(*arm, '--tensions', json.dumps(shape['tension']), '--json')
     np.testing.assert_allclose(again['position'], shape['position'], atol=1e-12)
     assert cli(*given)[1].endswith('slack: tendon_2_1\n')
-
-
-def test_what_winches_reel_in_of_tendons_that_stretch_and_rub_gives_tensions_back(
-    cli: Cli, tmp_path: Path
-) -> None:
-    text = preset_path('renda2012_prototype').read_text()
-    text = text.replace('model: renda2012', 'model: exact')
-    path = tmp_path / 'rough.yaml'
-    path.write_text(f'{text}    tendons: {{friction: [0.1], axial_stiffness: [500.0]}}\n')
-    reeled = cli.json('solve', path, '--tensions', '[[2, 0, 0, 0]]', '--json')['displacement']
-    given = json.dumps({'tendon_1_1': reeled[0][0]})
-    tension = cli.json('solve', path, '--displacements', given, '--json')['tension']
-    assert tension[0][0] == pytest.approx(2.0, abs=1e-8)
 
 
 def test_inverse_finds_tensions_whose_tip_is_where_it_was_wanted(cli: Cli, table4: Config) -> None:
@@ -213,13 +191,6 @@ def test_by_default_a_tendon_compresses_its_thin_end_by_a_tenth(cli: Cli, table4
     ends_only = np.zeros((3, 4))
     ends_only[0] = highest[0] / 4.0
     assert table4.solver('closed_form').solve(ends_only).q[-1] == pytest.approx(-0.1)
-
-
-def test_help_tells_units_defaults_and_examples(cli: Cli) -> None:
-    text = ' '.join(cli.left('workspace', '--help')[1].split())
-    for expected in ('largest tension [N]', '4096', '10 percent', 'octo_arm_model[cluster]'):
-        assert expected in text
-    assert 'octo-arm workspace renda2012_table4 --out cloud.png' in text
 
 
 def test_the_list_of_profiles_is_that_of_the_arm(cli: Cli, table2: Config) -> None:

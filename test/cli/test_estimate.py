@@ -15,7 +15,6 @@ from touched_demo import MARKERS, PUSH, TOUCHED, record, touched_bag
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.types import known_types
-from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.wire.estimate import read_covariance
 
 TIP = ('--markers', '-')
@@ -133,16 +132,6 @@ def test_tip_poses_alone_do(short_bag: Path, cli: Cli) -> None:
     assert status == 0 and set(result['innovations']) == {'tip pose'}
     assert any('is not compared with: there are no tensions' in one for one in result['notes'])
     assert any('tensions change by' in one for one in result['notes'])
-
-
-def test_the_help_names_every_parameter_and_topic(cli: Cli) -> None:
-    out = cli.left('estimate', '--help')[1]
-    for parameter in ESTIMATOR_PARAMETERS:
-        name = parameter.name.removeprefix(PREFIX)
-        if name not in ('contact_s', 'window'):
-            assert f'--{name.replace("_", "-")}' in out
-    for word in ('--tip-pose', '--base-wrench', '--tendon-displacements', 'measured/markers'):
-        assert word in out
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -186,15 +185,3 @@ def test_without_ros_playing_says_what_to_do(cli: Cli, monkeypatch: pytest.Monke
     monkeypatch.delitem(sys.modules, 'octo_arm_model.ros.client.commands', raising=False)
     line = cli.refused('play', 'ramps')
     assert 'playing needs ROS 2' in line and re.search(r'\(rclpy(\.\w+)? is missing\)', line)
-
-
-def test_it_runs_as_a_module_of_its_own() -> None:
-    done = subprocess.run(
-        [sys.executable, '-m', 'octo_arm_model.cli.main', *SOLVE, '[[0]]'],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr == (
-        'octo-arm: error: tensions have shape (1, 1), expected (..., 3, 4): '
-        '3 section(s) from the tip, 4 tendons each\n'
-    )

@@ -11,7 +11,7 @@ import pytest
 from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, OctoArmError, TensionError
 from octo_arm_model.config.build import LoadCellCalibration
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter import Parameter, ParameterGroup, stated
+from octo_arm_model.config.parameter import ParameterGroup, stated
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.hardware import Hardware, SimulatedHardware
 
@@ -51,23 +51,6 @@ def test_shapes_of_another_arm_are_refused_as_without_calibration() -> None:
             )
 
 
-def test_a_slack_tendon_reads_the_offset_and_is_slack() -> None:
-    cells = LoadCellCalibration(0.0, OFFSETS, SCALES)
-    read = cells.readings(np.zeros(12))
-    assert (cells.tensions(CONFIG.arm, read.reshape(3, 4)) == 0.0).all()
-    tensions = np.linspace(0.0, 3.0, 12)
-    np.testing.assert_allclose(cells.scale_and_offset(cells.readings(tensions)), tensions,
-                               atol=1e-12)  # fmt: skip
-
-
-def test_parameters_say_the_calibration() -> None:
-    given = {'tension_deadband': 0.01, 'tension_offset': OFFSETS, 'tension_scale': SCALES}
-    assert Config.from_parameters({**TABLE4, **given}).load_cells == LoadCellCalibration(
-        0.01, OFFSETS, SCALES
-    )
-    assert CONFIG.load_cells.is_identity
-
-
 @pytest.mark.parametrize(
     ('name', 'value', 'kind', 'message'),
     [
@@ -104,18 +87,6 @@ class Pump(ParameterGroup):
     share: float = stated('of the flow [-]', 0.5, 'in [0, 1]')
     places: tuple[float, ...] = stated('of its valves [m]', (), 'on the arm')
     seed: int = stated('of its noise', 0, '>= 0')
-
-
-def test_fields_are_parameters_of_their_group() -> None:
-    assert Pump.table() == (
-        Parameter('pump.pressure', float, 'what it holds [Pa]; 0 for off', 0.0, range='>= 0'),
-        Parameter('pump.time', float, 'how long it takes [s]', 1.0, range='> 0'),
-        Parameter('pump.share', float, 'of the flow [-]', 0.5, range='in [0, 1]'),
-        Parameter('pump.places', float, 'of its valves [m]', (), True, range='on the arm'),
-        Parameter('pump.seed', int, 'of its noise', 0, range='>= 0'),
-    )
-    given = {'pump.seed': 3, 'pump.places': (0.1,), 'pump.share': 1.0, 'pump.time': 2.0}
-    assert Pump.of({**given, 'pump.pressure': 1.0, 'rate': 5.0}) == Pump(1.0, 2.0, 1.0, (0.1,), 3)
 
 
 @pytest.mark.parametrize(

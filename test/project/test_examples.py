@@ -81,21 +81,6 @@ def test_every_benchmark_runs_to_its_end(
     assert len(done.stdout.splitlines()) > 3
 
 
-def test_make_bench_runs_every_benchmark() -> None:
-    (recipe,) = [
-        part for part in (ROOT / 'Makefile').read_text().split('\n\n') if part.startswith('bench:')
-    ]
-    assert {name for name in BENCHMARKS if f'benchmarks/{name}' in recipe} == BENCHMARKS
-
-
-def test_an_option_that_is_none_is_refused() -> None:
-    done = subprocess.run(
-        [sys.executable, FOLDER / 'solvers.py', '--briefly'],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 2 and '--briefly' in done.stderr
-
-
 @pytest.mark.endurance
 def test_the_node_stands_abuse(capfd, monkeypatch):
     """A short run of `benchmarks/soak.py`."""

@@ -12,7 +12,6 @@ import sys
 from xml.etree import ElementTree
 
 import pytest
-import yaml
 from checkout import ROOT
 
 import octo_arm_model
@@ -125,12 +124,6 @@ def test_every_message_field_is_explained_and_every_number_has_a_unit(path):
             if line.startswith(('float', 'int', 'uint')):
                 assert re.search(r'\[.+\]', explained), line
             explained = False
-
-
-def test_colcon_defaults_name_the_message_package_for_every_verb():
-    verbs = yaml.safe_load((ROOT / 'colcon_defaults.yaml').read_text())
-    assert {'build', 'list', 'test'} <= set(verbs)
-    assert all(options == {'base-paths': ['.', 'msg_defs']} for options in verbs.values())
 
 
 @pytest.mark.parametrize(

@@ -242,21 +242,6 @@ def test_where_logs_cannot_be_written_that_is_said(
         assert 'Traceback' not in complaint
 
 
-def test_an_error_is_not_hidden_where_no_thread_can_watch_the_end() -> None:
-    pytest.importorskip('rclpy', reason='needs ROS 2')
-    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-    before = """
-import faulthandler
-def no_thread(*given, **named):
-    raise RuntimeError('unable to start watchdog thread')
-faulthandler.dump_traceback_later = no_thread
-"""
-    status, complaint = started('node', before=before)
-    assert status == 1
-    assert complaint.splitlines()[-1].startswith('octo_arm_node: error: ')
-    assert 'watchdog' not in complaint
-
-
 def test_without_standard_error_a_command_works_and_its_notes_stay_out_of_its_output() -> None:
     code = 'import sys, octo_arm_start; sys.exit(octo_arm_start.command_line())'
     table = 'workspace renda2012_prototype --model closed_form --samples 4 --json'.split()

@@ -19,9 +19,7 @@ from octo_arm_model import (
     Constant,
     Function,
     Linear,
-    Loads,
     Material,
-    OctoArmError,
     PointLoad,
     ProfiledBody,
     RoutedSection,
@@ -170,7 +168,6 @@ def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm: Arm, what: 
         (lambda: Arm(Material(1e5, Constant(0.6)), CONE, (Section(0.3, 0, 0),)),
          'material.poisson_ratio at s = 0 m is 0.6, expected a finite number in (-1, 0.5]'),
         (lambda: Material.from_moduli(3e5, 5e4), 'material.shear_modulus is 50000.0'),
-        (lambda: Material(1e5, 0.5, -1.0), 'material.density is -1.0, expected'),
         (lambda: Section(0.3, 0.0, 0.0, angles=()), 'section.angles is (), expected at least one'),
         (lambda: Section(0.3, 0.0, 0.0, twist=(1.0,)), 'section.twist is (1.0,), expected 4'),
         (lambda: Section(0.3, 0.0, 0.0, angles=(math.nan,)), 'section.angles is nan, expected'),
@@ -181,11 +178,6 @@ def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm: Arm, what: 
          'sections[1].tendons[1].offset is 0.007, expected at most the radius of the bod'),
         (lambda: Arm(SOFT, Body(0.3, 0.01, 0.01, 0.02), (Section(0.3, 0.021, 0.0),)),
          'sections[1].offset_base is 0.021, expected at most the radius of the discs'),
-        (lambda: Arm(SOFT, CONE, (Section(0.3, 0.0, 0.0),), friction=(0.1, 0.1, 11.0, 0.1)),
-         'tendons.friction is 11.0, expected a finite coefficient >= 0 [-] of at most 10'),
-        (lambda: PointLoad(-0.1, (0, 0, 1)), 'loads.point.s is -0.1, expected a finite arc coord'),
-        (lambda: Solver(HELICAL, 'exact', loads=Loads(points=(PointLoad(0.5, (0, 0, 1)),))),
-         'loads: s is 0.5, expected at most the length of the arm, 0.3 [m]'),
     ],
 )  # fmt: skip
 def test_impossible_arms_name_field_value_and_expectation(
@@ -267,45 +259,3 @@ def test_helices_by_twist_and_shear_by_a_word(tmp_path: Path) -> None:
     assert np.abs(backbone.tau).min() > 0.01
     assert backbone.twist is not None
     assert backbone.twist.shape[0] == 6
-
-
-@pytest.mark.parametrize(
-    ('changes', 'message'),
-    [
-        ({'material': {'poisson_ratio': 0.4}}, 'material.youngs_modulus is missing'),
-        ({'material': {'table_s': [0.0, 0.3], 'table_youngs_modulus': [1e5]}},
-         'material.table_youngs_modulus has 1 values, expected 2, one for each'),
-        ({'material': {'table_s': [0.0, 0.3], 'table_youngs_modulus': [1e5, 1e5],
-                       'shear_modulus': 4e4}}, 'material.shear_modulus does not go with'),
-        ({'material': {'youngs_modulus': 1e5, 'law': 'steel'}}, "material.law is 'steel'"),
-        ({'material': {'youngs_modulus': 1e5, 'shear': 1}}, 'material.shear is 1, expected bool'),
-        ({'material': {'youngs_modulus': 1e5, 'shear': True}}, 'material.shear goes with'),
-        ({'body': {'length': 0.3, 'table_s': [0.0, 0.2], 'table_radius': [0.01, 0.01]}},
-         'last s of body.profile is 0.2, expected at least 0.3'),
-        ({'sections': {'anchorage': [0.3], 'tendons': [0], 'offset_base': [0.0],
-                       'offset_anchorage': [0.0]}}, 'sections.tendons is [0], expected'),
-        ({'sections': {'anchorage': [0.3], 'tendons': [3, 3], 'offset_base': [0.0],
-                       'offset_anchorage': [0.0]}}, 'sections.tendons has 2 values, expected 1'),
-        ({'sections': {'anchorage': [0.3]}}, 'sections.offset_base is missing'),
-        ({'tendons': {'angle': [0.0]}}, 'tendons.angle has 1 values, expected 4, one per tendon'),
-        ({'tendons': {'table_s': [0.0, 0.3], 'table_offset': [0.001] * 8}},
-         'sections.offset_base does not go with tendons.table_s'),
-        ({'sections': {'anchorage': [0.3]},
-          'tendons': {'table_s': [0.0, 0.3], 'table_offset': [0.001] * 7}},
-         'tendons.table_offset has 7 values, expected 8, 2 for each of 4 tendons'),
-        ({'loads': {'gravity': [0.0, 0.0]}}, 'loads.gravity is (0.0, 0.0), expected three finite'),
-        ({'loads': {'gravity': [0.0, 0.0, 9.81]}}, 'material.density is 0.0, expected'),
-        ({'loads': {'point_s': [0.1], 'point_force': [0.0]}},
-         'loads.point_force has 1 values, expected 3, three for each of'),
-        ({'loads': {'distributed_s': [0.1], 'distributed_force': [0.0] * 3}},
-         'loads.distributed.s is (0.1,), expected at least two'),
-        ({'tension_stddev': -0.1}, 'tension_stddev is -0.1, expected a finite standard deviation'),
-    ],
-)  # fmt: skip
-def test_yaml_that_does_not_fit_together_is_named(
-    tmp_path: Path, changes: dict[str, object], message: str
-) -> None:
-    with pytest.raises(OctoArmError) as refusal:
-        read(tmp_path, **changes).solver()
-    assert message in str(refusal.value)
-    assert '\n' not in str(refusal.value)

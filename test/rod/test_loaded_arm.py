@@ -24,7 +24,6 @@ from octo_arm_model import (
     Body,
     Config,
     ConfigError,
-    ConvergenceError,
     DistributedLoad,
     LoadError,
     Loads,
@@ -33,7 +32,6 @@ from octo_arm_model import (
     Pose,
     ProfiledBody,
     Section,
-    SolveError,
     Solver,
     Table,
 )
@@ -41,8 +39,6 @@ from octo_arm_model.arm.budget import Budget
 from octo_arm_model.arm.errors import ContinuationError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import ScaledLoads
-from octo_arm_model.rod import continuation
-from octo_arm_model.rod.stations import panels_of
 
 LAWS = ('linear', 'neo_hookean')
 THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
@@ -341,18 +337,6 @@ def test_where_arm_and_loads_are_not_smooth_may_come_in_any_order(
     np.testing.assert_allclose(found.tip, expected.tip, rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize('place', [0.06, float(np.nextafter(0.06, 1.0)), 0.15, 3 * 0.05])
-def test_a_load_may_lie_beside_a_point_of_a_table_by_rounding(place: float) -> None:
-    radius = Table((0.0, 0.06, 0.15, 0.45), (0.015, 0.012, 0.01, 0.008))
-    sections = Section(0.45, 0.006, 0.004), Section(0.3, 0.006, 0.006)
-    arm = Arm(Material(1.1e5, 0.45), ProfiledBody(0.45, radius), sections)
-    near, at = (Loads(points=(PointLoad(s, (0.0, 0.0, -0.1)),)) for s in (place, round(place, 9)))
-    found, expected = (Solver(arm, 'exact', loads=loads) for loads in (near, at))
-    rest = np.zeros((2, 4))
-    assert len(panels_of(arm, near.breaks)) == len(panels_of(arm, at.breaks))
-    np.testing.assert_allclose(found.solve(rest).tip, expected.solve(rest).tip, atol=1e-12)
-
-
 def test_scaled_loads_are_loads_of_their_magnitude() -> None:
     point = PointLoad(0.15, (0.0, 0.01, 0.005), (1e-4, 0.0, 2e-4))
     along = DistributedLoad((0.05, 0.25), ((0.0, 0.05, 0.0), (0.0, 0.0, -0.1)))
@@ -640,9 +624,7 @@ def test_an_arm_that_stands_too_tall_falls_over_and_stays_balanced(table4: Confi
     assert aside.tip[2] > 0.1
 
 
-def test_a_failed_balance_and_a_failed_continuation_say_so_each(
-    table4: Config, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_continuation_that_has_spent_its_budget_says_where(table4: Config) -> None:
     arm, loads = with_density(table4.arm), Loads(gravity=(-9.81, 0.0, 0.0))
     for budget, spent in (
         (Budget(4), '4 iterations'),
@@ -656,33 +638,6 @@ def test_a_failed_balance_and_a_failed_continuation_say_so_each(
         Budget(seconds=0)
     with pytest.raises(ConfigError, match='residual is 1, expected at most'):
         Budget(residual=1)
-    solver = Solver(arm, 'exact', 31, loads=loads)
-    monkeypatch.setattr(continuation, '_MOST_DESCENT', 1)
-    with pytest.raises(ConvergenceError, match='balance under load did not converge: residual'):
-        solver.solve(np.zeros((3, 4)))
-
-
-@pytest.mark.parametrize('friction', [(), (0.1,)], ids=['smooth', 'rough'])
-def test_arms_of_a_batch_that_are_not_loaded_are_solved_as_alone(
-    table4: Config, friction: tuple[float, ...]
-) -> None:
-    arm = dataclasses.replace(table4.arm, friction=friction)
-    solver = Solver(arm, 'exact')
-    tensions = 0.05 * np.arange(48.0).reshape(4, 3, 4)
-    wrenches = np.zeros((4, 6))
-    wrenches[[1, 2], 2] = 0.002, -0.001
-    together = solver.solve(tensions, wrenches)
-    for number, (given, wrench) in enumerate(zip(tensions, wrenches, strict=True)):
-        alone = solver.solve(given, wrench)
-        for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q', 'slid_tensions'):
-            found, expected = getattr(together, name), getattr(alone, name)
-            if expected is not None:
-                scale = np.abs(expected).max()
-                tolerance = (1e-12 if name in ('position', 'quaternion') else 1e-10) * scale
-                np.testing.assert_allclose(found[number], expected, rtol=0.0, atol=tolerance)
-    tensions[2, 1, 1] = 1e5
-    with pytest.raises(SolveError, match=r'in set 2$'):
-        solver.solve(tensions, wrenches)
 
 
 def test_a_batch_under_loads_is_its_sets_one_by_one() -> None:
@@ -713,37 +668,10 @@ def test_the_tip_under_loads_does_not_depend_on_the_number_of_stations(stations:
     [
         (lambda: PointLoad(-0.1, (0, 0, 1)), ArmDefinitionError, 'loads.point.s is -0.1'),
         (lambda: PointLoad(0.1, (0, math.nan, 1)), ArmDefinitionError, 'three finite numbers'),
-        (lambda: Loads(gravity=(0, 1)), ArmDefinitionError, 'loads.gravity'),
-        (lambda: Loads(fluid_density=-1.0), ArmDefinitionError, 'loads.fluid_density is -1.0'),
-        (
-            lambda: DistributedLoad((0.1, 0.1), ((0, 0, 0), (0, 0, 1))),
-            ArmDefinitionError,
-            'at least two, increasing',
-        ),
         (
             lambda: DistributedLoad((0.1, 0.2), ((0, 0, 0),)),
             ArmDefinitionError,
             'expected 2 forces, one for each s',
-        ),
-        (
-            lambda: Solver(HELICAL, 'exact', loads=Loads(points=(PointLoad(0.5, (0, 0, 1)),))),
-            ArmDefinitionError,
-            'at most the length of the arm, 0.4',
-        ),
-        (
-            lambda: Solver(with_density(HELICAL, 0.0), 'exact', loads=Loads(gravity=GRAVITY)),
-            ArmDefinitionError,
-            'material.density',
-        ),
-        (
-            lambda: Solver(HELICAL, 'exact').solve(HELICAL_TENSIONS, (0, 0, 1)),
-            LoadError,
-            'tip_wrench',
-        ),
-        (
-            lambda: Solver(HELICAL, 'exact').solve(HELICAL_TENSIONS, (0, 0, math.inf, 0, 0, 0)),
-            LoadError,
-            'tip_wrench',
         ),
         (
             lambda: Solver(HELICAL, 'exact').solve([HELICAL_TENSIONS] * 2, np.zeros((3, 6))),

@@ -33,21 +33,9 @@ from octo_arm_model import (
 )
 from octo_arm_model.arm.profile import Constant
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.rod.stations import StationGrid, _share_intervals, panels_of
+from octo_arm_model.rod.stations import StationGrid, panels_of
 
 STATION_COUNTS = st.integers(6, 150)
-
-
-def test_panels_go_from_base_to_tip_and_count_from_the_tip(table4: Config) -> None:
-    panels = [(p.start, p.stop, p.section) for p in panels_of(table4.arm)]
-    assert panels == [(0.0, 0.135, 3), (0.135, 0.315, 2), (0.315, 0.45, 1)]
-
-
-@settings(max_examples=25)
-@given(arms(), STATION_COUNTS)
-def test_there_are_as_many_stations_as_asked_for(arm: Arm, count: int) -> None:
-    grid = StationGrid.build(arm, count)
-    assert grid.s.shape == grid.section.shape == (count,)
 
 
 @settings(max_examples=25)
@@ -165,45 +153,6 @@ def test_stations_scale_with_the_arm(arm: Arm, count: int, exponent: float) -> N
     np.testing.assert_array_equal(large.section, small.section)
 
 
-@settings(max_examples=25)
-@given(
-    st.lists(st.integers(1, 12), min_size=1, max_size=6),
-    st.integers(0, 80),
-    st.integers(1, 1000),
-    st.sampled_from([1.0, 10.0, 0.1, 1.0 / 3.0, 1e-3, 7.7]),
-)
-def test_panels_that_are_equally_long_up_to_rounding_share_alike(
-    parts: list[int], more: int, unit: int, scale: float
-) -> None:
-    # Lengths in ratios of integers give ties between panels.
-    ends = np.cumsum(parts)[::-1]
-    first, second = (
-        Arm(
-            Material(1e5),
-            Body(length * ends[0], 0.5 * length, 0.5 * length),
-            tuple(Section(length * end, 0.1 * length, 0.1 * length) for end in ends),
-        )
-        for length in (1.0, scale / unit)
-    )
-    count = len(parts) + 1 + more
-    one, other = (StationGrid.build(arm, count) for arm in (first, second))
-    np.testing.assert_allclose(other.s, one.s * (scale / unit), rtol=1e-12)
-    np.testing.assert_array_equal(other.section, one.section)
-
-
-@settings(max_examples=25)
-@given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=8), st.integers(0, 300))
-def test_intervals_go_one_by_one_to_the_panel_with_the_longest(
-    lengths: list[float], more: int
-) -> None:
-    counts = _share_intervals(lengths, len(lengths) + more)
-    assert sum(counts) == len(lengths) + more
-    for count, length in zip(counts, lengths, strict=True):
-        # When its last interval was added no other panel had longer intervals.
-        others = max(other / n for other, n in zip(lengths, counts, strict=True))
-        assert count == 1 or length / (count - 1) >= others * (1.0 - 1e-8)
-
-
 def test_stations_are_spread_evenly(table4: Config) -> None:
     gaps = np.diff(StationGrid.build(table4.arm, 101).s)
     assert gaps.max() < 1.1 * gaps.min()
@@ -224,19 +173,6 @@ def test_stations_are_spread_evenly(table4: Config) -> None:
 def test_refused_station_counts_are_named(table4: Config, stations: object, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         StationGrid.build(table4.arm, stations)  # type: ignore[arg-type]
-
-
-def test_the_fewest_stations_are_both_ends_and_the_anchorages(table4: Config) -> None:
-    grid = StationGrid.build(table4.arm, 4)
-    assert grid.s.tolist() == [0.0, 0.135, 0.315, 0.45]
-    assert grid.section.tolist() == [3, 3, 2, 1]
-
-
-def test_the_grid_is_read_only(table4: Config) -> None:
-    grid = StationGrid.build(table4.arm)
-    for array in (grid.s, grid.section):
-        with pytest.raises(ValueError, match='read-only'):
-            array[0] = 1
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])

@@ -15,7 +15,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 viser = pytest.importorskip('viser', reason='needs viser')
 
 from octo_arm_model import SolveError, load_config
-from octo_arm_model.analysis.drawing import Drawing, UncertaintyDrawing
+from octo_arm_model.analysis.drawing import UncertaintyDrawing
 from octo_arm_model.apps.demo import movement_of
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
@@ -26,8 +26,7 @@ from octo_arm_model.simulation.profiles.limits import figures, highest_tensions
 from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.commander import Commander
 from octo_arm_model.viewer.controls import Controls, ModelOverlay
-from octo_arm_model.viewer.page import StrainPlots
-from octo_arm_model.viewer.scene import ArmScene, UncertaintyScene
+from octo_arm_model.viewer.scene import UncertaintyScene
 from octo_arm_model.wire.estimate import BackboneCovariance
 
 CONFIG = load_config('renda2012_table4')
@@ -36,41 +35,6 @@ PROTOTYPE = load_config('renda2012_prototype')
 EXACT = PROTOTYPE.solver('exact', 21)
 SHAPE = EXACT.solve([[1.0, 0.4, 0.3, 0.5]])
 FORCE = np.array([0.0, -0.006, 0.01])
-
-
-@pytest.mark.parametrize('name', PRESETS)
-def test_the_scene_has_the_geometry_of_the_drawing(server, name):
-    config = load_config(name)
-    solver, highest = config.solver('exact'), highest_tensions(config.arm)
-    arm = ArmScene(server.scene, name, solver)
-    for part in (0.0, 0.3):
-        tensions = np.zeros(highest.size)
-        tensions[0] = part * highest[0]
-        backbone = solver.solve(tensions.reshape(config.arm.tension_shape))
-        arm.show(backbone, tensions / highest)
-        drawn = Drawing(config.arm, solver.grid.s, widen=solver.law.widens, sides=24).draw(
-            backbone.position, backbone.quaternion, backbone.q
-        )
-        body = server.scene.get_handle_by_name(f'/{name}/body')
-        np.testing.assert_allclose(body.vertices, drawn.vertices, atol=1e-7)
-        assert body.faces.max() < len(body.vertices)
-        lines = server.scene.get_handle_by_name(f'/{name}/tendons')
-        assert len(lines.points) == sum(len(path) - 1 for path in drawn.tendons)
-        # The one that is pulled is the reddest, as are all its segments.
-        first = len(drawn.tendons[0]) - 1
-        red = lines.colors[:, 0, 0].astype(int) - lines.colors[:, 0, 1]
-        assert (red[:first] > 0).all() == (part > 0.0)
-        assert (red[first:] == 0).all()
-        # Rims of discs are where they belong: in the plane of an anchorage, at its radius.
-        discs = server.scene.get_handle_by_name(f'/{name}/discs')
-        each = discs.vertices.reshape(len(config.arm.sections), -1, 3)
-        half = 0.002 * config.arm.length
-        for vertices, centre, radius in zip(each, drawn.disc_position, drawn.disc_radius):
-            away = np.linalg.norm(vertices[:-2] - centre, axis=1)
-            np.testing.assert_allclose(away, np.hypot(radius, half), rtol=1e-4)
-        # Every edge is shared by two triangles that run along it in opposite directions.
-        edges = {(a, b) for row in discs.faces.tolist() for a, b in zip(row, row[1:] + row[:1])}
-        assert len(edges) == 3 * len(discs.faces) and all((b, a) in edges for a, b in edges)
 
 
 def known(place, stddev=1e-3):
@@ -104,15 +68,6 @@ def test_what_is_drawn_is_what_is_known(server):
     np.testing.assert_allclose(mesh('cone').vertices[-2], SHAPE.position[10], atol=1e-4)
     scene.hide()
     assert not mesh('tube').visible
-
-
-def test_there_is_no_curve_before_there_is_a_shape(server):
-    plots = StrainPlots(server.gui, EXACT.grid.s)
-    assert not any(plot.visible for plot in plots._plots)
-    plots.show(SHAPE, None)
-    assert all(plot.visible for plot in plots._plots)
-    for curve in plots._plots[2].data[1:]:
-        np.testing.assert_array_equal(curve, SHAPE.k)
 
 
 def test_numbers_are_those_of_the_shapes():

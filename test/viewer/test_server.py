@@ -1,6 +1,5 @@
 """The host, the port, the document and the command line of programs that serve a page."""
 
-import gzip
 import signal
 import socket
 import urllib.request
@@ -12,15 +11,12 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 viser = pytest.importorskip('viser', reason='needs viser')
 
-from websockets.datastructures import Headers
-from websockets.http11 import Response
 
 from octo_arm_model.apps import octopus
 from octo_arm_model.viewer import main as viewer
-from octo_arm_model.viewer.server import AddressError, Document, free_port, url
+from octo_arm_model.viewer.server import AddressError, free_port, url
 
 DEADLINE = 30.0  # [s]
-PLAIN = b'<html><head><title>Viser</title></head><body><title>Viser</title></body></html>'
 
 
 def test_a_port_in_use_is_passed_over_until_none_is_left(monkeypatch):
@@ -55,29 +51,6 @@ def test_the_page_is_for_this_machine_alone_and_named(server):
     with urllib.request.urlopen(f'http://127.0.0.1:{port}/', timeout=DEADLINE) as answer:
         page = answer.read()
     assert b'<title>octo_arm</title>' in page and b'Viser</title>' not in page
-
-
-@pytest.mark.parametrize('encoding', ['identity', 'gzip'])
-def test_the_tab_has_the_name_of_the_arm(encoding):
-    def served(body, kind='text/html; charset=utf-8'):
-        headers = Headers({'Content-Type': kind, 'Content-Encoding': encoding})
-        headers['Content-Length'] = str(len(body))
-        response = Response(200, 'OK', headers, body)
-        document.change(response)
-        assert response.headers.get_all('Content-Length') == [str(len(response.body))]
-        return response.body
-
-    document, body = Document('octo_arm: <one> & two'), PLAIN
-    if encoding == 'gzip':
-        body = gzip.compress(PLAIN)
-    for _ in range(2):
-        page = served(body)
-        page = gzip.decompress(page) if encoding == 'gzip' else page
-        head = page.partition(b'</head>')[0]
-        assert b'<title>octo_arm: &lt;one&gt; &amp; two</title><style>' in head
-        assert b'max-width: 36em' in head
-    assert served(body, 'text/javascript') == body
-    assert served(b'') == b''
 
 
 @pytest.mark.parametrize(

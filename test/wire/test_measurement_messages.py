@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
-from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.estimation.model import ArmModel, Prediction
@@ -287,7 +286,3 @@ def test_a_covariance_too_small_for_numbers_is_refused(variance: float) -> None:
 def test_readings_that_no_number_holds_once_scaled_are_refused() -> None:
     with pytest.raises(MeasurementError, match='expected finite numbers'):
         tensions_of(np.full(CONFIG.arm.tension_shape, 1e308), arm(tension_scale=[10.0] * 4))
-
-
-def test_the_types_are_those_of_ros() -> None:
-    assert all(row.type_name in known_types().types for row in MEASUREMENT_TOPICS.values())

@@ -32,13 +32,6 @@ def test_what_is_kept_is_bounded_whatever_comes() -> None:
     assert found.of('/a')['other reasons'] == 9_950
 
 
-def test_what_is_of_no_topic_names_none() -> None:
-    found = Refusals()
-    found.count('', 'the estimate did not converge')
-    assert found.lines() == ['1 left out, as the estimate did not converge']
-    assert found.in_short == '; 1 left out, as the estimate did not converge'
-
-
 def test_a_stamp_that_is_not_set_tells_no_time() -> None:
     assert time_of(None) is None
     assert time_of(Stamp(0, 0)) is None

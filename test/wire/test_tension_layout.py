@@ -77,21 +77,6 @@ def test_changed_bytes_are_read_right_or_left_to_the_full_reader(data, tensions)
     assert_read_right(layout_like(example), bytes(changed))
 
 
-@pytest.mark.parametrize('cut', [0, 3, 4, 11, 12, 40, 200, -1])
-def test_other_lengths_are_left_to_the_full_reader(cut):
-    example = serialize_message(message(ARM.tendon_names, [0.0] * 12))
-    layout = layout_like(example)
-    assert layout.read(example[:cut]) is None
-    assert layout.read(example + b'\0') is None
-
-
-def test_nothing_is_like_an_example_of_another_encoding():
-    plain = serialize_message(message(ARM.tendon_names, [0.0] * 12))
-    example = b'\0\0\0\0' + plain[4:]
-    full = deserialize_message(plain, TendonTensions)
-    assert TensionLayout(TENDON_TENSIONS, example, full, ARM).read(example) is None
-
-
 def made(kind, random, stamp, is_shaped):
     """A message of any type of tensions, and what the full reader makes of it."""
     package, _, name = kind.type_name.split('/')

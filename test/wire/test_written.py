@@ -214,14 +214,6 @@ def test_an_estimate_is_drawn_as_a_tube_and_an_arrow_in_its_cone_or_none():
         assert 0.0 < message.markers[0].color.a < 0.5
 
 
-def test_names_end_at_a_nul_as_those_of_messages_do():
-    backbone = made_up(3, 'exact\0x')
-    plain = dataclasses.replace(backbone, model='exact')
-    ours = writer_for(backbone, 'ä\0b').all(backbone, np.zeros((6, 6)), 1, 2)
-    for data, message in zip(ours, four(plain, 'ä', (1, 2), np.zeros((6, 6)))):
-        assert_serialised(data, message)
-
-
 @pytest.mark.parametrize('given', [{'frame': '\ud800'}, {'names': ['\ud800']}])
 def test_names_that_utf8_cannot_hold_are_refused(given):
     with pytest.raises(ConfigError, match='UTF-8 cannot hold'):
