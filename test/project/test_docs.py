@@ -81,28 +81,6 @@ def assert_prints(printed, stated):
         assert abs(float(number) - float(expected)) <= off, f'{number}, not {expected}; {both}'
 
 
-@pytest.mark.parametrize(
-    ('printed', 'stated', 'is_so'),
-    [
-        ('[0.04154 2.   ]', '[ 0.0415 2.0]', True),
-        ('[0.04174 2.]', '[0.0415 2.0]', False),
-        ('[0. 0. 0.]', '[0.0021 0.0 0.0]', False),
-        ('3 of 5 used', '4 of 5 used', False),
-        ('-1.24e-05 m', '-1.2e-05 m', True),
-        ('-1.44e-05 m', '-1.2e-05 m', False),
-        ('read\nin 3.1 s\ndone  5', 'read\n...\ndone 5', True),
-        ('read\nin 3.1 s', 'read\n...\ndone', False),
-        ('anything', '', False),
-    ],
-)
-def test_what_is_printed_is_compared_to_the_digits_stated(printed, stated, is_so):
-    if is_so:
-        assert_prints(printed, stated)
-    else:
-        with pytest.raises(AssertionError):
-            assert_prints(printed, stated)
-
-
 @pytest.mark.parametrize('page', pages_with('python'))
 def test_python_prints_what_is_stated(page, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)

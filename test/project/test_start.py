@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
 
 import pytest
 from checkout import ROOT
@@ -87,8 +86,6 @@ for line in sys.stdin:
         out.seek(0), err.seek(0)
         print(json.dumps([status, out.read(), err.read()]), flush=True)
 """
-ALL_OF_ROS = """octo_arm_model.ros.estimator.lifecycle, octo_arm_model.ros.node.lifecycle,\
-octo_arm_model.ros.simulator.main, octo_arm_model.apps.demo, octo_arm_model.apps.octopus"""
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
@@ -128,15 +125,6 @@ def run_without_ros() -> Iterator[Run]:
 def run_quickly() -> Iterator[Run]:
     """As `run`, with what the command always needs imported before ``before``."""
     with forking('octo_arm_model.cli.main') as run:
-        yield run
-
-
-@pytest.fixture(scope='module')
-def run_with_ros() -> Iterator[Run]:
-    """As `run`, with ROS and the programs imported."""
-    pytest.importorskip('rclpy', reason='needs ROS 2')
-    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-    with forking(ALL_OF_ROS) as run:
         yield run
 
 
@@ -221,25 +209,6 @@ def test_without_memory_that_is_said() -> None:
     arguments = ['solve', 'renda2012_prototype', '--tensions', '[[1, 0, 0, 0]]']
     status, complaint = started('command_line', *arguments, before=before)
     assert (status, complaint) == (2, 'octo-arm: error: out of memory\n')
-
-
-@pytest.mark.parametrize('program', OF_ROS)
-def test_where_logs_cannot_be_written_that_is_said(
-    run_with_ros: Run, program: str, tmp_path: Path
-) -> None:
-    (tmp_path / 'file').write_text('')
-    nowhere = {'HOME': None, 'ROS_HOME': None, 'ROS_LOG_DIR': None}
-    no_folder = {'ROS_LOG_DIR': str(tmp_path / 'file' / 'logs')}
-    for environment in (nowhere, no_folder) if program == 'node' else (no_folder,):
-        done = run_with_ros(program, *OF_ROS[program], **environment)
-        complaint = done.stderr
-        assert done.returncode in (1, 2)
-        # rcutils reports errors of its own before it.
-        last = complaint.splitlines()[-1]
-        assert ': error: failed to initialize logging' in last
-        assert last.endswith('set one to a folder that can be written')
-        assert '1.0' not in complaint
-        assert 'Traceback' not in complaint
 
 
 def test_without_standard_error_a_command_works_and_its_notes_stay_out_of_its_output() -> None:

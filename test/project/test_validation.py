@@ -20,22 +20,15 @@ import friction
 import run
 import sheaths
 import verify
-from arm_mesh import ArmMesh, Mesh, from_disc, to_disc
+from arm_mesh import ArmMesh, Mesh
 from cases import PROTOTYPE, SECTION_5_1, Case
 from compare import run_case, solve_models
-from elasticity import Contact, ElasticArm, SolidShape
+from elasticity import Contact, ElasticArm
 
 from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import preset_path
 
 COARSE = Mesh(1, 0.4)
-
-
-def test_disc_is_filled_one_to_one() -> None:
-    x, y = np.random.default_rng(1).uniform(-1.0, 1.0, (2, 500))
-    there = to_disc(x, y)
-    assert np.hypot(*there).max() < 1.0
-    np.testing.assert_allclose(from_disc(*there), (x, y), atol=1e-12)
 
 
 @pytest.mark.parametrize('half', [True, False])
@@ -68,22 +61,6 @@ def test_elements_by_themselves(
 ) -> None:
     for check in checks(Mesh(1, along)):
         assert check.passed, f'{check.what}: {check.found}, expected {check.expected}'
-
-
-def test_half_an_arm_bends_as_a_whole_one() -> None:
-    """Also: pulled at right angles, the arm bends at right angles."""
-    arm = verify.cylinder(0.004, 0.06)
-    contact = Contact(0.002, 0.001)
-    shapes: list[SolidShape] = []
-    for pulled in (0, 1):
-        solid = ElasticArm(arm, COARSE, [pulled], contact)
-        assert solid.mesh.half == (pulled == 0)
-        shapes += solid.follow([[1.5]])
-    half, whole = shapes
-    assert half.tip[1] > 0.005
-    np.testing.assert_allclose(whole.tip, half.tip[[0, 2, 1]], atol=1e-9)
-    assert half.elastic == pytest.approx(whole.elastic, rel=1e-9)
-    assert half.lengths == pytest.approx(whole.lengths, rel=1e-9)
 
 
 def tip_errors(case: Case, tension: float, contact: Contact) -> dict[str, float]:
@@ -173,20 +150,6 @@ def test_the_table_of_sheaths_is_that_of_the_elements_within_half_a_per_cent() -
         assert (found < 0.5 + np.array(one['mesh_error_percent'])).all()
         rigid = sheaths.errors(0.0, 1e-3 * np.array(one['tips_mm']))
         assert rigid[-1] > 10.0 * found[-1]
-
-
-def test_elements_of_a_sheath_are_compared() -> None:
-    """As the whole study does, on two coarse meshes and the least tension."""
-    small = dataclasses.replace(PROTOTYPE, tensions=((0.5,),), basis=Mesh(1, 0.3), result=COARSE)
-    before = sheaths.PROTOTYPE, sheaths._TENSIONS
-    sheaths.PROTOTYPE, sheaths._TENSIONS = small, [0.5]
-    try:
-        found = sheaths.compare(sheaths.elements(1e-3))
-    finally:
-        sheaths.PROTOTYPE, sheaths._TENSIONS = before
-    assert found['mesh_error_percent'][0] < 0.3
-    assert found['tip_error_percent']['estimated'][0] < 0.3
-    assert 5.0 < found['stiffness_over_shear_modulus']['estimated'] < 8.0
 
 
 def test_the_table_of_friction_is_that_of_the_model() -> None:

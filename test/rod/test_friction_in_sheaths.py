@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from differences import along, jacobian
 from helical_arm import PULL, helical_arm
 from scipy.optimize import brentq
 from sliding_arms import assert_pulled_alike
@@ -85,74 +84,6 @@ def test_a_loop_closes_and_encloses_something(loads: Loads) -> None:
     # The first may be on fewer nodes, where a tendon begins to stick a little elsewhere.
     np.testing.assert_allclose(tips[:4], tips[4:], atol=5e-6 * HELICAL.length)
     assert np.linalg.norm(tips[0] - tips[2]) > 2e-3 * HELICAL.length
-
-
-@pytest.mark.parametrize(
-    ('loads', 'material'),
-    [(LOADS[0].values[0], 'linear'), (LOADS[1].values[0], 'neo_hookean')],
-    ids=['free-linear', 'under gravity-neo_hookean'],
-)
-def test_derivatives_are_those_of_differences(loads: Loads, material: str) -> None:
-    def outcome(arm: Arm, pull: FloatArray = PULL) -> FloatArray:
-        near = Solver(arm, 'exact', 41, material=material, loads=loads)
-        backbone = near.solve(pull, start=balanced)
-        return np.concatenate([
-            backbone.position[::8].ravel(), backbone.xi[::8],
-            near.tendon_lengths(backbone).ravel(), near.tension_integrals(backbone).ravel(),
-        ])  # fmt: skip
-
-    def stiffer(x: FloatArray) -> FloatArray:
-        young = float(HELICAL.material.youngs_modulus) * (1.0 + x.item())
-        softer = dataclasses.replace(HELICAL.material, youngs_modulus=young)
-        return outcome(dataclasses.replace(HELICAL, material=softer))
-
-    def rougher(x: FloatArray) -> FloatArray:
-        return outcome(dataclasses.replace(HELICAL, friction=tuple(mu * (1.0 + x))))
-
-    def tighter(x: FloatArray) -> FloatArray:
-        return outcome(dataclasses.replace(HELICAL, sheath_stiffness=tuple(stiffness * (1.0 + x))))
-
-    solver = Solver(HELICAL, 'exact', 41, material=material, loads=loads)
-    balanced = solver.solve(PULL)
-    found = solver.sensitivity(balanced)
-    assert found.by_friction is not None and found.by_sheath_stiffness is not None
-    mu, stiffness = np.array(HELICAL.friction), np.array(HELICAL.sheath_stiffness)
-    rest, random = solver.rest_lengths.ravel(), np.random.default_rng(5)
-    # All tendons at once, each by another part of its own.
-    step, one = random.uniform(-1.0, 1.0, 6), np.ones(1)
-    for change, scale, direction, function in (
-        (found.by_tension, np.ones(6), 2e-3 * step,
-         lambda x: outcome(HELICAL, PULL + x.reshape(2, 3))),
-        (found.by_youngs_modulus, one, 1e-3 * one, stiffer),
-        (found.by_friction, mu, 1e-2 * step, rougher),
-        (found.by_sheath_stiffness, stiffness, 1e-2 * step, tighter),
-    ):  # fmt: skip
-        assert change.tendon_tension is not None
-        expected, moved = along(function, np.zeros_like(direction), direction), scale * direction
-        got = np.concatenate([
-            np.ravel(change.pose[::8, :3] @ moved), change.strain[::8, 1] @ moved,
-            change.tendon_length @ moved, (change.tendon_tension @ moved) * rest,
-        ])  # fmt: skip
-        for one_kind, other in zip(np.split(got, [18, 24, 30]), np.split(expected, [18, 24, 30])):
-            np.testing.assert_allclose(one_kind, other, rtol=1e-5, atol=1e-5 * np.abs(other).max())
-
-
-def test_offsets_have_derivatives_too() -> None:
-    def straight(offset: float) -> Solver:
-        arm = Arm(
-            STRAIGHT.material, STRAIGHT.body,
-            (Section(LENGTH, offset, offset, angles=(0.0, 1.0), twist=(2.0, 3.0)),),
-            friction=(MU,), sheath_stiffness=(SHEATH,),
-        )  # fmt: skip
-        return Solver(arm, 'exact', 41)
-
-    pull = [[0.5, 0.2]]
-    solver = straight(OFFSET)
-    found = solver.sensitivity(solver.solve(pull)).by_offset
-    assert found is not None
-    expected = jacobian(lambda x: straight(x.item()).solve(pull).tip, np.array([OFFSET]), 1e-5)
-    got = found.tip[:3].sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(got, expected, atol=1e-6 * np.abs(expected).max())
 
 
 def test_sheaths_too_soft_are_refused_by_the_tension_that_friction_leaves() -> None:

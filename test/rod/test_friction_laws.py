@@ -18,10 +18,8 @@ from strategies import fractions, loaded_arms
 
 from octo_arm_model import (
     Arm,
-    ArmDefinitionError,
     Backbone,
     Body,
-    Config,
     ConfigError,
     Constant,
     Linear,
@@ -348,13 +346,6 @@ def test_a_batch_is_its_arms_one_by_one() -> None:
                 )
 
 
-def test_a_batch_may_be_empty() -> None:
-    for model, loads in (('closed_form', Loads()), ('exact', Loads()), ('exact', GRAVITY)):
-        solver = Solver(helical(), model, loads=loads)
-        found = solver.solve(np.stack([PULL])[:0])
-        assert found.tendon_tensions.shape == (0, solver.solve(PULL).s.size, 6)
-
-
 # Derivatives ------------------------------------------------------------------------------------
 
 
@@ -420,18 +411,6 @@ def test_where_there_is_no_derivative_it_is_refused(model: str) -> None:
 
 
 # What is refused --------------------------------------------------------------------------------
-
-
-def test_the_papers_model_has_no_friction(table4: Config) -> None:
-    arm = dataclasses.replace(table4.arm, friction=12 * (0.1,))
-    with pytest.raises(ConfigError, match=r'renda2012.*does not cover friction.*closed_form'):
-        Solver(arm, 'renda2012')
-
-
-@pytest.mark.parametrize('friction', [(-0.1,), (math.nan,), (math.inf,), (0.1, 0.2)])
-def test_friction_is_one_number_or_one_for_each_tendon(friction: tuple[float, ...]) -> None:
-    with pytest.raises(ArmDefinitionError, match=r'tendons\.friction'):
-        helical(friction)
 
 
 def test_each_tendon_may_have_its_own() -> None:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 import strategies
-from differences import along, jacobian
+from differences import along
 from helical_arm import PULL, helical_arm
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,7 +19,6 @@ from octo_arm_model import (
     ArmDefinitionError,
     Body,
     Config,
-    ConfigError,
     Loads,
     Material,
     Section,
@@ -27,8 +26,6 @@ from octo_arm_model import (
     Solver,
 )
 from octo_arm_model.arm.stiffness import estimate_sheath_stiffness
-from octo_arm_model.rod.rod import Rod, Setting
-from octo_arm_model.rod.tendons import Tendons
 
 RUBBER = Material(1.1e5, 0.5, 1080.0)
 SHEAR_MODULUS = 1.1e5 / 3.0
@@ -98,55 +95,6 @@ def test_strains_are_those_of_least_energy_over_strains_and_places(s: float) -> 
     assert np.abs(best.x[4:]).max() > 0.01  # and tendons moved by more than 10 micrometres
 
 
-@pytest.mark.parametrize(
-    ('law', 'shear'), [('linear', False), ('linear', True), ('neo_hookean', False)]
-)
-def test_what_is_left_without_the_places_are_derivatives(law: str, shear: bool) -> None:
-    # Of the least energy over the places; of lengths by strain, which is what tensions leave
-    # unbalanced (Maxwell), and of lengths by tension.
-    rod = Rod(HELICAL, setting=Setting(law == 'neo_hookean', shear))
-    problem = rod.problem(0)
-    own, nodes, count = problem.strains, problem.elements.s.size, PULL.size
-    at = np.array([8.0, -12.0, 20.0, 0.8, 0.02, -0.03][:own])
-    steps = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3][:own])
-    stiffness, tables = np.array(HELICAL.sheath_stiffness), problem.tables
-
-    def balanced(x: np.ndarray, tensions: np.ndarray) -> Tendons:
-        problem.form.sections(tables, np.tile(x, (nodes, 1)), local(tensions), problem.work)
-        z = np.tile(x, (nodes, 1))
-        return Tendons(tables, z, local(tensions), problem.work.offsets)
-
-    def local(tensions: np.ndarray) -> np.ndarray:
-        return np.tile(tensions, (nodes, 1)) * tables.reach
-
-    def least(x: np.ndarray) -> np.ndarray:
-        """Energy of the tendons and sheaths of every section."""
-        stretch = balanced(x, PULL.ravel()).stretch
-        offset = problem.work.offsets
-        stored = 0.5 * stiffness * np.sum(offset**2, axis=-1)
-        return (local(PULL.ravel()) * stretch + stored).sum(axis=1)
-
-    def lengths(x: np.ndarray) -> np.ndarray:
-        return balanced(x, PULL.ravel()).stretch * tables.reach
-
-    found = balanced(at, PULL.ravel())
-    offset = problem.work.offsets.copy()
-    assert np.abs(offset).max() > 1e-5
-    assert not offset[:, 2].any() and not offset[tables.reach == 0.0].any()
-    pull = np.einsum('nj,njm->nm', local(PULL.ravel()), found.gradient)
-    np.testing.assert_allclose(pull, jacobian(least, at, steps), rtol=1e-7, atol=1e-9)
-    np.testing.assert_allclose(
-        found.stretch_by_twist * tables.reach[..., np.newaxis],
-        jacobian(lengths, at, steps),
-        atol=1e-8,
-    )
-    by_tension = jacobian(
-        lambda x: balanced(at, x).stretch * tables.reach, PULL.ravel(), np.full(count, 1e-3)
-    )
-    own_part = np.einsum('njj->nj', by_tension)
-    np.testing.assert_allclose(found.stretch_by_tension * tables.reach, own_part, atol=1e-9)
-
-
 LOADS = Loads(
     gravity=(0.0, 2.0, -3.0), fluid_density=400.0, tip_force=(0.005, 0.01, -0.005),
     tip_moment=(1e-4, -2e-4, 1e-4),
@@ -203,29 +151,6 @@ def test_sensitivities_are_those_by_differences(law: str, loads: Loads) -> None:
         )
 
 
-def test_by_offset_counts_how_places_follow() -> None:
-    tensions = np.array([[0.4, 0.6, 0.1, 0.2]])
-
-    def solver(farther: float) -> Solver:
-        sections = (Section(0.4, 0.008 + farther, 0.004 + farther),)
-        arm = Arm(RUBBER, HELICAL.body, sections, sheath_stiffness=(2e5,))
-        return Solver(arm, 'exact', 41)
-
-    found = solver(0.0).sensitivity(solver(0.0).solve(tensions))
-    assert found.by_offset is not None
-
-    def measured(x: np.ndarray) -> np.ndarray:
-        one = solver(x[0])
-        backbone = one.solve(tensions)
-        return np.concatenate([backbone.tip, one.tendon_lengths(backbone).ravel()])
-
-    expected = jacobian(measured, [0.0], 1e-5)[:, 0]
-    derivative = np.concatenate([
-        found.by_offset.tip[:3].sum(axis=1), found.by_offset.tendon_length.sum(axis=1)
-    ])  # fmt: skip
-    np.testing.assert_allclose(derivative, expected, atol=2e-6 * np.abs(expected).max())
-
-
 def test_stiff_sheaths_come_as_near_as_one_likes_to_tendons_in_their_places() -> None:
     arm = dataclasses.replace(HELICAL, sheath_stiffness=())
     rigid = Solver(arm, 'exact').solve(PULL)
@@ -234,11 +159,6 @@ def test_stiff_sheaths_come_as_near_as_one_likes_to_tendons_in_their_places() ->
         for k in (1e7, 1e8, 1e9)
     ]
     np.testing.assert_allclose(np.divide(apart[:-1], apart[1:]), 10.0, rtol=0.02)
-
-
-def test_rigid_sheaths_are_none() -> None:
-    arm = dataclasses.replace(HELICAL, sheath_stiffness=(0.0,))
-    assert arm.sheath_stiffness == ()
 
 
 @settings(max_examples=15, deadline=None)
@@ -270,12 +190,6 @@ def test_a_pulled_arm_bends_more_where_tendons_dig_in(loaded: tuple[Arm, np.ndar
     assert max(np.abs(found.tau).max(), np.abs(found.xi).max()) <= 1e-12 * np.abs(found.k).max()
     bend = np.abs(found.k) - np.abs(rigid.k)
     assert (bend >= -1e-9 * np.abs(rigid.k).max()).all()
-
-
-@pytest.mark.parametrize('model', ['closed_form', 'renda2012'])
-def test_the_papers_models_refuse_sheaths(table4: Config, model: str) -> None:
-    with pytest.raises(ConfigError, match=r'tendons.sheath_stiffness goes with model exact'):
-        Solver(with_sheath(table4.arm, 1e5), model)
 
 
 def test_what_sheaths_cannot_hold_is_refused(table4: Config) -> None:

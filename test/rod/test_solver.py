@@ -243,15 +243,6 @@ def test_a_batch_equals_its_sets_solved_one_by_one(
         np.testing.assert_allclose(together.k[index], alone.k, rtol=1e-6, atol=1e-5)
 
 
-@pytest.mark.parametrize('lead', [(0,), (3, 0), (0, 2)])
-def test_an_empty_batch_is_an_empty_result(
-    table4: Config, model: str, lead: tuple[int, ...]
-) -> None:
-    backbone = table4.solver(model).solve(np.zeros((*lead, 3, 4)))
-    assert backbone.position.shape == (*lead, 101, 3)
-    assert backbone.q.shape == (*lead, 101)
-
-
 @pytest.mark.parametrize('stations', [4, 5, 37, 101, 500])
 def test_the_tip_does_not_depend_on_the_number_of_stations(
     table4: Config, model: str, stations: int
@@ -271,16 +262,6 @@ def test_the_result_is_read_only(table4: Config, model: str) -> None:
                 value[...] = 0
     with pytest.raises(dataclasses.FrozenInstanceError):
         backbone.s = 0  # type: ignore[misc]
-
-
-def test_solving_again_changes_neither_result_nor_tensions(table4: Config, model: str) -> None:
-    solver, tensions = table4.solver(model), MIXED.copy()
-    first = solver.solve(tensions)
-    kept = first.position.copy()
-    solver.solve(2 * MIXED)
-    np.testing.assert_array_equal(first.position, kept)
-    np.testing.assert_array_equal(tensions, MIXED)
-    np.testing.assert_allclose(solver.solve(tensions).position, kept, atol=1e-12)
 
 
 def test_solve_is_a_solver_in_one_call(table4: Config, model: str) -> None:

@@ -6,13 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from rods import CASES, TENSIONS, WRENCH, forms, twists_at
+from rods import CASES, TENSIONS, WRENCH, twists_at
 
 from octo_arm_model import Loads
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.rod import Rod
-from octo_arm_model.rod.tables import work_arrays
 
 MU = (0.3, 0.5, 0.0, 0.4, 0.2, 0.6)
 WEIGHT = Loads(gravity=(0.0, 3.0, -5.0))
@@ -29,20 +28,6 @@ def jumped(problem: Problem) -> FloatArray:
     """Twists that jump at the anchorage."""
     z = twists_at(problem.elements.s, problem.strains)
     return z + 0.05 * problem.elements.section[:, np.newaxis]
-
-
-@pytest.mark.parametrize('name', CASES)
-@pytest.mark.parametrize('level', [0, 1])
-def test_both_forms_turn_tendons_alike(name: str, level: int) -> None:
-    pytest.importorskip('numba')
-    problem = rubbed(name).problem(level)
-    z, angles = jumped(problem), []
-    for form in forms():
-        work = work_arrays(problem.tables, problem.strains)
-        form.angles(problem.tables, z, TENSIONS * problem.tables.reach, work)
-        angles.append(work.angle)
-    np.testing.assert_allclose(angles[1], angles[0], rtol=0.0, atol=1e-12)
-    assert angles[0].max() > 1.0
 
 
 def conditions(problem: Problem, z: FloatArray) -> list[Condition]:
@@ -84,50 +69,6 @@ def test_the_jacobian_with_friction_is_that_of_differences(name: str) -> None:
         found = (problem.work.jacobian @ change.ravel()).reshape(z.shape)
         scale = np.abs(expected).max(axis=0)
         assert (np.abs(found - expected) <= 2e-6 * scale).all()
-
-
-@pytest.mark.parametrize('name', ['neo_hookean', 'shear in sheaths'])
-def test_tensions_change_with_what_they_depend_on(name: str) -> None:
-    # At fixed twists, by each tendon's own tension at the base, mu, sheath and place.
-    problem = rubbed(name).problem(0)
-    z = jumped(problem)
-    tables, random = problem.tables, np.random.default_rng(4)
-    for condition in conditions(problem, z):
-        state = problem.evaluate(problem.acting(condition), z)
-        changes = problem.tension_derivatives(state)
-        assert changes is not None
-        tendons = problem.tendons(state)
-        outwards = random.standard_normal((4, *tables.reach.shape)) * tables.reach
-        paths = np.moveaxis(outwards, 0, -1)
-        given = {
-            'friction': (changes.by_friction, np.ones(6)),
-            'tendons': (changes.by_unit(tendons.by_path(outwards).unit), paths),
-        }
-        if tables.compliance.any():
-            squares = -(tables.compliance**2)
-            given['compliance'] = (changes.by_unit(tendons.by_sheath_stiffness.unit), squares)
-        for field, (found, direction) in given.items():
-            value, ends = getattr(tables, field), []
-            step = {'friction': 1e-6, 'tendons': 1e-8, 'compliance': 300.0}[field]
-            for side in (step, -step):
-                problem.tables = tables._replace(**{field: value + side * direction})
-                assert problem.friction is not None
-                problem.friction.tables = problem.tables
-                ends.append(problem.evaluate(problem.acting(condition), z).acting.tensions)
-            problem.tables = problem.friction.tables = tables
-            expected = (ends[0] - ends[1]) / (2.0 * step)
-            if field == 'friction':
-                found = found * (tables.friction > 0.0)
-                expected = expected * (tables.friction > 0.0)
-            scale = np.abs(expected).max()
-            np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-5 * scale, err_msg=field)
-        moved = condition._replace(tensions=condition.tensions * (1.0 + 1e-6))
-        more = problem.evaluate(problem.acting(moved), z).acting.tensions
-        rates = problem.tension_rates(problem.evaluate(problem.acting(condition), z))
-        expected = (more - state.acting.tensions) / 1e-6
-        scale = np.abs(expected).max()
-        found = rates * condition.tensions
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-4 * scale)
 
 
 def test_tendons_in_sheaths_recover_from_an_impossible_shape() -> None:

@@ -46,26 +46,6 @@ def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
     return rod.readout(found.level, s).read(found.state)[0][-1]
 
 
-@pytest.mark.parametrize('loads', [Loads(), EVERYTHING], ids=['free', 'loaded'])
-@pytest.mark.parametrize(
-    'setting', [{}, {'widens': False, 'shear': True}], ids=['rubber', 'shear']
-)
-def test_tensions_come_back_from_what_they_reel_in(loads: Loads, setting: dict[str, bool]) -> None:
-    wrench = WRENCH if loads.any else NOTHING
-    rod = made(STRETCHING, loads, **setting)
-    pulled = rod.solve(0.4 * TENSIONS, wrench)
-    asked = Winches(rod).displacements(pulled)
-    cold = held(rod, asked, None, wrench)
-    np.testing.assert_allclose(tensions_of(cold), 0.4 * TENSIONS, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(cold.state.reeled, asked, rtol=0.0, atol=1e-10)
-    np.testing.assert_allclose(tip_of(rod, cold), tip_of(rod, pulled), rtol=0.0, atol=1e-9)
-    # From nearby: the first lengths again, from those a little further.
-    more = rod.solve(0.404 * TENSIONS, wrench, pulled)
-    further = held(rod, Winches(rod).displacements(more), cold, wrench)
-    np.testing.assert_allclose(tensions_of(further), 0.404 * TENSIONS, rtol=0.0, atol=1e-8)
-    assert further.iterations <= 5
-
-
 def test_a_straight_tendon_gives_way_with_its_arm_and_stretches_by_itself() -> None:
     young, radius, length, offset, pull, stiffness, free = 1e5, 0.01, 0.4, 0.006, 3.0, 200.0, 0.5
     arm = Arm(
