@@ -25,7 +25,6 @@ import numpy as np
 from brief import IS_BRIEF, make_parser
 
 from octo_arm_model import Config, load_config
-from octo_arm_model.bags.answers import Answers
 from octo_arm_model.bags.arms import find_arms
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.replay import replay
@@ -96,29 +95,25 @@ def main() -> None:
     config = load_config(PRESET)
     count = round(options.seconds * RATE)
     print(f'{count} messages at {RATE:g} Hz, load of the machine {os.getloadavg()[0]:.1f}\n')
-    print(
-        '| storage | model | side by side | us a message: wall, CPU | times real time: wall, CPU |'
-    )
-    print('| --- | --- | --- | --- | --- |')
+    print('| storage | model | us a message: wall, CPU | times real time: wall, CPU |')
+    print('| --- | --- | --- | --- |')
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         for storage in STORAGES:
             source, out = Path(folder) / f'in_{storage}', Path(folder) / 'out'
             record(source, config, count, storage)
             taken = clock(functools.partial(read_all, source, config))
-            row(storage, 'none, read alone', '', taken, count)
+            row(storage, 'none, read alone', taken, count)
             for model in ('renda2012', 'closed_form'):
-                values = {**load_parameters(PRESET), 'model': model}
-                is_quick = Answers(Config.from_parameters(values)).is_quick
                 taken = clock(functools.partial(replay_all, source, out, storage, model))
                 shutil.rmtree(out)
-                row(storage, model, 'yes' if is_quick else 'no: other bits', taken, count)
+                row(storage, model, taken, count)
 
 
-def row(storage: str, what: str, how: str, taken: tuple[float, float], count: int) -> None:
+def row(storage: str, what: str, taken: tuple[float, float], count: int) -> None:
     """Print a line of the table."""
     times = ', '.join(f'{1e6 * seconds / count:.1f}' for seconds in taken)
     ratios = ', '.join(f'{count / RATE / seconds:.1f}' for seconds in taken)
-    print(f'| {storage} | {what} | {how} | {times} | {ratios} (wanted {WANTED:g}) |')
+    print(f'| {storage} | {what} | {times} | {ratios} (wanted {WANTED:g}) |')
 
 
 if __name__ == '__main__':

@@ -11,7 +11,6 @@ from octo_arm_model.analysis.driven_arm import DrivenArm, FrictionMemory
 from octo_arm_model.analysis.worker_pool import solve_parts
 from octo_arm_model.arm.errors import OctoArmError, SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config
@@ -22,10 +21,6 @@ from octo_arm_model.wire.backbone import (
     BackboneBatchWriter,
     BackboneWriter,
 )
-
-_ARRAYS = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')  # that depend on tensions
-_TRIED, _TRIED_STEP = 128, 9  # sets compared in a batch, and the step between those alone
-_TRIED_PART = 0.1  # by which each tendon compresses the arm at most, see `default_highest`
 
 
 class Answer(NamedTuple):
@@ -47,7 +42,7 @@ class Answer(NamedTuple):
 
 
 class Answers:
-    """Answers tensions and displacements of one arm in their order, byte for byte like the node.
+    """Answers what drives one arm, in its order, as the node does but for rounding.
 
     Attributes:
         topics: what it answers on, of `ANSWERS`.
@@ -71,13 +66,10 @@ class Answers:
         described = config.base_frame, config.model, grid.s, grid.section
         self._writer = BackboneWriter(*described, config.arm.tendon_names)
         self._batch_writer = BackboneBatchWriter(*described)
-        is_plain = not (
+        self.is_quick = not (
             config.loads.any or config.arm.friction or config.uncertainty.is_any
             or lengths or displacements
         )  # fmt: skip
-        # By NumPy the cross sections of a batch take as many steps as the slowest of them needs.
-        is_alone = config.model == 'exact' and not self._solver.is_compiled
-        self.is_quick = is_plain and not is_alone and self._is_alike()
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
         """An answer to each of ``readings``, whose messages hold until the next are answered."""
@@ -126,25 +118,3 @@ class Answers:
             messages = self._batch_writer.write(result, stamps[part], part.start)
             answers += map(Answer, messages)
         return answers
-
-    def _is_alike(self) -> bool:
-        """Whether a batch gives the same shapes as single solutions, to the last bit.
-
-        That is a matter of the model, of NumPy and of BLAS; where they do not, they are solved
-        alone, as in the node. So it is tried.
-        """
-        highest = default_highest(self._solver.arm, _TRIED_PART).ravel()
-        some = np.random.default_rng(0).random((_TRIED, highest.size)) * highest
-        tensions = some.reshape(-1, *self._solver.arm.tension_shape)
-        try:
-            for part in (tensions, tensions[:3], tensions[:_TRIED_STEP]):
-                together = self._solver.solve(part)
-                for number in range(0, len(part), _TRIED_STEP):
-                    alone = self._solver.solve(part[number])
-                    for name in _ARRAYS:
-                        one, other = getattr(alone, name), getattr(together, name)[number]
-                        if not np.array_equal(one, other):
-                            return False
-        except SolveError:
-            return False
-        return True

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 SUMMARY = 'add to a bag of tensions the shapes of the arm'
 DESCRIPTION = """\
-Answer every message of tensions or tendon_displacements in a bag as the node would, byte for byte,
-and write a new bag: backbone/path, backbone/poses, strains and tip_pose, and where tendons are
-driven by length tendon_tension_estimates, in the namespace of the inputs and with their stamps,
-beside what the old bag holds. ROS is not needed, and all messages are answered,
-however fast they were recorded.
+Answer every message of tensions or tendon_displacements in a bag as the node would, and write a
+new bag: backbone/path, backbone/poses, strains and tip_pose, and where tendons are driven by
+length tendon_tension_estimates, in the namespace of the inputs and with their stamps, beside what
+the old bag holds. ROS is not needed, and all messages are answered, however fast they were
+recorded.
 """
 EPILOG = """\
 examples:

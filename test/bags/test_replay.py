@@ -1,4 +1,4 @@
-"""Replay: the shapes that belong to the tensions in a bag, byte for byte those of the node."""
+"""Replay: the shapes that belong to the tensions in a bag, as the node answers them."""
 
 from __future__ import annotations
 
