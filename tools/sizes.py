@@ -16,9 +16,9 @@ ROOT = Path(__file__).resolve().parent.parent
 MOST = {
     'octo_arm_model': 43_410,
     'octo_arm_model/analysis': 1_580,
-    'octo_arm_model/apps': 460,
+    'octo_arm_model/apps': 455,
     'octo_arm_model/arm': 1_820,
-    'octo_arm_model/bags': 3_010,
+    'octo_arm_model/bags': 2_980,
     'octo_arm_model/cli': 3_000,
     'octo_arm_model/config': 1_610,
     'octo_arm_model/estimation': 3_880,
@@ -29,7 +29,7 @@ MOST = {
     'octo_arm_model/simulation': 1_740,
     'octo_arm_model/viewer': 2_230,
     'octo_arm_model/wire': 1_820,
-    'test': 32_630,
+    'test': 28_490,
 }
 
 
