@@ -7,13 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.analysis.driven_arm import Answer as DrivenShape
 from octo_arm_model.analysis.driven_arm import DrivenArm, FrictionMemory
 from octo_arm_model.analysis.worker_pool import solve_parts
-from octo_arm_model.arm.errors import OctoArmError, SolveError
+from octo_arm_model.arm.errors import ConfigError, OctoArmError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config
+from octo_arm_model.simulation.driven_motion import LONGEST_GAP, DrivenMotion
 from octo_arm_model.wire.backbone import (
     TENDON_LENGTHS,
     TENSION_ESTIMATES,
@@ -49,26 +51,32 @@ class Answers:
         is_quick: whether sets are solved in batches, many times quicker than one by one.
     """
 
-    def __init__(self, config: Config, lengths: bool = False, displacements: bool = False) -> None:
+    def __init__(
+        self, config: Config, lengths: bool = False, displacements: bool = False,
+        step: float | None = None,
+    ) -> None:  # fmt: skip
         """Answer for the arm of ``config``.
 
         ``lengths`` says whether with those of its tendons, and ``displacements`` whether any come.
+        With a ``step`` [s] the arm moves, and its shapes are no equilibria.
 
         Raises:
             ConfigError: if the model does not cover the arm or its loads.
+            ArmDefinitionError: if an arm that is to move has no density.
         """
         self._config = config
-        self._solver = config.solver()
+        self._motion = None if step is None else DrivenMotion(config.dynamics(), step)
+        self._solver = config.solver() if self._motion is None else self._motion.dynamics.solver
         wanted = {TENDON_LENGTHS: lengths, TENSION_ESTIMATES: displacements}
         self.topics = tuple(topic for topic in ANSWERS if wanted.get(topic, True))
         self._winding = DrivenArm(FrictionMemory())
         grid = self._solver.grid
-        described = config.base_frame, config.model, grid.s, grid.section
+        described = config.base_frame, self._solver.model, grid.s, grid.section
         self._writer = BackboneWriter(*described, config.arm.tendon_names)
         self._batch_writer = BackboneBatchWriter(*described)
         self.is_quick = not (
             config.loads.any or config.arm.friction or config.uncertainty.is_any
-            or lengths or displacements
+            or lengths or displacements or self._motion
         )  # fmt: skip
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
@@ -84,25 +92,48 @@ class Answers:
 
     def _answer_alone(self, reading: Reading) -> Answer:
         try:
-            backbone, covariance, unknown = self._winding.answer(
-                self._solver, self._config, None, reading.stamp_ns,
-                reading.tensions, reading.displacements,
-            )  # fmt: skip
+            found, lengths, are_wound = self._found(reading)
         except OctoArmError as error:
             # Displacements may be those of tendons that the arm does not have.
             return Answer((), str(error), is_failure=isinstance(error, SolveError))
+        backbone, covariance, unknown = found
         writer, stamp = self._writer, reading.stamp
         known = np.zeros((6, 6)) if covariance is None else covariance
         messages: list[bytes | None] = [*writer.all(backbone, known, *stamp)]
         if covariance is None:
             messages[self.topics.index(TIP_POSE)] = None
-        if TENDON_LENGTHS in self.topics:
-            lengths = self._solver.tendon_lengths(backbone)
+        if lengths is not None:
             messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
-        if self._winding.displacements:
+        if are_wound:
             messages.append(writer.tensions(backbone.tensions, *stamp))
         reason = '' if unknown is None else f'{TIP_POSE} unknown: {unknown}'
         return Answer(messages, reason, tensions=backbone.tensions)
+
+    def _found(self, reading: Reading) -> tuple[DrivenShape, FloatArray | None, bool]:
+        """The shape, lengths of tendons where wanted, and whether some are driven by length."""
+        given = reading.stamp_ns, reading.tensions, reading.displacements
+        has_lengths, motion = TENDON_LENGTHS in self.topics, self._motion
+        if motion is None:
+            found = self._winding.answer(self._solver, self._config, None, *given)
+            lengths = self._solver.tendon_lengths(found.backbone) if has_lengths else None
+            return found, lengths, bool(self._winding.displacements)
+        motion.read(*given)
+        state = motion.state
+        found = DrivenShape(motion.dynamics.backbone(state), np.zeros((6, 6)))
+        if self._config.uncertainty.is_any:
+            unknown = ConfigError('the covariance of an arm that moves is not known')
+            found = found._replace(covariance=None, unknown=unknown)
+        lengths = motion.dynamics.tendon_lengths(state) if has_lengths else None
+        return found, lengths, motion.is_wound
+
+    def notes(self) -> list[str]:
+        """What else there is to know."""
+        if self._motion is None or self._motion.starts < 2:
+            return []
+        return [
+            f'the arm began to move from rest {self._motion.starts} times, as stamps went back or '
+            f'were more than {LONGEST_GAP:g} s apart'
+        ]
 
     def _answer_together(self, readings: Sequence[Reading]) -> list[Answer]:
         if not readings:

@@ -112,6 +112,7 @@ def check_answered(path: Path, report: Report) -> None:
     raise BagError(f'{path}: no messages on {", ".join(report.topics)}')
 
 
+MOVING = 'the moving arm'
 STATIONS = ('topic', 'stamp [ns]', 'time [s]', *STATION_COLUMNS)
 
 
@@ -177,6 +178,7 @@ def replay(
     *,
     copy: bool = True,
     lengths: bool = False,
+    step: float | None = None,
     table: CsvAnswers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Report:
@@ -188,6 +190,7 @@ def replay(
         arms: whose tensions and displacements they are, see `find_arms`.
         copy: whether to copy what is in the bag already.
         lengths: whether to answer with the lengths of the tendons too.
+        step: of the motion [s]; None for equilibria, as the node answers.
         table: where answers go besides.
         progress: called with the numbers of messages done and of all.
 
@@ -196,7 +199,7 @@ def replay(
         ConfigError: if a model does not cover the arm or its loads.
         SolveError: if the model has an answer to none of the messages.
     """
-    outputs = [_Output(reader, writer, arm, lengths) for arm in arms]
+    outputs = [_Output(reader, writer, arm, lengths, step) for arm in arms]
     of_topic = {topic: output for output in outputs for topic in output.topics}
     report = Report({topic: TopicReport(str(output.model)) for topic, output in of_topic.items()})
     for arm in arms:
@@ -227,6 +230,7 @@ def replay(
         one.reasons = one.refusals.of('')
         report.notes += [hint for hint in one.refusals.hints if hint not in report.notes]
     check_answered(reader.path, report)
+    report.notes += [note for output in outputs for note in output.answers.notes()]
     report.notes += reader.notes
     return report
 
@@ -237,15 +241,17 @@ class _Output:
     Attributes:
         topics: those of its tensions and displacements.
         written: those written for it.
-        model: what answers.
+        model: name of what answers.
         connections: where the answers go.
+        answers: what answers.
     """
 
     def __init__(
-        self, reader: BagReader, writer: BagWriter, arm: RecordedArm, lengths: bool
-    ) -> None:
+        self, reader: BagReader, writer: BagWriter, arm: RecordedArm, lengths: bool,
+        step: float | None,
+    ) -> None:  # fmt: skip
         config = Config.from_parameters(arm.parameters)
-        self.topics, self.model = arm.topics, config.model
+        self.topics, self.model = arm.topics, config.model if step is None else MOVING
         self._tendons = config.arm.tendon_names
         self._inputs = {
             topic: partial(read_lengths, reader, config, arm.fields.get(topic, ''))
@@ -254,11 +260,11 @@ class _Output:
             for topic in arm.topics
         }
         self._newest: dict[str, int] = {}
-        self._answers = Answers(config, lengths, bool(arm.displacements))
+        self.answers = Answers(config, lengths, bool(arm.displacements), step)
         description = arm.prefix + DESCRIPTION
         writer.add_text(description, parameters_as_yaml(arm.parameters), reader.start_ns)
         self.connections = [
-            writer.add(arm.prefix + topic, ANSWERS[topic]) for topic in self._answers.topics
+            writer.add(arm.prefix + topic, ANSWERS[topic]) for topic in self.answers.topics
         ]
         self.written = [description, *(connection.topic for connection in self.connections)]
 
@@ -271,12 +277,12 @@ class _Output:
             places = [i for i, record in enumerate(records) if record.topic == topic]
             readings.update(zip(places, read([records[i] for i in places])))
         places = sorted(readings)
-        answers = self._answers.answer([readings[place] for place in places])
+        answers = self.answers.answer([readings[place] for place in places])
         for place, answer in zip(places, answers):
             topic, stamp = records[place].topic, readings[place].stamp_ns
             report.topics[topic].count(stamp, answer)
             if table is not None:
-                names = self._answers.topics
+                names = self.answers.topics
                 table.write(topic, readings[place], answer, names, self._tendons)
             report.topics[topic].unsorted += stamp < self._newest.get(topic, stamp)
             self._newest[topic] = stamp

@@ -25,19 +25,22 @@ DESCRIPTION = """\
 Compare the model with midlines or tips measured in a recorded experiment, for every steady step
 of the tensions: the error of the tip in per cent of the length of the arm, as in Table 1 of Renda
 et al. 2012, and of the whole midline: mean and largest distance to the model's, and Hausdorff's.
+With --dynamic the arm moves, and each frame is compared with where it is then.
 """
 EPILOG = (
     """\
 examples:
   octo-arm compare experiment
   octo-arm compare experiment --model all --out compared
+  octo-arm compare swings --dynamic --config my_arm.yaml --out compared
   octo-arm compare experiment --config renda2012_prototype --json \\
       --align 0.12 0.05 0.6 0.8 -0.36 0.288 0.384
 
 With --out DIR: DIR/compare.csv (a row for each step), midlines.csv (each measured point, the
 model's and the difference), stations.csv (the model), tensions.csv (for `octo-arm play`),
 compare.json, a picture of every step like the paper's Figure 9, one of all steps, and one of the
-errors over the tensions, by loading and unloading.
+errors over the tensions, by loading and unloading; of a motion a picture of a few moments, and one
+of the tip over time.
 
 """
     + RECORDINGS
@@ -57,13 +60,13 @@ def run(options: argparse.Namespace) -> int:
     out = options.out
     refuse_inside(options.bag, out)
     check_out(options, '--out', folder=True, draws=True)
-    recording, observations, models, alignment, notes = read_options(options)
+    recording, observations, models, alignment, notes, course = read_options(options)
     config = Config.from_parameters(recording.parameters)
 
     def compared(model: str) -> ModelComparison:
         with Bar(f'steps of {model}') as bar:
             shapes, values = observations.shapes, recording.parameters
-            return compare(shapes, values, model, alignment, bar.on_terminal)
+            return compare(shapes, values, model, alignment, bar.on_terminal, course)
 
     comparisons = of_each(models, 'compared', notes, compared)
     result = as_dict(comparisons, observations, notes)
@@ -151,6 +154,9 @@ def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str
     lines = [*notes]
     for comparison in comparisons:
         lines += ['', f'model {comparison.model}', *comparison.notes, *comparison.refused]
+        if comparison.moves:
+            lines += _of_motion(comparison)
+            continue
         lines.append(
             'step    T [N]  reached by  frames   tip [% of L]   signed   mean    max   Hausdorff'
             '   noise of a frame'
@@ -169,6 +175,18 @@ def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str
         tip, mean, largest, hausdorff = (_cell(_average(values)) for values in columns)
         lines.append(f'Average{"":26}{tip:>15} {"":8} {mean:>6} {largest:>6} {hausdorff:>11}')
     return '\n'.join(lines)
+
+
+def _of_motion(comparison: ModelComparison) -> list[str]:
+    """Errors over all moments of a motion, in text."""
+    lines = [f'errors [% of L] at {len(comparison.steps)} moments      average     rms    largest']
+    for name in ERRORS:
+        percent = comparison.percent(name)
+        if (known := percent[np.isfinite(percent)]).size:
+            rms = float(np.sqrt(np.mean(np.square(known))))
+            average, largest = float(known.mean()), float(known.max())
+            lines.append(f'  {name:<34}{average:>10.2f}{rms:>8.2f}{largest:>11.2f}')
+    return lines
 
 
 def _average(percent: FloatArray) -> float | None:

@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.cli.files import Bar, check_out, refuse_inside, writing
 from octo_arm_model.cli.options import add_json, add_path
 from octo_arm_model.cli.recordings import ALL, RECORDINGS, add_recording, of_each, read_options
@@ -207,7 +208,9 @@ def run(options: argparse.Namespace) -> int:
     check_out(options, '--pictures', folder=True, draws=True)
     check_out(options, '--csv', folder=True)
     check_out(options, '--out', folder=False)
-    recording, observations, models, alignment, notes = read_options(options, [ALL])
+    recording, observations, models, alignment, notes, course = read_options(options, [ALL])
+    if course is not None:
+        raise ConfigError('--dynamic is not of identify')
     fits = list(dict.fromkeys(options.fit))
     if alignment is None and 'alignment' not in fits:
         fits.append('alignment')

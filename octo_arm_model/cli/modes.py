@@ -50,7 +50,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Find, print and draw them."""
-    config = read_moving_arm(options)
+    config, _ = read_moving_arm(options)
     check_out(options, '--plot', folder=False, draws=True)
     tensions = np.zeros(config.arm.tension_shape)
     if options.tensions is not None:

@@ -11,10 +11,13 @@ from typing import Any
 
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.material import LAWS
-from octo_arm_model.arm.motion_properties import WATERS
+from octo_arm_model.arm.motion_properties import WATERS, WaterCoefficients
+from octo_arm_model.arm.validation import within
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.rod.motion import STEPS
 from octo_arm_model.rod.solver import MODELS
+from octo_arm_model.simulation.driven_motion import STEP
 
 _CONFIG = 'ROS parameter file of the arm, or the name of a preset'
 
@@ -247,8 +250,8 @@ def add_moving_arm(parser: argparse.ArgumentParser) -> None:
     motion.add_argument('--water', choices=WATERS, help=water)
 
 
-def read_moving_arm(options: argparse.Namespace) -> Config:
-    """The config of the options of `add_moving_arm`; its model is exact.
+def read_moving_arm(options: argparse.Namespace) -> tuple[Config, dict[str, Any]]:
+    """The config of the options of `add_moving_arm`, and its parameters; its model is exact.
 
     Raises:
         OctoArmError: as `read_config`; also if another model is given.
@@ -256,13 +259,46 @@ def read_moving_arm(options: argparse.Namespace) -> Config:
     if options.model not in (None, 'exact'):
         raise ConfigError(f'--model is {options.model}, which does not move: expected exact')
     options.model = 'exact'
-    config = read_config(options, moves=True)
-    changes: dict[str, Any] = {}
+    read_config(options, moves=True)
+    given = {
+        'model': 'exact', 'stations': options.stations, 'material.law': options.material,
+        'material.density': options.density, 'loads.gravity': options.gravity,
+        'loads.fluid_density': options.fluid_density, 'loads.tip_force': options.tip_force,
+        'loads.tip_moment': options.tip_moment, 'motion.viscosity': options.viscosity,
+        'motion.water': options.water,
+    }  # fmt: skip
+    parameters = load_parameters(options.config)
+    replaced = []
     if options.viscosity is not None:
-        changes |= {'viscosity': options.viscosity, 'damping_time': 0.0}
+        replaced.append('motion.damping_time')
     if options.water is not None:
-        changes |= WATERS[options.water]._asdict()
-    return dataclasses.replace(config, motion=dataclasses.replace(config.motion, **changes))
+        replaced += [f'motion.{name}' for name in WaterCoefficients._fields]
+    for name in replaced:
+        parameters.pop(name, None)
+    parameters |= {name: value for name, value in given.items() if value is not None}
+    return Config.from_parameters(parameters), parameters
+
+
+def add_dynamic(parser: Any, kinds: Any = None) -> None:
+    """Add ``--dynamic``, as one of the ``kinds`` of recordings if there are, and ``--step``."""
+    text = (
+        'the arm moves, with its inertia, damping and water, instead of being in equilibrium all '
+        'the time; tensions change linearly from one reading to the next'
+    )
+    add_flag(kinds or parser, '--dynamic', text)
+    add_number(parser, '--step', STEP, 'of the integration of --dynamic [s]', 'S')
+
+
+def read_dynamic(options: argparse.Namespace) -> float | None:
+    """The step of the motion [s]; None where the arm is in equilibrium all the time.
+
+    Raises:
+        OctoArmError: if it is no step, or there is nothing that it could be of.
+    """
+    if not options.dynamic:
+        refuse_without_effect(options, ('--step',), 'without --dynamic')
+        return None
+    return within('--step', options.step, *STEPS, 's')
 
 
 def read_json(text: str, option: str, example: str) -> Any:

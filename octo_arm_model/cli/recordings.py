@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from octo_arm_model.arm.errors import ConfigError, MeasurementError, SolveError, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
@@ -13,6 +13,7 @@ from octo_arm_model.arm.validation import finite, not_negative
 from octo_arm_model.cli.files import Bar
 from octo_arm_model.cli.options import (
     add_config_option,
+    add_dynamic,
     add_flag,
     add_number,
     add_path,
@@ -21,6 +22,7 @@ from octo_arm_model.cli.options import (
     add_values,
     path_of,
     read_calibration,
+    read_dynamic,
     refuse_without_effect,
 )
 from octo_arm_model.config.config import Config
@@ -28,6 +30,7 @@ from octo_arm_model.config.files import load_yaml, read_text, reading
 from octo_arm_model.experiment.alignment import Alignment
 from octo_arm_model.experiment.csv_recording import DISPLACEMENT, CsvSources
 from octo_arm_model.experiment.measured_points import LENGTH_UNITS, Measured
+from octo_arm_model.experiment.motion import Course, observe_motion
 from octo_arm_model.experiment.observations import (
     POSES,
     RAMP,
@@ -159,6 +162,7 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
     add_value(pairing, '--steady', 'N', text, float)
     add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
     kind = pairing.add_mutually_exclusive_group()
+    add_dynamic(pairing, kind)
     kind.add_argument(
         '--ramp',
         nargs='?',
@@ -206,16 +210,30 @@ def read_files(options: argparse.Namespace) -> CsvSources:
 T = TypeVar('T')
 
 
-def read_options(
-    options: argparse.Namespace, default_models: Sequence[str] = ()
-) -> tuple[Recording, Observations, list[str], Alignment | None, list[str]]:
+class Given(NamedTuple):
+    """What options give.
+
+    Attributes:
+        recording: the recording.
+        observations: its shapes.
+        models: names of the models.
+        alignment: of the camera; None for one to be fitted.
+        notes: on all choices.
+        course: tensions along which the arm moves; None where it is in equilibrium.
+    """
+
+    recording: Recording
+    observations: Observations
+    models: list[str]
+    alignment: Alignment | None
+    notes: list[str]
+    course: Course | None
+
+
+def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()) -> Given:
     """The recording of `add_recording`'s options, and how it is to be compared.
 
     Without --model it is ``default_models``, or the config's if there are none.
-
-    Returns:
-        The recording, its shapes, the models, the alignment (None for one to be fitted) and
-        notes on all choices.
 
     Raises:
         OctoArmError: if the bag or an option is wrong, or the bag holds nothing to compare.
@@ -227,9 +245,12 @@ def read_options(
     steady = SteadyRule(options.steady, options.hold, options.settle)
     is_poses = options.poses or options.pose_csv is not None
     kind = POSES if is_poses else STEPS if options.ramp is None else RAMP
-    if kind != STEPS:
-        idle = '--steady', '--hold', '--settle'
-        refuse_without_effect(options, idle, f'with --{"poses" if is_poses else "ramp"}')
+    step = read_dynamic(options)
+    if step is not None and is_poses:
+        raise ConfigError('--dynamic has no effect on a table of poses')
+    if kind != STEPS or step is not None:
+        idle, other = ('--steady', '--hold', '--settle'), 'poses' if is_poses else 'ramp'
+        refuse_without_effect(options, idle, f'with --{other if step is None else "dynamic"}')
     alignment = None if options.align is None else read_alignment(options.align)
     measured = Measured(
         tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
@@ -268,10 +289,18 @@ def read_options(
         )
     width = None if options.ramp is True else options.ramp
     pairing = Pairing(steady, tolerance, offset, options.base_end, kind, width)
-    with Bar('clock offsets') as bar:
-        observations = observe(recording, pairing, alignment, bar.on_terminal)
-    models = _models(options.model or default_models, config)
-    return recording, observations, models, alignment, [*observations.notes, *notes]
+    course = None
+    if step is None:
+        with Bar('clock offsets') as bar:
+            observations = observe(recording, pairing, alignment, bar.on_terminal)
+        models = _models(options.model or default_models, config)
+    else:
+        models = _models(options.model or ['exact'], config)
+        if models != ['exact']:
+            raise ConfigError(f'--model is {" ".join(models)}, of which only exact moves')
+        observations, course = observe_motion(recording, pairing, alignment, step)
+    found = [*observations.notes, *notes]
+    return Given(recording, observations, models, alignment, found, course)
 
 
 def of_each(

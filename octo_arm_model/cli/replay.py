@@ -9,9 +9,11 @@ import json
 import time
 from typing import TYPE_CHECKING
 
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.cli.files import Bar, check_out, refuse_inside, unwritten, writing
 from octo_arm_model.cli.options import (
     add_config_option,
+    add_dynamic,
     add_flag,
     add_json,
     add_model,
@@ -21,6 +23,7 @@ from octo_arm_model.cli.options import (
     add_values,
     read_calibration,
     read_config_option,
+    read_dynamic,
     refuse_without_effect,
 )
 from octo_arm_model.cli.recordings import add_columns, read_columns
@@ -43,6 +46,7 @@ examples:
   octo-arm replay rosbag2_2024_05_02 shapes --topics /arm_1/tendon_tensions --storage sqlite3
   octo-arm replay experiment.mcap shapes --no-copy --json
   octo-arm replay experiment shapes --topics /tendon_tensions     # without tendon_displacements
+  octo-arm replay swings shapes --dynamic --config my_arm.yaml
 
 IN is a rosbag2 folder, of MCAP or sqlite3, or one of their files, or a table (.csv) with columns
 of tensions or displacements and perhaps time; it stays as it is. The arm is that of --config, or
@@ -50,7 +54,9 @@ else of the topic arm_description, which the node publishes. Messages that
 hold no tensions of the arm (wrong number or names, NaN, negative) and those that the model has no
 trustworthy answer to are left out, counted and listed with their stamps. Loaded arms follow the
 last solution, from the unloaded shape on after a stamp that runs backwards; their loads are those
-of the config, and a tip_wrench in IN is not applied.
+of the config, and a tip_wrench in IN is not applied. With --dynamic the arm is at rest at first,
+and again where stamps run backwards or are more than 10 s apart; after a step that does not
+succeed there are no answers until then.
 
 OUT appears when it is complete. Where the disk is full, or after Ctrl-C, there is none. The models
 of the paper are quicker where numba is installed (the extra compiled).
@@ -66,6 +72,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
     add_config_option(parser, None, 'what the bag says')
     add_model(parser)
+    add_dynamic(parser)
     text = (
         'topics of tensions or displacements, or any numeric field of any (default: all with the '
         'names that the node listens to, in whatever namespace, or else the only one of such a '
@@ -92,6 +99,9 @@ def run(options: argparse.Namespace) -> None:
     from octo_arm_model.bags.writer import BagWriter
     from octo_arm_model.experiment.table_bag import opened as open_bag
 
+    step = read_dynamic(options)
+    if step is not None and options.model not in (None, 'exact'):
+        raise ConfigError(f'--model is {options.model}, which does not move: expected exact')
     parameters = read_config_option(options)
     began = time.monotonic()
     refuse_inside(options.bag, options.out, options.csv)
@@ -121,6 +131,7 @@ def run(options: argparse.Namespace) -> None:
                 arms,
                 copy=not options.no_copy,
                 lengths=options.lengths,
+                step=step,
                 table=table,
                 progress=bar,
             )

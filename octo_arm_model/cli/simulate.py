@@ -18,7 +18,6 @@ from octo_arm_model.cli.options import (
     read_highest,
     read_moving_arm,
 )
-from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.simulation.moving_arm import (
     Course,
     animate,
@@ -72,7 +71,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Simulate, and write what is wanted."""
-    config = read_moving_arm(options)
+    config, parameters = read_moving_arm(options)
     for name in ('--csv', '--plot', '--animate'):
         check_out(options, name, folder=False, draws=name != '--csv')
     files = [path for path in (options.csv, options.plot, options.animate) if path is not None]
@@ -90,7 +89,6 @@ def run(options: argparse.Namespace) -> None:
             from octo_arm_model.bags.writer import BagWriter
 
             custom = {'octo_arm_simulate': f'{options.config} {options.profile}'}
-            parameters = load_parameters(options.config)
             with unwritten(options.out), BagWriter(options.out, options.storage, custom) as writer:
                 made = add_motion(writer, config, parameters, moments)
     elapsed = time.monotonic() - began

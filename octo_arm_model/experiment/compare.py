@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from octo_arm_model.experiment.midlines import (
     marker_errors,
     midline_errors,
 )
+from octo_arm_model.experiment.motion import Course, moving_shapes
 from octo_arm_model.experiment.uncertainty import misfit_of, noise_of
 from octo_arm_model.experiment.unknowns import FINE_STATIONS
 from octo_arm_model.rod.backbone import Backbone
@@ -41,7 +43,7 @@ class StepComparison:
         direction: from which side its tensions were reached, of `branches.directions`.
         bend: signed error of the tip, along the way it moves as tensions rise: > 0 where the arm
             bends farther than the model [m]; NaN where no tendon is pulled, the tip was not
-            measured, or friction leaves the way open.
+            measured, friction leaves the way open, or the arm moves.
     """
 
     number: int
@@ -73,6 +75,7 @@ class ModelComparison:
         steps: those with a solution.
         refused: errors of the others.
         notes: remarks on a fitted alignment, and on loading and unloading.
+        moves: whether steps are moments of a motion.
     """
 
     model: str
@@ -81,6 +84,7 @@ class ModelComparison:
     steps: tuple[StepComparison, ...]
     refused: tuple[str, ...]
     notes: tuple[str, ...]
+    moves: bool = False
 
     def percent(self, name: str) -> FloatArray:
         """Errors ``name`` of all steps in per cent of the length, NaN where not measured."""
@@ -100,11 +104,13 @@ def compare(
     model: str,
     alignment: Alignment | None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    course: Course | None = None,
 ) -> ModelComparison:
     """Compare ``model`` of the arm of ``parameters`` with measured ``shapes``.
 
     Without ``alignment`` one is fitted, the same for all steps: it removes the part of the model's
-    error that a rigid motion of the camera explains.
+    error that a rigid motion of the camera explains. With a ``course`` the arm moves along it, and
+    steps are moments.
 
     Raises:
         SolveError: if the model has no answer for any step.
@@ -113,17 +119,13 @@ def compare(
     """
     config = Config.from_parameters(parameters)
     solver = config.solver(model, max(config.stations, FINE_STATIONS))
-    answered: list[tuple[int, MeasuredShape, Backbone]] = []
-    refused: list[str] = []
-    last: Backbone | None = None  # that tendons with friction slide on from
-    for number, shape in enumerate(shapes, start=1):
-        progress(number - 1, len(shapes))
-        tensions = shape.window.tensions.reshape(solver.arm.tension_shape)
-        try:
-            last = solver.follow(tensions, last if solver.arm.friction else None)
-            answered.append((number, shape, last))
-        except SolveError as error:
-            refused.append(f'step {number}: {error}')
+    if course is None:
+        answered, refused = _equilibria(solver, shapes, progress)
+    else:
+        dynamics = config.dynamics(max(config.stations, FINE_STATIONS))
+        found, reason = moving_shapes(dynamics, course, shapes, progress)
+        answered = list(zip(itertools.count(1), shapes, found))
+        refused = [f'step {len(found) + 1} and later: {reason}'] if reason else []
     if not answered:
         raise SolveError(f'{model} has no answer for any step; {refused[0]}')
     notes: list[str] = []
@@ -149,19 +151,39 @@ def compare(
             away = shape_residuals(shape, measured, backbone)
             errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))
         bend = math.nan
-        if errors.tip is not None:
+        if errors.tip is not None and course is None:
             bend = _bend(solver, backbone, measured[-1])
         steps.append(
             StepComparison(number, shape, measured, backbone, errors, ways[number - 1], bend)
         )
-    notes += remarks(
-        [step.shape.tension for step in steps], [step.bend for step in steps],
-        [step.direction for step in steps], noise_of([step.shape for step in steps]) / 3.0**0.5,
-        solver.arm.length,
-    )  # fmt: skip
+    if course is None:
+        notes += remarks(
+            [step.shape.tension for step in steps], [step.bend for step in steps],
+            [step.direction for step in steps],
+            noise_of([step.shape for step in steps]) / 3.0**0.5, solver.arm.length,
+        )  # fmt: skip
     return ModelComparison(
-        solver.model, solver.arm.length, alignment, tuple(steps), tuple(refused), tuple(notes)
-    )
+        solver.model, solver.arm.length, alignment, tuple(steps), tuple(refused), tuple(notes),
+        course is not None,
+    )  # fmt: skip
+
+
+def _equilibria(
+    solver: Solver, shapes: Sequence[MeasuredShape], progress: Callable[[int, int], None]
+) -> tuple[list[tuple[int, MeasuredShape, Backbone]], list[str]]:
+    """Numbers, measurements and shapes of the steps, and why others have none."""
+    answered: list[tuple[int, MeasuredShape, Backbone]] = []
+    refused: list[str] = []
+    last: Backbone | None = None  # that tendons with friction slide on from
+    for number, shape in enumerate(shapes, start=1):
+        progress(number - 1, len(shapes))
+        tensions = shape.window.tensions.reshape(solver.arm.tension_shape)
+        try:
+            last = solver.follow(tensions, last if solver.arm.friction else None)
+            answered.append((number, shape, last))
+        except SolveError as error:
+            refused.append(f'step {number}: {error}')
+    return answered, refused
 
 
 def _bend(solver: Solver, backbone: Backbone, tip: FloatArray) -> float:

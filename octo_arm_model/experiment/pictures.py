@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -85,12 +86,23 @@ _FRAME_COLOUR = '0.78'
 # Of the length: arms farther out of the main plane have a second view.
 _FLAT = 0.05
 _MOST_FRAMES = 30
+_MOMENTS = 12  # of a motion in one picture
 _MARKERS = {LOADING: ('^', True, 'loading'), UNLOADING: ('v', False, 'unloading')}
 
 
 def pictures_of_comparison(comparisons: Sequence[ModelComparison]) -> dict[str, Callable[[], Any]]:
-    """Functions that draw the pictures of ``comparisons``, by name; see `save_all`."""
-    axes = _axes(comparisons)
+    """Functions that draw the pictures of ``comparisons``, by name; see `save_all`.
+
+    Of a motion there are few shapes in one picture, and the tip over time.
+    """
+    axes, moving = _axes(comparisons), comparisons[0]
+    if moving.moves:
+        limits = _limits(comparisons, axes)
+        few = moving.steps[:: -(-len(moving.steps) // _MOMENTS)]
+        return {
+            'moments': lambda: _draw_all([replace(moving, steps=few)], axes, limits),
+            'tip_over_time': lambda: _draw_tip(moving),
+        }
     steps: dict[int, list[tuple[ModelComparison, StepComparison]]] = {}
     for comparison in comparisons:
         for step in comparison.steps:
@@ -233,6 +245,26 @@ def _draw_all(comparisons: Sequence[ModelComparison], axes: FloatArray, limits: 
         title = f'{comparison.model} (colour) and measured ({what})'
         panels[0, column].set_title(title, fontsize='medium')
     colours.add_bar(figure, panels)
+    return figure
+
+
+def _draw_tip(moving: ModelComparison) -> Any:
+    """The tip as measured and of the model over time, and the distance between them."""
+    figure = new_figure(9.0, 6.4)
+    tips, errors = figure.subplots(2, 1, sharex=True)
+    steps = [step for step in moving.steps if step.errors.tip is not None]
+    time = [step.shape.window.start for step in steps]
+    for axis, name in enumerate('xyz'):
+        (line,) = tips.plot(time, [step.backbone.tip[axis] for step in steps], label=name)
+        measured = [step.measured[-1, axis] for step in steps]
+        tips.plot(time, measured, '.', color=line.get_color(), markersize=3.0)
+    errors.plot(time, [1e3 * (step.errors.tip or 0.0) for step in steps])
+    tips.set(ylabel='tip [m]', title='The model (lines) and measured (dots)')
+    errors.set(xlabel='time [s]', ylabel='error of the tip [mm]')
+    errors.set_ylim(bottom=0.0)
+    for panel in (tips, errors):
+        panel.grid(alpha=0.3)
+    tips.legend(frameon=False)
     return figure
 
 

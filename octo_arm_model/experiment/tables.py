@@ -67,5 +67,5 @@ def _tensions(comparison: ModelComparison) -> Iterator[list[float]]:
     origin = comparison.steps[0].shape.window.start
     for step in comparison.steps:
         window = step.shape.window
-        for time in (window.start, window.stop):
+        for time in dict.fromkeys((window.start, window.stop)):
             yield [round(time - origin, 9), *window.tensions.tolist()]

@@ -51,7 +51,7 @@ _ROUNDED = 5e-4
 _RULE = Rule(iterations=30, again=0.4, predicted=1.0, first=1.0, progress=1.0, shortest=0.01)
 _FEWER_POINTS = -2  # in each element than an equilibrium has
 _LEAST_HALF = 2e-5  # step that is halved no more [s]
-_LONGEST, _SHORTEST = 1.0, 1e-7  # step [s]
+STEPS = 1e-7, 1.0  # shortest and longest [s]
 
 
 class Alpha(NamedTuple):
@@ -240,7 +240,7 @@ class Dynamics:
             ArmDefinitionError: if ``dt`` is not from 1e-7 to 1 s.
             OctoArmError: if the inputs do not fit the arm.
         """
-        dt = within('dt', dt, _SHORTEST, _LONGEST, 's')
+        dt = within('dt', dt, *STEPS, 's')
         with _quiet():
             return self._advance(state, self.driven(inputs), dt)
 
@@ -356,6 +356,11 @@ class Dynamics:
     def displacements(self, state: MotionState) -> FloatArray:
         """Length that winches have reeled in [m], (J,); of slack ones what makes them taut."""
         return self.reeling.displacement(self.still(state))
+
+    def tendon_lengths(self, state: MotionState) -> FloatArray:
+        """From the base to the anchorage [m], of `Arm.tension_shape`."""
+        stretch = self.problem.tendons(self.still(state)).stretch
+        return (self.nodes.weights @ stretch).reshape(self.solver.arm.tension_shape)
 
     def still(self, state: MotionState) -> State:
         """The ``state`` as one of `problem`, at rest."""

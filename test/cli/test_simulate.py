@@ -45,7 +45,7 @@ def test_a_simulation_is_the_same_in_bag_and_table(
     assert simulate(profile, '--hold', '0.1', '--out', str(bag), '--csv', str(table)) == 0
     out, err = capsys.readouterr()
     assert out.startswith('0.4 s simulated in')
-    assert err.startswith('20 moments in')
+    assert '20 moments in' in err
     names = table.read_text().partition('\n')[0].split(',')
     assert names[:3] == ['time', 'tip_x', 'tip_y']
     assert names[-1] == 'tendon_3_4'
