@@ -7,7 +7,6 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.cli.files import Bar, check_out, refuse_inside, writing
 from octo_arm_model.cli.options import add_json, add_path
 from octo_arm_model.cli.recordings import ALL, RECORDINGS, add_recording, of_each, read_options
@@ -24,10 +23,11 @@ from octo_arm_model.experiment.identification import (
     rank,
 )
 from octo_arm_model.experiment.identify import identify
+from octo_arm_model.experiment.motion_fit import identify_motion
 from octo_arm_model.experiment.observations import Observations
 from octo_arm_model.experiment.tables import write_tables
 from octo_arm_model.experiment.uncertainty import AUTO, Misfit
-from octo_arm_model.experiment.unknowns import FITS, is_of_arm
+from octo_arm_model.experiment.unknowns import FITS, OF_MOTION, is_of_arm
 
 
 def _misfit(misfit: Misfit | None) -> dict[str, float] | None:
@@ -147,7 +147,9 @@ confidence intervals and correlations. What can be fitted, by default youngs_mod
 poisson_ratio, sheath_stiffness and tendon_offsets need the model exact, friction another than
 renda2012 and steps that were loaded and unloaded, axial_stiffness (of the tendons themselves)
 encoder readings of tendons under tension, with an unknown zero for each, as displacement_scale
-(one factor for the spools of all motors) and displacement_offset (their zeros) do. The alignment
+(one factor for the spools of all motors) and displacement_offset (their zeros) do. damping (of
+motion.viscosity, or else motion.damping_time), drag and added_mass need a recording that swings,
+whose frames the moving arm is fitted to (--dynamic), with what else shows there. The alignment
 is fitted as well where --align is 'fit', or not given while the midlines are not in base_frame.
 What the data cannot tell is left as it is, one parameter at a time, and said.
 """
@@ -160,6 +162,7 @@ examples:
   octo-arm identify experiment --model exact --fit youngs_modulus sheath_stiffness
   octo-arm identify experiment --model exact --fit youngs_modulus friction
   octo-arm identify experiment --model exact --fit youngs_modulus axial_stiffness
+  octo-arm identify swings --fit damping drag added_mass --align none
   octo-arm identify trial --displacements /servos:angle --spools 0.01 --fit displacement_scale
 
 Intervals come from leaving out one load at a time, with all its repeats, with Student's t, whose
@@ -208,9 +211,11 @@ def run(options: argparse.Namespace) -> int:
     check_out(options, '--pictures', folder=True, draws=True)
     check_out(options, '--csv', folder=True)
     check_out(options, '--out', folder=False)
-    recording, observations, models, alignment, notes, course = read_options(options, [ALL])
-    if course is not None:
-        raise ConfigError('--dynamic is not of identify')
+    # These show in a motion alone.
+    options.dynamic |= not {*OF_MOTION}.isdisjoint(options.fit)
+    recording, observations, models, alignment, notes, course = read_options(
+        options, [] if options.dynamic else [ALL]
+    )
     fits = list(dict.fromkeys(options.fit))
     if alignment is None and 'alignment' not in fits:
         fits.append('alignment')
@@ -218,6 +223,8 @@ def run(options: argparse.Namespace) -> int:
     def fit(model: str) -> Identification:
         with Bar(f'fits of {model}') as bar:
             shapes, values = observations.shapes, recording.parameters
+            if course is not None and alignment is not None:
+                return identify_motion(shapes, values, fits, alignment, course, bar, options.loss)
             return identify(shapes, values, model, fits, alignment, bar, options.loss)
 
     fitted = of_each(models, 'fitted', notes, fit)
@@ -241,7 +248,7 @@ def run(options: argparse.Namespace) -> int:
         shapes = best.with_tensions(observations.shapes)
         with Bar('steps of the fitted arm') as bar:
             fitted_arm = compare(
-                shapes, best.parameters, best.model, best.alignment, bar.on_terminal
+                shapes, best.parameters, best.model, best.alignment, bar.on_terminal, course
             )
         names = Config.from_parameters(best.parameters).arm.tendon_names
         with writing(options.csv, folder=True) as place:

@@ -52,7 +52,7 @@ _STEP = 1e-4  # of differences, of the scale of an unknown
 _NO_ANSWER = (SolveError, TensionError, ArmDefinitionError)
 
 
-class _Solved(NamedTuple):
+class SolvedSteps(NamedTuple):
     """The steps at one x: shapes, and what encoders would read (steps, tendons) [m]."""
 
     backbones: tuple[Backbone, ...]
@@ -79,11 +79,14 @@ class Problem:
         self._solved = functools.lru_cache(maxsize=2)(self._solve)
         self._derivatives = functools.lru_cache(maxsize=2)(self._differentiate)
 
-    def _solve(self, of_arm: tuple[float, ...]) -> _Solved:
+    def _solve(self, of_arm: tuple[float, ...]) -> SolvedSteps:
+        x = self.unknowns.start.copy()
+        x[self._of_arm] = of_arm
+        return self.solve_steps(x)
+
+    def solve_steps(self, x: FloatArray) -> SolvedSteps:
         """Solve all steps; tendons with friction slide on from the step before."""
         unknowns, readings = self.unknowns, self.unknowns.readings
-        x = unknowns.start.copy()
-        x[self._of_arm] = of_arm
         solver = unknowns.solver(x)
         if readings.are_lengths:
             names, found, last = solver.arm.tendon_names, [], None
@@ -96,9 +99,9 @@ class Problem:
         if unknowns.reads_encoders:
             lengths = np.array([displacements_of(solver, one).ravel() for one in found])
             expected = unknowns.readings_of(x, lengths)
-        return _Solved(tuple(found), tuple(Curve(one.position) for one in found), expected)
+        return SolvedSteps(tuple(found), tuple(Curve(one.position) for one in found), expected)
 
-    def _at(self, x: FloatArray) -> _Solved:
+    def _at(self, x: FloatArray) -> SolvedSteps:
         return self._solved(tuple(x[self._of_arm].tolist()))
 
     def backbone(self, x: FloatArray, step: int) -> Backbone:

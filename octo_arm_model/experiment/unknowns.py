@@ -18,6 +18,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.tendon import Section
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.alignment import Alignment
@@ -28,9 +29,12 @@ AXIAL = 'axial_stiffness'
 SHEATH = 'sheath_stiffness'
 SPOOL, ENCODER_ZEROS = 'displacement_scale', 'displacement_offset'
 OF_ENCODERS = (SPOOL, ENCODER_ZEROS, AXIAL)  # what their readings show
+DAMPING, DRAG, ADDED_MASS = OF_MOTION = 'damping', 'drag', 'added_mass'
+OF_WATER = DRAG, ADDED_MASS
 FITS = (
     'youngs_modulus', 'poisson_ratio', SHEATH, 'tendon_offsets', 'friction', 'tension_scale',
     'tension_offset', 'alignment', SPOOL, ENCODER_ZEROS, AXIAL,
+    *OF_MOTION,
 )  # fmt: skip
 ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
 OFFSET, ZERO = 'tendon_offset.', 'encoder_zero.'  # and the name of a tendon
@@ -95,8 +99,10 @@ class Unknown:
         return deviation if relative is None else self.value(x) * abs(relative)
 
 
-def check_fits(fits: Sequence[str], model: str, is_driven: bool) -> None:
+def check_fits(fits: Sequence[str], model: str, is_driven: bool, moves: bool) -> None:
     """Check that ``model`` can be fitted so; tensions are given by lengths if it ``is_driven``.
+
+    It ``moves``, or is in equilibrium all the time.
 
     Raises:
         ConfigError: if the model has no derivative by one of ``fits``.
@@ -109,6 +115,10 @@ def check_fits(fits: Sequence[str], model: str, is_driven: bool) -> None:
     for name in fits:
         if name not in FITS:
             raise ConfigError(f'cannot fit {name!r}, expected one of {", ".join(FITS)}')
+        if moves and name in ('alignment', *OF_ENCODERS):
+            raise ConfigError(f'{name} is not fitted to an arm that moves, expected one at rest')
+        if name in OF_MOTION and not moves:
+            raise ConfigError(f'{name} shows in a motion alone: --dynamic is missing')
         if name in _EXACT_ONLY and model != 'exact':
             raise ConfigError(
                 f'the model {model} has no derivative by {name}: choose --model exact'
@@ -141,6 +151,8 @@ def unknowns_of(
     if name == 'poisson_ratio':
         ratio = float(material.poisson_ratio_at(0.0))
         return [Unknown(name, '-', ratio, 0.5, -1.0 + 1e-6, 0.5)]
+    if name in OF_MOTION:
+        return [_of_motion(name, config.motion)]
     if name == 'friction':
         # Not from zero, the end of its range, which a minimisation hardly leaves.
         given = float(np.mean(arm.friction or (_ROUGH,)))
@@ -157,6 +169,18 @@ def unknowns_of(
     start = (*alignment.shift, *alignment.turn)
     parts = zip(ALIGNMENT, 3 * ['m'] + 3 * ['rad'], start, strict=True)
     return [Unknown(part, unit, float(value), 1e-2) for part, unit, value in parts]
+
+
+def _of_motion(name: str, motion: MotionProperties) -> Unknown:
+    """One of `OF_MOTION`; a search does not begin at zero, the end of its range."""
+    unit, given, usual = {
+        DAMPING: ('Pa s', motion.viscosity, 100.0)
+        if motion.viscosity
+        else ('s', motion.damping_time, 0.01),
+        DRAG: ('-', motion.normal_drag, 1.0),
+        ADDED_MASS: ('-', motion.added_mass, 1.0),
+    }[name]
+    return Unknown(name, unit, given or usual, usual, 0.0)
 
 
 def is_of_arm(name: str) -> bool:
@@ -255,16 +279,18 @@ class Unknowns:
         readings: Readings,
         alignment: Alignment,
         without: Collection[str] = (),
+        moves: bool = False,
     ) -> None:
         """Fit ``fits`` of `FITS`, beginning with ``parameters`` and ``alignment``.
 
         ``readings`` show which tendons are pulled, and which encoders read them. Of the
-        components, those named in ``without`` stay as they are.
+        components, those named in ``without`` stay as they are. The arm ``moves``, or is in
+        equilibrium all the time.
 
         Raises:
             ConfigError: if the model has no derivative by one of them, or nothing shows it.
         """
-        check_fits(fits, model, readings.are_lengths)
+        check_fits(fits, model, readings.are_lengths, moves)
         self.model, self.readings = model, readings
         self._alignment = alignment
         self._parameters = {**parameters, 'model': model}
@@ -284,6 +310,7 @@ class Unknowns:
             known = config.arm.sheath_stiffness or (_STIFF_SHEATH * material.shear_modulus,)
             self._parameters['tendons.sheath_stiffness'] = [float(np.mean(known))]
             config = Config.from_parameters(self._parameters)
+        self._motion = config.motion
         self.arm, self._cells, self._encoders = config.arm, config.load_cells, config.encoders
         self._fits_encoders = {SPOOL, ENCODER_ZEROS} & {*fits}
         self.slack = _PULLED * float(readings.tensions.max(initial=0.0))
@@ -376,10 +403,25 @@ class Unknowns:
             values[ENCODER_ZEROS] = (self._encoder_offset - self._zeros(x)).tolist()
         if 'friction' in self.names:
             values['tendons.friction'] = [self.value(x, 'friction', 0.0)]
+        values |= self._moving(x)
         moved = {
             tendon: self.value(x, f'{OFFSET}{tendon}', 0.0) for tendon in self.arm.tendon_names
         }
         return move_tendons(values, self.arm, moved) if any(moved.values()) else values
+
+    def _moving(self, x: FloatArray) -> dict[str, Any]:
+        """Parameters of the motion at ``x``, where one is fitted."""
+        if not {*OF_MOTION} & {*self.names}:
+            return {}
+        motion = self._motion
+        damping = 'viscosity' if motion.viscosity else 'damping_time'
+        return {
+            f'motion.{damping}': self.value(x, DAMPING, getattr(motion, damping)),
+            'motion.water': '',
+            'motion.normal_drag': self.value(x, DRAG, motion.normal_drag),
+            'motion.tangential_drag': motion.tangential_drag,
+            'motion.added_mass': self.value(x, ADDED_MASS, motion.added_mass),
+        }
 
     def solver(self, x: FloatArray) -> Solver:
         """Solver of the arm at ``x``.

@@ -1,4 +1,4 @@
-"""Recordings of an arm that moves: `replay --dynamic`, `compare --dynamic`."""
+"""Recordings of an arm that moves: `replay --dynamic`, `compare --dynamic` and fits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ARM = load_parameters(preset_path('renda2012_prototype')) | {
 }  # fmt: skip
 # A pull that is let go: the arm swings. Corners are moments that are recorded.
 PROFILE = """\
-times: [0.0, 0.04, 0.2, 0.24, 0.8]
+times: [0.0, 0.04, 0.2, 0.24, 0.6]
 tensions: [[0, 0, 0, 0], [0.5, 0, 0, 0], [0.5, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]]
 interpolation: linear
 """
@@ -53,7 +53,7 @@ def poses(bag: Path) -> np.ndarray:
 def test_a_replayed_motion_is_the_simulated_one(folder: Path, tmp_path: Path, cli: Cli) -> None:
     again, table = tmp_path / 'again', tmp_path / 'table'
     status, out, _ = cli('replay', folder / 'swing', again, '--dynamic', '--lengths')
-    assert status == 0 and '41 answered by the moving arm' in out
+    assert status == 0 and '31 answered by the moving arm' in out
     np.testing.assert_allclose(poses(again), poses(folder / 'swing'), atol=1e-7)
     # From the table too, in steps of another length.
     status, *_ = cli(
@@ -76,13 +76,13 @@ def test_compared_with_its_motion_the_error_is_far_less(
     moving = cli.json(*common, '--dynamic', '--json')
     errors = [one['models']['exact']['average_tip_error_percent'] for one in (still, moving)]
     assert errors[0] > 5.0 and errors[1] < 1e-3
-    assert len(moving['steps']) == len(still['steps']) == 41
+    assert len(moving['steps']) == len(still['steps']) == 31
     pytest.importorskip('matplotlib', reason='needs matplotlib')
     status, out, _ = cli(*common, '--dynamic', '--out', tmp_path / 'out')
-    assert status == 0 and 'errors [% of L] at 41 moments' in out
+    assert status == 0 and 'errors [% of L] at 31 moments' in out
     assert (tmp_path / 'out' / 'tip_over_time.png').stat().st_size > 10_000
     with (tmp_path / 'out' / 'tensions.csv').open(newline='') as file:
-        assert len(list(csv.reader(file))) == 42
+        assert len(list(csv.reader(file))) == 32
 
 
 def test_a_motion_begins_again_where_stamps_go_back(tmp_path: Path, cli: Cli) -> None:
@@ -115,6 +115,57 @@ def test_winches_drive_the_moving_arm(tmp_path: Path, cli: Cli) -> None:
     pulled = np.loadtxt(tmp_path / 'csv' / 'tensions.csv', delimiter=',', skiprows=1)
     assert pulled[0, 1] == 0.0 and pulled[1, 1] > 0.01
     assert np.ptp(poses(tmp_path / 'out')[:, -1, :3], axis=0).max() > 0.005
+
+
+def seen(folder: Path, tmp_path: Path, noise: float, **start: float) -> list[object]:
+    """Arguments of identify: tables of tensions and of tips as seen, and an arm to begin with."""
+    with (folder / 'swing.csv').open(newline='') as file:
+        names = next(csv.reader(file))
+        rows = np.loadtxt(file, delimiter=',')
+    tips = rows[:, 1:4] + noise * np.random.default_rng(0).standard_normal((len(rows), 3))
+    for name, columns, table in (
+        ('pulled', names[7:], rows[:, 7:]), ('seen', ['x', 'y', 'z'], tips),
+    ):  # fmt: skip
+        content, head = np.column_stack([rows[:, 0], table]), ','.join(['time', *columns])
+        np.savetxt(tmp_path / f'{name}.csv', content, '%.9g', ',', header=head, comments='')
+    values = ARM | {f'motion.{name}': value for name, value in start.items()}
+    (tmp_path / 'start.yaml').write_text(parameters_as_yaml(values))
+    return [
+        'identify', '--config', tmp_path / 'start.yaml', '--tension-csv', tmp_path / 'pulled.csv',
+        '--midline-csv', tmp_path / 'seen.csv', '--align', 'none',
+    ]  # fmt: skip
+
+
+def test_a_swing_tells_damping_drag_and_added_mass(folder: Path, tmp_path: Path, cli: Cli) -> None:
+    given = seen(folder, tmp_path, 1e-4, viscosity=200.0, normal_drag=2.0, added_mass=1.2)
+    fitted = tmp_path / 'fitted.yaml'
+    found = cli.json(
+        *given, '--step', '1e-2', '--loss', 'linear', '--fit', 'damping', 'drag', 'added_mass',
+        '--json', '--out', fitted,
+    )  # fmt: skip
+    truth = {'damping': 300.0, 'drag': 2.5, 'added_mass': 1.5}
+    for name, value in truth.items():
+        low, high = found['estimates'][name]['interval95']
+        assert low < value < high and high - low < 0.35 * value
+    assert found['residuals']['after']['rms'] < 2e-4 < found['residuals']['before']['rms']
+    motion = Config.from_parameters(load_parameters(fitted)).motion
+    assert motion.normal_drag == pytest.approx(found['estimates']['drag']['value'])
+    assert motion.viscosity == pytest.approx(found['estimates']['damping']['value'])
+
+
+def test_what_does_not_swing_tells_nothing(folder: Path, tmp_path: Path, cli: Cli) -> None:
+    given = seen(folder, tmp_path, 0.0)
+    table = tmp_path / 'pulled.csv'
+    head, *rows = table.read_text().splitlines()
+    held = [f'{row.split(",")[0]},0.3,0,0,0' for row in rows]
+    table.write_text('\n'.join([head, *held]))
+    text = cli.refused(*given, '--fit', 'damping', status=1)
+    assert 'the arm does not swing: it is within' in text
+    for more, message in (
+        (('--fit', 'damping', 'axial_stiffness'), 'axial_stiffness is not fitted to an arm that'),
+        (('--fit', 'drag', '--model', 'renda2012'), 'of which only exact moves'),
+    ):
+        assert message in cli.refused(*given, *more)
 
 
 @pytest.mark.parametrize(
