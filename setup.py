@@ -33,7 +33,9 @@ setup(
         'cluster': ['distributed'],
         'compiled': ['numba'],
         'figures': ['matplotlib'],
+        'gymnasium': ['gymnasium'],
         'test': [
+            'gymnasium',
             'hypothesis',
             'matplotlib',
             'mcap',

@@ -1,0 +1,130 @@
+"""A Gymnasium environment: the tip of a moving arm is to reach a point. Needs gymnasium."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.stiffness import default_highest
+from octo_arm_model.rod.motion import Dynamics
+from octo_arm_model.rod.motion_state import Inputs, MotionState
+
+try:
+    import gymnasium
+except ModuleNotFoundError:
+    hint = "install it with: pip install 'octo_arm_model[gymnasium]'"
+    raise ModuleNotFoundError(f'needs gymnasium; {hint}', name='gymnasium') from None
+
+_TRIES = 100  # random tensions for one whose shape can be a target
+
+
+class Snapshot(NamedTuple):
+    """All that the next steps depend on, but for the generator of targets.
+
+    Attributes:
+        state: of the arm.
+        target: of the tip [m].
+        steps: since the reset.
+    """
+
+    state: MotionState
+    target: FloatArray
+    steps: int
+
+
+class ReachEnvironment(gymnasium.Env[FloatArray, FloatArray]):
+    """The tip of a moving arm is to reach a target that it can rest at.
+
+    An action has a number for each tendon, in the order of their names, from -1, slack, to 1, its
+    highest tension; the tension changes linearly over a step. An observation has the position [m]
+    and velocity [m/s] of the tip, the way from there to the target [m], and the tensions as
+    actions. The reward is minus the distance over the length of the arm. An episode is truncated
+    after so many steps, and ends where the motion does, as of an arm that is crushed; ``info`` has
+    the distance [m], and the error of a motion that ended.
+
+    Environments may share one `Dynamics`, since their states are values: so many arms move in one
+    process, as in `gymnasium.vector.SyncVectorEnv`.
+
+    Attributes:
+        dynamics: of the arm.
+        snapshot: where the arm is, which may be kept, and set again later.
+    """
+
+    metadata: dict[str, Any] = {'render_modes': []}  # noqa: RUF012
+
+    def __init__(
+        self, dynamics: Dynamics, highest: FloatArray | None = None, period: float = 0.02,
+        steps: int = 100, divisions: int = 4,
+    ) -> None:  # fmt: skip
+        """Move the arm of ``dynamics``.
+
+        Args:
+            dynamics: of the arm, its water and its loads.
+            highest: tensions [N], of `Arm.tension_shape`; None for the defaults of profiles.
+            period: time of a step [s].
+            steps: after which an episode is truncated.
+            divisions: steps of the integration in one of the environment.
+        """
+        self.dynamics, arm = dynamics, dynamics.solver.arm
+        self._highest = default_highest(arm) if highest is None else np.asarray(highest)
+        self._period, self._steps, self._divisions = period, steps, divisions
+        count = self._highest.size
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (count,), np.float64)
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (9 + count,), np.float64)
+        self._rest = dynamics.at_rest(Inputs(0.0 * self._highest))
+        self.snapshot = Snapshot(self._rest, np.zeros(3), 0)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """Begin at rest, without tensions; ``options`` may have the ``target`` [m].
+
+        Raises:
+            SolveError: if no random tensions have a shape.
+        """
+        super().reset(seed=seed)
+        given = (options or {}).get('target')
+        target = self._random_target() if given is None else np.array(given, dtype=float)
+        self.snapshot = Snapshot(self._rest, target, 0)
+        return self._observe()
+
+    def step(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+        """Go on by a period."""
+        state, target, steps = self.snapshot
+        before = state.tensions.reshape(self._highest.shape)
+        now = 0.5 * (np.reshape(action, self._highest.shape) + 1.0) * self._highest
+        ended = ''
+        try:
+            for part in np.arange(1, self._divisions + 1) / self._divisions:
+                inputs = Inputs(before + part * (now - before))
+                state = self.dynamics.step(state, inputs, self._period / self._divisions)
+        except SolveError as error:
+            ended = str(error)
+        self.snapshot = Snapshot(state, target, steps + 1)
+        observation, info = self._observe()
+        reward = -info['distance'] / self.dynamics.solver.arm.length
+        info |= {'error': ended} if ended else {}
+        return observation, reward, bool(ended), steps + 1 >= self._steps, info
+
+    def _observe(self) -> tuple[FloatArray, dict[str, Any]]:
+        state, target, _ = self.snapshot
+        tip, velocity = self.dynamics.backbone(state).tip, self.dynamics.velocities(state)[-1]
+        pulled = 2.0 * state.tensions / self._highest.ravel() - 1.0
+        away = target - tip
+        return np.concatenate([tip, velocity, away, pulled]), {
+            'distance': float(np.linalg.norm(away))
+        }
+
+    def _random_target(self) -> FloatArray:
+        solver = self.dynamics.solver
+        for _ in range(_TRIES):
+            tensions = self.np_random.uniform(0.0, self._highest)
+            tensions *= self.np_random.random(tensions.shape) < 0.5
+            try:
+                return np.array(solver.solve(tensions).tip)
+            except SolveError:
+                continue
+        raise SolveError(f'none of {_TRIES} random sets of tensions has a shape')

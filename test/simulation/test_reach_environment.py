@@ -1,0 +1,90 @@
+"""The environment of Gymnasium, by its own checker."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+from octo_arm_model import Dynamics, MotionProperties, Solver, load_config
+
+
+@pytest.fixture(scope='module')
+def dynamics() -> Dynamics:
+    arm = load_config('renda2012_prototype').arm.with_density(1080.0)
+    return Dynamics(Solver(arm, 'exact', stations=5), MotionProperties(viscosity=300.0))
+
+
+def test_it_is_what_gymnasium_expects(dynamics: Dynamics) -> None:
+    checker = pytest.importorskip('gymnasium.utils.env_checker', reason='needs gymnasium')
+    from octo_arm_model.simulation.reach_environment import ReachEnvironment
+
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        # Places have no bounds.
+        warnings.filterwarnings('ignore', message='.*Box observation space (min|max)imum value')
+        warnings.filterwarnings('ignore', message='.*(not having|without) a spec|.*render')
+        checker.check_env(ReachEnvironment(dynamics, divisions=2))
+
+
+def test_what_is_restored_goes_on_to_the_same_bits(dynamics: Dynamics) -> None:
+    pytest.importorskip('gymnasium', reason='needs gymnasium')
+    from octo_arm_model.simulation.reach_environment import ReachEnvironment
+
+    one = ReachEnvironment(dynamics, steps=4)
+    one.reset(seed=1)
+    actions = [one.action_space.sample() for _ in range(4)]
+    one.step(actions[0])
+    kept = one.snapshot
+    first = [one.step(action) for action in actions[1:]]
+    one.snapshot = kept
+    again = [one.step(action) for action in actions[1:]]
+    for before, after in zip(first, again):
+        np.testing.assert_array_equal(before[0], after[0])
+    assert [step[3] for step in again] == [False, False, True]
+    # The way to the target is the distance that counts.
+    observation, reward, ended, _, info = again[-1]
+    assert info['distance'] == pytest.approx(np.linalg.norm(observation[6:9]))
+    assert reward == pytest.approx(-info['distance'] / dynamics.solver.arm.length)
+    assert not ended
+
+
+def test_arms_of_one_process_do_not_disturb_each_other(dynamics: Dynamics) -> None:
+    gymnasium = pytest.importorskip('gymnasium', reason='needs gymnasium')
+    from octo_arm_model.simulation.reach_environment import ReachEnvironment
+
+    arms = gymnasium.vector.SyncVectorEnv(
+        [lambda: ReachEnvironment(dynamics, divisions=1) for _ in range(3)]
+    )
+    arms.reset(seed=[0, 1, 2])
+    alone = ReachEnvironment(dynamics, divisions=1)
+    alone.reset(seed=1)
+    for pull in (0.0, 0.5, -0.5):
+        actions = np.full((3, 4), -1.0)
+        actions[:, 1] = [-1.0, pull, 1.0]
+        together, *_ = arms.step(actions)
+        np.testing.assert_array_equal(together[1], alone.step(actions[1])[0])
+    assert np.ptp(together[:, :3], axis=0).max() > 1e-4
+
+
+def test_a_motion_that_ends_ends_the_episode(dynamics: Dynamics) -> None:
+    pytest.importorskip('gymnasium', reason='needs gymnasium')
+    from octo_arm_model.simulation.reach_environment import ReachEnvironment
+
+    crushed = ReachEnvironment(dynamics, np.full(dynamics.solver.arm.tension_shape, 1e4))
+    crushed.reset(options={'target': (0.2, 0.0, 0.0)})
+    *_, ended, truncated, info = crushed.step(np.ones(4))
+    assert (ended, truncated) == (True, False) and info['error']
+
+
+def test_without_gymnasium_it_says_what_to_install() -> None:
+    code = "import sys; sys.modules['gymnasium'] = None; import octo_arm_model.simulation."
+    done = subprocess.run(
+        [sys.executable, '-c', f'{code}reach_environment'], capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    hint = "needs gymnasium; install it with: pip install 'octo_arm_model[gymnasium]'"
+    assert done.stderr.endswith(f'ModuleNotFoundError: {hint}\n')
