@@ -9,7 +9,7 @@ import numpy as np
 from octo_arm_model import Dynamics, Inputs, Loads, MotionProperties, Solver, load_config
 
 STEP, SECONDS, KNOTS = 2e-2, 0.5, 2
-ROUNDS, PROFILES, BEST = 16, 12, 3
+ROUNDS, PROFILES, BEST = 14, 12, 3
 HIGHEST, TARGET = 2.0, np.array([0.235, -0.06, 0.05])
 arm = load_config('renda2012_prototype').arm.with_density(1080.0)
 water = MotionProperties(300.0, normal_drag=2.5, tangential_drag=0.01, added_mass=1.5)

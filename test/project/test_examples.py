@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from checkout import ROOT
 
@@ -19,8 +20,14 @@ from laboratories import KINDS, Truth, laboratory, outcome, shapes_of
 EXAMPLES = sorted(set((ROOT / 'examples').glob('*.py')) - set((ROOT / 'examples').glob('5_*')))
 # Of the numbers that an example prints, in their order.
 CHECKS: dict[str, Callable[[list[float]], bool]] = {
-    '9_fibre_strain': lambda said: said[-3:] == [0.0, 0.0, 4.0],  # mN
-    '12_learned_reach': lambda said: said[2] < 10.0 < 0.3 * said[0],
+    '8_ringing': lambda said: np.allclose(said[:2], said[2:], rtol=0.02),
+    '9_tip_controller': lambda said: said[2] < 1.5 and 4.0 * said[3] < said[1],
+    '10_lqr': lambda said: 2.0 * said[-1] < said[-2],
+    '11_octopus_reach': lambda said: (
+        sorted(said[4::3]) == said[4::3] and said[-2] > said[1] + 50.0
+    ),
+    '12_learned_reach': lambda said: said[2] < 0.3 * said[0],
+    '13_fibre_strain': lambda said: np.allclose(said, [0.0, 0.0, 4.0], atol=0.02),
 }
 
 
@@ -31,7 +38,7 @@ def test_example_runs(example):
     )
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout
-    said = [float(number) for number in re.findall(r'-?\d+\.\d*', ran.stdout)]
+    said = [float(number) for number in re.findall(r'-?\d+\.\d+', ran.stdout)]
     assert CHECKS.get(example.stem, bool)(said), ran.stdout
 
 

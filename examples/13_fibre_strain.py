@@ -41,4 +41,5 @@ for y, z in ((0.005, 0.0), (0.0, 0.005)):  # at a tenth of the length
     fibres.append(FibreStrain(3, y, z, strain, 1e-4))
 model = ArmModel.of(config, Unknowns(Walk(5.0), tip_force=Walk.stationary(0.01, 1.0)), stations=31)
 found = Filter(model).add(0.0, [Tensions([2.0, 0.0, 0.0, 0.0], 0.002), *fibres])
-print('refused:', found.refused, 'force:', np.round(1e3 * found.tip_wrench[:3], 1) + 0.0, 'mN')
+force = ' '.join(f'{1e3 * part + 0.0:.2f}' for part in found.tip_wrench[:3])
+print('refused:', found.refused, 'force:', force, 'mN')

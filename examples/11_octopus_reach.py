@@ -1,0 +1,54 @@
+"""A reach like the octopus's: the arm straightens from the base, and its bend travels to the tip.
+
+All sections are bent at first. One after the other, from the base on, is let go, in water.
+
+    python examples/11_octopus_reach.py [picture.png]
+"""
+
+import sys
+
+import numpy as np
+
+from octo_arm_model import Dynamics, Inputs, Loads, MotionProperties, Solver, load_config
+
+STEP, SECONDS = 5e-3, 2.0
+BENT = np.array([0.06, 1.0, 4.0])  # tension of one tendon of each section, from the tip [N]
+LET_GO = np.array([[1.6, 2.6], [0.8, 1.8], [0.0, 1.0]])  # from when to when [s]
+arm = load_config('renda2012_table4').arm.with_density(1080.0)
+water = MotionProperties(300.0, normal_drag=2.5, tangential_drag=0.01, added_mass=1.5)
+dynamics = Dynamics(Solver(arm, 'exact', stations=91, loads=Loads(fluid_density=1022.0)), water)
+
+
+def inputs(time: float) -> Inputs:
+    """Tensions at a time [s]."""
+    tensions = np.zeros(arm.tension_shape)
+    left = [np.interp(time, when, [1.0, 0.0]) for when in LET_GO]
+    tensions[:, 0] = BENT * left
+    return Inputs(tensions)
+
+
+state, shapes = dynamics.at_rest(inputs(0.0)), []
+for number in range(round(SECONDS / STEP) + 1):
+    if number:
+        state = dynamics.step(state, inputs(number * STEP), STEP)
+    if number % 20 == 0:
+        shape = dynamics.backbone(state)
+        shapes.append(shape.position)
+        # The bend is where half of the turning of the arm is behind.
+        turned = np.cumsum(np.abs(shape.k))
+        bend = float(np.interp(0.5 * turned[-1], turned, shape.s)) if turned[-1] else 0.0
+        if number % 100 == 0:
+            fast = float(np.linalg.norm(dynamics.velocities(state), axis=1).max())
+            print(f'{number * STEP:.1f} s: bend at {1e3 * bend:5.1f} mm, at most {fast:.2f} m/s')
+
+if len(sys.argv) > 1:
+    from matplotlib import colormaps
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 4.5), layout='constrained')
+    axes = figure.add_subplot(xlabel='x [m]', ylabel='y [m]', aspect='equal')
+    for number, position in enumerate(shapes):
+        colour = colormaps['viridis'](number / len(shapes))
+        axes.plot(position[:, 0], position[:, 1], color=colour)
+    axes.grid(alpha=0.3)
+    figure.savefig(sys.argv[1], dpi=90)
