@@ -44,7 +44,7 @@ def _row(parameter: Parameter) -> str:
     value = list(parameter.default or ()) if parameter.is_array else parameter.default
     default = 'empty' if value in ([], '') else f'`{value}`'
     if parameter.default is None:
-        default = f'required, or `{parameter.unless}`' if parameter.unless else 'required'
+        default = ', or '.join(['required', *(f'`{name}`' for name in parameter.unless)])
     return f'| `{parameter.name}` | {parameter.type_name} | {default} | {parameter.description} |'
 
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import BackboneShape, Bending, Stiffness, TipPose, TipPosition
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.body import Body, ProfiledBody
+from octo_arm_model.arm.body import Body, ProfiledBody, RectangularBody
+from octo_arm_model.arm.cross_section import GivenStiffness, RestShape
 from octo_arm_model.arm.errors import (
     ArmDefinitionError,
     ConfigError,
@@ -58,6 +59,7 @@ __all__ = [
     'DistributedLoad',
     'Dynamics',
     'Function',
+    'GivenStiffness',
     'Inputs',
     'Inverse',
     'Linear',
@@ -73,6 +75,8 @@ __all__ = [
     'Pose',
     'Profile',
     'ProfiledBody',
+    'RectangularBody',
+    'RestShape',
     'RoutedSection',
     'Section',
     'Sensitivity',

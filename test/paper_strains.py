@@ -21,7 +21,9 @@ def tendon_sums(arm: Arm, tensions: np.ndarray, s: float, active: int) -> FloatA
 def closed_form_strains(arm: Arm, tensions: np.ndarray, s: float, active: int) -> FloatArray:
     """Strains tau, xi, k and q there."""
     tables = tabulate_paper(arm, build_elements(arm), np.zeros(1), is_published=False)
-    stiffness = np.stack(SectionStiffness.at(arm, np.array([s])))
+    stiffness = np.stack(SectionStiffness.at(arm, np.array([s]))[:4])
     sums = tendon_sums(arm, tensions, s, active).reshape(1, 7, 1)
-    twist = arrays.paper_twists(tables._replace(stiffness=stiffness), sums, 0.0)[0][0, 0]
+    twist = arrays.paper_twists(
+        tables._replace(stiffness=stiffness, rest=np.zeros((3, 1))), sums, 0.0
+    )[0][0, 0]
     return np.append(twist[:3] / twist[3], twist[3] - 1.0)

@@ -8,7 +8,18 @@ from types import ModuleType
 import numpy as np
 from helical_arm import HELICAL, PULL
 
-from octo_arm_model import Arm, DistributedLoad, Loads, PointLoad
+from octo_arm_model import (
+    Arm,
+    DistributedLoad,
+    GivenStiffness,
+    Linear,
+    Loads,
+    PointLoad,
+    ProfiledBody,
+    RectangularBody,
+    RestShape,
+    Table,
+)
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.equilibrium import Condition, Problem
@@ -23,6 +34,14 @@ EVERYTHING = Loads(
 WRENCH = np.array([0.01, 0.02, -0.01, 1e-4, -2e-4, 1e-4])
 TENSIONS = PULL.ravel()
 SHEATHED = dataclasses.replace(HELICAL, sheath_stiffness=(3e5, 0.0, 1e6, 4e5, 5e5, 6e5))
+# A tapered strip bent and twisted at rest, whose tendons run outside it through discs.
+STRIP = RectangularBody(HELICAL.length, Linear(0.02, 0.01, HELICAL.length), 0.006, 0.02)
+BENT = RestShape(
+    Table((0.0, 0.2, HELICAL.length), (4.0, -6.0, 2.0)), 5.0, Linear(-3.0, 2.0, HELICAL.length)
+)
+CURVED = dataclasses.replace(SHEATHED, body=STRIP, rest=BENT)
+GIVEN = GivenStiffness(bending_b=Linear(4e-3, 1e-3, HELICAL.length), torsion=5e-4)
+TUBE = ProfiledBody(HELICAL.length, Linear(0.02, 0.01, HELICAL.length), 0.02, 0.006)
 CASES: dict[str, tuple[Arm, Setting]] = {
     'linear': (HELICAL, Setting(widens=False)),
     'neo_hookean': (HELICAL, Setting()),
@@ -30,6 +49,10 @@ CASES: dict[str, tuple[Arm, Setting]] = {
     'linear in sheaths': (SHEATHED, Setting(widens=False)),
     'neo_hookean in sheaths': (SHEATHED, Setting()),
     'shear in sheaths': (SHEATHED, Setting(widens=False, shear=True)),
+    'linear bent strip': (dataclasses.replace(CURVED, stiffness=GIVEN), Setting(widens=False)),
+    'neo_hookean bent strip': (CURVED, Setting()),
+    'shear bent strip': (CURVED, Setting(widens=False, shear=True)),
+    'neo_hookean tube': (dataclasses.replace(HELICAL, body=TUBE, stiffness=GIVEN), Setting()),
 }
 
 

@@ -78,7 +78,9 @@ class Drawing:
         ends = np.searchsorted(self._rings, self._anchorages)
         self._tendon_ends = ends[arm.tendon_section - 1]
         radius = arm.body.radius(s[self._rings])
-        self._outline = unit_circle(sides)[:, :, np.newaxis] * radius
+        corners = unit_circle(sides) if arm.body.is_round else unit_square(sides)
+        half_sizes = arm.body.half_sizes(s[self._rings])
+        self._outline = corners[:, :, np.newaxis] * half_sizes[:, np.newaxis]
         self._offsets = np.array(arm.tendon_offsets(s[self._rings]))
         self._disc_radius = _DISC_RIM * np.maximum(radius, arm.body.disc_radius)[ends]
         self.triangles = tube_triangles(self._rings.size, sides)
@@ -121,6 +123,12 @@ def unit_circle(sides: int) -> FloatArray:
     """Corners (2, sides) of the polygon that is drawn for a circle of radius 1."""
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     return np.array([np.cos(angle), np.sin(angle)])
+
+
+def unit_square(sides: int) -> FloatArray:
+    """Points (2, sides) along a square of half the size 1, its corners among four, eight, ..."""
+    along = np.arange(sides) * 8.0 / sides - np.array([[0.0], [2.0]])
+    return np.clip(np.abs(along % 8.0 - 3.0) - 2.0, -1.0, 1.0)
 
 
 def anchorage_stations(arm: Arm, s: FloatArray) -> IntArray:

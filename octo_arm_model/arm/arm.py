@@ -14,14 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.arm.body import Body, ProfiledBody
+from octo_arm_model.arm.body import Body, ProfiledBody, RectangularBody
+from octo_arm_model.arm.cross_section import GivenStiffness, RestShape
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.limits import MAX_FRICTION, MAX_NAME, MAX_SECTIONS, MAX_TENDONS
 from octo_arm_model.arm.material import Material
 from octo_arm_model.arm.profile import as_profile
 from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
-from octo_arm_model.arm.validation import LARGEST, is_text, not_negative, set_fields
+from octo_arm_model.arm.validation import LARGEST, SMALLEST, is_text, not_negative, set_fields
 
 _CHECKED = 257  # arc coordinates at which profiles are checked, besides their knots
 # Rounding by which a tendon on the surface may lie outside the body, over the radius of the base.
@@ -49,6 +50,8 @@ class Arm:
             leave its path in the cross section.
         friction: Coulomb's coefficient mu of each tendon in its guides [-], at most
             `MAX_FRICTION`.
+        stiffness: of the cross sections, as far as it is not that of body and material.
+        rest: how the arm is bent where nothing acts on it.
 
     Raises:
         ArmDefinitionError: if there is no section, an anchorage lies beyond the tip or out of
@@ -58,13 +61,15 @@ class Arm:
     """
 
     material: Material
-    body: Body | ProfiledBody
+    body: Body | ProfiledBody | RectangularBody
     sections: tuple[Section | RoutedSection, ...]
     tendon_names: tuple[str, ...] = ()
     axial_stiffness: tuple[float, ...] = ()
     free_length: tuple[float, ...] = ()
     sheath_stiffness: tuple[float, ...] = ()
     friction: tuple[float, ...] = ()
+    stiffness: GivenStiffness = dataclasses.field(default_factory=GivenStiffness)
+    rest: RestShape = dataclasses.field(default_factory=RestShape)
 
     def __post_init__(self) -> None:
         given, kinds = self.sections, (Section, RoutedSection)
@@ -79,6 +84,7 @@ class Arm:
         for number, section in enumerate(self.sections, start=1):
             self._check_section(f'sections[{number}]', section, before)
             before = section.anchorage
+        self._check_rest()
         set_fields(
             self,
             tendon_names=self._names(),
@@ -90,10 +96,14 @@ class Arm:
 
     def _check_profiles(self) -> None:
         """Check that radius and elastic constants are in range all along the arm."""
+        inner = getattr(self.body, 'inner_radius', 0.0)
+        stiffness = self.stiffness.profiles.items()
         for name, given, low, high, expected in (
-            ('body.radius', self.body.profile, 0.0, math.inf, '> 0 [m]'),
+            *((name, one, 0.0, math.inf, '> 0 [m]') for name, one in self.body.profiles.items()),
+            ('body.inner_radius', inner, -SMALLEST, math.inf, '>= 0 [m]'),
             ('material.youngs_modulus', self.material.youngs_modulus, 0.0, math.inf, '> 0 [Pa]'),
             ('material.poisson_ratio', self.material.poisson_ratio, -1.0, 0.5, 'in (-1, 0.5] [-]'),
+            *((f'stiffness.{name}', one, 0.0, math.inf, '> 0') for name, one in stiffness),
         ):
             profile = as_profile(given)
             profile.cover(name, self.length)
@@ -107,6 +117,24 @@ class Arm:
                     float(values[first]),
                     f'a finite number {expected} all along the arm',
                 )
+        s = _places(self.knots, self.length)
+        bad = as_profile(inner).value(s) >= (radius := self.body.radius(s))
+        if bad.any():
+            where = int(np.argmax(bad))
+            raise ArmDefinitionError(
+                f'body.inner_radius at s = {s[where]:.6g} m',
+                float(as_profile(inner).value(s)[where]),
+                f'less than the radius of the body there, {radius[where]:.6g} [m]',
+            )
+
+    def _check_rest(self) -> None:
+        """Check that sections and tendons have lengths > 0 where the arm is at rest."""
+        if not self.rest.is_straight:
+            s = _places(self.knots, self.length)
+            ends = np.array([section.anchorage for section in self.sections])
+            acts = s <= ends[self.tendon_section - 1][:, np.newaxis]
+            farthest = (np.hypot(*self.tendon_offsets(s)) * acts).max(axis=0)
+            self.rest.check(self.length, s, np.maximum(self.body.radius(s), farthest))
 
     def _check_section(self, where: str, section: Section | RoutedSection, before: float) -> None:
         """Check the tendons of a ``section`` and its anchorage, after one at ``before`` [m]."""
@@ -126,7 +154,7 @@ class Arm:
             self._check_inside(f'{where}.offset_base', section.tendons[0], np.zeros(1))
             self._check_inside(f'{where}.offset_anchorage', section.tendons[0], np.array([end]))
         for index, tendon in enumerate(section.tendons, start=1):
-            s = _places(tendon.knots + self.body.profile.knots, end)
+            s = _places(tendon.knots + self.body.knots, end)
             self._check_inside(f'{where}.tendons[{index}].offset', tendon, s)
 
     def _check_inside(self, name: str, tendon: Tendon, s: FloatArray) -> None:
@@ -135,8 +163,19 @@ class Arm:
         limit = np.maximum(radius, discs)
         rounding = _ROUNDING * np.maximum(self.body.radius(0.0), limit)
         bad = ~((offset >= 0.0) & (offset <= limit + rounding))
+        if not self.body.is_round:
+            outside = np.abs(tendon.place(s)) > self.body.half_sizes(s) + rounding
+            bad |= outside.any(axis=0) & (offset > discs + rounding)
         if bad.any():
             first = int(np.argmax(bad))
+            if not (self.body.is_round or discs > radius[first]):
+                width, height = 2.0 * self.body.half_sizes(s[first])
+                raise ArmDefinitionError(
+                    name,
+                    float(offset[first]),
+                    f'such that the tendon is within the body at s = {s[first]} m, '
+                    f'{width:.6g} by {height:.6g} [m]',
+                )
             what = 'the radius of the discs' if discs > radius[first] else 'the radius of the body'
             raise ArmDefinitionError(
                 name,
@@ -231,7 +270,8 @@ class Arm:
     @functools.cached_property
     def knots(self) -> tuple[float, ...]:
         """Interior s at which material, body or a tendon's path is not smooth [m], ascending."""
-        found = {*self.material.knots, *self.body.profile.knots}
+        found = {*self.material.knots, *self.body.knots, *self.rest.knots}
+        found.update(s for one in self.stiffness.profiles.values() for s in one.knots)
         found.update(s for tendon in self.tendons for s in tendon.knots)
         return tuple(sorted(s for s in found if 0.0 < s < self.length))
 

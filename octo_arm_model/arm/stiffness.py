@@ -23,22 +23,34 @@ class SectionStiffness(NamedTuple):
     Attributes:
         axial: E A [N].
         torsion: G I [N m^2].
-        bending: E J [N m^2].
+        bending_n: E J of bending about n [N m^2].
+        bending_b: E J of bending about b [N m^2].
+        shear: G A [N].
     """
 
     axial: FloatArray
     torsion: FloatArray
-    bending: FloatArray
+    bending_n: FloatArray
+    bending_b: FloatArray
+    shear: FloatArray
 
     @classmethod
     def at(cls, arm: Arm, nodes: FloatArray) -> SectionStiffness:
         """Stiffness of ``arm`` at arc coordinates ``nodes`` (n,) [m]."""
-        radius = arm.body.radius(nodes)
-        area = np.pi * radius**2
-        second_moment = 0.25 * np.pi * radius**4
+        body = arm.body.geometry(nodes)
         young = arm.material.youngs_modulus_at(nodes)
         shear = arm.material.shear_modulus_at(nodes)
-        return cls(young * area, shear * 2.0 * second_moment, young * second_moment)
+        found = cls(
+            young * body.area, shear * body.torsion, young * body.about_n, young * body.about_b,
+            shear * body.area,
+        )  # fmt: skip
+        given = arm.stiffness.profiles.items()
+        return found._replace(**{name: profile.value(nodes) for name, profile in given})
+
+    @property
+    def bending(self) -> FloatArray:
+        """The smaller one of both [N m^2]."""
+        return np.minimum(self.bending_n, self.bending_b)
 
 
 def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
@@ -51,7 +63,8 @@ def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
     for j, (tendon, section) in enumerate(zip(arm.tendons, arm.tendon_section, strict=True)):
         s = np.linspace(0.0, arm.sections[section - 1].anchorage, _STATIONS)
         stiffness = SectionStiffness.at(arm, s)
-        turn = float(trapezoid(tendon.offset.value(s) / stiffness.bending, s))
+        about = np.hypot(*(tendon.place(s)[::-1] / stiffness[2:4]))
+        turn = float(trapezoid(about, s))
         bending = 4.0 * np.pi / turn if turn > 0.0 else np.inf
         highest[j] = min(part * float(stiffness.axial[-1]), bending)
     return highest.reshape(arm.tension_shape)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from octo_arm_model.arm.arm import Arm, check_size
-from octo_arm_model.arm.body import Body, ProfiledBody
+from octo_arm_model.arm.body import Body, ProfiledBody, RectangularBody
+from octo_arm_model.arm.cross_section import GivenStiffness, RestShape
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.material import Material
@@ -144,6 +145,8 @@ def build_arm(given: Values) -> Arm:
         free_length=given['tendons.free_length'],
         sheath_stiffness=given['tendons.sheath_stiffness'],
         friction=given['tendons.friction'],
+        stiffness=_stiffness(given),
+        rest=_rest(given),
     )
 
 
@@ -249,12 +252,54 @@ def _material(given: Values) -> Material:
     )
 
 
-def _body(given: Values) -> Body | ProfiledBody:
+def _body(given: Values) -> Body | ProfiledBody | RectangularBody:
     length, discs = given['body.length'], given['body.disc_radius']
+    width = _along(given, 'body', 'width', given['body.width'])
+    height = _along(given, 'body', 'height', given['body.height'])
+    inner = _along(given, 'body', 'inner_radius', given['body.inner_radius'])
+    radii = ('radius_base', 'radius_tip', 'table_radius', 'inner_radius', 'table_inner_radius')
+    round_ones = [name for name in radii if given.get(f'body.{name}')]
+    if width != 0.0 or height != 0.0:
+        if round_ones:
+            raise ConfigError(f'body.{round_ones[0]} does not go with width and height of a body')
+        return RectangularBody(length, width, height, discs)
     if given['body.table_s']:
         radius = _table(given, 'body.table_radius', given['body.table_s'])
-        return ProfiledBody(length, radius, discs)
-    return Body(length, given['body.radius_base'], given['body.radius_tip'], discs)
+        return ProfiledBody(length, radius, discs, inner)
+    return Body(length, given['body.radius_base'], given['body.radius_tip'], discs, inner)
+
+
+def _stiffness(given: Values) -> GivenStiffness:
+    bending = given['stiffness.bending'] or (0.0,)
+    if len(bending) not in (1, 2):
+        check_length('stiffness.bending', bending, 2, ', about n and about b, or one for both')
+    values = {
+        'axial': given['stiffness.axial'], 'bending_n': bending[0], 'bending_b': bending[-1],
+        'torsion': given['stiffness.torsion'],
+    }  # fmt: skip
+    return GivenStiffness(
+        **{name: _along(given, 'stiffness', name, one) for name, one in values.items()}
+    )
+
+
+def _rest(given: Values) -> RestShape:
+    curvature = given['rest_curvature']
+    check_length('rest_curvature', curvature, 2, ', about n and about b')
+    values = {
+        'curvature_n': curvature[0], 'curvature_b': curvature[1], 'torsion': given['rest_torsion']
+    }  # fmt: skip
+    return RestShape(**{name: _along(given, 'rest', name, one) for name, one in values.items()})
+
+
+def _along(given: Values, group: str, name: str, constant: float) -> float | Profile:
+    """What a table of a ``group`` says of ``name``, or else the ``constant``."""
+    table, s = f'{group}.table_{name}', f'{group}.table_s'
+    if not given[table]:
+        return constant
+    if constant:
+        raise ConfigError(f'{table} and the same for all s are given, expected one of both')
+    check_length(table, given[table], len(given[s]), f', one for each of {s}')
+    return Table(tuple(given[s]), tuple(given[table]), table)
 
 
 def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:

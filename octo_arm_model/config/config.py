@@ -102,7 +102,7 @@ class Config:
         given = {}
         for parameter in PARAMETERS:
             value = values.get(parameter.name, parameter.default)
-            if value is None and values.get(parameter.unless):
+            if value is None and any(values.get(name) for name in parameter.unless):
                 continue
             if value is None:
                 raise ConfigError(

@@ -37,7 +37,7 @@ class Parameter:
         description: what it is, with its unit in brackets.
         default: value where none is given; None means it must be given.
         is_array: whether it is a list.
-        unless: name of the parameter that replaces it; if that one is given it may be missing.
+        unless: names of parameters that replace it; if one is given it may be missing.
         range: allowed values, in words; the core checks them.
         most: number of values that a list has at most, whether they are used or not.
     """
@@ -47,7 +47,7 @@ class Parameter:
     description: str
     default: Any = None
     is_array: bool = False
-    unless: str = ''
+    unless: tuple[str, ...] = ()
     range: str = ''
     most: int = MAX_TABLE_POINTS
 

@@ -29,10 +29,10 @@ def unit_loads(arm: Arm, unknowns: Unknowns) -> tuple[Loads, ...]:
 
 def _current(arm: Arm, axis: tuple[float, float, float]) -> DistributedLoad:
     """Pressure of 1 Pa along ``axis``, times the diameter."""
-    profile = arm.body.profile
+    profiles = arm.body.profiles.values()
     s = np.array([0.0, arm.length])
-    if not isinstance(profile, (Constant, Linear)):
-        inside = [knot for knot in profile.knots if 0.0 < knot < arm.length]
+    if not all(isinstance(profile, (Constant, Linear)) for profile in profiles):
+        inside = sorted({knot for knot in arm.body.knots if 0.0 < knot < arm.length})
         ends = [0.0, *inside, arm.length]
         # Parts of what is between two knots; a load has no more points than a table may have.
         parts = max(1, _PIECES // (len(ends) - 1))

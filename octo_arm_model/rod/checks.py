@@ -8,7 +8,17 @@ from numpy.typing import NDArray
 from octo_arm_model.arm.errors import ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Problem, State
-from octo_arm_model.rod.tables import ALONG_B, ALONG_N, AXIAL, SQUARED_RADIUS, Tables
+from octo_arm_model.rod.tables import (
+    ALONG_B,
+    ALONG_N,
+    AXIAL,
+    RADIUS,
+    REST_B,
+    REST_N,
+    SQUARED_B,
+    SQUARED_N,
+    Tables,
+)
 
 SHORTEST_FIBRE = 0.02  # of its reference length
 _SHORTENS = 1.0  # tension over E A that would shorten a straight rod to nothing
@@ -75,8 +85,12 @@ def are_stretched(tables: Tables, z: FloatArray, arms: int) -> NDArray[np.bool_]
 def _shortest_fibres(tables: Tables, z: FloatArray) -> FloatArray:
     """Length of the shortest fibre of sections of twists ``z`` (N, m) over that at rest, (N,)."""
     # The area of a section is 1 / stretch of what it was.
-    radius = np.sqrt(tables.body[:, SQUARED_RADIUS] / z[:, 3])
-    return np.asarray(z[:, 3] - radius * np.sqrt(z[:, 1] * z[:, 1] + z[:, 2] * z[:, 2]))
+    body, stretch = tables.body, z[:, 3]
+    width = 1.0 / np.sqrt(stretch)
+    about_n = width * z[:, 1] - stretch * body[:, REST_N]
+    about_b = width * z[:, 2] - stretch * body[:, REST_B]
+    bend = body[:, SQUARED_N] * about_n**2 + body[:, SQUARED_B] * about_b**2
+    return np.asarray(stretch - np.sqrt(bend))
 
 
 def check_tendons(problem: Problem, state: State) -> None:
@@ -86,7 +100,7 @@ def check_tendons(problem: Problem, state: State) -> None:
     path = tables.tendons[..., [ALONG_N, ALONG_B]]
     moved = path + problem.work.offsets
     squared = (moved * moved).sum(axis=-1)
-    farthest = np.maximum((path * path).sum(axis=-1), tables.body[:, SQUARED_RADIUS, np.newaxis])
+    farthest = np.maximum((path * path).sum(axis=-1), tables.body[:, RADIUS, np.newaxis] ** 2)
     outside = (squared > farthest) & (state.acting.tensions > 0.0) & (tables.compliance > 0.0)
     _refuse(problem, outside.any(axis=1), 'press a tendon out of the body', 'its sheath is')
 

@@ -63,8 +63,8 @@ def force_per_length(arm: Arm, s: FloatArray, loads: Loads) -> FloatArray:
         raise ArmDefinitionError(
             'material.density', 0.0, 'a density > 0 [kg/m^3] where there is gravity'
         )
-    area = np.pi * arm.body.radius(s) ** 2
-    weight = (arm.material.density - loads.fluid_density) * area
+    body = arm.body.geometry(s)
+    weight = arm.material.density * body.area - loads.fluid_density * body.displaced
     density = weight[:, np.newaxis] * np.array(loads.gravity)
     for load in loads.distributed:
         inside = (s >= load.s[0]) & (s <= load.s[-1])

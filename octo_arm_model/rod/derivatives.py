@@ -25,7 +25,7 @@ from octo_arm_model.rod.factors import Factors
 from octo_arm_model.rod.friction import TensionDerivatives
 from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.tables import AXIAL, SHEAR, TORSION, Tables
+from octo_arm_model.rod.tables import REST_T, SHEAR, TORSION, Tables
 from octo_arm_model.rod.tendons import PathChange, Tendons, outward_paths, unloaded_tendons
 
 _MATERIAL, _PATHS = ('youngs_modulus', 'poisson_ratio'), ('offset', 'sheath_stiffness')
@@ -56,13 +56,15 @@ class _Sections:
         z: FloatArray,
         gradient: FloatArray,
         tendons: Tendons,
+        by_ratio: FloatArray,
     ) -> None:
         """Of ``tendons`` at twists ``z`` (n, m), with a ``gradient`` (n, m) of the energy.
 
-        ``outwards`` (4, n, J) are `outward_paths`.
+        ``outwards`` (4, n, J) are `outward_paths`; G I and G A change by ``by_ratio`` (2, n) of
+        them per unit of nu.
         """
         self._tables, self._outwards, self._z, self._gradient = tables, outwards, z, gradient
-        self.tendons = tendons
+        self.tendons, self._by_ratio = tendons, by_ratio
 
     def imbalance(self, columns: _Columns, total: int) -> FloatArray:
         """Change of the residual at fixed local tensions and loads, (n, m, total)."""
@@ -93,13 +95,14 @@ class _Sections:
     @property
     def by_poisson_ratio(self) -> FloatArray:
         """Per unit of nu, (n, m), by G alone."""
-        body, tendons = self._tables.body, self.tendons
-        over = -2.0 * body[:, SHEAR] / body[:, AXIAL]  # -1 / (1 + nu)
-        torsion = over * body[:, TORSION] * tendons.scaled[0, :, 0]
+        body, tendons, width = self._tables.body, self.tendons, self.tendons.width[:, 0]
+        # Torsion of rubber is w (kappa_t - that at rest), as of all where w is 1.
+        twist = self._z[:, 0] - body[:, REST_T]
+        torque = self._by_ratio[0] * body[:, TORSION] * width * twist
         found = np.zeros_like(self._z)
-        found[:, 0] = torsion * tendons.width[:, 0]
-        found[:, 3] = torsion * tendons.widening[:, 0] * self._z[:, 0]
-        found[:, 4:] = (over * body[:, SHEAR])[:, np.newaxis] * self._z[:, 4:]
+        found[:, 0] = torque * width
+        found[:, 3] = torque * tendons.widening[:, 0] * twist
+        found[:, 4:] = (self._by_ratio[1] * body[:, SHEAR])[:, np.newaxis] * self._z[:, 4:]
         return found
 
 
@@ -137,6 +140,9 @@ class Derivatives:
         self._rest = unloaded_tendons(own).stretch
         self._rest_lengths = elements.weights @ self._rest
         self._outwards = outward_paths(rod.arm, own, elements.s)
+        ratio = rod.arm.material.poisson_ratio_at(elements.s)
+        self._by_ratio = np.outer([1.0, 1.0], -1.0 / (1.0 + ratio))
+        self._by_ratio[0] *= 'torsion' not in rod.arm.stiffness.profiles
         self._kept: _Linear | None = None
 
     def sensitivity(self, state: State) -> Sensitivity:
@@ -219,7 +225,7 @@ class Derivatives:
             work, rates = problem.work, problem.tension_rates(state)
             sections = _Sections(
                 problem.tables, self._outwards, state.z, work.gradient.copy(),
-                problem.tendons(state),
+                problem.tendons(state), self._by_ratio,
             )  # fmt: skip
             kept = self._kept = _Linear(
                 state, factors, tension, rates, sections, work.rotation.copy(), work.slope.copy()

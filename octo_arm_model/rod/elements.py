@@ -27,7 +27,8 @@ _TAPER = 1.5
 # Elements and points of each level of refinement: how many parts every element is cut into, and
 # how many points more than `_points` has.
 LEVELS = ((1, 0), (1, 3), (2, 3), (4, 3), (8, 3))
-MOST_TURNS = 1.0  # of a tendon about the midline in an element, so that its nodes show all of them
+# Of a tendon about the midline, or of the arm, in an element, so that its nodes show all of them.
+MOST_TURNS = 1.0
 COARSE = -1  # level of few nodes, to follow arms on
 _COARSE_POINTS = 4
 # Parts of each element, and points of each part, where tendons slide: tensions have kinks.
@@ -216,12 +217,17 @@ def _stops(
 
 
 def _turns(arm: Arm, stops: FloatArray) -> FloatArray:
-    """Turns about the midline, in each element, of the tendon that winds most there, (E,)."""
+    """Turns, in each element, of the tendon that winds most about the midline, (E,).
+
+    Or of the arm itself at rest, where these are more.
+    """
     s = np.unique(np.concatenate([stops, np.linspace(0.0, arm.length, 513)]))
-    wound = np.zeros((len(arm.tendons), s.size))
-    for row, tendon, number in zip(wound, arm.tendons, arm.tendon_section.tolist(), strict=True):
+    wound = np.zeros((len(arm.tendons) + 1, s.size))
+    for row, tendon, number in zip(wound, arm.tendons, arm.tendon_section.tolist()):
         until = np.minimum(s, arm.sections[number - 1].anchorage)
         row[1:] = np.abs(np.diff(tendon.angle.value(until))).cumsum()
+    bend = np.linalg.norm(arm.rest.at(s), axis=0)
+    wound[-1, 1:] = (0.5 * (bend[1:] + bend[:-1]) * np.diff(s)).cumsum()
     between = np.diff(wound[:, np.searchsorted(s, stops)])
     return np.asarray(between.max(axis=0) / (2.0 * math.pi))
 

@@ -6,11 +6,12 @@ water, its acceleration a, the tangent t and its rate t', per reference length
 
     force    -rho A a_abs - m_a (P w)' - rho_w R |w| (C_n w + (pi C_t / 2 - C_n) (t . w) t)
              + rho_w A u',                       P = 1 - t t^T,    m_a = C_a rho_w A            (1)
-    moment   -rho J (n x n'' + b x b'') - m_a (t . w) t x w                                     (2)
+    moment   -rho (J_b n x n'' + J_n b x b'') - m_a (t . w) t x w                               (2)
 
-for the directors n and b and the acceleration u' of the water; the moment of the added mass is
-Munk's, without which the energy of rod and water would change. In (1) the momentum of the water is
-differentiated: (P w)' = P a - (t' t^T + t t'^T) w. Viscosity adds D z' to the sections' gradient.
+for the directors n and b, second moments of area J_n about n and J_b about b, and the acceleration
+u' of the water; the moment of the added mass is Munk's, without which the energy of rod and water
+would change. In (1) the momentum of the water is differentiated: (P w)' = P a - (t' t^T + t t'^T)
+w. Viscosity adds D z' to the sections' gradient.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.motion_properties import MotionProperties
+from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.rod import arrays, inertia_arrays
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.elements import Elements
@@ -32,9 +34,12 @@ from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.inertia_arrays import (
     COLUMNS,
+    DISPLACED,
     LAST,
     NEXT,
     POSITION,
+    ROTARY_B,
+    ROTARY_N,
     TANGENT,
     Motion,
     MotionTables,
@@ -43,7 +48,7 @@ from octo_arm_model.rod.inertia_arrays import (
     dot,
 )
 from octo_arm_model.rod.other_loads import NodeRod
-from octo_arm_model.rod.tables import AXIAL, SHEAR, SQUARED_RADIUS, TORSION, Tables, Work
+from octo_arm_model.rod.tables import RADIUS, Tables, Work
 
 
 class MotionFunctions(Protocol):
@@ -92,13 +97,17 @@ class MovingProblem(Problem):
         if not arm.material.density:
             expected = 'a density > 0 [kg/m^3] of an arm that moves'
             raise ArmDefinitionError('material.density', 0.0, expected)
-        square, water = tables.body[:, SQUARED_RADIUS], loads.fluid_density
-        area, nodes = math.pi * square, elements.s.size
-        mass, drag = arm.material.density * area, water * np.sqrt(square)
+        for name in ('normal_drag', 'tangential_drag', 'added_mass'):
+            if not arm.body.is_round and (given := getattr(properties, name)):
+                expected = '0 of a rectangular body, of which drag and added mass are not known'
+                raise ArmDefinitionError(f'motion.{name}', given, expected)
+        water, nodes, density = loads.fluid_density, elements.s.size, arm.material.density
+        body, drag = arm.body.geometry(elements.s), water * tables.body[:, RADIUS]
         across, along = properties.normal_drag, 0.5 * math.pi * properties.tangential_drag
         section = np.stack(
             [
-                mass, 0.25 * mass * square, water * area, properties.added_mass * water * area,
+                density * body.area, density * body.about_b, density * body.about_n,
+                water * body.displaced, properties.added_mass * water * body.displaced,
                 across * drag, (along - across) * drag,
             ],
             axis=1,
@@ -106,8 +115,8 @@ class MovingProblem(Problem):
         from_base = elements.integration(elements.s)
         self.moving = MotionTables(
             np.asfortranarray(from_base), np.asfortranarray(elements.weights - from_base),
-            section, bool(section[:, 3:].any()),
-            _viscosities(tables, strains, properties),
+            section, bool(section[:, DISPLACED:].any()),
+            _viscosities(arm, elements.s, strains, properties),
         )  # fmt: skip
         self._is_viscous = bool(self.moving.viscous.any())
         self._functions = choose_functions(form)
@@ -211,15 +220,17 @@ class MovingProblem(Problem):
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Derivatives of (1), and of (2), by displacement and turn of a node, (N, 3, 3) each."""
         place, velocity, acceleration, _ = self.motion
-        mass, rotary, _, added, across, along = self.moving.section.T[..., np.newaxis, np.newaxis]
+        section = self.moving.section
+        mass, added, across, along = section.T[[0, 4, 5, 6], :, np.newaxis, np.newaxis]
         one, nodes = np.eye(3), len(place)
         by_turn, moment_by_place = np.zeros((2, nodes, 3, 3))
-        # Of n x n'' + b x b'', with n n^T + b b^T = 1 - t t^T.
+        # Each of rho J d x d'' gives rho J (d d''^T - d . d'' + c0 (1 - d d^T)).
         t, tt = place[:, TANGENT], _outer(place[:, TANGENT], place[:, TANGENT])
         axes, spun = (x[:, 6:].reshape(-1, 2, 3) for x in (place, acceleration))
-        turning = axes.swapaxes(1, 2) @ spun
-        trace = (axes * spun).sum(axis=(1, 2))[:, np.newaxis, np.newaxis]
-        moment_by_turn = rotary * ((trace - c0) * one - c0 * tt - turning)
+        rotary = section[:, ROTARY_N : ROTARY_B + 1, np.newaxis]
+        weighed = (rotary * axes).swapaxes(1, 2)
+        trace = (rotary * (axes * spun - c0 * axes * axes)).sum(axis=(1, 2))
+        moment_by_turn = weighed @ (c0 * axes - spun) + trace[:, np.newaxis, np.newaxis] * one
         by_place = -c0 * mass * one
         if not self.moving.in_water:
             return by_place, by_turn, moment_by_place, moment_by_turn
@@ -246,19 +257,18 @@ class MovingProblem(Problem):
         return by_place, by_turn, moment_by_place, moment_by_turn
 
 
-def _viscosities(tables: Tables, strains: int, properties: MotionProperties) -> FloatArray:
-    """D of the sections, (N, m)."""
-    body, eta = tables.body, properties.viscosity
-    bending = 0.25 * body[:, AXIAL] * body[:, SQUARED_RADIUS]
-    sheared = body[:, SHEAR]
-    stiffness = [body[:, TORSION], bending, bending, body[:, AXIAL], sheared, sheared]
-    found = properties.damping_time * np.stack(stiffness[:strains], axis=1)
-    if eta:
-        area = math.pi * body[:, SQUARED_RADIUS]
-        second = 0.25 * area * body[:, SQUARED_RADIUS]
-        parts = [2.0 * second, 3.0 * second, 3.0 * second, 3.0 * area, area, area]
-        found = eta * np.stack(parts[:strains], axis=1)
-    return found
+def _viscosities(
+    arm: Arm, s: FloatArray, strains: int, properties: MotionProperties
+) -> FloatArray:
+    """D of the sections at ``s`` (N,) [m], (N, m)."""
+    body, eta = arm.body.geometry(s), properties.viscosity
+    axial, torsion, bending_n, bending_b, shear = SectionStiffness.at(arm, s)
+    parts = [torsion, bending_n, bending_b, axial, shear, shear]
+    if not eta:
+        return properties.damping_time * np.stack(parts[:strains], axis=1)
+    area = body.area
+    parts = [body.torsion, 3.0 * body.about_n, 3.0 * body.about_b, 3.0 * area, area, area]
+    return eta * np.stack(parts[:strains], axis=1)
 
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:

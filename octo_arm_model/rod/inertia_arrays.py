@@ -10,7 +10,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.tables import Work
 
 # Columns of `MotionTables.section`.
-MASS, ROTARY, DISPLACED, ADDED, ACROSS, ALONG = range(6)
+MASS, ROTARY_N, ROTARY_B, DISPLACED, ADDED, ACROSS, ALONG = range(7)
 # Columns of the place of a node: its position and the axes t, n and b of its section.
 POSITION, TANGENT, COLUMNS = slice(0, 3), slice(3, 6), 12
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
@@ -22,9 +22,10 @@ class MotionTables(NamedTuple):
     Attributes:
         from_base: matrix of integrals from the base to each node, (N, N) in columns [m].
         to_tip: the same from each node to the tip.
-        section: per reference length, rho A [kg/m], rho J [kg m], the mass of the displaced water
-            and the added one [kg/m], and factors of the drag, see `inertia` (1): rho_w R C_n and
-            rho_w R (pi C_t / 2 - C_n) [kg/m^2], (N, 6).
+        section: per reference length, rho A [kg/m], rho times the second moments of area across
+            which n and b point [kg m], the mass of the displaced water and the added one [kg/m],
+            and factors of the drag, see `inertia` (1): rho_w R C_n and rho_w R (pi C_t / 2 - C_n)
+            [kg/m^2], (N, 7).
         in_water: whether any of the last four is not zero.
         viscous: D of the sections, (N, m).
     """
@@ -86,11 +87,12 @@ def moving_loads(
     place[:, 3:].reshape(-1, 3, 3)[...] = work.rotation.swapaxes(1, 2)
     np.subtract(rule.by_velocity * place, rule.velocity, out=velocity)
     np.subtract(rule.by_acceleration * place, rule.acceleration, out=acceleration)
-    mass, rotary, displaced, added, across, along = tables.section.T[..., np.newaxis]
+    mass, displaced, added, across, along = tables.section.T[[0, 3, 4, 5, 6], :, np.newaxis]
     # The cross products n x n'' + b x b'' are the antisymmetric part of n n''^T + b b''^T.
     axes, turned = (one[:, 6:].reshape(-1, 2, 3) for one in (place, acceleration))
+    axes = axes * tables.section[:, ROTARY_N : ROTARY_B + 1, np.newaxis]
     turn = axes.swapaxes(1, 2) @ turned
-    moment = rotary * (turn[:, LAST, NEXT] - turn[:, NEXT, LAST])
+    moment = turn[:, LAST, NEXT] - turn[:, NEXT, LAST]
     force = -mass * acceleration[:, POSITION]
     if tables.in_water:
         (u, rate), t, dt = rule.water, place[:, TANGENT], velocity[:, TANGENT]

@@ -12,7 +12,8 @@ from octo_arm_model.rod.inertia_arrays import (
     ALONG,
     DISPLACED,
     MASS,
-    ROTARY,
+    ROTARY_B,
+    ROTARY_N,
     Motion,
     MotionTables,
     TimeRule,
@@ -42,8 +43,8 @@ def moving_loads(
         force, moment = density[i, :3], density[i, 3:]
         for c in range(3):
             force[c] = -section[MASS] * rates[c]
-        _add_cross(-section[ROTARY], own[6:9], rates[6:9], moment)
-        _add_cross(-section[ROTARY], own[9:12], rates[9:12], moment)
+        _add_cross(-section[ROTARY_N], own[6:9], rates[6:9], moment)
+        _add_cross(-section[ROTARY_B], own[9:12], rates[9:12], moment)
         if tables.in_water:
             _add_water(section, rule.water, own[3:6], velocity[i], rates, force, moment)
     _integrate(tables.to_tip, density, total)

@@ -18,14 +18,14 @@ def paper_twists(
 
     ``sums`` may be complex.
     """
-    axial, torsion, bending = tables.stiffness
+    axial, torsion, bending_n, bending_b = tables.stiffness
     pull, n, b, nn, bb, mixed, torque = sums.swapaxes(0, 1)
     outcome = np.full((len(sums), 3), (0.0, 0.0, -1.0))
-    moment_t, moment_n, moment_b = -torque, -b, n
+    rest = tables.rest[:, np.newaxis]
     if tables.swept:
-        imbalance, outcome = _imbalances(tables, sums, tolerance)
-        moment_t, moment_n, moment_b = np.stack([moment_t, moment_n, moment_b]) + imbalance
-    about_n, about_b = bending + bb, bending + nn
+        rest, outcome = _imbalances(tables, sums, tolerance)
+    moment_t, moment_n, moment_b = np.stack([-torque, -b, n]) + rest
+    about_n, about_b = bending_n + bb, bending_b + nn
     over = 1.0 / (about_n * about_b - mixed * mixed)
     xi = (about_b * moment_n + mixed * moment_b) * over
     k = (about_n * moment_b + mixed * moment_n) * over
@@ -49,8 +49,8 @@ def _imbalances(
     for e in range(tables.swept - 1, -1, -1):
         own, at = slice(e * points, (e + 1) * points), tables.anchorage[e]
         if at >= 0:
-            end = _jumped(tables.stiffness[1:, at], sums[..., at], sums[..., at + 1], end)
-        coefficients = _slope_coefficients(tables.stiffness[1:, own], sums[..., own])
+            end = _jumped(tables.stiffness[1:3, at], sums[..., at], sums[..., at + 1], end)
+        coefficients = _slope_coefficients(tables.stiffness[1:3, own], sums[..., own])
         backwards = -tables.lengths[e] * tables.backwards.T
         found, change, count = _sweep(coefficients, backwards, end, tolerance * largest)
         stuck[(stuck < 0.0) & ~(change <= tolerance * largest)] = e

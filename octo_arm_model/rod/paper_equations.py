@@ -12,12 +12,14 @@ alpha = n and beta = -b; the last two vanish. The moment of the tendons is M = F
 
     F = (-torque, -b, n)    D = [[nn + bb, 0, 0], [0, bb, -mixed], [0, -mixed, nn]]
 
-linear in the strains omega = (tau, xi, k), and K = diag(GI, EJ, EJ) omega that of the section.
+linear in the strains omega = (tau, xi, k), and K (omega - omega at rest) that of the section, with
+K = diag(GI, EJ_n, EJ_b).
 
 `closed_form` is the balance (8a) with (3a), K omega = M, at every s by itself: a linear system,
 symmetric positive definite for tensions that are not negative.
 
-`renda2012` is the model as published, (10), (11) and (12), from the tip to the base. The imbalance
+`renda2012` is the model as published, (10), (11) and (12), from the tip to the base, of circles
+that are straight at rest, for which alone the paper states (10). The imbalance
 p = K omega - M, with which omega = C (F + p) and C = (K + D)^-1, is not zero there: (10) is
 p' = omega x M, or, as everything without p cancels, with (0, xi_0, k_0) = C F,
 
@@ -162,10 +164,11 @@ def tabulate_paper(
     sides = np.column_stack([section[jumps], section[jumps + 1]]).ravel()
     places = np.concatenate([elements.s, s, np.repeat(elements.edges[jumps + 1], 2)])
     section = np.concatenate([elements.section, section[stations.element], sides])
-    rule = elements.rule
+    rule, stiffness = elements.rule, SectionStiffness.at(arm, places)
     return PaperTables(
         tendon_moments(arm, places, section),
-        np.stack(SectionStiffness.at(arm, places)),
+        np.stack(stiffness[:4]),
+        np.stack(stiffness[1:4]) * arm.rest.at(places),
         elements.lengths,
         np.concatenate([rule.to_end, rule.weights[np.newaxis]]),
         swept,
@@ -199,6 +202,12 @@ def _check_is_papers(arm: Arm) -> None:
     problem = ''
     if not isinstance(arm.body, Body):
         problem = 'a body whose radius is not linear in s (7)'
+    elif arm.body.inner_radius != 0.0:
+        problem = 'tubes, as its sections are full circles (3)'
+    if arm.stiffness.profiles:
+        problem = 'sections of given stiffness (3)'
+    if not arm.rest.is_straight:
+        problem = 'an arm that is bent at rest (3)'
     material = (arm.material.youngs_modulus, arm.material.poisson_ratio)
     if any(isinstance(value, Profile) for value in material):
         problem = 'a material that varies along s (3)'

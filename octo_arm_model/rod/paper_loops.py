@@ -31,11 +31,12 @@ def paper_twists(
     for arm in range(arms):
         outcome[arm, 2] = -1.0
         own = sums[arm]
+        p[:] = tables.rest
         if tables.swept:
             _imbalances(tables, own, tolerance, p, outcome[arm])
         for i in range(places):
             n, b, nn, bb, mixed = own[1, i], own[2, i], own[3, i], own[4, i], own[5, i]
-            about_n, about_b = stiffness[2, i] + bb, stiffness[2, i] + nn
+            about_n, about_b = stiffness[2, i] + bb, stiffness[3, i] + nn
             moment_n, moment_b = p[1, i] - b, p[2, i] + n
             over = 1.0 / (about_n * about_b - mixed * mixed)
             xi = (about_b * moment_n + mixed * moment_b) * over

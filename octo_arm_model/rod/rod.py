@@ -124,7 +124,7 @@ class Rod:
         )
         own = self.problem(0)
         body, s = own.tables.body, own.elements.s
-        bending = 0.25 * body[:, 0] * body[:, 2]
+        bending = 0.25 * body[:, 0] * np.minimum(body[:, 2], body[:, 3])
         self._per_force = float(((arm.length - s) ** 2 / bending).max())
         self._per_square = (
             (own.tables.compliance / bending.min()) if any(own.tables.compliance) else None

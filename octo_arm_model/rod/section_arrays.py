@@ -7,14 +7,22 @@ from typing import TypeAlias
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray, Number
-from octo_arm_model.rod.section_formulas import bent_by, density, offset_stiffness, widening
+from octo_arm_model.rod.section_formulas import (
+    at_rest,
+    bent_by,
+    density,
+    offset_stiffness,
+    widening,
+)
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,
     AXIAL,
     LEVER,
+    REST_T,
     SHEAR,
-    SQUARED_RADIUS,
+    SQUARED_B,
+    SQUARED_N,
     TORSION,
     Tables,
     Work,
@@ -184,19 +192,30 @@ def _scaled(z: FloatArray, width: FloatArray) -> FloatArray:
 _Density: TypeAlias = tuple[Number, Number, Number, Number, Number]
 
 
+def _from_rest(tables: Tables, strain: FloatArray, width: FloatArray) -> FloatArray:
+    """Scaled strains (6, n) less those at rest, the given ones of a rod that is straight there."""
+    rest = tables.body[:, REST_T:].T
+    if not rest.any():
+        return strain
+    twist, bend = at_rest(tables.widens, strain[3], width)
+    strain = strain.copy()
+    strain[:3] -= np.stack([twist, bend, bend]) * rest
+    return strain
+
+
 def _density_at(tables: Tables, strain: FloatArray) -> _Density:
     """`density` of scaled strains (6, n)."""
-    bend = strain[1] * strain[1] + strain[2] * strain[2]
-    return density(tables.widens, strain[3], bend * tables.body[:, SQUARED_RADIUS])
+    squares = tables.body[:, SQUARED_N : SQUARED_B + 1].T
+    bend = (strain[1:3] * strain[1:3] * squares).sum(axis=0)
+    return density(tables.widens, strain[3], bend)
 
 
 def _stress(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
     """Gradient of the energy of the material by the scaled strain (6, n), (6, n)."""
     body, (by_stretch, by_bend, *_) = tables.body.T, parts
-    once = 2.0 * body[AXIAL] * body[SQUARED_RADIUS] * by_bend
     found = strain.copy()
     found[0] *= body[TORSION]
-    found[1:3] *= once
+    found[1:3] *= 2.0 * body[AXIAL] * by_bend * body[SQUARED_N : SQUARED_B + 1]
     found[3] = body[AXIAL] * by_stretch
     found[4:] *= body[SHEAR]
     return found
@@ -204,20 +223,41 @@ def _stress(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
 
 def _stiffness(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
     """Hessian of the energy of the material by the scaled strain (6, n), (n, 6, 6)."""
-    body, n, b = tables.body.T, strain[1], strain[2]
-    axial, square = body[AXIAL], body[SQUARED_RADIUS]
+    body, axial = tables.body.T, tables.body[:, AXIAL]
+    n, b = strain[1] * body[SQUARED_N], strain[2] * body[SQUARED_B]
     _, by_bend, by_ss, by_sb, by_bb = parts
-    once = 2.0 * axial * square * by_bend
-    both, second = 2.0 * axial * square * by_sb, 4.0 * axial * square * square * by_bb
+    once, both, second = 2.0 * axial * by_bend, 2.0 * axial * by_sb, 4.0 * axial * by_bb
     h = np.zeros((n.size, 6, 6))
     h[:, 0, 0] = body[TORSION]
-    h[:, 1, 1], h[:, 2, 2] = once + second * n * n, once + second * b * b
+    h[:, 1, 1] = once * body[SQUARED_N] + second * n * n
+    h[:, 2, 2] = once * body[SQUARED_B] + second * b * b
     h[:, 1, 2] = h[:, 2, 1] = second * n * b
     h[:, 1, 3] = h[:, 3, 1] = both * n
     h[:, 2, 3] = h[:, 3, 2] = both * b
     h[:, 3, 3] = axial * by_ss
     h[:, 4, 4] = h[:, 5, 5] = body[SHEAR]
     return h
+
+
+def _add_rest(
+    tables: Tables, slope: FloatArray, bend: FloatArray, g: FloatArray, h: FloatArray | None = None
+) -> None:
+    """What the bend at rest, which changes with the stretch, adds to the rows of the stretch.
+
+    Of the gradient (6, n) and the Hessian (n, 6, 6) of the energy of the material.
+    """
+    rest = tables.body[:, REST_T:].T
+    if not (tables.widens and rest.any()):
+        return
+    d = rest.copy()
+    d[0] *= slope
+    torque = g[0].copy()
+    g[3] -= (d * g[:3]).sum(axis=0)
+    if h is not None:
+        by = np.einsum('nac,cn->na', h[:, :3, :3], d)
+        h[:, 3, 3] += np.einsum('na,an->n', by - 2.0 * h[:, 3, :3], d) - bend * rest[0] * torque
+        h[:, 3, :3] -= by
+        h[:, :3, 3] -= by
 
 
 def _unscale_gradient(
@@ -232,9 +272,11 @@ def _unscale_gradient(
 
 def gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient of the energy of every cross section."""
-    width, slope, _ = widening(tables.widens, z[:, 3])
+    width, slope, bend = widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
-    g = _stress(tables, strain[..., 0], _density_at(tables, strain[..., 0]))
+    own = _from_rest(tables, strain[..., 0], width)
+    g = _stress(tables, own, _density_at(tables, own))
+    _add_rest(tables, slope, bend, g)
     tendons = PulledTendons(tables, strain, width, tensions, work)
     g[: z.shape[1]] += np.einsum('anj,nj->an', tendons.by_strain(slope), tendons.tension)
     work.gradient[:] = _unscale_gradient(z, width, slope, g)
@@ -245,8 +287,10 @@ def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) ->
     width, slope, bend = widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
     tendons = PulledTendons(tables, strain, width, tensions, work)
-    parts = _density_at(tables, strain[..., 0])
-    g, h = _stress(tables, strain[..., 0], parts), _stiffness(tables, strain[..., 0], parts)
+    own = _from_rest(tables, strain[..., 0], width)
+    parts = _density_at(tables, own)
+    g, h = _stress(tables, own, parts), _stiffness(tables, own, parts)
+    _add_rest(tables, slope, bend, g, h)
     by_strain, twice = tendons.derivatives(slope, bend)
     g[: len(by_strain)] += by_strain
     h = h[:, : z.shape[1], : z.shape[1]] + twice
@@ -309,21 +353,24 @@ def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatA
 
     Force and moment then do not depend on the strain, and the section bends in one plane.
     """
-    axial, radius = tables.body[:, AXIAL], np.sqrt(tables.body[:, SQUARED_RADIUS])
+    body, axial = tables.body.T, tables.body[:, AXIAL]
+    radii = np.sqrt(body[SQUARED_N : SQUARED_B + 1])
     pull = tensions * tables.reach
     force = pull.sum(axis=1) / axial
-    about_n = (pull * tables.tendons[..., ALONG_B]).sum(axis=1) / axial
-    about_b = -(pull * tables.tendons[..., ALONG_N]).sum(axis=1) / axial
-    moment = np.hypot(about_n, about_b)
-    straight, stretch, curvature = bent_by(tables.widens, force, moment, radius)
-    fails = ~(stretch > curvature * tables.body[:, LEVER])
-    stretch, curvature = np.where(fails, straight, stretch), np.where(fails, 0.0, curvature)
+    paths = tables.tendons[..., [ALONG_B, ALONG_N]] * (1.0, -1.0)
+    about = (pull[..., np.newaxis] * paths).sum(axis=1).T / (axial * radii)
+    moment = np.hypot(*about)
+    straight, stretch, curvature = bent_by(tables.widens, force, moment)
     # Scaled curvatures; moments are those of the tendons' pull with opposite sign.
-    curvature = -curvature / np.maximum(moment, 1e-300)
-    if tables.widens:
-        curvature = curvature * np.sqrt(stretch)
+    bends = about * (-curvature / np.maximum(moment, 1e-300)) / radii
+    fails = ~(stretch > np.hypot(*bends) * body[LEVER])
+    stretch, bends = np.where(fails, straight, stretch), np.where(fails, 0.0, bends)
+    width, _, _ = widening(tables.widens, stretch)
+    twist, bend = at_rest(tables.widens, stretch, width)
     z = np.zeros((len(tensions), strains))
-    z[:, 1], z[:, 2], z[:, 3] = about_n * curvature, about_b * curvature, stretch
+    z[:, 0] = twist * body[REST_T] / width
+    z[:, 1:3] = ((bends + bend * body[REST_T + 1 :]) / width).T
+    z[:, 3] = stretch
     return z
 
 

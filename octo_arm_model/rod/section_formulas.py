@@ -13,9 +13,11 @@ from octo_arm_model.arm.hints import Number
 def density(
     widens: bool, stretch: Number, bend: Number
 ) -> tuple[Number, Number, Number, Number, Number]:
-    """Derivatives of psi_material / (E A) by lambda and (c R)^2, c the curvature.
+    """Derivatives of psi_material / (E A) by lambda and ``bend``, (c R)^2 for a curvature c.
 
-    By lambda, by bend, by both twice: ss, sb, bb. NaN where a fibre has no length.
+    Of other sections than circles ``bend`` is that of the ellipse of the same area and second
+    moments, of semi-axes a and b: (c_n b)^2 + (c_b a)^2. By lambda, by bend, by both twice: ss,
+    sb, bb. NaN where a fibre has no length.
     """
     if not widens:
         return stretch - 1.0, 0.125, 1.0, 0.0, 0.0
@@ -45,25 +47,35 @@ def widening(widens: bool, stretch: Number) -> tuple[Number, Number, Number]:
     return width, slope, -1.5 * slope * over
 
 
-def bent_by(
-    widens: bool, force: Number, moment: Number, radius: Number
-) -> tuple[Number, Number, Number]:
-    """Stretch of the straight section, and of the bent one with its curvature [1/m].
+def bent_by(widens: bool, force: Number, moment: Number) -> tuple[Number, Number, Number]:
+    """Stretch of the straight section, and of the bent one with its curvature times R [-].
 
-    Under a pull ``force`` and a ``moment`` [m], both over E A, that do not depend on the strain:
+    Under a pull ``force`` over E A and a ``moment`` over E A R that do not depend on the strain:
     exact to first order in the moment, for rubber from the straight section and a secant.
     """
     if not widens:
         straight = np.maximum(1.0 - force, 0.05)
-        return straight, straight, 4.0 * moment / radius / radius
+        return straight, straight, 4.0 * moment
     # Straight rubber is in balance where this is lambda + 3 force, nearly, and 1 / lambda^2.
     stress = 1.0 + force + force + force * force / (1.0 + force)
     straight = 1.0 / np.sqrt(stress)
-    ratio = 12.0 * moment / radius / (straight + 2.0 * stress)
+    ratio = 12.0 * moment / (straight + 2.0 * stress)
     # Bending lengthens rubber.
     secant = np.sqrt(1.0 + ratio * ratio)
     stretch = straight * np.sqrt(secant)
-    return straight, stretch, stretch * ratio / secant / radius
+    return straight, stretch, stretch * ratio / secant
+
+
+def at_rest(widens: bool, stretch: Number, width: Number) -> tuple[Number, Number]:
+    """What torsion and curvature at rest are multiplied by in a section without moment.
+
+    There the fibres of a bent rod are all stretched alike, and those of a twisted one are not
+    sheared, while their distances change by the ``width``.
+    """
+    if not widens:
+        one = 1.0 + 0.0 * stretch
+        return one, one
+    return width, stretch
 
 
 def offset_stiffness(

@@ -2,11 +2,12 @@
 
 The energy of a cross section per reference length, of scaled strain e = (w kappa, lambda, v):
 
-    psi = psi_material(e) + sum T |u| + sum k |d|^2 / 2
+    psi = psi_material(e - e_rest) + sum T |u| + sum k |d|^2 / 2
     u = (lambda, v_n, v_b) + w kappa x (r + d) + w r'
 
 for a tendon of tension T at the offset r that stands off its path by d in a sheath of stiffness k;
 w(lambda) is the widening of the section, lambda^-1/2 for rubber. d is the one of least energy.
+e_rest, the bend at rest, changes with the stretch of rubber, see `at_rest`.
 With c = u / |u|, the gradient of |u| by e is g = c . du/de, and its Hessian
 (du/de . du/de - g g^T) / |u|.
 
@@ -20,16 +21,26 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.compiled import compiled, helper, inlined
-from octo_arm_model.rod.section_formulas import bent_by, density, offset_stiffness, widening
+from octo_arm_model.rod.section_formulas import (
+    at_rest,
+    bent_by,
+    density,
+    offset_stiffness,
+    widening,
+)
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,
     AXIAL,
     LEVER,
+    REST_B,
+    REST_N,
+    REST_T,
     SHEAR,
     SLOPE_B,
     SLOPE_N,
-    SQUARED_RADIUS,
+    SQUARED_B,
+    SQUARED_N,
     TORSION,
     Tables,
     Work,
@@ -41,6 +52,7 @@ _SETTLED = 1e-14  # change of an offset, over the lever
 MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `section_arrays.balance`
 _density, _widening = inlined(density), inlined(widening)
 _offset_stiffness, _bent_by = inlined(offset_stiffness), helper(bent_by)
+_at_rest = inlined(at_rest)
 
 
 @inlined
@@ -99,23 +111,51 @@ def _along(
 
 @inlined
 def _material(
-    widens: bool, body: FloatArray, strain: FloatArray, g: FloatArray, h: FloatArray
-) -> None:
+    widens: bool, body: FloatArray, strain: FloatArray, widening: tuple[float, float, float],
+    g: FloatArray, h: FloatArray,
+) -> None:  # fmt: skip
     """Gradient and lower half of the Hessian of the energy of the material by the strain."""
-    n, b, axial, square = strain[1], strain[2], body[AXIAL], body[SQUARED_RADIUS]
-    by_s, by_bend, by_ss, by_sb, by_bb = _density(widens, strain[3], (n * n + b * b) * square)
-    twice = 2.0 * axial * square
-    once = twice * by_bend
-    g[0], g[1], g[2], g[3] = body[TORSION] * strain[0], once * n, once * b, axial * by_s
+    axial, about_n, about_b = body[AXIAL], body[SQUARED_N], body[SQUARED_B]
+    twist, bend = _at_rest(widens, strain[3], widening[0])
+    t = strain[0] - twist * body[REST_T]
+    n, b = strain[1] - bend * body[REST_N], strain[2] - bend * body[REST_B]
+    by_s, by_bend, by_ss, by_sb, by_bb = _density(
+        widens, strain[3], n * n * about_n + b * b * about_b
+    )
+    twice = 2.0 * axial
+    x, y, once = about_n * n, about_b * b, twice * by_bend
+    g[0], g[1], g[2], g[3] = body[TORSION] * t, once * x, once * y, axial * by_s
     g[4], g[5] = body[SHEAR] * strain[4], body[SHEAR] * strain[5]
     if h.shape[0]:
-        both, second = twice * by_sb, 2.0 * square * twice * by_bb
+        both, second = twice * by_sb, 2.0 * twice * by_bb
         for a in range(6):
             for c in range(a):
                 h[a, c] = 0.0
         h[0, 0], h[4, 4], h[5, 5] = body[TORSION], body[SHEAR], body[SHEAR]
-        h[1, 1], h[2, 1], h[2, 2] = once + second * n * n, second * n * b, once + second * b * b
-        h[3, 1], h[3, 2], h[3, 3] = both * n, both * b, axial * by_ss
+        h[1, 1], h[2, 1] = once * about_n + second * x * x, second * x * y
+        h[2, 2] = once * about_b + second * y * y
+        h[3, 1], h[3, 2], h[3, 3] = both * x, both * y, axial * by_ss
+    if widens:
+        _add_rest(body, widening, g, h)
+
+
+@inlined
+def _add_rest(
+    body: FloatArray, widening: tuple[float, float, float], g: FloatArray, h: FloatArray
+) -> None:
+    """What the bend at rest, which changes with the stretch, adds to the rows of the stretch."""
+    _, slope, second = widening
+    t, n, b = slope * body[REST_T], body[REST_N], body[REST_B]
+    if t == 0.0 and n == 0.0 and b == 0.0:
+        return
+    g[3] -= t * g[0] + n * g[1] + b * g[2]
+    if h.shape[0]:
+        by_n, by_b = h[1, 1] * n + h[2, 1] * b, h[2, 1] * n + h[2, 2] * b
+        h[3, 3] += t * h[0, 0] * t + n * by_n + b * by_b - second * body[REST_T] * g[0]
+        h[3, 3] -= 2.0 * (n * h[3, 1] + b * h[3, 2])
+        h[3, 0] -= t * h[0, 0]
+        h[3, 1] -= by_n
+        h[3, 2] -= by_b
 
 
 @compiled
@@ -155,7 +195,7 @@ def section(
     strain = room[5]
     width, slope, bend = _widening(widens, z[3])
     _scaled(z, width, strain)
-    _material(widens, body, strain, g, h)
+    _material(widens, body, strain, (width, slope, bend), g, h)
     for j in range(active):
         tension = tensions[j]
         if tension == 0.0:
@@ -346,21 +386,25 @@ def _guess(
     z: FloatArray,
 ) -> None:  # fmt: skip
     """Twist of a node as if tendons were parallel, see `arrays.initial_twists`."""
-    axial, radius = body[AXIAL], np.sqrt(body[SQUARED_RADIUS])
+    axial, radius_n, radius_b = body[AXIAL], np.sqrt(body[SQUARED_N]), np.sqrt(body[SQUARED_B])
     force = about_n = about_b = 0.0
     for j in range(active):
         pull = tensions[j] / axial
         force += pull
         about_n += pull * tendons[j, ALONG_B]
         about_b -= pull * tendons[j, ALONG_N]
+    about_n, about_b = about_n / radius_n, about_b / radius_b
     moment = np.sqrt(about_n * about_n + about_b * about_b)
-    straight, stretch, curvature = _bent_by(widens, force, moment, radius)
-    if not stretch > curvature * body[LEVER]:
-        stretch, curvature = straight, 0.0
+    straight, stretch, curvature = _bent_by(widens, force, moment)
     curvature /= -max(moment, 1e-300)
-    if widens:
-        curvature *= np.sqrt(stretch)
-    z[1], z[2], z[3] = about_n * curvature, about_b * curvature, stretch
+    n, b = about_n * curvature / radius_n, about_b * curvature / radius_b
+    if not stretch > np.sqrt(n * n + b * b) * body[LEVER]:
+        stretch, n, b = straight, 0.0, 0.0
+    width, _, _ = _widening(widens, stretch)
+    twist, bend = _at_rest(widens, stretch, width)
+    z[0] = twist * body[REST_T] / width
+    z[1], z[2] = (n + bend * body[REST_N]) / width, (b + bend * body[REST_B]) / width
+    z[3] = stretch
 
 
 @inlined

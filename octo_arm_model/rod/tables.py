@@ -11,11 +11,12 @@ import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import BoolArray, FloatArray, IntArray
+from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.gauss import GaussRule
 
 # Columns of `Tables.body`.
-AXIAL, TORSION, SQUARED_RADIUS, SHEAR, LEVER = range(5)
+AXIAL, TORSION, SQUARED_N, SQUARED_B, SHEAR, LEVER, RADIUS, REST_T, REST_N, REST_B = range(10)
 # Columns of `Tables.tendons`.
 ALONG_N, ALONG_B, SLOPE_N, SLOPE_B = range(4)
 _LEAST_SCALE = 1e-4  # of E A: forces below a part of it are rounding
@@ -33,8 +34,9 @@ class Tables(NamedTuple):
         to_end: the same from a point to the end, (p, p).
         twice: to_end[i, m] to_point[m, k], (p, p, p) with indices i, k, m.
         base: orientation of the base, quaternion w, x, y, z, (4,).
-        body: E A [N], G I [N m^2], R^2 [m^2], G A [N] and the larger of R and the offset of the
-            outermost tendon [m], (N, 5).
+        body: E A [N], G I [N m^2], 4 E J / (E A) of bending about n and about b, R^2 of a circle
+            [m^2], G A [N], the larger of R and the offset of the outermost tendon [m], R, and
+            torsion and curvatures at rest [1/m], (N, 10).
         tendons: offsets along n and b [m] and their slopes [-], zero beyond the anchorage,
             (N, J, 4).
         active: how many tendons reach each node, (N,): the first ones, as sections are numbered
@@ -125,7 +127,8 @@ class PaperTables(NamedTuple):
     Attributes:
         moments: from tensions to the seven sums over the tendons, see `paper_equations`,
             (J, 7, P).
-        stiffness: E A [N], G I and E J [N m^2] of the cross sections, (3, P).
+        stiffness: E A [N], G I and E J about n and about b [N m^2] of the sections, (4, P).
+        rest: moments that would straighten them, about t, n and b, (3, P) [N m].
         lengths: of the elements [m], (E,).
         backwards: weights of the integrals over an element of length one from each point to its
             end, and from its start, (p + 1, p).
@@ -138,6 +141,7 @@ class PaperTables(NamedTuple):
 
     moments: FloatArray
     stiffness: FloatArray
+    rest: FloatArray
     lengths: FloatArray
     backwards: FloatArray
     swept: int
@@ -235,11 +239,13 @@ def _fine(rule: GaussRule) -> tuple[FloatArray, FloatArray]:
 
 
 def _body(arm: Arm, s: FloatArray, tendons: FloatArray) -> FloatArray:
-    radius = arm.body.radius(s)
-    area = np.pi * radius**2
-    young, shear = arm.material.youngs_modulus_at(s), arm.material.shear_modulus_at(s)
+    radius, own = arm.body.radius(s), SectionStiffness.at(arm, s)
     lever = np.hypot(tendons[..., ALONG_N], tendons[..., ALONG_B]).max(axis=1, initial=0.0)
-    polar = 0.5 * np.pi * radius**4
+    squares = 4.0 * own.bending_n / own.axial, 4.0 * own.bending_b / own.axial
     return np.stack(
-        [young * area, shear * polar, radius**2, shear * area, np.maximum(radius, lever)], axis=1
-    )
+        [
+            own.axial, own.torsion, *squares, own.shear, np.maximum(radius, lever), radius,
+            *arm.rest.at(s),
+        ],
+        axis=1,
+    )  # fmt: skip

@@ -33,7 +33,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.section_formulas import offset_stiffness, widening
-from octo_arm_model.rod.tables import Tables
+from octo_arm_model.rod.tables import REST_T, Tables
 
 
 class PathChange(NamedTuple):
@@ -205,8 +205,9 @@ def _cross_transposed(kappa: FloatArray, u: FloatArray) -> FloatArray:
 
 
 def unloaded_tendons(tables: Tables) -> Tendons:
-    """The tendons of the straight, unloaded arm."""
-    z, slack = np.tile([0.0, 0.0, 0.0, 1.0], (len(tables.reach), 1)), np.zeros_like(tables.reach)
+    """The tendons of the unloaded arm."""
+    z, slack = np.ones((len(tables.reach), 4)), np.zeros_like(tables.reach)
+    z[:, :3] = tables.body[:, REST_T:]
     return Tendons(tables, z, slack, np.zeros((*slack.shape, 2)))
 
 

@@ -9,13 +9,14 @@ import pytest
 from rotations import matrix_of
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model import load_config
+from octo_arm_model import Arm, Material, RectangularBody, Section, Solver, load_config
 from octo_arm_model.analysis.drawing import (
     ARMS,
     ARROW_TRIANGLES,
     CONE_TRIANGLES,
     CORNERS,
     INSIDE,
+    Drawing,
     UncertaintyDrawing,
     base_pose,
     tension_colours,
@@ -111,6 +112,22 @@ def test_meshes_are_closed(part: str) -> None:
     triangles = {'shaft': ARROW_TRIANGLES, 'cone': CONE_TRIANGLES}[part]
     edges = [tuple(sorted(pair)) for row in triangles.tolist() for pair in zip(row, row[1:] + row)]
     assert all(edges.count(edge) == 2 for edge in edges)
+
+
+def test_a_strip_is_drawn_with_its_corners() -> None:
+    body = RectangularBody(0.3, 0.02, 0.006)
+    solver = Solver(Arm(Material(1e5), body, (Section(0.3, 0.002, 0.002),)), 'exact', 2)
+    found = solver.solve(np.zeros((1, 4)))
+    drawing = Drawing(solver.arm, solver.grid.s)
+    drawn = drawing.draw(found.position, found.quaternion, found.q)
+    corners = drawn.vertices[:-2].reshape(-1, 2, 3)[::3, 1]
+    np.testing.assert_allclose(
+        corners[:, 1:], [[0.01, 0.003], [-0.01, 0.003], [-0.01, -0.003], [0.01, -0.003]]
+    )
+    a, b, c = drawn.vertices[drawing.triangles].swapaxes(0, 1)
+    # Triangles anticlockwise from outside enclose the volume of the body.
+    volume = np.einsum('ij,ij->', a, np.cross(b, c)) / 6.0
+    np.testing.assert_allclose(volume, 0.3 * 0.02 * 0.006)
 
 
 def test_colours_rise_from_grey_to_red_with_tension():

@@ -21,10 +21,13 @@ from octo_arm_model import (
     ConfigError,
     Constant,
     DistributedLoad,
+    GivenStiffness,
     Linear,
     Loads,
     Material,
     PointLoad,
+    RectangularBody,
+    RestShape,
     RoutedSection,
     Section,
     Solver,
@@ -58,10 +61,12 @@ class Case(NamedTuple):
     law: str
     shear: bool = False
     loads: Loads = Loads()
-    body: Body = CONE
+    body: Body | RectangularBody = CONE
     material: Material = RUBBER
     friction: tuple[float, ...] = ()
     sheaths: tuple[float, ...] = ()
+    rest: RestShape = RestShape()
+    stiffness: GivenStiffness = GivenStiffness()
 
     def solver(
         self,
@@ -78,6 +83,8 @@ class Case(NamedTuple):
             poisson_ratio=self.material.poisson_ratio + poisson,
         )
         moves = iter(np.zeros(99) if farther is None else farther)
+        given = {name: one.level for name, one in self.stiffness.profiles.items()}
+        stiffness = GivenStiffness(**{name: one * (1.0 + young) for name, one in given.items()})
         sections = []
         for section in self.sections:
             tendons = []
@@ -103,6 +110,8 @@ class Case(NamedTuple):
                 tuple(sections),
                 friction=friction,
                 sheath_stiffness=self.sheaths,
+                rest=self.rest,
+                stiffness=stiffness,
             ),
             'exact',
             41,
@@ -134,6 +143,25 @@ CASES = {
     'in sheaths': Case(
         HELICES, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING, sheaths=SHEATHS
     ),
+    'bent strip': Case(
+        HELICES,
+        HELICAL_TENSIONS,
+        'neo_hookean',
+        loads=EVERYTHING,
+        body=RectangularBody(0.4, 0.024, Linear(0.022, 0.016, 0.4)),
+        sheaths=SHEATHS,
+        rest=RestShape(5.0, -3.0, 4.0),
+    ),
+    'bent tube with shear': Case(
+        HELICES,
+        HELICAL_TENSIONS,
+        'linear',
+        True,
+        EVERYTHING,
+        Body(0.4, 0.015, 0.01, 0.0, 0.005),
+        rest=RestShape(-4.0, 6.0, 3.0),
+        stiffness=GivenStiffness(bending_n=2e-3, torsion=3e-3),
+    ),
 }
 
 
@@ -144,7 +172,7 @@ SLIDING = {
         friction=tuple(SMOOTH[: np.size(CASES[name].tensions)].tolist())
     )
     for name in ('rubber', 'helical rubber', 'helical with shear', 'loaded helical rubber',
-                 'loaded with shear', 'loaded rod', 'in sheaths')
+                 'loaded with shear', 'loaded rod', 'in sheaths', 'bent strip')
 }  # fmt: skip
 
 
@@ -254,7 +282,7 @@ def test_by_tension_from_slack() -> None:
 
 def test_by_the_wrench_on_the_tip(solved: Solved) -> None:
     case = solved.case
-    radius = (case.body.radius_base + case.body.radius_tip) / 2
+    radius = float(case.body.half_sizes(0.5 * case.body.length).min())
     bending = float(case.material.youngs_modulus) * math.pi * radius**4 / 4
     moment = 0.01 * bending / case.body.length
     steps = np.array(3 * [moment / case.body.length] + 3 * [moment])
