@@ -32,6 +32,9 @@ OF_TENDON = tuple(f'motor_{section}{side}' for section in (1, 2, 3) for side in 
 WAYS = (1.0, 1.0, -1.0, -1.0) * 3
 MARKER_S = (0.1, 0.2, 0.31)
 MARKERS = ('low', 'middle', 'top')
+TUBE_S = (0.05, 0.1, 0.15, 0.2, 0.25)  # sensors of the rod of nitinol [m]
+REST = (-0.9, 1.6)  # its curvature about n and b [1/m]
+BENDING = 0.021  # its E J [N m^2]
 _MARKER = 'string marker_name\ngeometry_msgs/Point translation\nfloat32 residual\n'
 
 
@@ -131,5 +134,32 @@ def motive_csv(path: Path, times: np.ndarray, tips: np.ndarray) -> Path:
     for number, (time, tip) in enumerate(zip(times, tips)):
         place = ','.join(f'{1e3 * one:.4f}' for one in tip)
         lines.append(f'{number},{time:.3f},0,0,0,1,{place},,,')
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def tube_parameters() -> dict[str, Any]:
+    """A tube of nitinol as its catalogue has it, straight, with three tendons in discs."""
+    return {
+        'model': 'exact', 'stations': 41, 'material.law': 'linear',
+        'material.youngs_modulus': 6e10, 'material.poisson_ratio': 0.33,
+        'body.length': 0.25, 'body.radius_base': 1e-3, 'body.radius_tip': 1e-3,
+        'body.inner_radius': 8.5e-4, 'body.disc_radius': 0.01,
+        'sections.anchorage': [0.25], 'sections.tendons': [3], 'sections.offset_base': [0.008],
+        'sections.offset_anchorage': [0.008],
+    }  # fmt: skip
+
+
+def tube_csv(path: Path, rng: np.random.Generator) -> Path:
+    """Static poses of that tube as it is: weights in grams, and electromagnetic sensors in mm."""
+    own = {'stiffness.bending': [BENDING], 'rest_curvature': list(REST)}
+    solver = Config.from_parameters({**tube_parameters(), **own}).solver()
+    axes = [f'S{number} {axis} (mm)' for number in range(1, 6) for axis in 'xyz']
+    lines = [';'.join(['weight 1 [g]', 'weight 2 [g]', 'weight 3 [g]', *axes])]
+    for grams in ((0, 0, 0), (400, 0, 0), (0, 300, 0), (0, 0, 300)):
+        shape = solver.solve([[9.80665e-3 * one for one in grams]])
+        seen = interpolated(np.array(TUBE_S), shape.s, shape.position)
+        seen = 1e3 * (seen + 2e-4 * rng.standard_normal(seen.shape))
+        lines.append(';'.join([*map(str, grams), *(f'{one:.2f}' for one in seen.ravel())]))
     path.write_text('\n'.join(lines) + '\n')
     return path

@@ -144,14 +144,14 @@ confidence intervals and correlations. What can be fitted, by default youngs_mod
 
   {'  '.join(FITS)}
 
-poisson_ratio, sheath_stiffness and tendon_offsets need the model exact, friction another than
-renda2012 and steps that were loaded and unloaded, axial_stiffness (of the tendons themselves)
-encoder readings of tendons under tension, with an unknown zero for each, as displacement_scale
-(one factor for the spools of all motors) and displacement_offset (their zeros) do. damping (of
-motion.viscosity, or else motion.damping_time), drag and added_mass need a recording that swings,
-whose frames the moving arm is fitted to (--dynamic), with what else shows there. The alignment
-is fitted as well where --align is 'fit', or not given while the midlines are not in base_frame.
-What the data cannot tell is left as it is, one parameter at a time, and said.
+poisson_ratio, sheath_stiffness and tendon_offsets need the model exact; rest_curvature, _torsion,
+bending_stiffness (E J of a uniform arm) and friction another than renda2012, friction also steps
+loaded and unloaded; axial_stiffness (of tendons), displacement_scale (one factor for the spools
+of all motors) and displacement_offset (their zeros) encoder readings under tension.
+damping (of motion.viscosity, or else motion.damping_time), drag and added_mass need a recording
+that swings, whose frames the moving arm is fitted to (--dynamic), with what else shows there.
+The alignment is fitted as well where --align is 'fit', or not given while the midlines are not in
+base_frame. What the data cannot tell is left as it is, one parameter at a time, and said.
 """
 EPILOG = (
     """\

@@ -19,6 +19,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.motion_properties import MotionProperties
+from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.arm.tendon import Section
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.alignment import Alignment
@@ -31,14 +32,17 @@ SPOOL, ENCODER_ZEROS = 'displacement_scale', 'displacement_offset'
 OF_ENCODERS = (SPOOL, ENCODER_ZEROS, AXIAL)  # what their readings show
 DAMPING, DRAG, ADDED_MASS = OF_MOTION = 'damping', 'drag', 'added_mass'
 OF_WATER = DRAG, ADDED_MASS
+BENDING, REST_CURVATURE, REST_TORSION = 'bending_stiffness', 'rest_curvature', 'rest_torsion'
+OF_REST = tuple(f'{REST_CURVATURE}_{axis}' for axis in 'nb')
 FITS = (
-    'youngs_modulus', 'poisson_ratio', SHEATH, 'tendon_offsets', 'friction', 'tension_scale',
-    'tension_offset', 'alignment', SPOOL, ENCODER_ZEROS, AXIAL,
-    *OF_MOTION,
+    'youngs_modulus', BENDING, 'poisson_ratio', SHEATH, 'tendon_offsets', 'friction',
+    'tension_scale', 'tension_offset', 'alignment', REST_CURVATURE, REST_TORSION, SPOOL,
+    ENCODER_ZEROS, AXIAL, *OF_MOTION,
 )  # fmt: skip
 ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
 OFFSET, ZERO = 'tendon_offset.', 'encoder_zero.'  # and the name of a tendon
 _EXACT_ONLY = ('poisson_ratio', 'tendon_offsets', SHEATH)
+_NOT_IN_PAPER = ('friction', BENDING, REST_CURVATURE, REST_TORSION)
 _BY_LOAD_CELLS = ('tension_scale', 'tension_offset')
 _FARTHEST = 10.0  # bound of logarithms
 _ROUGHEST = 2.0  # largest coefficient of friction that is looked for [-]
@@ -123,8 +127,8 @@ def check_fits(fits: Sequence[str], model: str, is_driven: bool, moves: bool) ->
             raise ConfigError(
                 f'the model {model} has no derivative by {name}: choose --model exact'
             )
-        if name == 'friction' and model == 'renda2012':
-            raise ConfigError('the model renda2012 has no friction: choose another --model')
+        if name in _NOT_IN_PAPER and model == 'renda2012':
+            raise ConfigError(f'the model renda2012 has no {name}: choose another --model')
         if name in _BY_LOAD_CELLS and is_driven:
             raise ConfigError(f'{name} is of load cells, and there are none in this recording')
 
@@ -139,8 +143,9 @@ def unknowns_of(
     ``alignment`` is the start of its own fit.
     """
     arm, material = config.arm, config.arm.material
-    if name in ('youngs_modulus', SHEATH, 'tension_scale', SPOOL):
+    if name in ('youngs_modulus', BENDING, SHEATH, 'tension_scale', SPOOL):
         unit, first = {
+            BENDING: ('N m^2', math.sqrt(math.prod(_bending(arm)))),
             'youngs_modulus': ('Pa', float(material.youngs_modulus_at(0.0))),
             SHEATH: ('Pa', arm.sheath_stiffness[0] if arm.sheath_stiffness else 0.0),
             'tension_scale': ('-', 1.0),
@@ -148,6 +153,11 @@ def unknowns_of(
         }[name]
         ends = -_FARTHEST, _FARTHEST
         return [Unknown(name, unit, 0.0, 1.0, *ends, Scale.LOGARITHM, first)]
+    if name in (REST_CURVATURE, REST_TORSION):
+        torsion, *curvatures = arm.rest.at(np.zeros(1))[:, 0].tolist()
+        bends = zip(OF_REST, curvatures, strict=True)
+        chosen = [*bends] if name == REST_CURVATURE else [(name, torsion)]
+        return [Unknown(part, '1/m', first, 0.1 / arm.length) for part, first in chosen]
     if name == 'poisson_ratio':
         ratio = float(material.poisson_ratio_at(0.0))
         return [Unknown(name, '-', ratio, 0.5, -1.0 + 1e-6, 0.5)]
@@ -181,6 +191,32 @@ def _of_motion(name: str, motion: MotionProperties) -> Unknown:
         ADDED_MASS: ('-', motion.added_mass, 1.0),
     }[name]
     return Unknown(name, unit, given or usual, usual, 0.0)
+
+
+def _bending(arm: Arm) -> list[float]:
+    """E J about n and about b [N m^2] of ``arm`` at its base."""
+    found = SectionStiffness.at(arm, np.zeros(1))
+    return [found.bending_n.item(), found.bending_b.item()]
+
+
+def check_along(parameters: Mapping[str, Any], arm: Arm, fits: Sequence[str]) -> None:
+    """Check that what is fitted as one number is one along the ``arm`` of ``parameters``.
+
+    Raises:
+        ConfigError: if it varies along s.
+    """
+    for name, of in ((REST_CURVATURE, 'curvature'), (REST_TORSION, 'torsion')):
+        tables = [one for one in parameters if one.startswith(f'rest.table_{of}')]
+        if name in fits and any(parameters[one] for one in tables):
+            raise ConfigError(f'{name} cannot be fitted: the config has a table of it')
+    if BENDING in fits:
+        stiffness = SectionStiffness.at(arm, np.linspace(0.0, arm.length, FINE_STATIONS))
+        for along in (stiffness.bending_n, stiffness.bending_b):
+            if np.ptp(along) > 1e-9 * along[0]:
+                raise ConfigError(
+                    f'{BENDING} cannot be fitted: E J is {along.min():.4g} to {along.max():.4g} '
+                    'N m^2 along the arm, expected one number: fit youngs_modulus'
+                )
 
 
 def is_of_arm(name: str) -> bool:
@@ -299,6 +335,7 @@ class Unknowns:
                 self._parameters.pop(name, None)
         config = Config.from_parameters(self._parameters)
         material = config.arm.material
+        check_along(self._parameters, config.arm, fits)
         if 'poisson_ratio' in fits and self._parameters.get('material.table_poisson_ratio'):
             raise ConfigError('poisson_ratio cannot be fitted: the config has a table of it')
         if self._parameters.get('material.shear_modulus'):
@@ -387,6 +424,8 @@ class Unknowns:
                 values[table] = [factor * value for value in values[table]]
             else:
                 values['material.youngs_modulus'] = young
+            values.update(self._stiffness(young))
+        values.update(self._of_rod(x))
         ratio = self.value(x, 'poisson_ratio', math.nan)
         if math.isfinite(ratio):
             values['material.poisson_ratio'] = ratio
@@ -422,6 +461,30 @@ class Unknowns:
             'motion.tangential_drag': motion.tangential_drag,
             'motion.added_mass': self.value(x, ADDED_MASS, motion.added_mass),
         }
+
+    def _stiffness(self, young: float) -> dict[str, Any]:
+        """Given stiffness, which is that at E in the config, at ``young`` [Pa]."""
+        factor = young / float(self.arm.material.youngs_modulus_at(0.0))
+        names = {name for name in self._parameters if name.startswith('stiffness.')}
+        return {
+            name: (factor * np.array(self._parameters[name])).tolist()
+            for name in names - {'stiffness.table_s'}
+        }
+
+    def _of_rod(self, x: FloatArray) -> dict[str, Any]:
+        """Parameters of its bending stiffness and its shape at rest, where these are fitted."""
+        found: dict[str, Any] = {}
+        if BENDING in self.names:
+            first = _bending(self.arm)
+            factor = self.value(x, BENDING, 0.0) / math.sqrt(math.prod(first))
+            found['stiffness.bending'] = [factor * one for one in first]
+        torsion, *curvatures = self.arm.rest.at(np.zeros(1))[:, 0].tolist()
+        if {*OF_REST} & {*self.names}:
+            pairs = zip(OF_REST, curvatures, strict=True)
+            found[REST_CURVATURE] = [self.value(x, name, one) for name, one in pairs]
+        if REST_TORSION in self.names:
+            found[REST_TORSION] = self.value(x, REST_TORSION, torsion)
+        return found
 
     def solver(self, x: FloatArray) -> Solver:
         """Solver of the arm at ``x``.

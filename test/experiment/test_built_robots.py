@@ -12,17 +12,22 @@ from recordings import header, make, message
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 from built_robots import (
+    BENDING,
     COUNTS,
     MARKER_S,
     MARKERS,
     OF_TENDON,
+    REST,
     SPOOL,
+    TUBE_S,
     WAYS,
     ZERO,
     motive_csv,
     servo_poses,
     trunk_bag,
     trunk_parameters,
+    tube_csv,
+    tube_parameters,
 )
 
 from octo_arm_model.arm.errors import MeasurementError
@@ -110,6 +115,56 @@ def test_a_table_of_poses_without_time_or_header_is_compared_and_replayed(
     assert main(['replay', str(table), str(out), '--config', str(config), *columns]) == 0
     with BagReader(out) as reader:
         assert reader.count(['/backbone/path']) == len(PULLS)
+
+
+def test_a_table_of_a_tube_of_nitinol_tells_how_it_is_bent_at_rest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tube_csv(tmp_path / 'poses.csv', np.random.default_rng(5))
+    config = tmp_path / 'tube.yaml'
+    config.write_text(parameters_as_yaml(tube_parameters()))
+    loads = [f'tendon_1_{number}=weight {number} [g]' for number in (1, 2, 3)]
+    places = [f'{axis}{number}=S{number} {axis} (mm)' for number in range(1, 6) for axis in 'xyz']
+    options = [
+        '--config', str(config), '--pose-csv', str(table), '--columns', *loads, *places,
+        '--marker-s', *map(str, TUBE_S), '--align', 'none', '--model', 'exact',
+    ]  # fmt: skip
+    fits = ['--fit', 'bending_stiffness', 'rest_curvature', '--loss', 'linear']
+    out = ['--out', str(tmp_path / 'fitted.yaml')]
+    fitted = printed(capsys, 'identify', '--json', *options, *fits, *out)
+    left = fitted['residuals']
+    assert left['before']['rms'] > 5e-3 and left['after']['rms'] < 5e-4
+    names = 'bending_stiffness', 'rest_curvature_n', 'rest_curvature_b'
+    for name, true in zip(names, (BENDING, *REST), strict=True):
+        low, high = fitted['estimates'][name]['interval95']
+        assert low < true < high
+        assert high - low < (0.002 if name == 'bending_stiffness' else 0.1)
+    files = ['--config', str(tmp_path / 'fitted.yaml'), *options[2:]]
+    compared = printed(capsys, 'compare', '--json', *files)
+    assert max(step['tip_error_percent'] for step in compared['steps']) < 0.3
+
+
+@pytest.mark.parametrize(
+    ('changes', 'fit', 'message'),
+    [
+        ({'body.radius_tip': 9e-4}, 'bending_stiffness',
+         'bending_stiffness cannot be fitted: E J is'),
+        ({'rest.table_s': [0.0, 0.25], 'rest.table_torsion': [1.0, 2.0]}, 'rest_torsion',
+         'rest_torsion cannot be fitted: the config has a table of it'),
+    ],
+)  # fmt: skip
+def test_what_varies_along_the_arm_is_not_fitted_as_one_number(
+    changes: dict[str, object], fit: str, message: str, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    table, config = tmp_path / 'poses.csv', tmp_path / 'tube.yaml'
+    table.write_text('tendon_1_1,tendon_1_2,tendon_1_3,x,y,z\n1,0,0,0.2,0.1,0\n')
+    config.write_text(parameters_as_yaml({**tube_parameters(), **changes}))
+    words = ['identify', '--config', str(config), '--pose-csv', str(table), '--align', 'none']
+    assert main([*words, '--model', 'exact', '--fit', fit]) == 2
+    assert message in capsys.readouterr().err
+    assert main([*words, '--model', 'renda2012', '--fit', fit]) == 2
+    assert f'the model renda2012 has no {fit}' in capsys.readouterr().err
 
 
 def test_a_table_is_estimated_as_a_bag_is(
