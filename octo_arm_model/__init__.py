@@ -21,7 +21,7 @@ from octo_arm_model.arm.errors import (
     TargetError,
     TensionError,
 )
-from octo_arm_model.arm.loads import DistributedLoad, Loads, PointLoad
+from octo_arm_model.arm.loads import DistributedLoad, FollowingWrench, Loads, PointLoad
 from octo_arm_model.arm.material import Material
 from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.pose import Pose
@@ -58,6 +58,7 @@ __all__ = [
     'ConvergenceError',
     'DistributedLoad',
     'Dynamics',
+    'FollowingWrench',
     'Function',
     'GivenStiffness',
     'Inputs',

@@ -7,7 +7,7 @@ base_frame. A `Load` of another kind states its resultants and their derivatives
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import NoneType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -20,6 +20,7 @@ from octo_arm_model.arm.validation import not_negative, set_fields, vector
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
+BASE, TIP = TIP_FRAMES = 'base', 'tip'  # whose axes a wrench on the tip has
 
 
 class Resultants(NamedTuple):
@@ -114,6 +115,59 @@ class PointLoad:
         )
 
 
+@dataclass
+class FollowingWrench:
+    """A force and a moment on one cross section that turn with it: a `Load`.
+
+    Both may be changed between two solves.
+
+    Attributes:
+        s: arc coordinate of the cross section [m].
+        force: along its axes t, n and b [N].
+        moment: about these [N m].
+
+    Raises:
+        ArmDefinitionError: if a value is not finite or ``s`` is negative.
+    """
+
+    s: float
+    force: Vector
+    moment: Vector = ZERO
+
+    def __post_init__(self) -> None:
+        self.s = not_negative('loads.following.s', self.s, 'arc coordinate', 'm')
+        self.force = vector('loads.following.force', self.force, 'N')
+        self.moment = vector('loads.following.moment', self.moment, 'N m')
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """See `Load`."""
+        return (self.s,)
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """See `Load`."""
+        return ()
+
+    def resultants(self, rod: DeformedRod) -> Resultants:
+        """See `Load`."""
+        turn = rod.rotation_at(self.s)
+        force, moment = (
+            np.where(rod.s < self.s, (turn @ own)[:, np.newaxis], 0.0)
+            for own in (self.force, self.moment)
+        )
+        return Resultants(force, moment)
+
+    def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
+        """See `Load`: turned by phi they change by phi x force and phi x moment."""
+        turn = rod.rotation_at(self.s)
+        force, moment = (
+            np.where(rod.s < self.s, np.cross(np.eye(3), turn @ own).T[..., np.newaxis], 0.0)
+            for own in (self.force, self.moment)
+        )
+        return (Tangent(self.s, force, moment),)
+
+
 @dataclass(frozen=True)
 class DistributedLoad:
     """A force per reference length, linear between given points and zero outside them.
@@ -206,6 +260,15 @@ class Loads:
     def tip_wrench(self) -> FloatArray:
         """Force and moment on the tip in base_frame [N, N m], (6,)."""
         return np.array([*self.tip_force, *self.tip_moment])
+
+    def following(self, length: float) -> Loads:
+        """The same, of which the wrench on the tip at ``length`` [m] turns with it.
+
+        It is given along and about its axes t, n and b.
+        """
+        tip = FollowingWrench(length, self.tip_force, self.tip_moment)
+        others = (*self.others, tip) if self.tip_wrench.any() else self.others
+        return replace(self, tip_force=ZERO, tip_moment=ZERO, others=others)
 
     def check_inside(self, length: float) -> None:
         """Check that all loads lie on an arm of ``length`` [m].

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
+from octo_arm_model.arm.loads import TIP, TIP_FRAMES
 from octo_arm_model.arm.material import LAWS
 from octo_arm_model.arm.motion_properties import WATERS, WaterCoefficients
 from octo_arm_model.arm.validation import within
@@ -201,8 +202,13 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     add_vector(physics, '--gravity', 'X Y Z', gravity)
     add_value(physics, '--density', 'RHO', 'of the arm [kg/m^3]', float)
     add_value(physics, '--fluid-density', 'RHO', 'of the surrounding fluid [kg/m^3]', float)
-    add_vector(physics, '--tip-force', 'X Y Z', 'in base_frame [N]')
-    add_vector(physics, '--tip-moment', 'X Y Z', 'in base_frame [N m]')
+    add_vector(physics, '--tip-force', 'X Y Z', 'in base_frame, or see --tip-frame [N]')
+    add_vector(physics, '--tip-moment', 'X Y Z', 'likewise [N m]')
+    physics.add_argument(
+        '--tip-frame',
+        choices=TIP_FRAMES,
+        help='axes of these: tip for t, n and b of the tip, with which they turn (default: base)',
+    )
 
 
 def read_config(options: argparse.Namespace, moves: bool = False) -> Config:
@@ -230,6 +236,10 @@ def read_config(options: argparse.Namespace, moves: bool = False) -> Config:
         if value is not None
     }
     acting = dataclasses.replace(config.loads, **loads)
+    if not acting.tip_wrench.any():
+        refuse_without_effect(options, ('--tip-frame',), 'without --tip-force or --tip-moment')
+    if options.tip_frame == TIP:
+        acting = acting.following(config.arm.length)
     if not (any(acting.gravity) or moves):
         refuse_without_effect(options, ('--density', '--fluid-density'), 'without --gravity')
     return dataclasses.replace(

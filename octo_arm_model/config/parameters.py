@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.limits import (
     MAX_FRICTION,
     MAX_INTERVALS,
@@ -18,7 +19,7 @@ from octo_arm_model.arm.limits import (
     MAX_TENDONS,
     MIN_RATE,
 )
-from octo_arm_model.arm.loads import DistributedLoad, Loads, PointLoad, Vector
+from octo_arm_model.arm.loads import TIP, TIP_FRAMES, DistributedLoad, Loads, PointLoad, Vector
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.config.motion import MOTION_PARAMETERS
 from octo_arm_model.config.parameter import (
@@ -60,6 +61,9 @@ LOAD_PARAMETERS = (
               is_array=True),
     Parameter('loads.tip_moment', float, 'moment on the tip in base_frame [N m]',
               (0.0, 0.0, 0.0), is_array=True),
+    Parameter('loads.tip_frame', str,
+              'axes of tip_force and tip_moment: base, for base_frame, or tip, for t, n and b of '
+              'the tip, with which they turn', 'base', range='base or tip'),
     Parameter('loads.point_s', float,
               f'arc coordinates of point forces [m]; at most {MAX_POINT_LOADS}', (),
               is_array=True, range='in [0, body.length]', most=MAX_POINT_LOADS),
@@ -84,7 +88,10 @@ def build_loads(given: Values) -> Loads:
     """
     points = _vectors(given, 'loads.point_force', 'loads.point_s')
     along = _vectors(given, 'loads.distributed_force', 'loads.distributed_s')
-    return Loads(
+    if given['loads.tip_frame'] not in TIP_FRAMES:
+        problem = f'loads.tip_frame is {shown(given["loads.tip_frame"])}'
+        raise ConfigError(f'{problem}, expected {" or ".join(TIP_FRAMES)}')
+    loads = Loads(
         gravity=given['loads.gravity'],
         fluid_density=given['loads.fluid_density'],
         tip_force=given['loads.tip_force'],
@@ -92,6 +99,7 @@ def build_loads(given: Values) -> Loads:
         points=tuple(PointLoad(s, force) for s, force in zip(given['loads.point_s'], points)),
         distributed=(DistributedLoad(given['loads.distributed_s'], along),) if along else (),
     )
+    return loads.following(given['body.length']) if given['loads.tip_frame'] == TIP else loads
 
 
 def _vectors(given: Values, name: str, of: str) -> tuple[Vector, ...]:

@@ -13,9 +13,10 @@ from command_line import SOLVE, TENSIONS, Cli
 from scipy.spatial.transform import Rotation
 from workspaces import HIGHEST
 
-from octo_arm_model import Config, Loads, Solver
+from octo_arm_model import Config, ConfigError, Loads, Solver
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile_files import read_profile
 
@@ -65,6 +66,26 @@ def test_loads_and_material_may_be_said_on_the_command_line(cli: Cli, table4: Co
     # What is left is of the size of rounding, and that is the processor's.
     assert max(shape['residual'], float(expected.residual)) < 1e-10
     assert shape['iterations'] == int(expected.iterations) > 0
+
+
+def test_a_wrench_in_the_axes_of_the_tip_turns_with_it(cli: Cli, table4: Config) -> None:
+    given = '--tip-force 0.001 0.004 0 --tip-moment 0 1e-5 0 --model exact'.split()
+    shape = cli.json(*SOLVE, TENSIONS, '--json', *given, '--tip-frame', 'tip')
+    turn = Rotation.from_quat(shape['quaternion'][-1])
+    wrench = np.concatenate([turn.apply([0.001, 0.004, 0.0]), turn.apply([0.0, 1e-5, 0.0])])
+    dead = Solver(table4.arm, 'exact', 101, table4.base).solve(FETCHING_IN_SPACE, wrench)
+    np.testing.assert_allclose(shape['position'], dead.position, atol=1e-9)
+    assert np.abs(turn.as_matrix() - np.eye(3)).max() > 0.1
+    values = load_parameters(preset_path('renda2012_table4'))
+    own = {'tip_frame': 'tip', 'tip_force': [0.001, 0.004, 0.0], 'tip_moment': [0.0, 1e-5, 0.0]}
+    values |= {'model': 'exact', **{f'loads.{name}': value for name, value in own.items()}}
+    again = Config.from_parameters(values).solver().solve(FETCHING_IN_SPACE)
+    np.testing.assert_allclose(again.position, dead.position, atol=1e-9)
+    with pytest.raises(ConfigError, match=r"tip_frame is 'arm', expected base or tip"):
+        Config.from_parameters({**values, 'loads.tip_frame': 'arm'})
+    status, _, err = cli(*SOLVE, TENSIONS, '--model', 'exact', '--tip-frame', 'tip')
+    assert status == 2
+    assert '--tip-frame has no effect without --tip-force or --tip-moment' in err
 
 
 def test_lengths_that_winches_reel_in_give_the_tensions(cli: Cli) -> None:

@@ -11,59 +11,27 @@ from rods import CASES, EVERYTHING, TENSIONS, WRENCH, jacobian_error
 
 from octo_arm_model import Arm, ArmDefinitionError, Body, Config, LoadError, Loads
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.loads import DeformedRod, Resultants, Tangent
+from octo_arm_model.arm.loads import DeformedRod, FollowingWrench, Resultants, Tangent
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.exact import strains_of
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
-from octo_arm_model.rod.rotations import rotation_matrices, skew
+from octo_arm_model.rod.rotations import rotation_matrices
 
 NOTHING = np.zeros(6)
 PULL = np.array([0.0, 0.1, 0.1, 0.0, 0.5, 0.0, 0.0, 0.2, 0.0, 1.0, 0.0, 0.0])
 WEIGHT = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
 
 
-@dataclasses.dataclass(frozen=True)
-class FollowingForce:
-    """A force and a moment on one cross section that turn with it.
+@dataclasses.dataclass
+class FollowingForce(FollowingWrench):
+    """One that perhaps does not say how it changes."""
 
-    Attributes:
-        s: arc coordinate of the cross section [m].
-        force: in its axes t, n, b [N].
-        has_tangent: whether it says how it changes.
-        moment: likewise [N m].
-    """
-
-    s: float
-    force: tuple[float, float, float]
     has_tangent: bool = True
-    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    knots: tuple[float, ...] = ()
 
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        """Where it acts."""
-        return (self.s,)
-
-    def resultants(self, rod: DeformedRod) -> Resultants:
-        """Force and moment in base_frame on all cross sections before it."""
-        turn = rod.rotation_at(self.s)
-        force, moment = (
-            np.where(rod.s < self.s, (turn @ own)[:, np.newaxis], 0.0)
-            for own in (self.force, self.moment)
-        )
-        return Resultants(force, moment)
-
-    def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...] | None:
-        """Rotated by phi they change by phi x force and phi x moment."""
-        if not self.has_tangent:
-            return None
-        turn = rod.rotation_at(self.s)
-        force, moment = (
-            np.where(rod.s < self.s, -skew((turn @ own)[:, np.newaxis]), 0.0)
-            for own in (self.force, self.moment)
-        )
-        return (Tangent(self.s, force, moment),)
+    def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...] | None:  # type: ignore[override]
+        """None where it is to be found without."""
+        return super().tangents(rod) if self.has_tangent else None
 
 
 class Heavy:
@@ -108,7 +76,7 @@ def test_at_balance_it_is_the_dead_force_of_that_direction(
     # Without its tangent a force is found by plain iteration, which converges for small ones.
     size, arm = 1.0 if has_tangent else 0.3, arm_of(table4)
     force = (0.001 * size, 0.004 * size, -0.003 * size)
-    load = FollowingForce(part * arm.length, force, has_tangent)
+    load = FollowingForce(part * arm.length, force, has_tangent=has_tangent)
     rod = made(arm, dataclasses.replace(WEIGHT, others=(load,)))
     found = rod.solve(PULL, NOTHING)
     assert found.state.residual < 1e-11
