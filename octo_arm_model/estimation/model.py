@@ -30,15 +30,15 @@ from octo_arm_model.estimation.tip_curvature import CurvedTip
 from octo_arm_model.estimation.unit_loads import unit_loads
 from octo_arm_model.estimation.unknowns import State, Unknowns
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.continuation import TOLERANCE
 from octo_arm_model.rod.rotations import quaternion_product
 from octo_arm_model.rod.sensitivity import Change
 from octo_arm_model.rod.solver import Solver
 
 # A step of the estimator that leads where the arm is followed for longer is too long.
-BUDGET = Budget(iterations=30, residual=TOLERANCE)
+# What is left of the residual is nothing beside the noise of any sensor.
+BUDGET = Budget(iterations=30, residual=1e-8)
 # Of a recording nobody waits for a single step.
-PATIENT = Budget(iterations=90, residual=TOLERANCE)
+PATIENT = Budget(iterations=90, residual=1e-8)
 
 _FORCE, _MOMENT = slice(0, 3), slice(3, 6)  # of a wrench
 _MOST = math.log(LARGEST)  # of the logarithm of a ratio of stiffnesses
@@ -273,6 +273,18 @@ class Prediction:
         """
         return self.model.derivatives(self.x, self.solved)
 
+    def moved_to(self, x: FloatArray) -> Prediction:
+        """The prediction of a state ``x``, whose shape begins with that of this one's change."""
+        if 'change' not in vars(self):
+            return Prediction(self.model, x, self.shape)
+        shape = self.solved
+        found, twist = shape.equilibrium, self.change.twist
+        if found is None or twist is None:
+            return Prediction(self.model, x, shape)
+        guess = found.state.z + _times(twist, x - self.x)
+        found = found._replace(guess=guess)
+        return Prediction(self.model, x, dataclasses.replace(shape, equilibrium=found))
+
     @functools.cached_property
     def tip_curvature(self) -> FloatArray | None:
         """See `ArmModel.tip_curvature`.
@@ -330,6 +342,12 @@ class StateChange:
     def pose(self) -> FloatArray:
         """Displacement [m] and rotation vector [rad] in base_frame, (stations, 6, state)."""
         return self._chained([one.change.pose for one in self._parts])
+
+    @functools.cached_property
+    def twist(self) -> FloatArray | None:
+        """Change of the twists at the solver's nodes, (nodes, strains, state), where known."""
+        found = [one.change.twist for one in self._parts if one.change.twist is not None]
+        return self._chained(found) if len(found) == len(self._parts) else None
 
     @property
     def tip(self) -> FloatArray:

@@ -29,6 +29,7 @@ from octo_arm_model.estimation.gaussian import (
     gain,
     lower_root,
     solve_lower,
+    square_of,
     volume_of,
 )
 from octo_arm_model.estimation.measurement import Rows
@@ -174,6 +175,8 @@ def agree(
         return Fit(Gaussian(mean, before.root), at, *nothing, agreement, is_converged=True)
     if not is_new:
         try:
+            if _is_nearer(before, rows, at):
+                at = reached(at, nearest_possible(at.model, before.root, before.mean), work)
             found = Posterior(before, rows, agreement).fit(at, work.share(_SOON))
         except SolveError:
             found = None
@@ -185,13 +188,24 @@ def agree(
     return Posterior(before, rows, agreement).fit(at, work)
 
 
+def _is_nearer(before: Gaussian, rows: Rows, at: Prediction) -> bool:
+    """Whether the mean of what was known ``before`` is far from ``at``, and explains ``rows``."""
+    away = before.mean - at.x
+    moves = np.abs(at.change.pose[:, :3] @ away).max()
+    if moves <= _LONGEST * at.model.arm.length:
+        return False
+    left = rows.left(at)
+    there = left - rows.jacobian(at) @ away
+    return square_of(there, rows.noise_root) < square_of(left, rows.noise_root)
+
+
 def reached(at: Prediction, x: FloatArray, work: Work) -> Prediction:
     """The prediction of a state ``x``, followed from ``at``, or from nothing if that is too far.
 
     Raises:
         SolveError: if there is no trustworthy shape.
     """
-    found = Prediction(at.model, x, at.shape)
+    found = at.moved_to(x)
     try:
         work.take(int(found.solved.iterations))
     except ContinuationError as error:
@@ -301,7 +315,7 @@ class Posterior:
         for _ in range(_SHORTENED):
             if not work.is_left:
                 break
-            new = Prediction(at.model, at.x + part * (wanted - at.x), at.shape)
+            new = at.moved_to(at.x + part * (wanted - at.x))
             shorter = 0.5
             try:
                 left = self._rows.left(new)

@@ -21,9 +21,9 @@ import numpy as np
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.equilibrium import State
-from octo_arm_model.rod.factors import Factors
+from octo_arm_model.rod.factors import Deferred, Factors
 from octo_arm_model.rod.friction import TensionDerivatives
-from octo_arm_model.rod.rod import Rod
+from octo_arm_model.rod.rod import Equilibrium, Rod
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.tables import REST_T, SHEAR, TORSION, Tables
 from octo_arm_model.rod.tendons import PathChange, Tendons, outward_paths, unloaded_tendons
@@ -145,8 +145,8 @@ class Derivatives:
         self._by_ratio[0] *= 'torsion' not in rod.arm.stiffness.profiles
         self._kept: _Linear | None = None
 
-    def sensitivity(self, state: State) -> Sensitivity:
-        """Of the equilibrium ``state`` by all quantities of `Sensitivity`.
+    def sensitivity(self, found: Equilibrium) -> Sensitivity:
+        """Of an equilibrium that was ``found``, by all quantities of `Sensitivity`.
 
         Raises:
             LoadError: if a load states no tangent stiffness.
@@ -158,18 +158,18 @@ class Derivatives:
             friction=tendons * slides,
         )  # fmt: skip
         wrenches = np.tile(np.eye(6), (self._problem.elements.s.size, 1, 1))
-        change = self._change(state, columns, wrenches)
-        found: dict[str, Any] = {f'by_{name}': _part(change, own) for name, own in columns.items()}
-        return Sensitivity(**found, find_path=functools.partial(self._by_path, state))
+        change = self._change(found, columns, wrenches)
+        parts: dict[str, Any] = {f'by_{name}': _part(change, own) for name, own in columns.items()}
+        return Sensitivity(**parts, find_path=functools.partial(self._by_path, found))
 
-    def _by_path(self, state: State, name: str) -> Change | None:
+    def _by_path(self, found: Equilibrium, name: str) -> Change | None:
         """By one of `_PATHS`; None where it is of sheaths and all are rigid."""
         if name == 'offset' or self._problem.tables.compliance.any():
-            return self._change(state, _columns(**{name: self._rest_lengths.size}))
+            return self._change(found, _columns(**{name: self._rest_lengths.size}))
         return None
 
-    def by_loads(self, state: State, loads: Sequence[Loads]) -> Change:
-        """Change of the equilibrium ``state`` per unit of each of dead ``loads``.
+    def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
+        """Change of an equilibrium that was ``found`` per unit of each of dead ``loads``.
 
         Raises:
             ArmDefinitionError: if gravity acts on an arm of no density.
@@ -181,25 +181,25 @@ class Derivatives:
         for number, one in enumerate(loads):
             dead = problem.loads.tabulate(self._arm, problem.elements, one)
             wrenches[..., number] = np.concatenate(dead, axis=1) + one.tip_wrench
-        return self._change(state, _columns(tip_wrench=len(loads)), wrenches)
+        return self._change(found, _columns(tip_wrench=len(loads)), wrenches)
 
-    def tip_covariance(self, state: State, uncertainty: Uncertainty) -> FloatArray:
-        """Covariance (6, 6) of the tip in the equilibrium ``state``, by the adjoint.
+    def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance (6, 6) of the tip in an equilibrium that was ``found``, by the adjoint.
 
         Raises:
             LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
-        problem, linear = self._problem, self._linearised(state)
+        problem, linear = self._problem, self._linearised(found)
         weights, inverse = problem.elements.weights, linear.rotation.swapaxes(1, 2)
         # What the twist of each node moves the tip by: rotations by their levers.
         lever = (weights[:, np.newaxis] * self._to_nodes).T @ linear.slope
-        tip = np.zeros((len(lever), state.z.shape[1], 6))
+        tip = np.zeros((len(lever), linear.state.z.shape[1], 6))
         tip[:, :3, :3] = inverse @ _skew(lever)
         turn = weights[:, np.newaxis, np.newaxis] * inverse
         tip[:, 3:, :3], tip[:, :3, 3:] = turn[:, : tip.shape[1] - 3], turn
         by_residual = linear.factors.solve_transposed(-tip.reshape(-1, 6)).reshape(tip.shape)
-        sections, found = linear.sections, []
+        sections, columns = linear.sections, []
         by_tension = sections.tendons.stretch_by_twist
         for name in uncertainty.quantities:
             if name == 'tension':
@@ -211,15 +211,21 @@ class Derivatives:
                     change = change + by_tension * local[..., np.newaxis]
             else:
                 change = getattr(sections, f'by_{name}')[:, np.newaxis]
-            found.append(np.tensordot(by_residual, change, axes=([0, 1], [0, 2])))
-        return uncertainty.tip_covariance(found)
+            columns.append(np.tensordot(by_residual, change, axes=([0, 1], [0, 2])))
+        return uncertainty.tip_covariance(columns)
 
-    def _linearised(self, state: State) -> _Linear:
-        """The system about ``state``; that of the last one is kept."""
-        kept, problem = self._kept, self._problem
+    def _linearised(self, found: Equilibrium) -> _Linear:
+        """The system about an equilibrium that was ``found``; that of the last one is kept."""
+        kept, problem, state = self._kept, self._problem, found.state
         if kept is None or kept.state is not state:
             problem.others.require_tangents('sensitivity')
-            factors, tension = problem.linearise(state), problem.tension_derivatives(state)
+            tension, known = problem.tension_derivatives(state), found.factors
+            # What was judged stable has been linearised for that.
+            if state is found.judged and isinstance(known, Deferred):
+                factors = known.done()
+            else:
+                factors = problem.linearise(state)
+            problem.load_work(state)
             if tension is not None:
                 tension.require(self._arm.tendon_names, state.acting.condition.tensions)
             work, rates = problem.work, problem.tension_rates(state)
@@ -233,12 +239,13 @@ class Derivatives:
         return kept
 
     def _change(
-        self, state: State, columns: _Columns, wrenches: FloatArray | None = None
+        self, found: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
     ) -> Change:
         """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
         weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
-        linear = self._linearised(state)
-        sections, strains, tendons = linear.sections, state.z.shape[1], linear.sections.tendons
+        linear = self._linearised(found)
+        sections, tendons = linear.sections, linear.sections.tendons
+        strains = linear.state.z.shape[1]
         has_friction = self._problem.friction is not None
         by_local = tendons.stretch_by_twist.swapaxes(1, 2)
         push = sections.imbalance(columns, total)
@@ -266,7 +273,7 @@ class Derivatives:
         if has_friction:
             mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
             mean /= self._rest_lengths[:, np.newaxis]
-        return Change(*self._read(linear, z), length, mean)
+        return Change(*self._read(linear, z), length, mean, z)
 
     def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, total)."""
@@ -301,10 +308,10 @@ class Derivatives:
 
 
 def _part(change: Change, where: slice) -> Change:
-    mean = change.tendon_tension
+    mean, twist = change.tendon_tension, change.twist
     return Change(
         change.pose[..., where], change.strain[..., where], change.tendon_length[..., where],
-        None if mean is None else mean[..., where],
+        None if mean is None else mean[..., where], None if twist is None else twist[..., where],
     )  # fmt: skip
 
 

@@ -115,15 +115,15 @@ class Exact(Statics):
 
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """See `Statics`."""
-        return self._derivatives(found.level).sensitivity(found.state)
+        return self._derivatives(found.level).sensitivity(_with_factors(found))
 
     def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
         """See `Statics`."""
-        return self._derivatives(found.level).tip_covariance(found.state, uncertainty)
+        return self._derivatives(found.level).tip_covariance(_with_factors(found), uncertainty)
 
     def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
         """See `Statics`."""
-        return self._derivatives(found.level).by_loads(found.state, loads)
+        return self._derivatives(found.level).by_loads(_with_factors(found), loads)
 
 
 def _with_factors(start: Equilibrium) -> Equilibrium:

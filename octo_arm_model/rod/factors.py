@@ -107,7 +107,11 @@ class Deferred:
         self._factors: Factors | None = None
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """See `Factors.solve`.
+        """See `Factors.solve`; raises ConvergenceError as `done`."""
+        return self.done().solve(right)
+
+    def done(self) -> Factors:
+        """The factors.
 
         Raises:
             ConvergenceError: if the Jacobian is singular or not finite.
@@ -115,7 +119,7 @@ class Deferred:
         if self._factors is None:
             assert self._jacobian is not None
             self._factors, self._jacobian = factorise(self._jacobian), None
-        return self._factors.solve(right)
+        return self._factors
 
 
 def factorise(jacobian: FloatArray) -> Factors:

@@ -79,6 +79,7 @@ class Equilibrium(NamedTuple):
         iterations: made in all.
         fine: twists at the finer points, of an arm without loads.
         kept: the factors, of the equilibrium of a shape.
+        guess: of the twists of the next equilibrium, (N, m); None for those of this one.
     """
 
     state: State
@@ -88,6 +89,7 @@ class Equilibrium(NamedTuple):
     iterations: int
     fine: FloatArray | None = None
     kept: Kept | None = None
+    guess: FloatArray | None = None
 
 
 class Rod:
@@ -271,7 +273,8 @@ class Rod:
         """By Newton's method from ``start``; None where that leads to no stable equilibrium."""
         problem = self.problem(start.level)
         acting = problem.acting(self.at_level(wanted, start.level))
-        begun = problem.evaluate(acting, start.state.z)
+        guess = start.state.z if start.guess is None else start.guess
+        begun = problem.evaluate(acting, guess)
         found = settle(problem, begun, spending.residual, start.factors)
         spending.add(found.iterations, 0.0, found.state.residual)
         return self._accepted(problem, found, start, spending)

@@ -42,12 +42,15 @@ class Change:
         tendon_length: change of the length of every tendon [m], (tendons, quantities).
         tendon_tension: change of the tension of every tendon averaged over its unloaded length
             [N], likewise; None without friction, where it equals the change at the base.
+        twist: change of the twists at the nodes of the solver, (nodes, strains, quantities); None
+            of the paper's models, and of tendons that are driven by length.
     """
 
     pose: FloatArray
     strain: FloatArray
     tendon_length: FloatArray
     tendon_tension: FloatArray | None = None
+    twist: FloatArray | None = None
 
     @property
     def tip(self) -> FloatArray:
