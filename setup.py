@@ -20,6 +20,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{PACKAGE}/config/ros2_control', sorted(glob('config/ros2_control/*.yaml'))),
         (f'share/{PACKAGE}/config/sros2', sorted(glob('config/sros2/*.xml'))),
         (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
         (f'share/{PACKAGE}/msg', sorted(glob('msg_defs/msg/*.msg'))),

@@ -11,6 +11,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MIN_RATE
+from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.validation import positive, within
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import Parameter, refuse_unknown
@@ -167,3 +168,18 @@ def for_true_arm(arm: Arm) -> dict[str, Any]:
         'tension_offset': tendons * (0.0,),
         'tension_scale': tendons * (1.0,),
     }
+
+
+def in_water(config: Config) -> dict[str, Any]:
+    """Parameters with which the arm of ``config`` moves, in water where its file says of none.
+
+    Density and viscosity are those of the silicone of Renda et al. 2018, where the file has none.
+    """
+    found: dict[str, Any] = {'dynamics': True, 'model': 'exact'}
+    if not config.arm.material.density:
+        found['material.density'] = 1080.0
+    if not config.loads.fluid_density:
+        found['loads.fluid_density'] = 1022.0
+    if config.motion == MotionProperties():
+        found |= {'motion.water': 'renda2018', 'motion.damping_time': 8.2e-3}
+    return found

@@ -290,18 +290,44 @@ def _row_major(values: Sequence[float], layout: Any, field: str, arm: Arm) -> Fl
 
 
 def _by_name(names: Sequence[str], values: Sequence[float], field: str, arm: Arm) -> FloatArray:
-    tension_of = values_by_name(names, values, field)
-    known = set(arm.tendon_names)
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise TensionError(
-            f'unknown tendon {listed(unknown)}; this arm has {listed(arm.tendon_names)}'
-        )
+    tension_of = _of_tendons(names, values, field, arm)
     missing = [name for name in arm.tendon_names if name not in tension_of]
     if missing:
         raise TensionError(f'no tension for tendon {listed(missing)}')
     ordered = [tension_of[name] for name in arm.tendon_names]
     return np.array(ordered, dtype=np.float64).reshape(arm.tension_shape)
+
+
+def _of_tendons(
+    names: Sequence[str], values: Sequence[float], field: str, arm: Arm
+) -> dict[str, float]:
+    found = values_by_name(names, values, field)
+    known = set(arm.tendon_names)
+    if unknown := [name for name in names if name not in known]:
+        raise TensionError(
+            f'unknown tendon {listed(unknown)}; this arm has {listed(arm.tendon_names)}'
+        )
+    return found
+
+
+def read_joint_commands(message: Any, arm: Arm) -> tuple[dict[str, float], dict[str, float]]:
+    """Tensions [N], or lengths to reel in [m], by name of the tendons that a JointState commands.
+
+    One of the two is empty: a controller sends one array, of the interface that it commands.
+
+    Raises:
+        TensionError: if not exactly one of effort and position is given, names are unknown or
+            repeated, lengths differ, or a position is not finite.
+    """
+    given = [name for name in ('position', 'velocity', 'effort') if len(getattr(message, name))]
+    if given == ['position']:
+        return {}, read_displacements(message, arm)
+    if given != ['effort']:
+        raise TensionError(
+            f'a command of {" and ".join(given) or "nothing"}, expected either effort [N] or '
+            'position [m]'
+        )
+    return _of_tendons(message.name, message.effort, 'effort', arm), {}
 
 
 DISPLACEMENTS = 'tendon_displacements'

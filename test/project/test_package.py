@@ -144,7 +144,12 @@ def test_what_the_launch_files_start_is_a_dependency():
     depends = {dependency.name for dependency in package.exec_depends}
     shared = ROOT / 'octo_arm_model' / 'ros' / 'launch_parts.py'
     text = ''.join(path.read_text() for path in (*(ROOT / 'launch').iterdir(), shared))
-    started = set(re.findall(r"package='(\w+)'", text))
-    assert started == {'rviz2'} and "['ros2', 'bag'" in text
+    controllers = (ROOT / 'config' / 'ros2_control' / 'controllers.yaml').read_text()
+    started = set(re.findall(r"package='(\w+)'|type: (\w+)/", text + controllers))
+    started = {name for names in started for name in names if name}
+    assert (
+        started >= {'rviz2', 'controller_manager', 'joint_state_broadcaster'}
+        and "['ros2', 'bag'" in text
+    )
     # And the packages of the commands that run launch files and bags.
     assert depends >= started | {'ros2launch', 'ros2bag', 'launch', 'launch_ros'}

@@ -151,3 +151,12 @@ def test_without_rviz_that_is_logged_and_the_nodes_are_started(
     assert started(name, rviz='true') == expected
     assert logged(name, rviz='true') == ['no RViz: the package rviz2 is not installed']
     assert logged(name, rviz='false') == []
+
+
+def test_controllers_drive_the_tendons_of_an_arm_that_moves() -> None:
+    nodes = started('ros2_control', namespace='left', interface='position',
+                    params_file='renda2012_prototype', controllers_file='mine.yaml')  # fmt: skip
+    assert nodes['octo_arm_sim', '/left']['dynamics'] is True
+    assert nodes['ros2_control_node', '/left']['file'] == 'mine.yaml'
+    assert '/left/tendon_states' in nodes['robot_state_publisher', '/left']['robot_description']
+    assert ('spawner', '/left') in nodes

@@ -51,7 +51,14 @@ from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.simulation.profiles.limits import check_command
 from octo_arm_model.simulation.pushed_arm import PushedArm
 from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tensions import DISPLACEMENTS, NONE, read_displacements
+from octo_arm_model.wire.tensions import (
+    DISPLACEMENTS,
+    NONE,
+    read_displacements,
+    read_joint_commands,
+)
+
+_JOINTS = 'tendon_tensions/joint_state'
 
 
 class SimulatorNode(CheckedNode):
@@ -88,7 +95,11 @@ class SimulatorNode(CheckedNode):
                 intake, topic, lambda: self._config.arm, self._on_command, prefix=TOPIC
             )
             for topic in TOPICS
+            if topic != _JOINTS
         ]
+        self._joints = LatestSubscription(
+            intake, JointState, _JOINTS.replace('tendon_tensions', TOPIC), self._on_joints
+        )
         self._lengths = LatestSubscription(
             intake, JointState, f'{TOPIC}/displacements', self._on_lengths
         )
@@ -154,6 +165,18 @@ class SimulatorNode(CheckedNode):
         """Follow a command from now on, and no longer the profile."""
         self._command = check_command(self._config.arm, tensions, self._config.limits)
         self._is_playing = False
+
+    def _on_joints(self, data: bytes) -> None:
+        """Pull, or reel in, the tendons that are named from now on; others go on as they do."""
+        arm = self._config.arm
+        tensions, lengths = read_joint_commands(decoded(data, JointState), arm)
+        held = self._control.displacements if self._control is not None else {}
+        wanted = [tensions.get(*named) for named in zip(arm.tendon_names, self._command)]
+        command = check_command(arm, np.array(wanted), self._config.limits)
+        left = {name: length for name, length in held.items() if name not in tensions}
+        if lengths or left != held:
+            self._length_control().command({**left, **lengths}, command)
+        self._command, self._is_playing = command, False
 
     def _on_lengths(self, data: bytes) -> None:
         """Reel in the tendons that are named from now on; all others follow tensions."""

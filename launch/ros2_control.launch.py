@@ -1,0 +1,76 @@
+"""A simulated arm that moves and controllers of ros2_control that drive its tendons."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+
+from octo_arm_model.config.config import load_config
+from octo_arm_model.ros.launch_parts import (
+    PACKAGE,
+    arm_node,
+    declare,
+    node,
+    params_file,
+    rviz,
+    sim_time,
+    value_of,
+)
+from octo_arm_model.ros.simulator.robot_description import INTERFACES, robot_description
+from octo_arm_model.simulation.parameters import in_water
+
+CONTROLLER = {'effort': 'tendon_effort_controller', 'position': 'tendon_position_controller'}
+
+
+def start(context):
+    """Everything to start, once the arguments have values."""
+    namespace, file = LaunchConfiguration('namespace'), params_file(context)
+    interface = value_of('interface', context)
+    config = load_config(file)
+    urdf = robot_description(config, interface, value_of('namespace', context))
+    return [
+        arm_node(context),
+        node('octo_arm_sim', 'octo_arm_sim', namespace, file, sim_time() | in_water(config)),
+        Node(
+            package='robot_state_publisher', executable='robot_state_publisher',
+            namespace=namespace, parameters=[{'robot_description': urdf}, sim_time()],
+        ),
+        Node(
+            package='controller_manager', executable='ros2_control_node', namespace=namespace,
+            parameters=[LaunchConfiguration('controllers_file'), sim_time()],
+            remappings=[('~/robot_description', 'robot_description')],
+            output='screen',
+        ),
+        Node(
+            package='controller_manager', executable='spawner', namespace=namespace,
+            arguments=['joint_state_broadcaster', CONTROLLER[interface]], output='screen',
+        ),
+        rviz('octo_arm.rviz', namespace),
+    ]  # fmt: skip
+
+
+def generate_launch_description():
+    """Declare the arguments; what they say decides what is started."""
+    file = PathJoinSubstitution(
+        [FindPackageShare(PACKAGE), 'config/ros2_control/controllers.yaml']
+    )
+    return LaunchDescription(
+        [
+            *declare('params_file', 'namespace', 'use_sim_time', 'rviz', 'model', 'frame_prefix'),
+            DeclareLaunchArgument(
+                'interface',
+                default_value='effort',
+                choices=INTERFACES,
+                description='what controllers command: tensions as effort [N], or lengths that '
+                'winches reel in as position [m]',
+            ),
+            DeclareLaunchArgument(
+                'controllers_file',
+                default_value=file,
+                description='parameter file of the controllers, by default of the arm of '
+                'renda2012_table4',
+            ),
+            OpaqueFunction(function=start),
+        ]
+    )

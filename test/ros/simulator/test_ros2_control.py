@@ -1,0 +1,181 @@
+"""Controllers of ros2_control: how they are configured, and what they send, over real DDS."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+from checkout import ROOT
+
+rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
+from live_nodes import RosClient, hosting, new_domain
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+
+from octo_arm_model import ConfigError, load_config, solve_displacements
+from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.ros.processes import parameter_arguments
+from octo_arm_model.ros.simulator.main import SimulatorNode
+from octo_arm_model.ros.simulator.robot_description import COMMANDS, STATES, robot_description
+
+FILE = preset_path('renda2012_prototype')
+CONFIG = load_config(FILE)
+NAMES = list(CONFIG.arm.tendon_names)
+MOVING = {'dynamics': True, 'model': 'exact', 'material.density': 1080.0,
+          'motion.damping_time': 0.3, 'stations': 21, 'rate': 20.0}  # fmt: skip
+THRESHOLD = 1e-5  # trigger_joint_command_threshold, by default
+
+
+class TopicSystem(RosClient):
+    """Reads and writes as `JointStateTopicSystem` does, with the interface of its joints."""
+
+    def __init__(self, domain, node='octo_arm_sim'):
+        super().__init__(domain, node)
+        self.publisher = self.node.create_publisher(JointState, COMMANDS, QoSProfile(depth=1))
+        self.states = self.hear(JointState, STATES, qos_profile_sensor_data)
+        self.sent = 0
+
+    def write(self, interface, command):
+        """Publish the ``command`` of all joints, unless the states equal it."""
+        state = np.array(getattr(self.states[-1], interface))
+        # As C++ compares: a sum that is no number is not below the threshold.
+        if not np.abs(state - command).sum() <= THRESHOLD:
+            message = JointState(name=NAMES, **{interface: command.tolist()})
+            message.header.stamp = self.node.get_clock().now().to_msg()
+            self.publisher.publish(message)
+            self.sent += 1
+
+    def reach(self, interface, command, tolerance=THRESHOLD):
+        """Write until the states are the ``command``."""
+
+        def is_there():
+            self.write(interface, command)
+            state = getattr(self.states[-1], interface)
+            return np.abs(np.array(state) - command).sum() <= tolerance
+
+        self.wait(lambda: self.states, 'states')
+        self.wait(is_there, f'{interface} {command}')
+
+
+@pytest.fixture(scope='module')
+def system():
+    words = parameter_arguments(MOVING)
+    with hosting(SimulatorNode, *words, files=[FILE], client=TopicSystem, node='octo_arm_sim',
+                 domain=new_domain()) as found:  # fmt: skip
+        yield found
+
+
+def test_the_description_names_the_tendons_and_the_topics_of_the_simulator():
+    robot = ElementTree.fromstring(robot_description(CONFIG, 'effort', 'left'))
+    (control,) = robot.findall('ros2_control')
+    hardware = control.find('hardware')
+    assert hardware.findtext('plugin') == (
+        'joint_state_topic_hardware_interface/JointStateTopicSystem'
+    )
+    topics = {param.get('name'): param.text for param in hardware.findall('param')}
+    assert topics == {'joint_commands_topic': '/left/tendon_commands/joint_state',
+                      'joint_states_topic': '/left/tendon_states'}  # fmt: skip
+    assert [joint.get('name') for joint in control.findall('joint')] == NAMES
+    for joint in control.findall('joint'):
+        assert [one.get('name') for one in joint.findall('command_interface')] == ['effort']
+        states = [one.get('name') for one in joint.findall('state_interface')]
+        assert states == ['position', 'velocity', 'effort']
+    # Every joint that is controlled is one of the robot, between links that are there.
+    assert [joint.get('name') for joint in robot.findall('joint')] == NAMES
+    links = {link.get('name') for link in robot.findall('link')}
+    ends = {joint.find(end).get('link') for joint in robot.findall('joint')
+            for end in ('parent', 'child')}  # fmt: skip
+    assert ends == links
+    with pytest.raises(ConfigError, match="interface is 'velocity', expected effort or position"):
+        robot_description(CONFIG, 'velocity')
+
+
+def test_the_controllers_are_of_the_tendons_and_of_interfaces_that_are_described():
+    path = ROOT / 'config' / 'ros2_control' / 'controllers.yaml'
+    # rcl takes no aliases.
+    assert '&' not in path.read_text() and '*' not in path.read_text()
+    given = {
+        name: part['ros__parameters'] for name, part in yaml.safe_load(path.read_text()).items()
+    }
+    manager = given.pop('controller_manager')
+    assert {name for name, value in manager.items() if isinstance(value, dict)} == {
+        'joint_state_broadcaster', *given
+    }  # fmt: skip
+    for controller in given.values():
+        assert controller['joints'] == list(load_config('renda2012_table4').arm.tendon_names)
+    assert given['tendon_effort_controller']['interface_name'] == 'effort'
+    assert given['tendon_position_controller']['interface_name'] == 'position'
+
+
+def test_commands_by_effort_and_by_position_reach_their_states_and_then_end(system):
+    system.reach('effort', np.array([0.5, 0.0, 0.2, 0.0]))
+    sent = system.sent
+    system.write('effort', np.array([0.5, 0.0, 0.2, 0.0]))
+    assert system.sent == sent
+    lengths = dict(zip(NAMES, (0.006, 0.0, 0.0, 0.003)))
+    expected = solve_displacements(CONFIG.solver('exact'), lengths, {})
+    # Slack tendons are not taut at any length: those that pull come to theirs.
+    pulled = expected.backbone.tensions.ravel() > 0.0
+
+    def is_there():
+        system.write('position', np.array(list(lengths.values())))
+        last = system.states[-1]
+        return np.allclose(last.effort, expected.backbone.tensions.ravel(), atol=1e-6) and (
+            np.allclose(np.array(last.position)[pulled], np.array([*lengths.values()])[pulled],
+                        atol=1e-5)
+        )  # fmt: skip
+
+    system.wait(is_there, 'lengths')
+    # The newest command of a tendon counts, whatever its interface; others stay as they are.
+    some = JointState(name=NAMES[:1], effort=[0.25])
+    held = {name: length for name, length in lengths.items() if name != NAMES[0]}
+    expected = solve_displacements(CONFIG.solver('exact'), held, {NAMES[0]: 0.25})
+
+    def is_mixed():
+        system.publisher.publish(some)
+        return np.allclose(system.states[-1].effort, expected.backbone.tensions.ravel(), atol=1e-6)
+
+    system.wait(is_mixed, 'a tension beside lengths')
+    system.reach('effort', np.zeros(4))
+
+
+NAN = float('nan')
+REFUSED = {
+    'of both interfaces': (
+        NAMES, {'position': [0.0] * 4, 'effort': [0.1] * 4},
+        'a command of position and effort, expected either effort [N] or position [m]',
+    ),
+    'by velocity': (NAMES, {'velocity': [0.0] * 4}, 'a command of velocity, expected either'),
+    'of nothing': (NAMES, {}, 'a command of nothing, expected either'),
+    'short effort': (NAMES, {'effort': [0.1] * 3}, 'name has 4 entries but effort has 3'),
+    'short position': (NAMES, {'position': [0.0]}, 'name has 4 entries but position has 1'),
+    'no effort': (NAMES, {'effort': [NAN] * 4}, 'tension of tendon_1_1 is nan N, expected'),
+    'no position': (NAMES, {'position': [0.0, NAN, 0.0, 0.0]},
+                    'displacement of tendon_1_2 is nan m, expected a finite number'),
+    'an unknown effort': (['elbow'], {'effort': [0.1]}, 'unknown tendon elbow'),
+    'an unknown position': (['elbow'], {'position': [0.1]}, 'unknown tendon elbow'),
+    'twice': (['tendon_1_1'] * 2, {'effort': [0.1] * 2}, 'named more than once: tendon_1_1'),
+    'too high': (NAMES, {'effort': [1e3] * 4}, 'expected at most its limit'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('case', REFUSED)
+def test_other_commands_are_refused_counted_and_the_one_before_is_kept(system, case):
+    names, arrays, reason = REFUSED[case]
+    before = np.array([0.3, 0.0, 0.0, 0.1])
+    system.reach('effort', before)
+    system.diagnostics.clear()
+
+    def is_told():
+        system.publisher.publish(JointState(name=names, **arrays))
+        logged = [log.msg for log in system.logs]
+        told = [{value.key: value.value for value in status.values}
+                for message in system.diagnostics for status in message.status]  # fmt: skip
+        return any(f'/{COMMANDS} refused: ' in words and reason in words for words in logged) and (
+            any(reason in one['last refusal'] and int(one['refused']) for one in told)
+        )
+
+    system.wait(is_told, 'the refusal in log and diagnostics')
+    np.testing.assert_allclose(system.states[-1].effort, before, atol=1e-12)
