@@ -7,12 +7,33 @@ Python, and no array is assigned to another as a whole, for which numba compiles
 
 from __future__ import annotations
 
+import contextlib
+import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from numba import njit
 
 _F = TypeVar('_F', bound=Callable[..., object])
+# What machine code is made of; of these files numba watches the one of each function alone.
+_SOURCES = '*loops.py', 'section_formulas.py', 'tables.py', 'resolution.py', 'compiled.py'
+
+
+def _forget_older(folder: Path) -> None:
+    """Remove what numba keeps of this ``folder`` and is older than a file it was made of."""
+    newest = max(file.stat().st_mtime for name in _SOURCES for file in folder.glob(name))
+    places = [folder / '__pycache__']
+    if chosen := os.environ.get('NUMBA_CACHE_DIR'):
+        places += Path(chosen).glob(f'{folder.name}_*')
+    for place in places:
+        for index in place.glob('*.nbi'):
+            with contextlib.suppress(OSError):
+                if index.stat().st_mtime < newest:
+                    index.unlink()
+
+
+_forget_older(Path(__file__).parent)
 
 
 def compiled(function: _F, *, has_entry: bool = True, inlined: bool = False) -> _F:

@@ -164,7 +164,7 @@ def test_derivatives_are_those_of_loads_that_follow(s: float) -> None:
     rod = Rod(arm, loads, setting=setting)
     tensions = 0.5 * TENSIONS
     found, stations = rod.solve(tensions, WRENCH), np.array([0.1, 0.2, 0.3, 0.4])
-    change = Derivatives(rod, found.level, stations).sensitivity(found.state).by_tension
+    change = Derivatives(rod, found.level, stations).sensitivity(found).by_tension
 
     def outcome(step: FloatArray) -> FloatArray:
         moved = rod.solve(tensions + step, WRENCH, found)

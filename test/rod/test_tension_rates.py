@@ -25,9 +25,10 @@ def rubbed(name: str) -> Rod:
 
 
 def jumped(problem: Problem) -> FloatArray:
-    """Twists that jump at the anchorage."""
-    z = twists_at(problem.elements.s, problem.strains)
-    return z + 0.05 * problem.elements.section[:, np.newaxis]
+    """Twists that jump wherever they may: without a jump its angle is not differentiable."""
+    elements = problem.elements
+    jumps = np.repeat(elements.sharp.cumsum(), elements.points)
+    return twists_at(elements.s, problem.strains) - 0.05 * jumps[:, np.newaxis]
 
 
 def conditions(problem: Problem, z: FloatArray) -> list[Condition]:
