@@ -148,25 +148,26 @@ def csv_frames(
         MeasurementError: if a column is missing or a cell holds no number.
     """
     stamps = table.times()
-    # Columns that are named are meant, whatever else the file has.
+    # Columns that are named are meant, whatever else the file has: x_1, though there is an x1.
     there = dict.fromkeys((*(column.name for column in table.columns), *table.given))
-    wide = [name for name in there if _POINT.match(name)]
-    if not any(map(_POINT.match, table.given)) and table.find('x') is not None:
-        wide = []
-    elif not wide and measured.marker_s:  # what is then missing
-        wide = [f'x{number + 1}' for number in range(len(measured.marker_s))]
-    wide.sort(key=lambda name: int(name.strip('x_')))
-    names = [[f'{axis}{name[1:]}' for axis in 'xyz'] for name in wide or ['x']]
+    wide = {name: int(name.strip('x_')) for name in there if _POINT.match(name)}
+    given = {wide[name] for name in table.given if name in wide}
+    meant = [name for name in wide if name in table.given or wide[name] not in given]
+    meant.sort(key=wide.__getitem__)
+    if not given and table.find('x') is not None:
+        meant = []
+    elif not meant and measured.marker_s:  # what is then missing
+        meant = [f'x{number + 1}' for number in range(len(measured.marker_s))]
+    names = [[f'{axis}{name[1:]}' for axis in 'xyz'] for name in meant or ['x']]
     if measured.marker_names:
-        wide = list(measured.marker_names)
-        names = [[f'{name}_{axis}' for axis in 'xyz'] for name in wide]
+        meant = list(measured.marker_names)
+        names = [[f'{name}_{axis}' for axis in 'xyz'] for name in meant]
     _check_unit(table, names, measured.unit)
     places = np.stack([_point(table, name, measured.unit) for name in names], axis=1)
     grouped = list(zip(stamps, places))
-    if not wide:
-        order = sorted(range(len(stamps)), key=stamps.__getitem__)
-        cuts = [i for i in range(1, len(order)) if stamps[order[i]] != stamps[order[i - 1]]]
-        parts = np.split(np.array(order), cuts)
+    if not meant:
+        order = np.argsort(stamps, kind='stable')
+        parts = np.split(order, np.flatnonzero(np.diff(np.take(stamps, order))) + 1)
         grouped = [(stamps[part[0]], places[part, 0]) for part in parts]
     is_midline = max(len(one) for _, one in grouped) > 1
     frames = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,14 +58,18 @@ def wide_csv(path: Path, hidden: bool = False) -> Path:
     return path
 
 
+def assert_tip_errors(said: dict[str, Any]) -> None:
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+
+
 def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
     files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv'))]
     said = printed(capsys, 'compare', *files, *ARM, *STILL)
-    errors = [step['tip_error_percent'] for step in said['steps']]
-    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+    assert_tip_errors(said)
     fitted = printed(capsys, 'identify', *files, *ARM, *STILL)
     # Least squares spread the error of the model over all steps.
     assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
@@ -88,8 +93,7 @@ def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(
     track = wide_csv(tmp_path / 'track.csv', hidden=True)
     files = ['--tension-csv', str(loads), '--midline-csv', str(track), '--columns', *told]
     said = printed(capsys, 'compare', *files, *S, *ARM, *STILL)
-    errors = [step['tip_error_percent'] for step in said['steps']]
-    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+    assert_tip_errors(said)
     assert any('the marker at 0.09 m is not seen in 42 of 84' in note for note in said['notes'])
 
 
@@ -99,8 +103,7 @@ def test_a_file_of_loads_goes_with_a_bag_of_markers(
     loads = loads_csv(tmp_path / 'loads.csv')
     bag = str(marker_bag(tmp_path / 'bag'))
     said = printed(capsys, 'compare', bag, '--tension-csv', str(loads), *S, *STILL)
-    errors = [step['tip_error_percent'] for step in said['steps']]
-    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+    assert_tip_errors(said)
 
 
 LOADS = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\n0,1,0,0,0\n'
@@ -187,43 +190,24 @@ def test_what_is_not_said_is_asked_for(
     assert message in capsys.readouterr().err
 
 
-MOTIVE = ['A-X', 'A-Y', 'B-X', 'B-Y', 'C-X', 'C-Y', 'D-X', 'D-Y']
-NAMED = [f'{axis}{n}={"ABCD"[n - 1]}-{axis.upper()}' for n in (1, 2, 3, 4) for axis in 'xy']
-NAMED += [f'z{n}=0' for n in (1, 2, 3, 4)]
-
-
-@pytest.mark.parametrize(('more', 'under'), [('', ''), ('', '_'), (';x (mm);x1 (mm)', '')])
-def test_markers_are_named_by_columns(
-    more: str, under: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_markers_are_named_by_columns_and_one_of_two_files_has_another_name_for_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Also in a file that has columns x and x1 of other things."""
     track = wide_csv(tmp_path / 'track.csv')
-    head = ';'.join(['Zeit (ms)', *(f'{name} (mm)' for name in MOTIVE)])
+    names = [f'{marker}-{axis}' for marker in 'ABCD' for axis in 'XY']
+    head = ';'.join(['time (ms)', *(f'{name} (mm)' for name in names), 'x (mm)', 'x1 (mm)'])
     rows = track.read_text().splitlines()[1:]
-    track.write_text('\n'.join([head + more, *(row + more.count(';') * ';9' for row in rows)]))
+    track.write_text('\n'.join([head, *(f'{row};9;9' for row in rows)]))
     tendons = ','.join(f'tendon_1_{n}' for n in (1, 2, 3, 4))
     loads = loads_csv(tmp_path / 'loads.csv', f'Zeit,{tendons}')
-    files = ['--tension-csv', str(loads), '--midline-csv', str(track)]
-    told = ['time=Zeit', *(f'{name[0]}{under}{name[1:]}' for name in NAMED)]
-    said = printed(capsys, 'compare', *files, *S, *ARM, *STILL, '--columns', *told)
-    errors = [step['tip_error_percent'] for step in said['steps']]
-    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
-
-
-def test_one_of_two_files_has_another_name_for_time(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    tendons = ','.join(f'tendon_1_{n}' for n in (1, 2, 3, 4))
-    loads = loads_csv(tmp_path / 'loads.csv', f'Zeit,{tendons}')
-    track = wide_csv(tmp_path / 'track.csv')
-    track.write_text(track.read_text().replace('Zeit', 'time', 1))
     files = ['--tension-csv', str(loads), '--midline-csv', str(track), *S, *ARM, *STILL]
-    columns = [f'z{number}=0' for number in range(1, 5)]
-    said = printed(capsys, 'compare', *files, '--columns', 'time=Zeit', *columns)
-    errors = [step['tip_error_percent'] for step in said['steps']]
-    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+    told = ['time=Zeit', *(f'x_{n}={m}-X' for n, m in enumerate('ABCD', 1))]
+    told += [f'y_{n}={m}-Y' for n, m in enumerate('ABCD', 1)]
+    told += [f'z_{n}=0' for n in (1, 2, 3, 4)]
+    assert_tip_errors(printed(capsys, 'compare', *files, '--columns', *told))
     loads.write_text(loads.read_text().replace('Zeit', 'time', 1))
-    assert main(['compare', *files, '--columns', 'time=Zeit', *columns]) == 2
+    assert main(['compare', *files, '--columns', *told]) == 2
     assert "loads.csv: no column 'Zeit' for time; it has time, " in capsys.readouterr().err
 
 
