@@ -1,13 +1,21 @@
 """The pages in a real browser: what is pulled there, and what is seen."""
 
 import contextlib
+import io
 import re
 import socket
 import time
 
 import numpy as np
 import pytest
-from browser_or_skip import Browser, colours
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+pytest.importorskip('viser', reason='needs viser')
+pytest.importorskip('selenium', reason='needs selenium')
+image = pytest.importorskip('PIL.Image', reason='needs pillow')
+
+from browser import CHROMEDRIVER, CHROMIUM, Browser
 from estimator_nodes import estimating_here
 from live_nodes import CONFIG, new_domain, start, stop
 from selenium.webdriver.common.keys import Keys
@@ -16,6 +24,9 @@ from viewer_setup import Setup
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.ros.estimator.main import EstimatorNode
 from octo_arm_model.viewer.commander import as_shell_line
+
+if not (CHROMIUM and CHROMEDRIVER):
+    pytest.skip('needs chromium and chromedriver (apt: chromium chromium-driver)', True)
 
 REST = [450.0, 0.0, 0.0]
 SOLVER = CONFIG.solver()
@@ -46,6 +57,11 @@ def slacken(setup, browser):
 def shows_what_is_published(setup, browser):
     tensions = setup.tensions().reshape(SOLVER.arm.tension_shape)
     return np.allclose(browser.tip(), 1e3 * SOLVER.solve(tensions).tip, atol=0.006)
+
+
+def colours(png):
+    """Red, green and blue of the pixels of a picture, (rows, columns, 3)."""
+    return np.asarray(image.open(io.BytesIO(png)).convert('RGB'), float)
 
 
 def body_pixels(png):
