@@ -28,7 +28,7 @@ from octo_arm_model.arm.validation import vector, within
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.checks import check_stretches
 from octo_arm_model.rod.displacements import check_displacements
-from octo_arm_model.rod.elements import Elements, build_elements
+from octo_arm_model.rod.elements import LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Acting, Condition, State
 from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
@@ -98,12 +98,14 @@ class Dynamics:
 
     def __init__(
         self, solver: Solver, properties: MotionProperties = MotionProperties(),
-        rho_inf: float = RHO_INF,
+        rho_inf: float = RHO_INF, level: int = 0,
     ) -> None:  # fmt: skip
         """Of the arm, loads, base and stations of ``solver``.
 
+        Each ``level`` from 0 to 4 has more nodes, see `elements.LEVELS`.
+
         Raises:
-            ConfigError: if the model of ``solver`` is not exact.
+            ConfigError: if the model of ``solver`` is not exact, or there is no such level.
             ArmDefinitionError: if the arm has no density, or ``rho_inf`` is not in [0, 1].
         """
         if solver.model != 'exact':
@@ -111,7 +113,9 @@ class Dynamics:
         self.solver, self.properties, arm = solver, properties, solver.arm
         self._alpha = Alpha.of(within('rho_inf', rho_inf, 0.0, 1.0, '-'))
         loads = solver.loads
-        elements = build_elements(arm, loads.breaks, loads.knots, 0, _FEWER_POINTS)
+        if level not in range(len(LEVELS)):
+            raise ConfigError(f'level is {level!r}, expected 0 to {len(LEVELS) - 1}')
+        elements = build_elements(arm, loads.breaks, loads.knots, level, _FEWER_POINTS)
         base = base_of(solver.base)
         tables = tabulate(arm, elements, base[3:], widens=solver.law.widens)
         form = choose_form(solver.is_compiled)

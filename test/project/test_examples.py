@@ -16,6 +16,7 @@ from checkout import ROOT
 sys.path.insert(0, str(ROOT / 'validation'))
 
 from laboratories import KINDS, Truth, laboratory, outcome, shapes_of
+from two_tendons import TIPS, fall
 
 EXAMPLES = sorted(set((ROOT / 'examples').glob('*.py')) - set((ROOT / 'examples').glob('5_*')))
 # Of the numbers that an example prints, in their order.
@@ -127,3 +128,11 @@ def test_the_interval_of_the_right_model_is_narrow_and_near_the_truth() -> None:
     one = outcome(Truth('closed_form'), KINDS['right model, no friction'], 0)
     assert one.reach < 0.01
     assert abs(one.error) < 2.0 * one.reach
+
+
+def test_the_trajectory_of_two_tendons_has_converged_and_is_that_of_two_others() -> None:
+    tips = fall(0, 5e-3)
+    assert np.linalg.norm(tips - fall(1, 1e-2), axis=1).max() < 1e-4
+    away = {name: np.linalg.norm(tips - other, axis=1) for name, other in TIPS.items()}
+    assert away['SoRoMoX'].max() < 6e-3 and away['SoRoSim'].max() < 6e-3
+    assert away['SoRoSim'][0] < 1e-4 and away['PyElastica'].max() > 0.1
