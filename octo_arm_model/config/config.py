@@ -66,6 +66,8 @@ class Config:
         encoders: calibration of the encoders of the winches.
         tension_type: type of further messages that the node takes tensions from; empty for none.
         tension_field: their field that holds the tensions.
+        displacement_type: likewise of displacements.
+        displacement_field: their field that holds what encoders read.
         solve_budget: what one solve of a loaded arm may take in the node.
     """
 
@@ -88,6 +90,8 @@ class Config:
     encoders: EncoderCalibration = field(default_factory=EncoderCalibration)
     tension_type: str = ''
     tension_field: str = ''
+    displacement_type: str = ''
+    displacement_field: str = ''
     solve_budget: Budget = field(default_factory=Budget)
 
     @classmethod
@@ -116,11 +120,13 @@ class Config:
             if given[name].startswith('/'):
                 expected = 'expected no / at its beginning, where tf2 refuses one'
                 raise ConfigError(f'{name} is {shown(given[name])}, {expected}')
-        if bool(given['tension_type']) != bool(given['tension_field']):
-            raise ConfigError(
-                f'tension_type is {given["tension_type"]!r} and tension_field is '
-                f'{given["tension_field"]!r}, expected both or neither'
-            )
+        for name in ('tension', 'displacement'):
+            kind, field = given[f'{name}_type'], given[f'{name}_field']
+            if bool(kind) != bool(field):
+                raise ConfigError(
+                    f'{name}_type is {kind!r} and {name}_field is {field!r}, expected both or '
+                    'neither'
+                )
         base = Pose(given['base.position'], given['base.quaternion'])
         arm = build_arm(given)
         uncertainty = build_uncertainty(given, arm)
@@ -149,6 +155,8 @@ class Config:
             encoders=build_encoders(given, arm),
             tension_type=given['tension_type'],
             tension_field=given['tension_field'],
+            displacement_type=given['displacement_type'],
+            displacement_field=given['displacement_field'],
             solve_budget=Budget(given['solve_budget.iterations'], given['solve_budget.seconds']),
         )
         for parameter in PARAMETERS:

@@ -294,6 +294,12 @@ PARAMETERS = (
     Parameter('tension_scale', float,
               'what the reading of each load cell is multiplied by, section by section from the '
               'tip [-]; empty for 1', (), is_array=True, range='> 0'),
+    Parameter('displacement_type', str,
+              'type of the messages of encoders on tendon_displacements/field; empty for '
+              'no such topic', ''),
+    Parameter('displacement_field', str,
+              'the field of these that holds the readings, such as angle or motors[0].position',
+              ''),
     Parameter('displacement_names', str,
               'name of the reading of the encoder of each tendon in the messages that come in, or '
               'its number from 0 on where they have no names, section by section from the tip; '

@@ -48,8 +48,8 @@ class PreparedEstimator(Prepared):
         arm = {name: value for name, value in values.items() if name not in own}
         arm['model'] = MODEL
         config, description = Config.from_parameters(arm), describe(arm)
-        if config.tension_type:
-            message_class(config.tension_type)
+        for kind in filter(None, (config.tension_type, config.displacement_type)):
+            message_class(kind)
         settings = EstimatorSettings.from_parameters(own, config)
         models = settings.models(config)
         solver = next(iter(models.values())).solver

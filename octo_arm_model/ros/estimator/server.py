@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from rclpy.node import Node
 
@@ -24,6 +25,7 @@ from octo_arm_model.wire.measurements import (
     MEASUREMENT_TOPICS,
     MeasuredArm,
     MeasurementMessage,
+    displacements_of,
     tensions_of,
 )
 from octo_arm_model.wire.stamp import Stamp
@@ -118,6 +120,9 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
 
     def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
         self._take(topic, stamp, tensions_of(readings, self._measured_arm()))
+
+    def _on_motors(self, topic: str, stamp: Stamp | None, message: Any, field: str) -> None:
+        self._take(topic, stamp, displacements_of(message, self._measured_arm(), field))
 
     def _take(self, topic: str, stamp: Stamp | None, measurement: Measurement) -> None:
         """Correct the estimate by a ``measurement`` and publish it; OctoArmError if refused."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -219,6 +220,11 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         config = self._arm.config
         found = read_displacements(message, config.arm, config.encoders)
         self._publish_shape(winches.topic, Stamp.of(message.header.stamp), displacements=found)
+
+    def _on_motors(self, topic: str, stamp: Stamp | None, message: Any, field: str) -> None:
+        config = self._arm.config
+        found = read_displacements(message, config.arm, config.encoders, field)
+        self._publish_shape(topic, stamp, displacements=found)
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:
         return answer_solve(request, response, self._arm.solver, self._arm.config.base_frame)

@@ -30,7 +30,7 @@ Refuse: TypeAlias = Callable[[str, OctoArmError], None]
 # messages in the queue are skipped; its depth limits how many of these are counted.
 INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 TOPICS = tuple(TENSION_TOPICS)
-FIELD_TOPIC = 'tendon_tensions/field'
+FIELD_TOPIC, MOTORS_TOPIC = 'tendon_tensions/field', 'tendon_displacements/field'
 
 
 class Intake(NamedTuple):
@@ -169,20 +169,78 @@ class TensionSubscription(LatestSubscription):
         else:
             tensions = self._message.read(message, arm)
             self._layout = TensionLayout(self._message, data, message, arm)
-        header = getattr(message, 'header', None)
-        if not isinstance(header, Header):
-            return tensions, None
-        return tensions, Stamp.of(header.stamp)
+        return tensions, stamp_of(message)
 
 
-def field_of(config: Config) -> FieldMessage | None:
-    """Where further messages hold tensions; None where no type of messages is named."""
-    given = FieldMessage(config.tension_type, config.tension_field)
-    return given if config.tension_type else None
+def stamp_of(message: Any) -> Stamp | None:
+    """The stamp of a ``message``; None where its type has none."""
+    header = getattr(message, 'header', None)
+    return Stamp.of(header.stamp) if isinstance(header, Header) else None
+
+
+class FieldInput:
+    """A subscription to messages of a type that parameters name, while they name one."""
+
+    def __init__(
+        self,
+        intake: Intake,
+        diagnostics: Diagnostics,
+        topic: str,
+        wanted: Callable[[], FieldMessage],
+        subscribe: Callable[[str, FieldMessage], LatestSubscription],
+    ) -> None:
+        """Subscribe to nothing yet.
+
+        ``wanted`` returns the type of the messages, empty for none, and their field; ``subscribe``
+        subscribes to them on ``topic``.
+        """
+        self._intake, self._diagnostics, self._topic = intake, diagnostics, topic
+        self._wanted, self._make = wanted, subscribe
+        self._input: LatestSubscription | None = None
+        self._message = FieldMessage('', '')
+        self._is_active = False
+
+    def open(self) -> None:
+        """Subscribe, if the parameters name a type."""
+        self._is_active = True
+        self._subscribe()
+
+    def close(self) -> None:
+        """Unsubscribe."""
+        self._is_active = False
+        self._unsubscribe()
+
+    def update(self) -> None:
+        """Subscribe to messages of another type in the place of the last, where parameters do."""
+        if self._is_active and self._wanted() != self._message:
+            # A topic may have another type once the executor has let go of the subscription.
+            self._unsubscribe()
+            self._intake.work.add(self._subscribe)
+
+    def _subscribe(self) -> bool:
+        self._message = self._wanted()
+        if self._message.type_name and self._input is None and self._is_active:
+            try:
+                made = self._input = self._make(self._topic, self._message)
+                self._diagnostics.publishers[made.topic] = made.count_publishers
+            except OctoArmError as error:
+                logger = self._intake.node.get_logger()
+                logger.error(f'{self._topic} is not subscribed to: {error}')
+        return False
+
+    def _unsubscribe(self) -> None:
+        if self._input is not None:
+            self._input.close()
+            self._diagnostics.publishers.pop(self._input.topic, None)
+        self._input, self._message = None, FieldMessage('', '')
 
 
 class TensionInputs:
-    """The subscriptions of a node to tensions while it is active."""
+    """The subscriptions of a node to tensions while it is active.
+
+    Attributes:
+        field: that to a field of any type of messages.
+    """
 
     def __init__(
         self,
@@ -198,31 +256,25 @@ class TensionInputs:
         self._intake, self._diagnostics = intake, diagnostics
         self._current, self._take = current, take
         self._inputs: list[TensionSubscription] = []
-        self._field_input: TensionSubscription | None = None
-        self._is_active = False
+        self.field = FieldInput(
+            intake, diagnostics, FIELD_TOPIC,
+            lambda: FieldMessage(current().tension_type, current().tension_field),
+            self._subscribe,
+        )  # fmt: skip
 
     def open(self) -> None:
         """Subscribe."""
         for topic in TOPICS:
             # One by one: where the next cannot be, `close` ends those before it.
             self._inputs.append(self._subscribe(topic))
-        self._is_active = True
-        self._subscribe_to_field()
+        self.field.open()
 
     def close(self) -> None:
         """Unsubscribe from all."""
-        self._is_active = False
         for subscription in self._inputs:
             subscription.close()
         self._inputs = []
-        self._unsubscribe_from_field()
-
-    def change_field(self) -> None:
-        """Subscribe to messages of another type, of the arm to come, in the place of the last."""
-        if self._is_active:
-            # A topic may have another type once the executor has let go of the subscription.
-            self._unsubscribe_from_field()
-            self._intake.work.add(self._subscribe_to_field)
+        self.field.close()
 
     def _subscribe(self, topic: str, message: FieldMessage | None = None) -> TensionSubscription:
         made = TensionSubscription(
@@ -231,23 +283,6 @@ class TensionInputs:
         )  # fmt: skip
         self._diagnostics.publishers[made.topic] = made.count_publishers
         return made
-
-    def _subscribe_to_field(self) -> bool:
-        """Subscribe to messages of the type that the parameters name, if they name one."""
-        if (field := field_of(self._current())) is not None and self._field_input is None:
-            try:
-                self._field_input = self._subscribe(FIELD_TOPIC, field)
-            except OctoArmError as error:
-                self._intake.node.get_logger().error(
-                    f'{FIELD_TOPIC} is not subscribed to: {error}'
-                )
-        return False
-
-    def _unsubscribe_from_field(self) -> None:
-        if self._field_input is not None:
-            self._field_input.close()
-            self._diagnostics.publishers.pop(self._field_input.topic, None)
-        self._field_input = None
 
 
 class TipWrench:

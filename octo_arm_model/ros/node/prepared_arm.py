@@ -36,8 +36,8 @@ class Prepared:
             OctoArmError: if they do not describe one; the message says why.
         """
         config = Config.from_parameters(values)
-        if config.tension_type:
-            message_class(config.tension_type)
+        for kind in filter(None, (config.tension_type, config.displacement_type)):
+            message_class(kind)
         return cls(describe(values), config, config.node_solver())
 
 

@@ -12,14 +12,23 @@ from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.ros.live_parameters import LiveParameters
+from octo_arm_model.ros.messages import decoded, message_class
 from octo_arm_model.ros.node.diagnostics import Diagnostics
-from octo_arm_model.ros.node.inputs import Intake, TensionInputs, field_of
+from octo_arm_model.ros.node.inputs import (
+    MOTORS_TOPIC,
+    FieldInput,
+    Intake,
+    LatestSubscription,
+    TensionInputs,
+    stamp_of,
+)
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.ros.work import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.tensions import FieldMessage
 
 ArmT = TypeVar('ArmT', bound=Prepared)
 PublishersT = TypeVar('PublishersT', bound=BackbonePublishers)
@@ -58,6 +67,10 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._tensions = TensionInputs(
             self._intake, self._diagnostics, lambda: self._arm.config, self._on_readings
         )
+        self._motors = FieldInput(
+            self._intake, self._diagnostics, MOTORS_TOPIC, self._field_of_motors,
+            self._subscribe_to_motors,
+        )  # fmt: skip
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -74,12 +87,14 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         """Start answering; ConfigError if an override of a QoS policy cannot be."""
         self._tensions.open()
         self._open()
+        self._motors.open()
         self._diagnostics.begin()
         check_overrides(self._node)
 
     def deactivate(self) -> None:
         """Stop answering."""
         self._tensions.close()
+        self._motors.close()
         self._close()
         self._work.clear()
         if self._publishers is not None:
@@ -110,13 +125,32 @@ class Server(ABC, Generic[ArmT, PublishersT]):
     def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
         """Answer readings of load cells [N], of `Arm.tension_shape`; OctoArmError if refused."""
 
+    @abstractmethod
+    def _on_motors(self, topic: str, stamp: Stamp | None, message: Any, field: str) -> None:
+        """Answer a ``field`` of what encoders of winches read; OctoArmError if refused."""
+
+    def _field_of_motors(self) -> FieldMessage:
+        config = self._arm.config
+        return FieldMessage(config.displacement_type, config.displacement_field)
+
+    def _subscribe_to_motors(self, topic: str, message: FieldMessage) -> LatestSubscription:
+        kind = message_class(message.type_name)
+
+        def read(data: bytes) -> None:
+            given = decoded(data, kind)
+            self._on_motors(made.topic, stamp_of(given), given, message.field)
+
+        made = LatestSubscription(self._intake, kind, topic, read)
+        self._diagnostics.heard.apart |= {made.topic}
+        return made
+
     def _use(self, prepared: ArmT, names: set[str]) -> None:
         """Answer with the arm ``prepared`` from now on, between two messages."""
         assert self._publishers is not None
         config, solver = prepared.config, prepared.solver
         before, self._prepared = self._prepared, prepared
-        if before is not None and field_of(before.config) != field_of(config):
-            self._tensions.change_field()
+        self._tensions.field.update()
+        self._motors.update()
         self._diagnostics.describe(solver, config.diagnostic_limits)
         self._publishers.describe(solver, config)
         self._publishers.announce(prepared.description)

@@ -266,3 +266,54 @@ def test_an_arm_without_the_tendon_lets_go_of_it(wound):
     answers = wound.ask('tendon_tensions', given, other)
     np.testing.assert_allclose(tip_of(answers), expected, atol=1e-9)
     assert wound.change(tendon_names=NAMES)[0]
+
+
+# Of each tendon: its motor, which reels two of them in opposite directions [rad].
+MOTORS = [f'm{section}{side}' for section in (1, 2, 3) for side in 'abab']
+RADIUS, ZERO = 0.01, 0.5
+
+
+def test_motors_in_a_field_of_any_message_reel_as_their_spools_say():
+    ways = [1.0, 1.0, -1.0, -1.0] * 3
+    scale, offset = ([size * way for way in ways] for size in (RADIUS, -ZERO * RADIUS))
+    given = {
+        'displacement_type': 'sensor_msgs/msg/JointState', 'displacement_field': 'velocity',
+        'displacement_names': MOTORS, 'displacement_scale': scale, 'displacement_offset': offset,
+    }  # fmt: skip
+    turns = dict(zip(dict.fromkeys(MOTORS), (0.9, 0.5, 0.3, 0.8, 0.5, 0.1), strict=True))
+    lengths = {
+        name: way * RADIUS * (turns[motor] - ZERO)
+        for name, motor, way in zip(NAMES, MOTORS, ways, strict=True)
+    }
+    solver = Config.from_parameters(
+        load_parameters(preset_path('renda2012_table4')) | {'model': 'exact'}
+    ).solver()
+    expected = solve_displacements(solver, lengths).backbone.tip
+    remap = '-r', 'tendon_displacements/field:=/motors'
+    with hosting(OctoArmNode, *AFFORDED, *OPTIONS[:2], *remap, node='spun') as client:
+        assert client.change(**given) == (True, '')
+        motors = client.node.create_publisher(JointState, '/motors', 10)
+        message = JointState(name=list(turns), velocity=list(turns.values()))
+        message.header.stamp.sec = 79
+
+        def answered():
+            motors.publish(message)
+            client.spin(0.1)
+            poses = client.answers['backbone/poses']
+            if not poses or poses[-1].header.stamp != message.header.stamp:
+                return False
+            tip = poses[-1].poses[-1].position
+            return np.allclose([tip.x, tip.y, tip.z], expected, atol=1e-8)
+
+        client.wait(answered, 'an answer')
+
+        def is_refused():
+            motors.publish(JointState(name=['m1a'], velocity=[1.0]))
+            client.spin(0.1)
+            return any('/motors refused' in log.msg and "'m1b'" in log.msg for log in client.logs)
+
+        client.wait(is_refused, 'a refusal')
+        done, why = client.change(displacement_field='')
+        assert not done and "displacement_field is '', expected both or neither" in why
+        assert client.change(displacement_type='', displacement_field='') == (True, '')
+        client.wait(lambda: not motors.get_subscription_count(), 'the end of the subscription')
