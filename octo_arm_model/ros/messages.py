@@ -14,7 +14,6 @@ from geometry_msgs.msg import (
     Pose,
     Quaternion,
     Wrench,
-    WrenchStamped,
 )
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.serialization import deserialize_message
@@ -78,17 +77,6 @@ def wrench_values(message: Wrench) -> FloatArray:
     if not np.isfinite(values).all():
         raise LoadError(f'tip wrench is {values.tolist()}, expected finite numbers [N, N m]')
     return values
-
-
-def wrench_from_stamped(message: WrenchStamped, frame_id: str) -> FloatArray:
-    """Force and moment on the tip (6,) [N, N m], given in the frame of the backbone.
-
-    Raises:
-        LoadError: if it is in another frame or not finite.
-    """
-    if message.header.frame_id not in ('', frame_id):
-        raise LoadError(f'tip wrench is in {message.header.frame_id!r}, expected {frame_id!r}')
-    return wrench_values(message.wrench)
 
 
 def tensions_message(tensions: FloatArray, arm: Arm, stamp: Time, frame_id: str) -> TendonTensions:

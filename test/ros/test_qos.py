@@ -26,6 +26,7 @@ from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
 from octo_arm_model.ros.estimator.main import EstimatorNode
 from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
 from octo_arm_model.ros.node.main import OctoArmNode
+from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.qos import POLICIES
 from octo_arm_model.ros.simulator.main import SimulatorNode
 
@@ -180,6 +181,13 @@ def seen(node: Node) -> Names:
     return {kind: {name for name, _ in look(*names)} for kind, look in graph.items()}
 
 
+def look_for_a_frame(frames: SensorFrames) -> None:
+    """Of one that is not there the second look is at all of /tf."""
+    for _ in range(2):
+        with contextlib.suppress(MeasurementError):
+            frames.pose_of('camera', 'arm_base', 0)
+
+
 def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
     """Every node that runs in an enclave, as busy as it gets."""
     arguments = ['--ros-args', '--params-file', str(preset_path('renda2012_table4'))]
@@ -194,15 +202,15 @@ def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
         managed = ManagedOctoArmNode(**options)
         managed.on_configure(None)
         managed.on_activate(None)
-        return [OctoArmNode(**options), managed]
+        plain = OctoArmNode(**options)
+        look_for_a_frame(plain._server._tip_wrench._frames)
+        return [plain, managed]
     if enclave == 'octo_arm_estimator':
         managed = ManagedEstimatorNode(**options)
         managed.on_configure(None)
         managed.on_activate(None)
         plain = EstimatorNode(**options)
-        for _ in range(2):  # of frames that are not there the second look is at all of /tf
-            with contextlib.suppress(MeasurementError):
-                plain._server._frames.pose_of('camera', 'arm_base', 0)
+        look_for_a_frame(plain._server._frames)
         return [plain, managed]
     if enclave == 'octo_arm_sim':
         return [SimulatorNode(**options)]

@@ -15,12 +15,12 @@ from octo_arm_model.estimation.measurement import Measurement
 from octo_arm_model.ros.estimator.estimate_status import EstimateStatus
 from octo_arm_model.ros.estimator.prepared import TABLE, PreparedEstimator
 from octo_arm_model.ros.estimator.publishers import EstimatePublishers
-from octo_arm_model.ros.estimator.sensor_frames import SensorFrames
 from octo_arm_model.ros.estimator.stamps import Stamps
-from octo_arm_model.ros.estimator.waiting_messages import WaitingMessages
 from octo_arm_model.ros.messages import decoded, message_class
 from octo_arm_model.ros.node.inputs import LatestSubscription
+from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.node.server import Server
+from octo_arm_model.ros.node.waiting_messages import WaitingMessages
 from octo_arm_model.wire.measurements import (
     MEASUREMENT_TOPICS,
     MeasuredArm,

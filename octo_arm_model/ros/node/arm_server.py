@@ -28,10 +28,11 @@ from octo_arm_model.ros.messages import (
     tensions_message,
     wrench_values,
 )
-from octo_arm_model.ros.node.inputs import LatestSubscription, TipWrench
+from octo_arm_model.ros.node.inputs import LatestSubscription
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.server import Server
+from octo_arm_model.ros.node.tip_wrench import TipWrench
 from octo_arm_model.ros.work import SLICE, QueuedService, SlicedCall, Steps
 from octo_arm_model.wire.backbone import TIP_POSE, BackboneWriter
 from octo_arm_model.wire.stamp import Stamp
@@ -200,8 +201,9 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         tensions = None
         if readings is not None:
             tensions = config.load_cells.tensions(config.arm, readings)
+        solver, wrench = self._tip_wrench.acting()
         answer = winding.answer(
-            self._arm.solver, config, self._tip_wrench.value, at.ns, tensions, displacements,
+            solver, config, wrench, at.ns, tensions, displacements,
             has_covariance=outbox.is_tip_heard,
         )  # fmt: skip
         duration = time.perf_counter() - began

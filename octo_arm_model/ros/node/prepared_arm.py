@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
+from octo_arm_model.arm.loads import ZERO, FollowingWrench
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.rod.solver import Solver
@@ -27,6 +29,17 @@ class Prepared:
     description: str
     config: Config
     solver: Solver
+
+    @functools.cached_property
+    def followed(self) -> tuple[Solver, FollowingWrench]:
+        """A solver of the arm under a wrench that turns with its tip, and that wrench.
+
+        Raises:
+            ConfigError: if the model has no loads.
+        """
+        tip = FollowingWrench(self.config.arm.length, ZERO)
+        loads = replace(self.config.loads, others=(*self.config.loads.others, tip))
+        return replace(self.config, loads=loads).node_solver(), tip
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> Prepared:

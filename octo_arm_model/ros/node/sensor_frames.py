@@ -88,6 +88,20 @@ class SensorFrames:
                 raise NotKnownYet(reason, frame, target, stamp_ns) from None
             raise MeasurementError(reason) from None
 
+    def are_fixed(self, frame: str, other: str) -> bool:
+        """Whether static transforms that are known lead from one ``frame`` to the other."""
+        are_fixed = math.isinf(self._known_until(frame, other, 0.0))
+        if are_fixed:
+            self._listen_for(frame, other)  # no longer to those that move
+        return are_fixed
+
+    def is_beyond(self, frame: str, other: str) -> bool:
+        """Whether transforms that are known lead to ``frame`` by the ``other``."""
+        try:
+            return other in self._tree.chain(frame)
+        except MeasurementError:
+            return False
+
     def reaches(self, wanted: NotKnownYet) -> bool:
         """Whether transforms now lead to what was ``wanted`` at its time."""
         return wanted.stamp_ns <= self._known_until(wanted.frame, wanted.target, -math.inf)

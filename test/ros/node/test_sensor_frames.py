@@ -16,15 +16,15 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from octo_arm_model.arm.errors import ConfigError, MeasurementError
-from octo_arm_model.ros.estimator import waiting_messages
-from octo_arm_model.ros.estimator.sensor_frames import NotKnownYet, SensorFrames
-from octo_arm_model.ros.estimator.waiting_messages import (
+from octo_arm_model.ros.node import waiting_messages
+from octo_arm_model.ros.node.inputs import Intake
+from octo_arm_model.ros.node.sensor_frames import NotKnownYet, SensorFrames
+from octo_arm_model.ros.node.waiting_messages import (
     LARGEST,
     LONGEST,
     MOST_WAITING,
     WaitingMessages,
 )
-from octo_arm_model.ros.node.inputs import Intake
 from octo_arm_model.ros.work import WorkQueue
 
 TOPIC = '/measured/tip_pose'

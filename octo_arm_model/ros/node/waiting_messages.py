@@ -11,8 +11,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.timer import Timer
 
 from octo_arm_model.arm.errors import OctoArmError
-from octo_arm_model.ros.estimator.sensor_frames import NotKnownYet, SensorFrames
 from octo_arm_model.ros.node.inputs import Intake
+from octo_arm_model.ros.node.sensor_frames import NotKnownYet, SensorFrames
 
 MOST_WAITING = 50  # messages, beyond which the oldest is refused
 LARGEST = 50_000  # bytes of a message that waits
