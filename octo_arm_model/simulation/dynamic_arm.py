@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
@@ -17,9 +19,9 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.motion_state import Inputs, MotionState
 from octo_arm_model.simulation.sensors import Noise, Push, Sensors
+from octo_arm_model.simulation.state_file import read_state, write_state
 
 _STEP = 5e-3  # of the integration, at most [s]
-_MOST = 0.1  # time that one call goes on by, at most [s]: then the arm is slower than the clock
 
 
 class DynamicArm:
@@ -78,10 +80,32 @@ class DynamicArm:
         if state is None:
             self._state = self._dynamics.at_rest(inputs)
             return
-        elapsed = min(elapsed, _MOST)
         count = math.ceil(elapsed / _STEP)
         for _ in range(count):
             state = self._dynamics.step(state, inputs, elapsed / count)
+        self._state = state
+
+    def save(self, path: Path, values: Mapping[str, FloatArray | float]) -> None:
+        """Write the state, and ``values`` of what pulls the arm, to the file ``path``.
+
+        Raises:
+            SolveError: if there is none yet.
+            ConfigError: if it cannot be written.
+        """
+        write_state(path, self._dynamics, self.state, values)
+
+    def read(
+        self, path: Path, shapes: Mapping[str, tuple[int, ...]]
+    ) -> tuple[MotionState, dict[str, FloatArray]]:
+        """A state in the file ``path``, for `restore`, and the values of these ``shapes``.
+
+        Raises:
+            ConfigError: if it is none of this arm.
+        """
+        return read_state(path, self._dynamics, shapes)
+
+    def restore(self, state: MotionState) -> None:
+        """Go on from a ``state``."""
         self._state = state
 
     @property

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.build import LoadCellCalibration
 from octo_arm_model.simulation.load_cells import LoadCells, SimulatedLoadCells
@@ -58,6 +60,17 @@ class SimulatedHardware:
         self._calibration = hardware.calibration
         self._load_cells.change(hardware.load_cells)
         self._relaxation.relaxation = hardware.relaxation
+
+    @property
+    def state(self) -> FloatArray:
+        """Tensions, set points and crept tensions (3, tendons) [N]; noise is none of it."""
+        winches = self._winches
+        return np.array([winches.tension, winches.set_point, self._relaxation.crept])
+
+    @state.setter
+    def state(self, state: FloatArray) -> None:
+        winches = self._winches
+        winches.tension, winches.set_point, self._relaxation.crept = state.copy()
 
     def step(self, command: FloatArray, dt: float) -> Moment:
         """Tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s]."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MIN_RATE
 from octo_arm_model.arm.motion_properties import MotionProperties
@@ -26,11 +26,15 @@ from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.pushed_arm import PushedArm
 from octo_arm_model.simulation.relaxation import Relaxation
 from octo_arm_model.simulation.sensors import Push, Sensors
+from octo_arm_model.simulation.state_file import SUFFIX
 from octo_arm_model.simulation.winches import Winches
 
 HIGHEST_RATE = 1000.0  # [Hz]
 # Parameters of the arm that say what its load cells read.
 _OF_LOAD_CELLS = ('tension_names', 'tension_deadband', 'tension_offset', 'tension_scale')
+
+_FASTEST = 1000.0
+_ON_FAILURE = ('go_on', 'pause')
 
 PARAMETERS = (
     Parameter('rate', float, 'how often tensions are measured and published [Hz]', 100.0,
@@ -41,6 +45,18 @@ PARAMETERS = (
     Parameter('dynamics', bool,
               'whether the arm moves with inertia and water, see motion.*, or follows its '
               'tensions at once', False),
+    Parameter('publish_clock', bool,
+              'whether time is that of the simulator, from 0 on, which goes on by a period each '
+              'step and is published on /clock', False),
+    Parameter('real_time_factor', float,
+              'how many times as fast as the wall clock that time goes [-]; 0 for as fast as it '
+              'can', 1.0, range=f'0 to {_FASTEST:g}; 1 without publish_clock'),
+    Parameter('on_failure', str,
+              'what follows where no step of the arm succeeds, as of one that is crushed: go_on '
+              'from the last state, or pause', 'go_on', range=' or '.join(_ON_FAILURE)),
+    Parameter('state_file', str,
+              'file of the services save_state and restore_state, whose name ends with '
+              f'{SUFFIX}; empty for none', ''),
     Parameter('profile.name', str,
               'movement, or CSV or YAML file, that the simulator plays; empty for none',
               ''),
@@ -70,6 +86,10 @@ class SimulatorConfig:
         push: what pushes the arm.
         sensors: those besides load cells and encoders.
         dynamics: whether the arm moves.
+        publish_clock: whether time is the simulator's own.
+        real_time_factor: how many times as fast as the wall clock that goes [-]; 0 for any.
+        pauses: whether a step that fails is followed by none.
+        state_file: of the services that save and restore; empty for none.
     """
 
     arm: Arm
@@ -84,6 +104,10 @@ class SimulatorConfig:
     push: Push
     sensors: Sensors
     dynamics: bool = False
+    publish_clock: bool = False
+    real_time_factor: float = 1.0
+    pauses: bool = False
+    state_file: str = ''
 
     @functools.cached_property
     def solver(self) -> Solver:
@@ -116,6 +140,7 @@ class SimulatorConfig:
         own = {p.name: p.convert(values.get(p.name, p.default)) for p in PARAMETERS}
         within('rate', own['rate'], MIN_RATE, HIGHEST_RATE, 'Hz')
         positive('profile.speed', own['profile.speed'], '-')
+        _check_time(own)
         for name, given in (
             ('push.s', (own['push.s'],)),
             ('sensors.marker_s', own['sensors.marker_s']),
@@ -147,9 +172,25 @@ class SimulatorConfig:
             push=Push.of(own),
             sensors=Sensors.of(own),
             dynamics=own['dynamics'],
+            publish_clock=own['publish_clock'],
+            real_time_factor=own['real_time_factor'],
+            pauses=own['on_failure'] == 'pause',
+            state_file=own['state_file'],
         )
         found.pushed_arm  # noqa: B018 - what it refuses is refused here
         return found
+
+
+def _check_time(own: Mapping[str, Any]) -> None:
+    """Check how time goes on, and what follows where it does not."""
+    factor, failure = own['real_time_factor'], own['on_failure']
+    within('real_time_factor', factor, 0.0, _FASTEST, '-')
+    if factor != 1.0 and not own['publish_clock']:
+        raise ArmDefinitionError('real_time_factor', factor, '1 without publish_clock')
+    if failure not in _ON_FAILURE:
+        raise ConfigError(f'on_failure is {shown(failure)}, expected go_on or pause')
+    if (file := own['state_file']) and not file.endswith(SUFFIX):
+        raise ConfigError(f'state_file is {shown(file)}, expected a name that ends with {SUFFIX}')
 
 
 def for_arm_node(values: Mapping[str, Any]) -> dict[str, Any]:

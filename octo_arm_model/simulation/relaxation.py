@@ -43,16 +43,17 @@ class SimulatedRelaxation:
 
     Attributes:
         relaxation: its parameters; may be replaced between two steps.
+        crept: tension that the material has given way to (tendons,) [N].
     """
 
     def __init__(self, relaxation: Relaxation, tendons: int) -> None:
         """Begin at rest with ``tendons`` slack tendons."""
         self.relaxation = relaxation
-        self._crept: FloatArray = np.zeros(tendons)
+        self.crept: FloatArray = np.zeros(tendons)
 
     def step(self, tension: FloatArray, dt: float) -> FloatArray:
         """Effective tensions (tendons,) [N] after ``tension`` has acted for ``dt`` [s]."""
         ratio, time = self.relaxation.ratio, self.relaxation.time
         left = math.exp(-dt / ((1.0 + ratio) * time)) if ratio else 0.0
-        self._crept = (1.0 - left) * tension + left * self._crept
-        return (tension + ratio * self._crept) / (1.0 + ratio)
+        self.crept = (1.0 - left) * tension + left * self.crept
+        return (tension + ratio * self.crept) / (1.0 + ratio)

@@ -55,13 +55,14 @@ class SimulatedWinches:
     Attributes:
         winches: their parameters; may be replaced between two steps.
         tension: tension of every tendon now (tendons,) [N].
+        set_point: what they are pulled to, within the limits (tendons,) [N].
     """
 
     def __init__(self, winches: Winches, tendons: int) -> None:
         """Begin with ``tendons`` slack tendons."""
         self.winches = winches
         self.tension: FloatArray = np.zeros(tendons)
-        self._set_point: FloatArray = np.zeros(tendons)
+        self.set_point: FloatArray = np.zeros(tendons)
 
     def step(self, command: FloatArray, dt: float) -> FloatArray:
         """Tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s].
@@ -75,8 +76,8 @@ class SimulatedWinches:
             wanted = np.minimum(wanted, own.force_limit)
         if own.rate_limit:
             most = own.rate_limit * dt
-            wanted = np.clip(wanted, self._set_point - most, self._set_point + most)
+            wanted = np.clip(wanted, self.set_point - most, self.set_point + most)
         left = math.exp(-dt / own.lag) if own.lag else 0.0
-        self._set_point = wanted
+        self.set_point = wanted
         self.tension = (1.0 - left) * wanted + left * self.tension
         return self.tension

@@ -213,6 +213,7 @@ def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
         look_for_a_frame(plain._server._frames)
         return [plain, managed]
     if enclave == 'octo_arm_sim':
+        arguments += ['-p', 'publish_clock:=true']
         return [SimulatorNode(**options)]
     viewer = Node(
         'octo_arm_viewer', automatically_declare_parameters_from_overrides=True, **options

@@ -15,15 +15,16 @@ class SimulatorDiagnostics:
     """Counts what a simulator is commanded and publishes.
 
     Attributes:
-        counts: of commands, those refused, readings published and readings lost.
+        counts: of commands, those refused, readings published, readings lost and failed steps.
     """
 
     def __init__(self, node: Node) -> None:
         """Publish and warn by ``node``."""
         self._node = node
-        self.counts = dict.fromkeys(('commands', 'refused', 'published', 'lost'), 0)
+        self.counts = dict.fromkeys(('commands', 'refused', 'published', 'lost', 'failed'), 0)
         self._reported = dict(self.counts)
-        self._reason = ''
+        self._reason = self._failure = ''
+        self._simulated = 0.0
         self._refusal_log = RefusalLog(node)
         self._publisher = create_publisher(
             node, DiagnosticArray, diagnostics.TOPIC, diagnostics.QOS
@@ -39,18 +40,37 @@ class SimulatorDiagnostics:
         """Warn of what a message on ``topic`` led to, at most once a second."""
         self._refusal_log.warn(topic, error)
 
-    def publish(self, source: str) -> None:
-        """Publish the counts since the last time; ``source`` is what the simulator follows."""
+    def fail(self, error: OctoArmError) -> None:
+        """Count a step of the arm as failed, and say why."""
+        self.counts['failed'] += 1
+        self._failure = in_short(error)
+        self._refusal_log.say('the arm stays as it was', self._failure)
+
+    def publish(self, source: str, problem: str, simulated: float) -> None:
+        """Publish the counts since the last time.
+
+        ``source`` is what the simulator follows, ``problem`` what else is wrong, and ``simulated``
+        the time that it has gone on by [s].
+        """
         lately = {name: self.counts[name] - self._reported[name] for name in self.counts}
         self._reported = dict(self.counts)
         refused, level = lately['refused'], DiagnosticStatus.WARN
-        problem = f'{refused} refused: {self._reason}' if refused else ''
-        status = diagnostics.make_status('simulator', level, problem, f'following {source}', {
+        problems = [problem] if problem else []
+        if refused:
+            problems.append(f'{refused} refused: {self._reason}')
+        if failed := lately['failed']:
+            problems.append(f'{failed} steps failed: {self._failure}')
+        before, self._simulated = self._simulated, simulated
+        fine = f'following {source}'
+        status = diagnostics.make_status('simulator', level, '; '.join(problems), fine, {
             'source': source,
             'commands [Hz]': f'{lately["commands"] / diagnostics.PERIOD:.1f}',
             'refused': self.counts['refused'],
             'last refusal': self._reason,
             'readings [Hz]': f'{lately["published"] / diagnostics.PERIOD:.1f}',
             'readings lost': self.counts['lost'],
+            'real time factor': f'{(simulated - before) / diagnostics.PERIOD:.2f}',
+            'failed steps': self.counts['failed'],
+            'last failure': self._failure,
         })  # fmt: skip
         self._publisher.publish(diagnostics.diagnostics_message(self._node, status))

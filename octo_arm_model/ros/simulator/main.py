@@ -11,18 +11,18 @@ arm may be pushed, and seen by sensors on ``measured/...``, which `octo_arm_esti
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
-from rclpy.timer import Timer
+from rclpy.time import Time as RosTime
 from sensor_msgs.msg import JointState
 
-from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.errors import ConfigError, OctoArmError, in_short
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.ros.checked_node import CheckedNode
@@ -38,10 +38,13 @@ from octo_arm_model.ros.node.inputs import (
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.qos import check_overrides, create_publisher
+from octo_arm_model.ros.simulator.commanders import Commanders
 from octo_arm_model.ros.simulator.diagnostics import SimulatorDiagnostics
-from octo_arm_model.ros.simulator.motion_publishers import MotionPublishers, MotionServices
+from octo_arm_model.ros.simulator.motion_publishers import MotionPublishers
 from octo_arm_model.ros.simulator.push_service import PushService
 from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
+from octo_arm_model.ros.simulator.services import Actions, SimulationServices
+from octo_arm_model.ros.simulator.simulation_clock import SimulationClock
 from octo_arm_model.ros.work import WorkQueue, until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.hardware import SimulatedHardware
@@ -74,8 +77,6 @@ class SimulatorNode(CheckedNode):
         self._configured: SimulatorConfig | None = None
         self._control: LengthControl | None = None
         self._set_point: FloatArray = np.zeros(0)
-        self._timer: Timer | None = None
-        self._last: int | None = None
         self._measured, self._effective = (
             create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
             for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
@@ -85,10 +86,12 @@ class SimulatorNode(CheckedNode):
         table = (*ARM_PARAMETERS, *PARAMETERS)
         self._sensors = SensorPublishers(self)
         self._motion = MotionPublishers(self)
-        self._motion_services = MotionServices(self, partial(self._step, forced=True), self._reset)
+        self._time = SimulationClock(self, self._step)
+        self._commanders = Commanders(self)
         self._push = PushService(self, lambda: self._config.push)
         self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
         self._live.begin()
+        SimulationServices(self, self._time, Actions(self._reset, self._save, self._restore))
         intake = Intake(self, WorkQueue(self), self._diagnostics.refuse, self._count)
         self._inputs = [
             TensionSubscription(
@@ -106,7 +109,7 @@ class SimulatorNode(CheckedNode):
         check_overrides(self)
         # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(diagnostics.PERIOD, partial(self._do, self._report), clock=clock)
+        self.create_timer(diagnostics.PERIOD, self._report, clock=clock)
 
     def _use(self, config: SimulatorConfig, names: set[str]) -> None:
         """Use ``config`` from now on, of whose parameters ``names`` were set."""
@@ -129,10 +132,11 @@ class SimulatorNode(CheckedNode):
             if self._is_playing and self._control is not None and self._control.displacements:
                 driven = ' '.join(self._control.displacements)
                 self.get_logger().warning(f'the profile leaves out, as driven by length: {driven}')
-        if before is None or config.rate != before.rate:
-            if self._timer is not None:
-                self.destroy_timer(self._timer)
-            self._timer = self.create_timer(1.0 / config.rate, partial(self._do, self._step))
+        pace = config.rate, config.publish_clock, config.real_time_factor
+        if before is None or pace != (
+            before.rate, before.publish_clock, before.real_time_factor
+        ):  # fmt: skip
+            self._time.use(*pace)
 
     def _go_on(self, before: SimulatorConfig, config: SimulatorConfig) -> None:
         """Go on with the arm ``before``, pushed and driven by length, if ``config`` has it too."""
@@ -163,8 +167,18 @@ class SimulatorNode(CheckedNode):
 
     def _on_command(self, topic: str, stamp: Stamp | None, tensions: FloatArray) -> None:
         """Follow a command from now on, and no longer the profile."""
-        self._command = check_command(self._config.arm, tensions, self._config.limits)
-        self._is_playing = False
+        command = check_command(self._config.arm, tensions, self._config.limits)
+        held = self._control.displacements if self._control is not None else {}
+        self._follow(topic, command, dict(zip(self._config.arm.tendon_names, command)), {}, held)
+
+    def _follow(
+        self, topic: str, command: FloatArray, tensions: Mapping[str, float],
+        lengths: Mapping[str, float], held: Mapping[str, float],
+    ) -> None:  # fmt: skip
+        """Follow a ``command`` of ``tensions`` and ``lengths``, beside those that are ``held``."""
+        self._command, self._is_playing = command, False
+        pulled = {name: ('N', float(one)) for name, one in tensions.items() if name not in held}
+        self._commanders.note(topic, pulled | {name: ('m', one) for name, one in lengths.items()})
 
     def _on_joints(self, data: bytes) -> None:
         """Pull, or reel in, the tendons that are named from now on; others go on as they do."""
@@ -176,24 +190,20 @@ class SimulatorNode(CheckedNode):
         left = {name: length for name, length in held.items() if name not in tensions}
         if lengths or left != held:
             self._length_control().command({**left, **lengths}, command)
-        self._command, self._is_playing = command, False
+        self._follow(self._joints.topic, command, tensions, lengths, {})
 
     def _on_lengths(self, data: bytes) -> None:
         """Reel in the tendons that are named from now on; all others follow tensions."""
         message = decoded(data, JointState)
         found = read_displacements(message, self._config.arm)
         self._length_control().command(found, self._command)
-        self._is_playing = False
+        self._follow(self._lengths.topic, self._command, {}, found, {})
 
     def _length_control(self) -> LengthControl:
         """Length control of the present arm, made at its first use."""
         if self._control is None:
             self._control = LengthControl(self._config.solver, self._config.limits)
         return self._control
-
-    def _do(self, what: Callable[[], None]) -> None:
-        with until_shutdown(self.context):
-            what()
 
     def _reset(self) -> None:
         """Begin anew: slack tendons, no commands, the arm at rest and without history."""
@@ -204,20 +214,53 @@ class SimulatorNode(CheckedNode):
         if isinstance(config.pushed_arm, DynamicArm):
             config.pushed_arm.reset()
 
-    def _step(self, forced: bool = False) -> None:
-        """Advance winches, load cells and arm to the present time; by a period if ``forced``."""
-        config, now = self._config, self.get_clock().now()
-        if self._motion_services.is_paused and not forced:
-            self._last = now.nanoseconds
-            return
-        if now.nanoseconds == self._last:
-            return  # where several clock messages wait, rclpy calls the timer once for each
-        # Time that is not set yet is 0. Where it jumps back, as when a bag is played again, the
-        # winches do not move.
-        elapsed = 1e-9 * (now.nanoseconds - self._last) if self._last else 1.0 / config.rate
-        elapsed, self._last = max(elapsed, 0.0), now.nanoseconds
-        if forced:
-            elapsed = 1.0 / config.rate
+    def _stored(self) -> tuple[DynamicArm, Path]:
+        """The arm whose state is saved and restored, and the file of it."""
+        arm, file = self._config.pushed_arm, self._config.state_file
+        if not isinstance(arm, DynamicArm):
+            raise ConfigError('dynamics is false, expected true to save or restore a state')
+        if not file:
+            raise ConfigError("state_file is '', expected the name of a file of a state")
+        return arm, Path(file)
+
+    def _save(self) -> None:
+        """Write the state of arm, winches and commands to the file of the parameters."""
+        arm, path = self._stored()
+        held = self._control.displacements if self._control is not None else {}
+        names = self._config.arm.tendon_names
+        arm.save(path, {
+            'hardware': self._hardware.state,
+            'command': self._command,
+            'lengths': np.array([held.get(name, 0.0) for name in names]),
+            'driven': np.array([name in held for name in names], dtype=np.float64),
+            'played': self._played,
+            'playing': float(self._is_playing),
+        })  # fmt: skip
+
+    def _restore(self) -> None:
+        """Go on from that state, with its commands; noise goes on as it is."""
+        arm, path = self._stored()
+        config, names = self._config, self._config.arm.tendon_names
+        each = (len(names),)
+        state, values = arm.read(path, {
+            'hardware': (3, *each), 'command': each, 'lengths': each, 'driven': each,
+            'played': (), 'playing': (),
+        })  # fmt: skip
+        for tensions in (values['command'], *values['hardware']):
+            check_command(config.arm, tensions, config.limits)
+        lengths = zip(names, values['lengths'].tolist(), values['driven'], strict=True)
+        held = {name: length for name, length, is_driven in lengths if is_driven}
+        control = LengthControl(config.solver, config.limits) if held else None
+        if control is not None:
+            control.command(held, values['command'])
+        self._hardware.state, self._control = values['hardware'], control
+        self._command, self._played = values['command'], float(values['played'])
+        self._is_playing = bool(values['playing']) and config.profile is not None
+        arm.restore(state)
+
+    def _step(self, elapsed: float, now: RosTime) -> None:
+        """Advance winches, load cells and arm by ``elapsed`` [s], to the time ``now``."""
+        config = self._config
         if self._is_playing and config.profile is not None:
             self._command = config.profile.at(self._played, loop=config.loop)
             self._played += config.speed * elapsed
@@ -239,12 +282,21 @@ class SimulatorNode(CheckedNode):
         if config.hardware.winches.encoders:
             self._publish_encoders(effective, stamp)
         if config.pushed_arm is not None:
-            try:
-                self._sensors.publish(config, self._push.at, effective, elapsed, stamp)
-                if isinstance(config.pushed_arm, DynamicArm):
-                    self._motion.publish(config.model, config.pushed_arm, elapsed, stamp)
-            except OctoArmError as error:
-                self._diagnostics.warn('push', error)
+            self._move(effective, elapsed, stamp)
+
+    def _move(self, tensions: FloatArray, elapsed: float, stamp: Time) -> None:
+        """Advance the arm; where that fails it stays as it was, and is not published."""
+        config = self._config
+        assert config.pushed_arm is not None
+        try:
+            self._sensors.publish(config, self._push.at, tensions, elapsed, stamp)
+            if isinstance(config.pushed_arm, DynamicArm):
+                self._motion.publish(config.model, config.pushed_arm, elapsed, stamp)
+        except OctoArmError as error:
+            self._diagnostics.fail(error)
+            if config.pauses and not self._time.is_paused:
+                self._time.is_paused = True
+                self.get_logger().error(f'paused, as no step succeeds: {in_short(error)}')
 
     def _publish_encoders(self, tensions: FloatArray, stamp: Time) -> None:
         """Publish what encoders read of the arm under ``tensions`` (tendons,) [N]."""
@@ -269,7 +321,9 @@ class SimulatorNode(CheckedNode):
         return message
 
     def _report(self) -> None:
-        self._diagnostics.publish('profile' if self._is_playing else 'commands')
+        source = 'profile' if self._is_playing else 'commands'
+        with until_shutdown(self.context):
+            self._diagnostics.publish(source, self._commanders.report(), self._time.simulated)
 
 
 def _goes_on(arm: PushedArm | DynamicArm, before: PushedArm | DynamicArm) -> bool:

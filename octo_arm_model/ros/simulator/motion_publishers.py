@@ -1,14 +1,11 @@
-"""What the simulator publishes of an arm that moves, and services that stop and restart it."""
+"""What the simulator publishes of an arm that moves."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool, Trigger
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
@@ -51,36 +48,3 @@ class MotionPublishers:
         message.velocity, message.effort = rate.tolist(), arm.state.tensions.tolist()
         message.header.stamp, message.header.frame_id = stamp, config.base_frame
         self._states.publish(message)
-
-
-class MotionServices:
-    """Services ``pause``, ``step`` and ``reset`` of the simulated hardware and its arm.
-
-    Attributes:
-        is_paused: whether time stands still for it.
-    """
-
-    def __init__(self, node: Node, step: Callable[[], None], reset: Callable[[], None]) -> None:
-        """Offer them on ``node``; ``step`` goes on by one period and ``reset`` begins anew."""
-        self.is_paused, self._step, self._reset = False, step, reset
-        node.create_service(SetBool, 'pause', self._on_pause)
-        node.create_service(Trigger, 'step', self._on_step)
-        node.create_service(Trigger, 'reset', self._on_reset)
-
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self.is_paused, response.success = bool(request.data), True
-        response.message = 'paused' if request.data else 'goes on'
-        return response
-
-    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self.is_paused:
-            self._step()
-            response.success, response.message = True, 'went on by one period'
-        else:
-            response.message = 'is not paused, expected pause before step'
-        return response
-
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._reset()
-        response.success, response.message = True, 'at rest, tendons slack'
-        return response

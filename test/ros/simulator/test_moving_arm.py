@@ -1,6 +1,7 @@
 """The simulator of an arm that moves, over real DDS: its shape, its tendons, and its services."""
 
-import json
+import itertools
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -11,11 +12,15 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from live_nodes import RosClient, hosting, new_domain, tensions_message
 from octo_arm_msgs.msg import TendonTensions
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from octo_arm_model import load_config
+from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
 
 FILE = preset_path('renda2012_prototype')
@@ -23,17 +28,52 @@ CONFIG = load_config(FILE)
 PULL = np.array([0.5, 0.0, 0.0, 0.0])
 
 
-def moving(domain):
+def moving(**more):
     """The simulator of an arm that moves, strongly damped, and a client."""
     given = {'dynamics': True, 'material.density': 1080.0, 'motion.damping_time': 0.3,
              'stations': 21, 'rate': 50.0}  # fmt: skip
-    words = [w for name, value in given.items() for w in ('-p', f'{name}:={json.dumps(value)}')]
-    return hosting(SimulatorNode, *words, files=[FILE], client=RosClient, node='octo_arm_sim',
-                   domain=domain)  # fmt: skip
+    given |= {name.replace('__', '.'): value for name, value in more.items()}
+    return hosting(SimulatorNode, *parameter_arguments(given), files=[FILE], client=MovingArm,
+                   node='octo_arm_sim', domain=new_domain())  # fmt: skip
+
+
+class MovingArm(RosClient):
+    """Hears the tip of an arm that moves, and asks its simulator."""
+
+    def __init__(self, domain, node='octo_arm_sim'):
+        super().__init__(domain, node)
+        self.tips = self.hear(PoseWithCovarianceStamped, 'ground_truth/tip_pose')
+        self.clock = self.hear(Clock, '/clock')
+
+    def tip(self):
+        place = self.tips[-1].pose.pose.position
+        return np.array([place.x, place.y, place.z])
+
+    def pause(self, is_paused=True):
+        assert self.call(SetBool, 'pause', SetBool.Request(data=is_paused)).success
+        self.spin(0.2)
+
+    def trigger(self, name):
+        answer = self.call(Trigger, name, Trigger.Request())
+        return answer.success, answer.message
+
+    def steps(self, count):
+        """The tip after each of some steps of an arm that is paused, (count, 3) [m]."""
+        found = []
+        for _ in range(count):
+            self.tips.clear()
+            assert self.trigger('step') == (True, 'went on by one period')
+            self.wait(lambda: self.tips, 'a step')
+            found.append(self.tip())
+        return np.array(found)
+
+
+def ns(stamp):
+    return 10**9 * stamp.sec + stamp.nanosec
 
 
 def test_the_moving_arm_is_published_paused_stepped_and_reset():
-    with moving(new_domain()) as client:
+    with moving() as client:
         tips = client.hear(PoseWithCovarianceStamped, 'ground_truth/tip_pose')
         joints = client.hear(JointState, 'tendon_states')
         commands = client.node.create_publisher(TendonTensions, 'tendon_commands', 10)
@@ -76,3 +116,164 @@ def test_the_moving_arm_is_published_paused_stepped_and_reset():
         assert client.call(SetBool, 'pause', SetBool.Request(data=False)).success
         tips.clear()
         client.wait(lambda: tips and np.linalg.norm(tip() - straight) < 1e-9, 'the arm at rest')
+
+
+@pytest.mark.parametrize('lag', [0.0, 0.1])
+def test_a_state_that_is_saved_goes_on_to_the_same_bits(tmp_path, lag):
+    file = tmp_path / 'state.npz'
+    with moving(state_file=str(file), winches__lag=lag, profile__name='ramps') as client:
+        client.wait(lambda: client.tips, 'the arm')
+        client.pause()
+        client.steps(3)
+        assert client.trigger('save_state') == (True, 'saved')
+        expected = client.steps(4)
+        assert np.abs(np.diff(expected, axis=0)).max() > 0.0
+        for _ in range(2):
+            assert client.trigger('restore_state') == (True, 'restored')
+            np.testing.assert_array_equal(client.steps(4), expected)
+        assert client.trigger('reset') == (True, 'at rest, tendons slack')
+        assert client.trigger('restore_state')[0]
+        np.testing.assert_array_equal(client.steps(4), expected)
+
+        # What is none of this arm is refused, and the arm goes on.
+        whole = file.read_bytes()
+        file.write_bytes(whole[: len(whole) // 2])
+        is_done, why = client.trigger('restore_state')
+        assert not is_done and why.startswith(f'{file} cannot be read as a state: ')
+        for old, new, reason in (
+            ('"version": 1', '"version": 9', 'is of version 9, expected 1'),
+            ('"command": [0.', '"command": [9.', 'tension of tendon_1_1 is 9'),
+            ('"played": ', '"other": ', 'played is None, expected numbers ()'),
+        ):
+            file.write_bytes(whole)
+            rewrite(file, old, new)
+            is_done, why = client.trigger('restore_state')
+            assert not is_done and reason in why, why
+        file.unlink()
+        assert not client.trigger('restore_state')[0]
+        client.steps(1)
+        assert client.change(state_file=str(tmp_path / 'no' / 'state.npz')) == (True, '')
+        is_done, why = client.trigger('save_state')
+        assert not is_done and why.endswith(
+            'state.npz cannot be written: No such file or directory'
+        )
+        assert client.change(state_file='') == (True, '')
+        assert client.trigger('save_state') == (
+            False, "state_file is '', expected the name of a file of a state",
+        )  # fmt: skip
+
+
+def rewrite(file, old, new):
+    """Replace a text in the part of a saved state that is no array."""
+    with ZipFile(file) as before:
+        parts = {name: before.read(name) for name in before.namelist()}
+    text = parts['simulator.json'].decode()
+    assert old in text, text
+    parts['simulator.json'] = text.replace(old, new).encode()
+    with ZipFile(file, 'w') as after:
+        for name, data in parts.items():
+            after.writestr(name, data)
+
+
+@pytest.mark.parametrize('factor', [0.0, 2.0])
+def test_the_simulators_own_time_goes_on_by_a_period_each_step(factor):
+    with moving(publish_clock=True, real_time_factor=factor) as client:
+        client.wait(lambda: len(client.tips) > 20 and len(client.clock) > 20, 'time')
+        period = 20_000_000  # [ns]
+        for times in ([ns(one.clock) for one in client.clock],
+                      [ns(one.header.stamp) for one in client.tips]):  # fmt: skip
+            assert set(np.diff(times)) <= {period * count for count in range(1, 1000)}
+            assert times[0] % period == 0
+        _, values = client.status('simulator')
+        assert float(values['real time factor']) > 0.0
+        client.pause()
+        client.clock.clear()
+        client.spin(0.3)
+        assert not client.clock
+        assert client.trigger('reset')[0]
+        client.steps(2)
+        assert ns(client.clock[-1].clock) == 2 * period
+        assert ns(client.tips[-1].header.stamp) == 2 * period
+        client.clock.clear()
+        client.pause(False)
+        client.wait(lambda: len(client.clock) > 3, 'time')
+    is_refused = 'real_time_factor is 2.0, expected 1 without publish_clock'
+    with pytest.raises(ArmDefinitionError, match=is_refused), moving(real_time_factor=2.0):
+        pass
+
+
+def test_an_arm_that_is_crushed_stays_as_it_was_and_is_not_published():
+    with moving(on_failure='pause') as client:
+        client.wait(lambda: len(client.tips) > 3, 'the arm')
+        rest = client.tip()
+        assert client.change(push__force=[0.0, 1500.0, 0.0]) == (True, '')
+        client.log('paused, as no step succeeds')
+        client.spin(0.2)
+        client.tips.clear()
+        _, values = client.status('simulator')
+        assert int(values['failed steps']) == 1 and not client.tips
+        assert client.trigger('step')[0]
+        client.log('the arm stays as it was: the motion ends at ')
+        assert not client.tips
+        # It goes on from there, also where it is told to try again and again.
+        assert client.change(on_failure='go_on') == (True, '')
+        client.pause(False)
+        client.wait(lambda: int(client.status('simulator')[1]['failed steps']) > 4, 'failures')
+        assert 'steps failed: ' in client.status('simulator')[0].message and not client.tips
+        assert client.change(push__force=[0.0, 0.0, 0.0]) == (True, '')
+        client.wait(lambda: client.tips, 'the arm')
+        np.testing.assert_allclose(client.tip(), rest, atol=1e-9)
+
+
+def test_what_is_not_finite_is_refused_in_a_sentence_and_the_arm_goes_on():
+    with moving() as client:
+        for name, value in (('motion__current', [0.0, float('nan'), 0.0]),
+                            ('motion__viscosity', float('inf')),
+                            ('loads__gravity', [float('nan')] * 3),
+                            ('base__position', [0.0, 0.0, float('inf')]),
+                            ('push__force', [float('nan')] * 3)):  # fmt: skip
+            is_taken, why = client.change(**{name: value})
+            assert not is_taken and name.replace('__', '.') in why and 'finite' in why, why
+        client.tips.clear()
+        client.wait(lambda: client.tips, 'the arm')
+        np.testing.assert_allclose(client.tip(), [0.27, 0.0, 0.0], atol=1e-9)
+
+
+def test_commanders_that_contradict_each_other_are_named():
+    with moving(rate=20.0) as client:
+        other = rclpy.create_node('second', namespace='lab', context=client.context)
+        array = other.create_publisher(Float64MultiArray, '/tendon_commands/array', 10)
+        same = other.create_publisher(TendonTensions, '/tendon_commands', 10)
+        mine = client.node.create_publisher(TendonTensions, 'tendon_commands', 10)
+        names = list(CONFIG.arm.tendon_names)
+
+        def following(expected, *commands):
+            """Wait for what is reported while ``commands`` come again and again."""
+            turns, said = itertools.cycle(commands), []
+
+            def is_reported():
+                publisher, topic, pull = next(turns)
+                publisher.publish(tensions_message(topic, pull * PULL, names))
+                client.spin(0.02)
+                said[:] = [one.status[0].message for one in client.diagnostics]
+                return expected in said[-2:]
+
+            client.diagnostics.clear()
+            client.wait(is_reported, expected)
+            return said
+
+        one = mine, 'tendon_commands', 1.0
+        quiet = 'following commands'
+        following(quiet, one)
+        apart = 'commanders contradict each other: /tendon_commands of /client, /lab/second'
+        following(apart, one, (same, 'tendon_commands', 0.5))
+        following(quiet, one)
+        following(f'{apart}; /tendon_commands/array of /lab/second',
+                  one, (array, 'tendon_commands/array', 0.5))  # fmt: skip
+        following(quiet, one)
+        # Several that agree are no contradiction.
+        for _ in range(3):
+            agree = following(quiet, one, (same, 'tendon_commands', 1.0),
+                              (array, 'tendon_commands/array', 1.0))  # fmt: skip
+        assert set(agree) == {quiet}
+        other.destroy_node()
