@@ -47,7 +47,8 @@ from octo_arm_model.estimation.rules import (
 
 _STAYS = 1.0  # by which another hypothesis has to be more probable than the present one [nat]
 _SHARE = 4  # evaluations for one hypothesis among several
-_FAR = 0.2  # standard deviations of the prior, from where others are linearised, to do it anew
+_FAR = 0.02  # of the length, by which a station moves, to linearise others anew
+_BETTER = 0.01  # nat for a normalised square
 _UNSURE = 2.0  # times the gate, for a square that is not exact
 _HALFWAY = 0.5  # part of what is measured less predicted, that is left where it led somewhere
 _NEGLIGIBLE = 1e-7  # probability
@@ -130,7 +131,13 @@ class Judged(NamedTuple):
     square: FloatArray
     volume: FloatArray
 
-    def of(self, numbers: list[int]) -> Judged:
+    def improve(self, others: Judged) -> None:
+        """Write ``others`` where they contradict less, linearised about another shape."""
+        # Where neither does the one that explains more of it.
+        better = others.cost + _BETTER * others.square < self.cost + _BETTER * self.square
+        self.put(np.flatnonzero(better), others.of(np.flatnonzero(better)))
+
+    def of(self, numbers: IntArray | list[int]) -> Judged:
         """Some hypotheses alone, in this order."""
         return Judged._make(one[numbers] for one in self)
 
@@ -186,38 +193,34 @@ class Judge:
             SolveError: if there is none.
         """
         exact: dict[int, tuple[Fit, Judged]] = {}
-        shapes, stays = [at], self.improbability(bank)
+        shape, stays = at, self.improbability(bank)
         stays[bank.leader] -= _STAYS
-        is_one = len(stays) == 1
-        # No sensor is doubted before the shape is known by which none lies: far from what was
-        # expected, as after a sudden touch, a linear guess of it is much too bad.
-        believing = bank.doubts.index(_NOBODY) if _NOBODY in bank.doubts else -1
-        judged = None if is_one else self._judge_about(bank, rows, shapes)
-        while True:
-            cost = 0.0 if judged is None else judged.cost
-            total = bank.contradiction + cost + stays
-            best = int(total.argmin())
-            has_to_believe = best in exact and believing not in (-1, *exact)
-            if has_to_believe and self._work.is_left:
-                best, believing = believing, -1
-            elif best in exact or (exact and not self._work.is_left):
-                break
+        # The leader comes first, and no sensor is doubted before its shape is known: far from what
+        # was expected, as after a sudden touch, a linear guess of it is much too bad.
+        best, judged, total = bank.leader, None, stays
+        while best not in exact:
             try:
-                fit, own = self._fit(bank, best, rows, at, is_new=is_new)
+                exact[best] = self._fit(bank, best, rows, at, is_new=is_new)
             except SolveError:
                 stays[best] = np.inf
                 if not np.isfinite(stays).any() or not (exact or self._work.is_left):
                     raise
-                continue
-            if has_to_believe and not own.is_used.all():
-                continue  # It does not explain all, so that the linear guess may stay.
-            exact[best] = fit, own
-            far = np.abs((fit.at.x - shapes[-1].x) / self._prior).max() > _FAR
-            if judged is None or (far and not is_one):
-                shapes.append(fit.at)
-                judged = own if is_one else self._judge_about(bank, rows, shapes)
+            else:
+                found = exact[best][0].at
+                is_far = _moves(shape, found.x) > _FAR * self._model.arm.length
+                if judged is None and not is_far:
+                    judged = self._judge(bank, rows, found)
+                elif is_far:
+                    judged = judged or self._judge(bank, rows, shape)
+                    judged.improve(self._judge(bank, rows, found))
+                shape = found
+            judged = judged or self._judge(bank, rows, shape)
             for number, (_, one) in exact.items():
                 judged.put([number], one)
+            total = bank.contradiction + judged.cost + stays
+            best = int(total.argmin())
+            if exact and not self._work.is_left:
+                break
         best = min(exact, key=lambda number: float(total[number]))
         assert judged is not None
         fit = exact[best][0]
@@ -287,21 +290,10 @@ class Judge:
         left = np.where(is_used, innovation, 0.0)
         square = (solve_lower(by.innovation_root, left) ** 2).sum(axis=-1)
         mean = bank.each.mean + (by.gain @ left[..., np.newaxis])[..., 0]
-        cost = channels.cost(is_used, ~is_used & ~is_doubted, squares, square)
+        cost = channels.cost(is_used, ~is_used & ~is_doubted, squares, square, self._rules.gate)
         volume = 2.0 * np.log(np.einsum('hii->hi', by.innovation_root)).sum(axis=-1)
         volume += len(rows) * math.log(2.0 * math.pi)
         return Judged(mean, by.root.copy(), is_used, cost, innovation, told, square, volume)
-
-    def _judge_about(self, bank: Bank, rows: Rows, shapes: Sequence[Prediction]) -> Judged:
-        """All hypotheses after ``rows``, each linearised about the nearest of some ``shapes``."""
-        x = np.array([one.x for one in shapes])
-        away = (bank.each.mean[:, np.newaxis] - x) / self._prior
-        nearest = (away**2).sum(axis=-1).argmin(axis=1)
-        found = self._judge(bank, rows, shapes[int(nearest[0])])
-        for number in set(nearest.tolist()) - {int(nearest[0])}:
-            some = np.flatnonzero(nearest == number)
-            found.put(some, self._judge(bank.some(some), rows, shapes[number]))
-        return found
 
     def _fit(
         self, bank: Bank, number: int, rows: Rows, at: Prediction, *, is_new: bool
@@ -334,8 +326,9 @@ class Judge:
             is_used &= ~is_refused
         square = np.array([fit.square])
         cost = channels.cost(
-            is_used[np.newaxis], (~is_used & ~is_doubted)[np.newaxis], squares, square
-        )
+            is_used[np.newaxis], (~is_used & ~is_doubted)[np.newaxis], squares, square,
+            self._rules.gate,
+        )  # fmt: skip
         return fit, Judged(
             fit.known.mean[np.newaxis], fit.known.root[np.newaxis], is_used[np.newaxis], cost,
             innovation, told, square, np.array([fit.volume]),
@@ -390,6 +383,11 @@ class Judge:
             first = state.tension.start + tendons.index(name.removeprefix(f'{LOAD_CELL} '))
             found.append(slice(first, first + 1))
         return found
+
+
+def _moves(at: Prediction, x: FloatArray) -> float:
+    """By how much stations move from ``at`` to the state ``x`` at most, to first order [m]."""
+    return float(np.abs(at.change.pose[:, :3] @ (x - at.x)).max())
 
 
 def _charged(bank: Bank, judged: Judged) -> Bank:

@@ -114,15 +114,16 @@ class Channels:
 
     def cost(
         self, is_used: NDArray[np.bool_], is_refused: NDArray[np.bool_], squares: FloatArray,
-        square: FloatArray,
+        square: FloatArray, gate: float,
     ) -> FloatArray:  # fmt: skip
         """By how much measurements contradict hypotheses [nat], (hypotheses,).
 
         ``square`` (hypotheses,) is that of all numbers used together; of sensors that are refused
-        each counts by itself.
+        each counts by itself, as one that is at the ``gate`` at least.
         """
         cost = np.maximum(0.0, 0.5 * (square - EXPECTED * is_used.sum(axis=-1)))
-        parts = np.minimum(0.5 * squares, MOST) / self.counts
+        refused = np.maximum(squares, self.limits(gate))
+        parts = np.minimum(0.5 * refused, MOST) / self.counts
         return np.asarray(cost + np.where(is_refused, parts, 0.0).sum(axis=-1))
 
 
