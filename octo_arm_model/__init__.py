@@ -11,6 +11,7 @@ from octo_arm_model.analysis.targets import BackboneShape, Bending, Stiffness, T
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.body import Body, ProfiledBody, RectangularBody
 from octo_arm_model.arm.cross_section import GivenStiffness, RestShape
+from octo_arm_model.arm.discs import Discs
 from octo_arm_model.arm.errors import (
     ArmDefinitionError,
     ConfigError,
@@ -56,6 +57,7 @@ __all__ = [
     'ConfigError',
     'Constant',
     'ConvergenceError',
+    'Discs',
     'DistributedLoad',
     'Dynamics',
     'FollowingWrench',

@@ -16,6 +16,7 @@ import numpy as np
 
 from octo_arm_model.arm.body import Body, ProfiledBody, RectangularBody
 from octo_arm_model.arm.cross_section import GivenStiffness, RestShape
+from octo_arm_model.arm.discs import Discs
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.limits import MAX_FRICTION, MAX_NAME, MAX_SECTIONS, MAX_TENDONS
@@ -52,12 +53,14 @@ class Arm:
             `MAX_FRICTION`.
         stiffness: of the cross sections, as far as it is not that of body and material.
         rest: how the arm is bent where nothing acts on it.
+        discs: that hold the tendons, one at every anchorage among them; none where the body leads
+            them all along.
 
     Raises:
         ArmDefinitionError: if there is no section, an anchorage lies beyond the tip or out of
             order, a tendon leaves the body and its discs, a profile leaves its range, the names
-            are not one per tendon and distinct, or a property of tendons is negative, too large
-            or not one per tendon.
+            are not one per tendon and distinct, a property of tendons is negative, too large or
+            not one per tendon, or discs do not fit the arm or have sheaths.
     """
 
     material: Material
@@ -70,6 +73,7 @@ class Arm:
     friction: tuple[float, ...] = ()
     stiffness: GivenStiffness = dataclasses.field(default_factory=GivenStiffness)
     rest: RestShape = dataclasses.field(default_factory=RestShape)
+    discs: Discs = dataclasses.field(default_factory=Discs)
 
     def __post_init__(self) -> None:
         given, kinds = self.sections, (Section, RoutedSection)
@@ -92,7 +96,11 @@ class Arm:
             free_length=self._per_tendon('free_length', 'length', 'm'),
             sheath_stiffness=self._per_tendon('sheath_stiffness', 'stiffness', 'Pa'),
             friction=self._per_tendon('friction', 'coefficient', '-', MAX_FRICTION),
+            discs=self.discs.with_anchorages((one.anchorage for one in given), self.length),
         )
+        if self.discs.s and self.sheath_stiffness:
+            expected = 'none with discs, whose holes hold the tendons'
+            raise ArmDefinitionError('tendons.sheath_stiffness', self.sheath_stiffness, expected)
 
     def _check_profiles(self) -> None:
         """Check that radius and elastic constants are in range all along the arm."""

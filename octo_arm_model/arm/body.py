@@ -88,8 +88,8 @@ class Body(_Round):
         length: L [m], > 0.
         radius_base: R_max [m], > 0.
         radius_tip: R_min [m], > 0.
-        disc_radius: radius of thin discs that guide tendons outside the body [m], >= 0; 0 for
-            none.
+        disc_radius: radius of discs that guide tendons outside the body [m], >= 0; 0 for none.
+            Where they are `Arm.discs` says; without, tendons are led all along.
         inner_radius: radius of the closed, empty bore of a tube [m], or its `Profile` along s,
             less than that of the body; 0 for a solid one.
 
@@ -124,7 +124,7 @@ class ProfiledBody(_Round):
     Attributes:
         length: L [m], > 0.
         profile: radius along s [m], > 0 everywhere.
-        disc_radius: radius of thin discs around the tendons, as of a `Body` [m], >= 0.
+        disc_radius: radius of discs around the tendons, as of a `Body` [m], >= 0.
         inner_radius: of a bore, as of a `Body` [m].
 
     Raises:

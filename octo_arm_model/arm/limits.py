@@ -12,6 +12,7 @@ MAX_INTERVALS = 20_000  # that an arm could be cut into, each no longer than thi
 MAX_NODES = 2_000  # of a loaded arm
 MAX_SECTIONS = 64
 MAX_TENDONS = 256
+MAX_DISCS = 256
 MAX_POINT_LOADS = 256
 MAX_TABLE_POINTS = 1_000  # of each table along s: radius, modulus, path, distributed force
 MAX_TENDON_TABLE = 20_000  # values of a table of paths, over all tendons

@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike
 from octo_arm_model.arm.arm import Arm, check_size
 from octo_arm_model.arm.body import Body, ProfiledBody, RectangularBody
 from octo_arm_model.arm.cross_section import GivenStiffness, RestShape
+from octo_arm_model.arm.discs import Discs
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_DISCS
 from octo_arm_model.arm.material import Material
 from octo_arm_model.arm.profile import BETWEEN, LINEAR, Constant, Linear, Profile, Table
 from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
@@ -147,6 +149,7 @@ def build_arm(given: Values) -> Arm:
         friction=given['tendons.friction'],
         stiffness=_stiffness(given),
         rest=_rest(given),
+        discs=_discs(given),
     )
 
 
@@ -250,6 +253,16 @@ def _material(given: Values) -> Material:
     return (
         Material.from_moduli(young, shear, density) if shear else Material(young, ratio, density)
     )
+
+
+def _discs(given: Values) -> Discs:
+    s, count = given['tendons.discs'], given['tendons.disc_count']
+    if s and count:
+        raise ConfigError(f'tendons.disc_count is {count}, expected 0 with tendons.discs')
+    if not 0 <= count <= MAX_DISCS:
+        raise ConfigError(f'tendons.disc_count is {count}, expected 0 to {MAX_DISCS}')
+    both = given['tendons.disc_thickness'], given['tendons.disc_mass']
+    return Discs.evenly(count, given['body.length'], *both) if count else Discs(s, *both)
 
 
 def _body(given: Values) -> Body | ProfiledBody | RectangularBody:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.limits import (
+    MAX_DISCS,
     MAX_FRICTION,
     MAX_INTERVALS,
     MAX_POINT_LOADS,
@@ -156,7 +157,8 @@ PARAMETERS = (
               f'{MAX_INTERVALS} intervals, each no longer than thick, are needed',
               unless=('body.table_s', 'body.width'), range='> 0'),
     Parameter('body.disc_radius', float,
-              'radius of discs that lead tendons outside the body [m]; 0 for none', 0.0,
+              'radius of discs that lead tendons outside the body [m]; 0 for none; tendons are '
+              'led all along, unless tendons.discs or disc_count says where the discs are', 0.0,
               range='>= 0'),
     Parameter('body.table_s', float,
               f'arc coordinates of a body that is no cone, from 0 to the tip [m]{TABLE_BOUND}', (),
@@ -268,6 +270,20 @@ PARAMETERS = (
               "Coulomb's coefficient of friction mu of the tendons in their guides [-], one for "
               'all or one per tendon, section by section from the tip; empty for none; with model '
               'closed_form or exact', (), is_array=True, range=f'>= 0, at most {MAX_FRICTION:g}'),
+    Parameter('tendons.discs', float,
+              'arc coordinates of the faces towards the tip of discs between which tendons are '
+              'straight [m]; anchorages are discs too; empty for tendons that the body leads all '
+              f'along; with model exact; at most {MAX_DISCS}', (), is_array=True,
+              range='increasing, in (0, body.length]', most=MAX_DISCS),
+    Parameter('tendons.disc_count', int,
+              'number of discs, spaced evenly from the base to the tip, which is the last, '
+              f'instead of discs; 0 for none; at most {MAX_DISCS}', 0, range=f'0 to {MAX_DISCS}'),
+    Parameter('tendons.disc_thickness', float,
+              'thickness of every disc, which is rigid, from its face on towards the base [m]; 0 '
+              'for thin ones', 0.0, range='>= 0, less than the distance of discs'),
+    Parameter('tendons.disc_mass', float,
+              'mass of every disc, without that of what it displaces of the fluid [kg]; where '
+              'disc_thickness is not 0', 0.0, range='>= 0'),
     Parameter('tendon_names', str,
               'names of the tendons, section by section from the tip; empty for '
               'tendon_<section>_<tendon>', (), is_array=True, range='distinct, not empty'),

@@ -65,6 +65,8 @@ def force_per_length(arm: Arm, s: FloatArray, loads: Loads) -> FloatArray:
         )
     body = arm.body.geometry(s)
     weight = arm.material.density * body.area - loads.fluid_density * body.displaced
+    if arm.discs.mass:
+        weight = weight + arm.discs.mass / arm.discs.thickness * arm.discs.cover(s)
     density = weight[:, np.newaxis] * np.array(loads.gravity)
     for load in loads.distributed:
         inside = (s >= load.s[0]) & (s <= load.s[-1])

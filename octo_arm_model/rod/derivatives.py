@@ -26,7 +26,7 @@ from octo_arm_model.rod.friction import TensionDerivatives
 from octo_arm_model.rod.rod import Equilibrium, Rod
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.tables import REST_T, SHEAR, TORSION, Tables
-from octo_arm_model.rod.tendons import PathChange, Tendons, outward_paths, unloaded_tendons
+from octo_arm_model.rod.tendons import PathChange, Tendons, outward_paths
 
 _MATERIAL, _PATHS = ('youngs_modulus', 'poisson_ratio'), ('offset', 'sheath_stiffness')
 _SKEW = np.zeros((3, 9))  # v @ this is the matrix of v x, row by row
@@ -137,7 +137,7 @@ class Derivatives:
         elements, own = self._problem.elements, self._problem.tables
         self._to_nodes = elements.integration(elements.s)
         self._to_stations, self._at_stations = elements.integration(s), elements.interpolation(s)
-        self._rest = unloaded_tendons(own).stretch
+        self._rest = self._problem.unloaded_tendons.stretch
         self._rest_lengths = elements.weights @ self._rest
         self._outwards = outward_paths(rod.arm, own, elements.s)
         ratio = rod.arm.material.poisson_ratio_at(elements.s)

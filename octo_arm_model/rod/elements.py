@@ -175,6 +175,7 @@ def check_thickness(arm: Arm) -> None:
 def _edges(arm: Arm, breaks: tuple[float, ...], knots: tuple[float, ...]) -> FloatArray:
     """Where elements end at any rate, (edges,) [m]."""
     ends = {0.0, arm.length, *(section.anchorage for section in arm.sections)}
+    ends.update(arm.discs.faces)
     found = sorted(ends.union(apart(breaks, sorted(ends), arm.length)))
     smooth = apart({*arm.knots, *knots}, found, arm.length)
     if len(smooth) > MOST_KNOTS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -9,13 +10,14 @@ from numpy.typing import NDArray
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.dead_loads import DeadLoads
+from octo_arm_model.rod.discs import ChordModel, ChordTendons, ChordTensionDerivatives
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Linear, Variation, factorise
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
 from octo_arm_model.rod.tables import LEVER, Tables, force_scale, places_at, work_arrays
-from octo_arm_model.rod.tendons import Tendons
+from octo_arm_model.rod.tendons import Tendons, unloaded_tendons, unloaded_twists
 
 
 class Condition(NamedTuple):
@@ -102,15 +104,17 @@ class Problem:
         others: loads of other kinds.
         strains: 4, or 6 with shear.
         friction: of the tendons; None where they have none.
+        discs: that hold the tendons; None where the body does.
     """
 
     remembered = 1  # residual, see `newton.settle`
 
     def __init__(
         self, elements: Elements, tables: Tables, loads: DeadLoads, form: Form, strains: int,
-        has_jacobian: bool = True,
+        has_jacobian: bool = True, discs: ChordModel | None = None,
     ) -> None:  # fmt: skip
         """Of the ``tables`` at the nodes of ``elements``."""
+        self.discs, self._slack = discs, np.zeros_like(tables.reach)
         self.elements, self.tables, self.loads = elements, tables, loads
         self.form, self.strains = form, strains
         self.others = OtherLoads(loads.others, elements, tables.base)
@@ -120,7 +124,10 @@ class Problem:
         self._oriented: FloatArray | None = None
         self._scaled: FloatArray | None = None
         self._last_acting: Acting | None = None
-        self.friction = Friction(tables, form, elements) if tables.friction.any() else None
+        self.friction: Friction | None = None
+        if tables.friction.any():
+            angles = form.angles if discs is None else discs.angles
+            self.friction = Friction(tables, angles, elements)
         self._local: LocalTensions | None = None
         self._tendons: tuple[State, Tendons] | None = None
         self._derivatives: tuple[State, TensionDerivatives] | None = None
@@ -156,18 +163,31 @@ class Problem:
         work = self.work
         if self._scaled is not acting.scale:
             work.scale[:] = self._scaled = acting.scale
-        condition = acting.condition
-        if self.friction is not None and condition.tensions.ndim == 1:
-            given = condition.tensions, condition.before
-            self._local = self.friction.hold_along(z, *given, work)
-            acting = acting._replace(tensions=self._local.tensions)
+        acting = self._with_friction(acting, z)
         if self.others.loads:
             acting = self._with_others(acting, z)
         left = self.form.residual(
-            self.tables, z, acting.tensions, acting.force, acting.couple, work
+            self.tables, z, self.in_sections(acting.tensions), acting.force, acting.couple, work
         )
+        if self.discs is not None:
+            left = self.discs.add_pull(self.tables, z, acting.tensions, work)
         self._current = self._oriented = z
         return State(acting, z, work.residual.copy(), left)
+
+    def in_sections(self, tensions: FloatArray) -> FloatArray:
+        """Those of the local ``tensions`` (N, J) that are in the energy of the cross sections."""
+        return tensions if self.discs is None else self._slack
+
+    def _with_friction(self, acting: Acting, z: FloatArray) -> Acting:
+        """What is ``acting`` at twists ``z`` (N, m), with the tensions that friction leaves."""
+        condition = acting.condition
+        if self.friction is None or condition.tensions.ndim > 1:
+            return acting
+        if self.discs is not None:
+            self.form.orientations(self.tables, z, self.work)
+        given = condition.tensions, condition.before
+        self._local = self.friction.hold_along(z, *given, self.work)
+        return acting._replace(tensions=self._local.tensions)
 
     def step(self, state: State, factors: Linear) -> tuple[FloatArray, Linear]:
         """Newton's step of the twists by ``factors``, (N m,), and these."""
@@ -186,11 +206,25 @@ class Problem:
     def tendons(self, state: State) -> Tendons:
         """The tendons in ``state``; those of the last one are kept."""
         if self._tendons is None or not _are_same(self._tendons[0], state):
-            if self.tables.compliance.any():
-                self.load_work(state)  # their offsets in sheaths
-            tendons = Tendons(self.tables, state.z, state.acting.tensions, self.work.offsets)
+            if self.tables.compliance.any() or self.discs is not None:
+                self.load_work(state)  # their offsets in sheaths, orientations
+            tendons = self._make_tendons(state.z, state.acting.tensions)
             self._tendons = state, tendons
         return self._tendons[1]
+
+    def _make_tendons(self, z: FloatArray, tensions: FloatArray) -> Tendons:
+        if self.discs is not None:
+            return ChordTendons(self.discs, self.tables, z, tensions, self.work)
+        return Tendons(self.tables, z, tensions, self.work.offsets)
+
+    @functools.cached_property
+    def unloaded_tendons(self) -> Tendons:
+        """The tendons of the unloaded arm."""
+        if self.discs is None:
+            return unloaded_tendons(self.tables)
+        z = unloaded_twists(self.tables)
+        self.orient(z)
+        return self._make_tendons(z, np.zeros_like(self.tables.reach))
 
     def history(self, state: State) -> FloatArray:
         """Tensions (M, J) [N] at the points of `Friction.fine`, from which tendons slide on."""
@@ -248,7 +282,10 @@ class Problem:
         """The Jacobian at ``state``, with sections stiffer by ``damping``, into `work`."""
         self.load_work(state)
         acting = state.acting
-        self.form.jacobian(self.tables, state.z, acting.tensions, acting.force, self.work)
+        inside = self.in_sections(acting.tensions)
+        self.form.jacobian(self.tables, state.z, inside, acting.force, self.work)
+        if self.discs is not None:
+            self.discs.add_tangent(self.tables, state.z, acting.tensions, self.work)
         if self.others.loads:
             self.others.add_tangents(acting.condition.factor, state.z, self.work)
         if damping:
@@ -267,7 +304,12 @@ class Problem:
             return None
         if self._derivatives is None or not _are_same(self._derivatives[0], state):
             local, tendons = self.local_tensions(state), self.tendons(state)
-            derivatives = TensionDerivatives(self.friction, state.z, local, tendons, self.work)
+            derivatives: TensionDerivatives
+            if isinstance(tendons, ChordTendons):
+                weights = self.elements.weights
+                derivatives = ChordTensionDerivatives(self.friction, local, tendons, weights)
+            else:
+                derivatives = TensionDerivatives(self.friction, state.z, local, tendons, self.work)
             self._derivatives = state, derivatives
         return self._derivatives[1]
 

@@ -28,14 +28,14 @@ do, so that with S = sigma mu T
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from octo_arm_model.arm.errors import ConvergenceError, SolveError
-from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.hints import BoolArray, FloatArray
 from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.section_arrays import Bends
 from octo_arm_model.rod.tables import Tables, Work
 from octo_arm_model.rod.tendons import Tendons
@@ -46,6 +46,10 @@ SAME = 1e-6  # relative difference up to which two tensions of a tendon count as
 _CONVERGED, _MOST_ITERATIONS = 1e-13, 50
 _MOST_LOSS = 100.0  # mu theta beyond which nothing is left of a tension
 _LEAST = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
+
+
+# As `forms.Form.angles`.
+FillsAngles: TypeAlias = Callable[[Tables, FloatArray, FloatArray, Work], None]
 
 
 class Band(NamedTuple):
@@ -108,9 +112,9 @@ class Friction:
         to_nodes: from values at the fine points of an element to those at its nodes, (p, M / E).
     """
 
-    def __init__(self, tables: Tables, form: Form, elements: Elements) -> None:
-        """Of the arm of ``tables`` at the nodes of ``elements``."""
-        self.tables, self._form, self._elements = tables, form, elements
+    def __init__(self, tables: Tables, angles: FillsAngles, elements: Elements) -> None:
+        """Of the arm of ``tables`` at the nodes of ``elements``; ``angles`` fills in theta."""
+        self.tables, self._angles, self._elements = tables, angles, elements
         self.fine, self.nodes = elements.fine, elements.s
         self.reach = np.repeat(tables.reach[:: elements.points], len(self.tables.to_fine), axis=0)
         self.to_nodes = self.projection(elements)
@@ -196,7 +200,7 @@ class Friction:
 
     def angles(self, z: FloatArray, tensions: FloatArray, work: Work) -> FloatArray:
         """Theta (N, J) of tendons under ``tensions`` (N, J) [N] along an arm of twists ``z``."""
-        self._form.angles(self.tables, z, tensions, work)
+        self._angles(self.tables, z, tensions, work)
         return work.angle.copy()
 
     def history(self, local: LocalTensions, tensions: FloatArray) -> FloatArray:
@@ -220,18 +224,10 @@ class TensionDerivatives:
         self, friction: Friction, z: FloatArray, local: LocalTensions, tendons: Tendons, work: Work
     ) -> None:
         """About ``tendons`` of the tensions ``local`` along an arm of twists ``z`` (N, m)."""
-        self._friction, self._tables, self._work = friction, friction.tables, work
-        self._z, self._local = z, local
+        self._slide(friction, local)
+        self._z, self._work = z, work
         pulled = np.flatnonzero(local.tensions.any(axis=0))
         self._pulled = pulled if pulled.size else np.array([0])  # for the shapes of arrays
-        if local.band is None:
-            self._s, self._tension = friction.nodes, local.tensions
-            self._slip = np.full_like(self._tension, -1.0)
-            self._to_points = self._to_nodes = np.eye(len(self._tables.to_end))
-        else:
-            self._s, self._tension = friction.fine.s, local.band.tensions
-            self._slip = local.band.slip
-            self._to_points, self._to_nodes = self._tables.to_fine, friction.to_nodes
         rate = self._slip * self._tables.friction * self._tension
         rate = self._by_element(rate[:, self._pulled])
         self._by_angle = (self._to_nodes * rate) @ self._to_points  # S, (E, J, p, p)
@@ -247,6 +243,18 @@ class TensionDerivatives:
             own = self._by_all_nodes((self._by_e * by_tension).sum(axis=0))
             self._inverse = np.asarray(np.linalg.inv(np.eye(len(z)) - own))
 
+    def _slide(self, friction: Friction, local: LocalTensions) -> None:
+        """Which way tendons of tensions ``local`` slip, and where this is known."""
+        self._friction, self._tables, self._local = friction, friction.tables, local
+        if local.band is None:
+            self._s, self._tension = friction.nodes, local.tensions
+            self._slip = np.full_like(self._tension, -1.0)
+            self._to_points = self._to_nodes = np.eye(len(self._tables.to_end))
+        else:
+            self._s, self._tension = friction.fine.s, local.band.tensions
+            self._slip = local.band.slip
+            self._to_points, self._to_nodes = self._tables.to_fine, friction.to_nodes
+
     def require(self, names: tuple[str, ...], tensions: FloatArray) -> None:
         """Refuse derivatives where tensions under ``tensions`` (J,) [N] at the base have none.
 
@@ -258,8 +266,7 @@ class TensionDerivatives:
         """
         rubs = (tensions > 0.0) & (self._tables.friction > 0.0)
         acts, slip = self._tension > 0.0, self._slip
-        straight = np.zeros(self._tables.reach.shape, np.bool_)
-        straight[:, self._pulled] = self._rate <= _STRAIGHT / self._friction.fine.edges[-1]
+        straight = self._are_straight()
         for what, places, bad in (
             ('sticks', self._s, acts & (slip == 0.0)),
             ('slips both ways', self._s, acts & (slip != slip[0])),
@@ -272,6 +279,12 @@ class TensionDerivatives:
                     f'{what} at s = {places[place]:.4g} m, expected one that slides and turns all '
                     'along'
                 )
+
+    def _are_straight(self) -> BoolArray:
+        """Where tendons do not turn, (N, J)."""
+        straight = np.zeros(self._tables.reach.shape, np.bool_)
+        straight[:, self._pulled] = self._rate <= _STRAIGHT / self._friction.fine.edges[-1]
+        return straight
 
     def add_to(self, jacobian: FloatArray) -> None:
         """Add what the change of tensions adds to a ``jacobian`` (N m, N m) with them held."""
@@ -294,11 +307,7 @@ class TensionDerivatives:
     @property
     def by_base_tension(self) -> FloatArray:
         """Derivative by each tendon's own tension at the base [-], (N, J)."""
-        angle, tensions = self._local.angle, self._local.tensions
-        if not tensions.any(axis=0).all():
-            # One that nobody pulls turns as well, which matters as soon as somebody does.
-            angle = self._friction.angles(self._z, np.maximum(tensions, _LEAST), self._work)
-        loss = self._tables.friction * self._friction.spread(self._to_points, angle)
+        loss = self._tables.friction * self._friction.spread(self._to_points, self._angles())
         # A slack tendon is drawn in next, whatever it was before.
         slip = np.where(self._tension > 0.0, self._slip, -1.0)
         return self._at_nodes(np.abs(slip) * np.exp(slip * loss))
@@ -318,6 +327,13 @@ class TensionDerivatives:
         """Changes (N, J, k) by those of the twists (N, m, k), base tensions held."""
         rows = change.reshape(len(self._by_z), 1, -1, change.shape[2])
         return self._of_angles(self._by_z @ rows)
+
+    def _angles(self) -> FloatArray:
+        """Angles, of tendons that nobody pulls as well, which matter as soon as somebody does."""
+        tensions = self._local.tensions
+        if tensions.any(axis=0).all():
+            return self._local.angle
+        return self._friction.angles(self._z, np.maximum(tensions, _LEAST), self._work)
 
     def _angle_derivatives(self, tendons: Tendons) -> tuple[FloatArray, FloatArray]:
         """theta_e and theta_kappa of (4), (3, E, J, p + 1, p)."""

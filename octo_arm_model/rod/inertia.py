@@ -29,6 +29,7 @@ from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.rod import arrays, inertia_arrays
 from octo_arm_model.rod.dead_loads import DeadLoads
+from octo_arm_model.rod.discs import chord_model
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
 from octo_arm_model.rod.forms import Form
@@ -93,7 +94,10 @@ class MovingProblem(Problem):
         Raises:
             ArmDefinitionError: if the arm has no density.
         """
-        super().__init__(elements, tables, DeadLoads(arm, elements, loads), form, strains)
+        super().__init__(
+            elements, tables, DeadLoads(arm, elements, loads), form, strains,
+            discs=chord_model(arm, elements, tables, form),
+        )  # fmt: skip
         if not arm.material.density:
             expected = 'a density > 0 [kg/m^3] of an arm that moves'
             raise ArmDefinitionError('material.density', 0.0, expected)
@@ -112,6 +116,10 @@ class MovingProblem(Problem):
             ],
             axis=1,
         )  # fmt: skip
+        if arm.discs.mass:
+            more = arm.discs.mass / arm.discs.thickness * arm.discs.cover(elements.s)
+            rotary = 0.25 * arm.body.disc_radius**2
+            section[:, : ROTARY_B + 1] += np.outer(more, [1.0, rotary, rotary])
         from_base = elements.integration(elements.s)
         self.moving = MotionTables(
             np.asfortranarray(from_base), np.asfortranarray(elements.weights - from_base),
@@ -151,13 +159,11 @@ class MovingProblem(Problem):
             total += condition.factor * self.others.resultants(rod)
         if self._scaled is not acting.scale:
             work.scale[:] = self._scaled = acting.scale
-        if self.friction is not None and condition.tensions.ndim == 1:
-            given = condition.tensions, condition.before
-            self._local = self.friction.hold_along(z, *given, work)
-            acting = acting._replace(tensions=self._local.tensions)
-        acting = acting._replace(force=total[0], couple=total[1])
-        loads = total[0], total[1]
-        self.form.oriented_residual(self.tables, z, acting.tensions, *loads, work)
+        acting = self._with_friction(acting, z)._replace(force=total[0], couple=total[1])
+        inside = self.in_sections(acting.tensions)
+        self.form.oriented_residual(self.tables, z, inside, total[0], total[1], work)
+        if self.discs is not None:
+            self.discs.add_pull(self.tables, z, acting.tensions, work)
         left = self._functions.imbalance(self.moving, self.rule, z, self.reference, work)
         self._current = self._oriented = z
         return State(acting, z, work.residual.copy(), left)

@@ -24,7 +24,6 @@ from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL, Places, places_at
-from octo_arm_model.rod.tendons import unloaded_tendons
 from octo_arm_model.rod.winches import Winches
 
 # With a history strains have kinks, by which the estimated error of positions is too small: it has
@@ -67,6 +66,11 @@ class Papers(Statics):
             raise ConfigError(
                 "tendons.sheath_stiffness goes with model exact: the paper's models keep tendons "
                 'in their places'
+            )
+        if setup.arm.discs.s:
+            raise ConfigError(
+                "tendons.discs goes with model exact: in the paper's models the body leads "
+                'tendons all along'
             )
         self._equations = equations
         setting = Setting(False, accuracy=setup.accuracy, compiled=setup.compiled)
@@ -321,7 +325,7 @@ def sensitivity(
     by_local = stepped.imag.transpose(1, 2, 0)[: nodes + len(level.places.element)] / step
     if problem.friction is not None:
         columns, local = _with_friction(level, state, by_local[:nodes], names, rates)
-        rest = problem.elements.weights[:, np.newaxis] * unloaded_tendons(problem.tables).stretch
+        rest = problem.elements.weights[:, np.newaxis] * problem.unloaded_tendons.stretch
         mean = np.einsum('nj,njc->jc', rest, local) / rest.sum(axis=0)[:, np.newaxis]
     change = by_local @ columns
     pose, strains = _poses(level, change[:nodes]), change[nodes:].copy()

@@ -61,7 +61,8 @@ class Finer:
         acting = own.evaluate(Acting(condition, tensions, force, couple, self._scale), z).acting
         wrench = work.gradient - work.residual
         z = z.copy()  # Orientations of the other one are known.
-        own.form.balance(own.tables, z, acting.tensions, wrench, ONE_STEP, work)
+        inside = own.in_sections(acting.tensions)
+        own.form.balance(own.tables, z, inside, wrench, ONE_STEP, work)
         return acting, z, wrench
 
     def _slid(self, state: State) -> FloatArray:
@@ -121,7 +122,9 @@ class Readout:
         else:
             acting, fine, wrench = self._finer.balance(state)
             twist = self.twists(fine)
-            if finer.friction is not None:
+            if finer.friction is not None and finer.discs is not None:
+                along = self.places.between @ acting.tensions
+            elif finer.friction is not None:
                 along = self._tensions(state, acting, fine)
                 form, wrench = finer.form, self.places.between @ wrench
                 form.balance(self._tables, twist, along, wrench, ONE_STEP, self._work)

@@ -35,7 +35,6 @@ from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.friction import TensionDerivatives
 from octo_arm_model.rod.rod import Rod
-from octo_arm_model.rod.tendons import unloaded_tendons
 
 _LENGTHS = 10.0  # errors of displacements over the length of the arm count so many times
 _STIFFEST = 1e-6  # compliance of a held tendon over what the arm gives way, at least
@@ -105,7 +104,7 @@ class Reeling:
         self.problem, self._arm = problem, arm
         self.others, self.turn = self.problem.others, self.problem.turn
         self._weights = self.problem.elements.weights
-        self._rest = self._weights[:, np.newaxis] * unloaded_tendons(self.problem.tables).stretch
+        self._rest = self._weights[:, np.newaxis] * self.problem.unloaded_tendons.stretch
         self._unloaded = self._rest.sum(axis=0)
         count = self._unloaded.size
         self._free = arm.stretched(np.array(arm.free_length or np.zeros(count)))
@@ -172,7 +171,7 @@ class Reeling:
     def _factors(self, state: State) -> Linear:
         problem, acting = self.problem, state.acting
         is_loaded = acting.force.any() or acting.couple.any() or problem.others.loads
-        if is_loaded or self._arm.friction:
+        if is_loaded or self._arm.friction or problem.discs is not None:
             return problem.linearise(state)
         problem.form.sections(problem.tables, state.z, acting.tensions, problem.work)
         return Blocks.of(problem.work.hessian)

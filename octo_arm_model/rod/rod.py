@@ -25,6 +25,7 @@ from octo_arm_model.rod.continuation import (
     judge_stable,
 )
 from octo_arm_model.rod.dead_loads import DeadLoads
+from octo_arm_model.rod.discs import chord_model
 from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Kept, Linear
@@ -99,7 +100,8 @@ class Rod:
         arm: the arm.
         setting: how it is modelled.
         is_compiled: whether numba compiles the node functions.
-        is_loaded: whether anything but tendons and the wrench on the tip loads it.
+        is_loaded: whether anything but tendons and the wrench on the tip loads it, or discs hold
+            the tendons, so that sections are not in balance by themselves.
         added: points that the finer problem of each level has more in each element.
     """
 
@@ -128,6 +130,8 @@ class Rod:
         body, s = own.tables.body, own.elements.s
         bending = 0.25 * body[:, 0] * np.minimum(body[:, 2], body[:, 3])
         self._per_force = float(((arm.length - s) ** 2 / bending).max())
+        apart = np.diff([0.0, *arm.discs.faces, arm.length]).max()
+        self._per_pull = float((apart**2 / bending).max())
         self._per_square = (
             (own.tables.compliance / bending.min()) if any(own.tables.compliance) else None
         )
@@ -136,7 +140,7 @@ class Rod:
             straight = own.straight_resultants()
         places = np.concatenate([own.elements.edges, s])
         LoadLimits(arm, places).check_loads(loads, straight)
-        self.is_loaded = bool(straight.any() or loads.others or loads.scaled)
+        self.is_loaded = bool(straight.any() or loads.others or loads.scaled or arm.discs.s)
 
     def _problem(self, level: int, added: int = 0) -> Problem:
         """The equations on elements of a ``level``, with so many points ``added`` to each."""
@@ -144,7 +148,10 @@ class Rod:
         elements = build_elements(self.arm, breaks, knots, level, added)
         tables = tabulate(self.arm, elements, self._base, widens=self.setting.widens)
         loads = DeadLoads(self.arm, elements, self._loads)
-        return Problem(elements, tables, loads, self._form, self._strains, has_jacobian=not added)
+        return Problem(
+            elements, tables, loads, self._form, self._strains, has_jacobian=not added,
+            discs=chord_model(self.arm, elements, tables, self._form),
+        )  # fmt: skip
 
     def readout(self, level: int, s: FloatArray) -> Readout:
         """Reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
@@ -306,6 +313,9 @@ class Rod:
                 return False
         change = state.acting.force - judged.acting.force
         loads = self._per_force * float(np.abs(change).max())
+        if problem.discs is not None:  # between which the pull of tendons is a load
+            pulls = state.acting.tensions - judged.acting.tensions
+            loads += self._per_pull * float(np.abs(pulls).sum(axis=1).max())
         return loads <= _SAME_LOADS and problem.turn(state.z - judged.z) <= _SAME_SHAPE
 
     def _followed(
@@ -325,10 +335,11 @@ class Rod:
     def _known(self, problem: Problem, wanted: Condition) -> tuple[Condition, FloatArray]:
         """A condition without loads, under the tensions ``wanted``, and twists (N, m) in it.
 
-        Under part of the tensions where friction alone keeps more of them from crushing the arm.
+        Under part of the tensions where friction or discs alone keep more of them from crushing
+        the arm.
         """
         known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
-        if problem.friction is None:
+        if problem.friction is None and problem.discs is None:
             return known, self.unloaded(problem, known)[0]
         for part in (1.0, _GENTLE):
             known = known._replace(tensions=part * wanted.tensions)
@@ -390,14 +401,16 @@ class Rod:
         """
         error = problem.position_error(state.z)
         allowed = self.setting.accuracy
-        if problem.friction is not None:
+        # Between discs tensions do not change.
+        slides = problem.friction is not None and problem.discs is None
+        if slides:
             allowed *= _OF_FRICTION
         if self.is_last(level):
             allowed = max(allowed, WORST)
             require_resolved(problem, error, allowed)
         if not error <= allowed:
             return False
-        if problem.friction is None:
+        if not slides:
             return True
         rough = self.finer(level).friction_error(state)
         if self.is_last(level) and not rough <= _WORST_TENSION:

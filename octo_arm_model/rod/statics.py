@@ -22,7 +22,7 @@ from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.tables import Places
-from octo_arm_model.rod.tendons import outward_paths, unloaded_tendons
+from octo_arm_model.rod.tendons import outward_paths
 
 AT_ONCE = 32  # arms, for which tables have room in the processor's cache
 _LEVELS_AT_ONCE = 3
@@ -147,7 +147,8 @@ class Statics(abc.ABC):
             np.empty((arms, stations, tensions.shape[1])) if self._setup.arm.friction else None,
             np.empty(arms), np.empty(arms, np.int64),
         )  # fmt: skip
-        is_simple = not (self._setup.arm.friction or self._setup.arm.sheath_stiffness)
+        arm = self._setup.arm
+        is_simple = not (arm.friction or arm.sheath_stiffness or arm.discs.s)
         for first in range(0, arms, AT_ONCE):
             left = np.arange(first, min(first + AT_ONCE, arms))
             for level in range(_LEVELS_AT_ONCE if is_simple else 0):
@@ -232,7 +233,7 @@ class Statics(abc.ABC):
     def rest_lengths(self) -> FloatArray:
         """In the unloaded arm [m], (J,)."""
         problem = self.problem(0)
-        return np.asarray(problem.elements.weights @ unloaded_tendons(problem.tables).stretch)
+        return np.asarray(problem.elements.weights @ problem.unloaded_tendons.stretch)
 
     def tendon_lengths(self, found: Equilibrium) -> FloatArray:
         """In a solution [m], (J,)."""
@@ -242,7 +243,7 @@ class Statics(abc.ABC):
     def tension_integrals(self, found: Equilibrium) -> FloatArray:
         """Integrals of the tensions over the unloaded lengths up to the base [N m], (J,)."""
         problem = self.problem(found.level)
-        along = found.state.acting.tensions * unloaded_tendons(problem.tables).stretch
+        along = found.state.acting.tensions * problem.unloaded_tendons.stretch
         return np.asarray(problem.elements.weights @ along)
 
     def rest_lengths_by_offset(self, found: Equilibrium) -> tuple[FloatArray, FloatArray]:
@@ -250,7 +251,7 @@ class Statics(abc.ABC):
         problem = self.problem(found.level)
         tables, weights = problem.tables, problem.elements.weights
         outwards = outward_paths(self._setup.arm, tables, problem.elements.s)
-        rates = unloaded_tendons(tables).by_path(outwards).stretch
+        rates = problem.unloaded_tendons.by_path(outwards).stretch
         return weights @ rates, weights @ (rates * found.state.acting.tensions)
 
 

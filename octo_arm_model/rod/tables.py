@@ -19,6 +19,7 @@ from octo_arm_model.rod.gauss import GaussRule
 AXIAL, TORSION, SQUARED_N, SQUARED_B, SHEAR, LEVER, RADIUS, REST_T, REST_N, REST_B = range(10)
 # Columns of `Tables.tendons`.
 ALONG_N, ALONG_B, SLOPE_N, SLOPE_B = range(4)
+_RIGID = 1e6  # stiffness of discs over that of the body in them
 _LEAST_SCALE = 1e-4  # of E A: forces below a part of it are rounding
 
 
@@ -186,6 +187,8 @@ def tabulate(arm: Arm, elements: Elements, base: FloatArray, *, widens: bool) ->
     sheaths = np.array(arm.sheath_stiffness or np.zeros(len(arm.tendons)))
     compliance = np.divide(1.0, sheaths, out=np.zeros_like(sheaths), where=sheaths > 0.0)
     body = _body(arm, s, tendons)
+    for column in (AXIAL, TORSION, SHEAR):
+        body[arm.discs.cover(s), column] *= _RIGID
     return Tables(
         widens,
         elements.lengths,

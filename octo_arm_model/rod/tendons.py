@@ -206,9 +206,15 @@ def _cross_transposed(kappa: FloatArray, u: FloatArray) -> FloatArray:
 
 def unloaded_tendons(tables: Tables) -> Tendons:
     """The tendons of the unloaded arm."""
-    z, slack = np.ones((len(tables.reach), 4)), np.zeros_like(tables.reach)
+    slack = np.zeros_like(tables.reach)
+    return Tendons(tables, unloaded_twists(tables), slack, np.zeros((*slack.shape, 2)))
+
+
+def unloaded_twists(tables: Tables) -> FloatArray:
+    """Twists (N, 4) of the unloaded arm."""
+    z = np.ones((len(tables.reach), 4))
     z[:, :3] = tables.body[:, REST_T:]
-    return Tendons(tables, z, slack, np.zeros((*slack.shape, 2)))
+    return z
 
 
 def outward_paths(arm: Arm, tables: Tables, s: FloatArray) -> FloatArray:

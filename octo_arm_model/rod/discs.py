@@ -1,0 +1,326 @@
+"""Tendons that are straight between the holes of discs.
+
+The chord of a tendon, from the hole A of one disc to the hole B of the next one, has the length
+l = |B - A|, the unit vector e, and the energy T l. A twist that changes between them, at r and R,
+by dz moves B, with A held, by
+
+    dB = (R dkappa) x (B - r) + R dv,    dl/dz = (R^T ((B - r) x e), R^T e),                    (1)
+
+so that sections there bear the forces of the chords, F = sum T e and C = sum T a x e about the
+midline at b, the far end, with a = B - b: their residual has besides
+
+    (R^T (C + (b - r) x F), R^T F).                                                            (2)
+
+It changes with the pose of b relative to the disc before, by a stiffness K of chords (3) that are
+turned and by (2) itself, as that pose turns and moves r and R:
+
+    P = T (1 - e e^T) / l,    d(F, C) = K (db, dtheta_b),
+    K = sum [ P, -P a^; a^ P, -a^ P a^ + T e^ a^ ]                                              (3)
+
+Only twists between the same two discs count, so that the Jacobian has full blocks of these.
+Holes are where they are drawn on the rigid disc, whatever the section does.
+
+With friction a tendon loses tension, dT = -mu T dphi, where it is led through a hole and turned by
+phi, 2 asin(|k| / 2) with k = e_2 - e_1 of the chords on both sides, and in no other place.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.hints import BoolArray, FloatArray
+from octo_arm_model.rod.elements import Elements
+from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
+from octo_arm_model.rod.rotations import rotation_matrices
+from octo_arm_model.rod.section_arrays import cross, relative_residual
+from octo_arm_model.rod.tables import Tables, Work, places_at
+from octo_arm_model.rod.tendons import PathChange, Tendons
+
+_NO_TURN = 1e-12  # of a tendon in a hole [rad]: any turn of it makes it lose tension
+
+
+class Chords(NamedTuple):
+    """The chords of J tendons along D pieces of an arm, in base_frame, from its base.
+
+    Attributes:
+        position: of the midline at the nodes, (N, 3) [m].
+        frames: orientations of both ends of pieces, (D + 1, 3, 3).
+        far: of the midline at the far end of pieces, (D, 3) [m].
+        arms: from there to the holes, (D, J, 3) [m].
+        unit: of chords, (D, J, 3).
+        length: of chords, (D, J) [m].
+    """
+
+    position: FloatArray
+    frames: FloatArray
+    far: FloatArray
+    arms: FloatArray
+    unit: FloatArray
+    length: FloatArray
+
+
+class ChordModel:
+    """The chords of one arm at its nodes.
+
+    Pieces of the arm end at the faces of discs, the last one, without chords, at the tip.
+
+    Attributes:
+        piece: that each node is in, (N,).
+        first: first node of each piece, (D,).
+        sizes: lengths of pieces, (D,) [m].
+        reach: 1 where a chord acts and 0 beyond the anchorage of its tendon, (D, J).
+        holes: offsets of the holes at both ends of pieces along t, n and b, (D + 1, J, 3) [m].
+        outward: how these change per metre that tendons move outwards, (D + 1, J, 3).
+    """
+
+    def __init__(self, arm: Arm, elements: Elements, tables: Tables, form: Form) -> None:
+        """Of ``arm`` at the nodes of ``elements``, whose edges all faces are."""
+        self._elements, self._form = elements, form
+        stops = np.unique([0.0, *arm.discs.faces, arm.length])
+        self._places = places_at(elements, stops)
+        self._from_base = elements.integration(elements.s)
+        self.piece = np.searchsorted(stops, elements.s) - 1
+        self.first = np.searchsorted(self.piece, np.arange(stops.size - 1))
+        self._nodes = [
+            slice(*ends) for ends in zip(self.first, [*self.first[1:], len(self.piece)])
+        ]
+        self.sizes, self.reach = np.diff(stops), tables.reach[self.first]
+        self.holes = np.zeros((stops.size, self.reach.shape[1], 3))
+        self.outward = np.zeros_like(self.holes)
+        self.holes[..., 1:] = np.moveaxis(arm.tendon_offsets(stops), 0, -1).swapaxes(0, 1)
+        self.outward[..., 1:] = np.moveaxis(arm.tendon_outwards(stops), 0, -1).swapaxes(0, 1)
+
+    def chords(self, tables: Tables, z: FloatArray, work: Work) -> Chords:
+        """Where they are at twists ``z`` (N, m), whose orientations are in ``work``."""
+        position, quaternion, _ = self._form.poses(tables, z, self._places, work)
+        far, frames = position[0], rotation_matrices(quaternion[0].T[[3, 0, 1, 2]])
+        frames = np.moveaxis(frames, 2, 0)
+        arms = self.holes @ frames.swapaxes(1, 2)
+        holes = far[:, np.newaxis] + arms
+        chord = holes[1:] - holes[:-1]
+        length = np.sqrt((chord * chord).sum(axis=2))
+        unit = chord / length[..., np.newaxis]
+        return Chords(self._from_base @ work.slope, frames, far[1:], arms[1:], unit, length)
+
+    def add_pull(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> float:
+        """Add (2) under local ``tensions`` (N, J) [N] to the residual in ``work``.
+
+        Returns:
+            The largest residual over its scale.
+        """
+        chords = self.chords(tables, z, work)
+        pull = self.at_pieces(tensions)[..., np.newaxis] * chords.unit
+        force, couple = pull.sum(axis=1), cross(chords.arms, pull).sum(axis=1)
+        force, lever = force[self.piece], chords.far[self.piece] - chords.position
+        moment = couple[self.piece] + cross(lever, force)
+        both = np.stack([moment, force], axis=1) @ work.rotation
+        work.residual[:, :3] += both[:, 0]
+        work.residual[:, 3:] += both[:, 1, : z.shape[1] - 3]
+        return relative_residual(work.gradient - work.residual, work.scale, work)
+
+    def at_pieces(self, values: FloatArray) -> FloatArray:
+        """Of ``values`` (N, J) that are constant along pieces, (D, J), zero beyond anchorages."""
+        return values[self.first] * self.reach
+
+    def add_tangent(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+        """Add the derivative of (2) by the twists to the Jacobian in ``work``."""
+        chords, strains = self.chords(tables, z, work), z.shape[1]
+        local = self.at_pieces(tensions)[..., np.newaxis]
+        force = (local * chords.unit).sum(axis=1)
+        couple = cross(chords.arms, local * chords.unit).sum(axis=1)
+        stiffness = _stiffness(chords, local[..., np.newaxis])
+        rows = work.jacobian.reshape(*z.shape, *z.shape)
+        for piece, nodes in enumerate(self._nodes):
+            if not local[piece].any():
+                continue
+            turn = work.rotation[nodes].swapaxes(1, 2)
+            lever = chords.far[piece] - chords.position[nodes]
+            by_pose = np.zeros(
+                (len(turn), strains, 6)
+            )  # of (2) by (F, C), and (db, dtheta_b) by z
+            by_pose[:, :3, :3], by_pose[:, :3, 3:] = turn @ _skew(lever), turn
+            by_pose[:, 3:, :3] = turn[:, : strains - 3]
+            flat, weights = by_pose.reshape(-1, 6), self._elements.weights[nodes]
+            block = (flat @ stiffness[piece] @ flat.T).reshape(*z[nodes].shape, *z[nodes].shape)
+            block *= weights[:, np.newaxis]
+            moment = couple[piece] + cross(lever, force[piece])
+            block += self._turned(nodes, (turn, work.slope[nodes]), force[piece], moment, strains)
+            rows[nodes, :, nodes] += block
+
+    def _turned(
+        self, nodes: slice, shape: tuple[FloatArray, FloatArray], force: FloatArray,
+        moment: FloatArray, strains: int,
+    ) -> FloatArray:  # fmt: skip
+        """Change of (2) while F and C are held, (n, m, n, m), of the ``nodes`` of a piece.
+
+        Of a ``shape``, inverse orientations (n, 3, 3) and r' (n, 3).
+        """
+        (turn, slope), own = shape, self._from_base[nodes, nodes]
+        further = self._elements.weights[nodes] - own
+        # A turn at k moves b - r_i by its cross product with these, (n, n, 3).
+        moved = np.moveaxis((further * slope.T[:, np.newaxis]) @ own, 0, 2)
+        inner = moved[..., np.newaxis] * force
+        inner -= (moved @ force)[..., np.newaxis, np.newaxis] * np.eye(3)
+        inner += own[..., np.newaxis, np.newaxis] * _skew(moment)[:, np.newaxis]
+        axes, more = turn.swapaxes(1, 2), strains - 3
+        mixed = turn[:, np.newaxis] @ _skew(force) @ axes
+        found = np.zeros((len(turn), len(turn), strains, strains))
+        found[..., :3, :3] = turn[:, np.newaxis] @ inner @ axes
+        found[..., :3, 3:] = -further[..., np.newaxis, np.newaxis] * mixed[..., :more]
+        found[..., 3:, :3] = own[..., np.newaxis, np.newaxis] * mixed[..., :more, :]
+        return found.swapaxes(1, 2)
+
+    def angles(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+        """Fill in by which angles tendons are turned in the holes before every node.
+
+        As the node function of this name, whatever the ``tensions``; orientations of ``z`` (N, m)
+        are in ``work``.
+        """
+        kink = np.diff(self.chords(tables, z, work).unit, axis=0)
+        size = np.sqrt((kink * kink).sum(axis=2))
+        angle = np.zeros_like(self.reach)
+        angle[1:] = (2.0 * np.arcsin(np.minimum(0.5 * size, 1.0))).cumsum(axis=0)
+        work.angle[:] = (angle * self.reach * (tables.friction > 0.0))[self.piece]
+
+
+class ChordTendons(Tendons):
+    """The tendons of a `ChordModel`, whose lengths are spread along the pieces.
+
+    Attributes:
+        model: their chords.
+        chords: where they are.
+    """
+
+    def __init__(
+        self, model: ChordModel, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work
+    ) -> None:
+        """At twists ``z`` (N, m), whose orientations are in ``work``, and ``tensions`` (N, J)."""
+        super().__init__(tables, z, np.zeros_like(tensions), np.zeros((*tensions.shape, 2)))
+        self.model, self.chords = model, model.chords(tables, z, work)
+        self._pull, self._rotation = tensions * tables.reach, work.rotation.copy()
+        along = self.chords.length * model.reach / model.sizes[:, np.newaxis]
+        self.stretch = along[model.piece]
+
+    def by_forces(self, force: FloatArray, couple: FloatArray | float = 0.0) -> FloatArray:
+        """R^T ((B - r) x f + c), R^T f of ``force`` f at the holes and ``couple`` c, (N, J, m).
+
+        Both are (D, J, 3).
+        """
+        chords, piece = self.chords, self.model.piece
+        holes = (chords.far[:, np.newaxis] + chords.arms)[piece] - chords.position[:, np.newaxis]
+        force, couple = force[piece], np.broadcast_to(couple, force.shape)[piece]
+        found = np.empty((*force.shape[:2], self._strains))
+        found[..., :3] = (cross(holes, force) + couple) @ self._rotation
+        found[..., 3:] = force @ self._rotation[..., : self._strains - 3]
+        return found
+
+    @functools.cached_property
+    def stretch_by_twist(self) -> FloatArray:
+        """See `Tendons`."""
+        return self.by_forces(self.chords.unit * self.model.reach[..., np.newaxis])
+
+    def by_path(self, path: FloatArray) -> PathChange:
+        """Per metre that holes move outwards, whatever the ``path``; units are in base_frame."""
+        model, (_, frames, _, _, unit, length) = self.model, self.chords
+        moved = model.outward @ frames.swapaxes(1, 2)
+        chord = np.diff(moved, axis=0)
+        along = (unit * chord).sum(axis=2)
+        turned = (chord - unit * along[..., np.newaxis]) / length[..., np.newaxis]
+        gradient = self.by_forces(turned, cross(moved[1:], unit)) * self._pull[..., np.newaxis]
+        stretch = (along * model.reach / model.sizes[:, np.newaxis])[model.piece]
+        return PathChange(np.moveaxis(turned[model.piece], 2, 0), stretch, gradient)
+
+
+class ChordTensionDerivatives(TensionDerivatives):
+    """Derivatives of local tensions, which only holes change."""
+
+    def __init__(
+        self, friction: Friction, local: LocalTensions, tendons: ChordTendons, weights: FloatArray
+    ) -> None:
+        """About ``tendons`` of tensions ``local``; ``weights`` (N,) are those of nodes."""
+        self._slide(friction, local)
+        self._inverse = None
+        self._model, self._pull = tendons.model, tendons.stretch_by_twist
+        unit, length = tendons.chords.unit, tendons.chords.length[..., np.newaxis]
+        kink = np.diff(unit, axis=0)
+        size = np.sqrt((kink * kink).sum(axis=2))
+        over = np.maximum(size * np.sqrt(np.maximum(1.0 - 0.25 * size * size, 1e-12)), 1e-300)
+        # Of the angle by k, of the holes at both ends of pieces.
+        self._by_kink = np.where(size > _NO_TURN, 1.0 / over, 0.0)[..., np.newaxis] * kink
+        start, end = np.zeros_like(unit), np.zeros_like(unit)
+        start[1:], end[:-1] = self._by_kink, self._by_kink
+        across = [
+            (one - unit * (unit * one).sum(axis=2, keepdims=True)) / length for one in (start, end)
+        ]
+        turned = np.zeros_like(unit)
+        turned[:-1] = cross(unit[1:], end[:-1])
+        at_start = tendons.by_forces(across[0])
+        at_both = at_start + tendons.by_forces(-across[1], turned)
+        pieces = np.arange(len(unit))[:, np.newaxis, np.newaxis, np.newaxis]
+        piece = self._model.piece[:, np.newaxis]
+        at_start, at_both = (
+            (weights[:, np.newaxis, np.newaxis] * one).swapaxes(0, 1)
+            for one in (at_start, at_both)
+        )
+        by_z = (piece < pieces) * at_both + (piece == pieces) * at_start
+        rate = self._slip * self._tables.friction * self._tension
+        rate = self._model.at_pieces(friction.spread(self._to_nodes, rate))
+        self._rates = rate
+        self._by_twists = rate[..., np.newaxis] * by_z.reshape(*rate.shape, -1)
+        straight = np.zeros_like(self._model.reach, np.bool_)
+        straight[:-1] = (size <= _NO_TURN) & (self._model.reach[1:] > 0.0)
+        self._straight = straight[self._model.piece]
+
+    def _are_straight(self) -> BoolArray:
+        """Where tendons end a piece at a hole that does not turn them, (N, J)."""
+        return self._straight
+
+    def add_to(self, jacobian: FloatArray) -> None:
+        """See `TensionDerivatives`."""
+        rates = self._by_twists[self._model.piece]
+        rows = self._pull.swapaxes(1, 2) @ rates
+        jacobian += rows.reshape(jacobian.shape)
+
+    def by_unit(self, change: FloatArray) -> FloatArray:
+        """See `TensionDerivatives`."""
+        unit = np.moveaxis(change, 0, 2)[self._model.first]
+        angle = np.zeros_like(self._rates)
+        angle[1:] = (self._by_kink * np.diff(unit, axis=0)).sum(axis=2).cumsum(axis=0)
+        return np.asarray((self._rates * angle)[self._model.piece])
+
+    def by_twists(self, change: FloatArray) -> FloatArray:
+        """See `TensionDerivatives`."""
+        return np.asarray(
+            (self._by_twists @ change.reshape(-1, change.shape[2]))[self._model.piece]
+        )
+
+    def _angles(self) -> FloatArray:
+        """Angles, of slack tendons as well, (N, J)."""
+        return self._local.angle
+
+
+def chord_model(arm: Arm, elements: Elements, tables: Tables, form: Form) -> ChordModel | None:
+    """The chords of ``arm``; None without discs."""
+    return ChordModel(arm, elements, tables, form) if arm.discs.s else None
+
+
+def _stiffness(chords: Chords, tensions: FloatArray) -> FloatArray:
+    """K of (3) of every piece, under ``tensions`` (D, J, 1, 1) [N], (D, 6, 6)."""
+    unit, arm = chords.unit, _skew(chords.arms)
+    along = np.eye(3) - unit[..., np.newaxis] * unit[..., np.newaxis, :]
+    across = tensions / chords.length[..., np.newaxis, np.newaxis] * along
+    found = np.empty((*unit.shape[:2], 6, 6))
+    found[..., :3, :3], found[..., :3, 3:] = across, -across @ arm
+    found[..., 3:, :3] = arm @ across
+    found[..., 3:, 3:] = tensions * (_skew(unit) @ arm) - arm @ across @ arm
+    return np.asarray(found.sum(axis=1))
+
+
+def _skew(v: FloatArray) -> FloatArray:
+    """Matrices (..., 3, 3) of cross products with ``v`` (..., 3)."""
+    return np.asarray(cross(v[..., np.newaxis, :], np.eye(3)).swapaxes(-1, -2))

@@ -1,0 +1,348 @@
+"""Tendons straight between discs: against an energy minimum of its own, and what must hold."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from rods import jacobian_error
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from octo_arm_model import (
+    Arm,
+    ArmDefinitionError,
+    Body,
+    Config,
+    ConfigError,
+    Discs,
+    Dynamics,
+    Inputs,
+    Loads,
+    Material,
+    MotionProperties,
+    PointLoad,
+    Section,
+    Solver,
+    Uncertainty,
+    Wound,
+    displacements_of,
+    modes,
+    solve_displacements,
+    wound_sensitivity,
+)
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.rod.equilibrium import Condition
+from octo_arm_model.rod.rod import Rod, Setting
+
+LENGTH = 0.25
+STEEL = Material(40e9, 1.0 / 3.0, 7800.0)
+
+THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
+# A nitinol rod as built robots have it, one tendon wound once about it.
+SECTIONS = (
+    Section(LENGTH, 0.01, 0.01, THIRDS, (2.0 * math.pi, 0.0, 0.5)),
+    Section(0.15, 0.012, 0.008, THIRDS),
+)
+PULL = np.array([[3.0, 0.5, 1.0], [0.2, 4.0, 0.3]])
+WRENCH = np.array([0.05, 0.1, -0.1, 0.002, 0.0, 0.003])
+
+
+def robot(discs: Discs | None = Discs.evenly(5, LENGTH), **given: Any) -> Arm:
+    """A robot of two sections."""
+    body = Body(LENGTH, 0.0006, 0.0006, disc_radius=0.015)
+    given = {'material': STEEL, 'sections': SECTIONS, **given}
+    return Arm(body=body, discs=discs or Discs(), **given)
+
+
+def solver(arm: Arm, **given: Any) -> Solver:
+    return Solver(arm, 'exact', **{'stations': 51, 'material': 'linear', **given})
+
+
+def least_energy(arm: Arm, tensions: FloatArray, force: FloatArray) -> FloatArray:
+    """The tip (3,) [m] of the steel ``arm`` of least energy, under a ``force`` (3,) [N] on it.
+
+    Strains are cubics between faces of discs, and zero in them; poses follow by steps of fourth
+    order (Magnus), and tendons are straight from hole to hole.
+    """
+    terms, steps, gauss = 4, 8, math.sqrt(1.0 / 12.0)
+    faces = np.unique([0.0, *arm.discs.faces, arm.length])
+    size = np.diff(faces)
+    at = (np.arange(steps)[:, np.newaxis] + 0.5 + np.array([-gauss, gauss])) / steps
+    basis = np.polynomial.legendre.legvander(2.0 * at - 1.0, terms - 1)
+    radius = float(arm.body.radius(0.0))
+    area = math.pi * radius**2
+    bending = 0.25 * 40e9 * area * radius**2
+    stiff = np.array([0.75 * bending, bending, bending, 40e9 * area])
+    soft = ~arm.discs.cover(faces[:-1] + 0.5 * size)
+    ends = [section.anchorage for section in arm.sections for _ in section.tendons]
+    holes = np.zeros((len(ends), faces.size, 4))
+    holes[..., 1:3], holes[..., 3] = np.moveaxis(arm.tendon_offsets(faces), 0, -1), 1.0
+    reach = faces[1:] <= np.array(ends)[:, np.newaxis]
+
+    def spread(unknown: FloatArray) -> FloatArray:
+        scaled = np.zeros((len(unknown), size.size, terms, 4))
+        scaled[:, soft] = unknown.reshape(len(unknown), -1, terms, 4)
+        return np.einsum('sgk,apkc->apsgc', basis, scaled)
+
+    def at_faces(scaled: FloatArray) -> FloatArray:
+        """Poses at the faces, (arms, faces, 4, 4)."""
+        strain = scaled / np.sqrt(stiff)
+        rate = np.zeros((*strain.shape[:4], 4, 4))
+        for row, column, part in ((2, 1, 0), (0, 2, 1), (1, 0, 2)):
+            rate[..., row, column], rate[..., column, row] = strain[..., part], -strain[..., part]
+        rate[..., 0, 3] = 1.0 + strain[..., 3]
+        rate *= (size / steps).reshape(-1, 1, 1, 1, 1)
+        one, two = rate[:, :, :, 0], rate[:, :, :, 1]
+        whole = 0.5 * (one + two) + math.sqrt(3.0) / 12.0 * (one @ two - two @ one)
+        move = term = np.broadcast_to(np.eye(4), whole.shape)
+        for order in range(1, 8):
+            term = term @ whole / order
+            move = move + term
+        poses = [np.broadcast_to(np.eye(4), (len(scaled), 4, 4))]
+        for piece in range(size.size):
+            pose = poses[-1]
+            for step in range(steps):
+                pose = pose @ move[:, piece, step]
+            poses.append(pose)
+        return np.stack(poses, axis=1)
+
+    def energies(unknown: FloatArray) -> FloatArray:
+        scaled = spread(unknown)
+        poses = at_faces(scaled)
+        total = 0.25 / steps * (scaled**2).sum(axis=(2, 3, 4)) @ size
+        total -= poses[:, -1, :3, 3] @ force
+        chords = np.diff(np.einsum('afxy,jfy->ajfx', poses, holes)[..., :3], axis=2)
+        lengths = np.linalg.norm(chords, axis=3) * reach
+        return np.asarray(total + lengths.sum(axis=2) @ tensions.ravel())
+
+    def energy(x: FloatArray) -> tuple[float, FloatArray]:
+        moves = 1e-4 * scale * np.eye(x.size)
+        ends = energies(np.concatenate([x + moves, x - moves, [x]]))
+        return float(ends[-1]), (ends[: x.size] - ends[x.size : -1]) / (2e-4 * scale)
+
+    count = int(soft.sum()) * terms * 4
+    scale = 0.01
+    found = minimize(energy, np.zeros(count), jac=True, method='BFGS', options={'gtol': 1e-9})
+    return np.asarray(at_faces(spread(found.x[np.newaxis]))[0, -1, :3, 3])
+
+
+@pytest.mark.parametrize(
+    'discs', [Discs.evenly(5, LENGTH), Discs((0.05, 0.1, 0.2), 0.01)], ids=['thin', 'thick']
+)
+def test_the_shape_is_that_of_least_energy(discs: Discs) -> None:
+    arm = robot(discs)
+    for compiled in (False, None):
+        found = solver(arm, compiled=compiled).solve(0.4 * PULL, [*WRENCH[:3], 0.0, 0.0, 0.0])
+        expected = least_energy(arm, 0.4 * PULL, WRENCH[:3])
+        np.testing.assert_allclose(found.tip, expected, atol=3e-6 * LENGTH)
+
+
+@pytest.mark.parametrize(
+    ('bend', 'expected'),
+    [(19, (0.6, 0.2, 0.05)), (52, (3.9, 1.3, 0.3)), (105, (12.5, 4.1, 1.0))],
+)
+def test_how_far_the_tip_is_from_that_of_tendons_led_all_along(
+    bend: int, expected: tuple[float, ...]
+) -> None:
+    # One tendon at 0.093 of the length, as in the least energies of which these per cents are.
+    radius, offset = 0.003, 0.093
+    bent = math.radians(bend) * 54e9 * math.pi * radius**4 / 4.0 / offset
+    body, section = Body(1.0, radius, radius, 0.1), Section(1.0, offset, offset, (0.0,))
+    tips = [
+        solver(Arm(Material(54e9, 0.3), body, (section,), discs=discs)).solve([[bent]]).tip
+        for discs in (Discs(), *(Discs.evenly(count, 1.0) for count in (3, 5, 10)))
+    ]
+    far = 100.0 * np.linalg.norm(np.array(tips[1:]) - tips[0], axis=1)
+    np.testing.assert_allclose(far, expected, rtol=0.04, atol=0.05)
+
+
+def test_the_distance_falls_with_the_square_of_that_of_discs() -> None:
+    tips = [
+        solver(robot(discs)).solve(0.3 * PULL, WRENCH).tip
+        for discs in (None, *(Discs.evenly(count, LENGTH) for count in (20, 40, 80)))
+    ]
+    far = np.linalg.norm(np.array(tips[1:]) - tips[0], axis=1)
+    np.testing.assert_allclose(far[:-1] / far[1:], 4.0, rtol=0.03)
+
+
+@pytest.mark.parametrize('shear', [False, True])
+@pytest.mark.parametrize('friction', [(), (0.3,)])
+def test_the_jacobian_is_the_derivative_of_the_residual(
+    friction: tuple[float, ...], shear: bool
+) -> None:
+    loads = Loads(points=(PointLoad(0.13, (0.1, 0.0, 0.2)),))
+    setting = Setting(False, shear, compiled=False)
+    problem = Rod(robot(friction=friction), loads, setting=setting).problem(0)
+    assert jacobian_error(problem, Condition(PULL.ravel(), WRENCH)) < 1e-6
+
+
+def test_both_forms_solve_alike() -> None:
+    pytest.importorskip('numba')
+    arm = robot(Discs.evenly(5, LENGTH, 0.004), friction=(0.2,), axial_stiffness=(5e3,))
+    tips = []
+    for compiled in (False, True):
+        one = solver(arm, compiled=compiled)
+        shape = one.solve(0.4 * PULL, WRENCH)
+        wound = displacements_of(one, shape)
+        changes = one.sensitivity(shape).by_tension.pose[-1]
+        tips.append(np.concatenate([shape.tip, wound.ravel(), changes.ravel()]))
+    np.testing.assert_allclose(tips[1], tips[0], rtol=1e-8, atol=1e-10)
+
+
+def chords_of(one: Solver, shape: Any, tendon: int) -> FloatArray:
+    """Directions (pieces, 3) of a tendon between thin discs, which are at stations."""
+    arm = one.arm
+    faces = np.array([0.0, *arm.discs.faces])
+    at = [int(np.argmin(np.abs(one.grid.s - s))) for s in faces]
+    assert np.abs(one.grid.s[at] - faces).max() < 1e-12
+    across = arm.tendon_offsets(faces)[:, tendon]
+    turn = Rotation.from_quat(shape.quaternion[at]).as_matrix()
+    holes = shape.position[at] + np.einsum('fxa,af->fx', turn[..., 1:], across)
+    chords = np.diff(holes, axis=0)
+    return np.asarray(chords / np.linalg.norm(chords, axis=1, keepdims=True))
+
+
+def test_friction_takes_its_part_at_every_hole_and_leaves_another_on_the_way_back() -> None:
+    mu, one = 0.25, solver(robot(friction=(0.25,)))
+    up = one.solve(0.5 * PULL, WRENCH)
+    unit = chords_of(one, up, 0)
+    angle = np.arccos((unit[1:] * unit[:-1]).sum(axis=1)).cumsum()
+    local = one.local_tensions(up)[0]
+    kept = np.unique(np.round(local, 9))[::-1]
+    expected = 0.5 * PULL[0, 0] * np.exp(-mu * np.append(0.0, angle))
+    np.testing.assert_allclose(kept, expected, rtol=1e-7)
+    down = one.follow(0.45 * PULL, up, WRENCH)
+    straight = one.solve(0.45 * PULL, WRENCH)
+    local = one.local_tensions(down)
+    assert (local[0] <= 0.5 * PULL[0, 0]).all() and local[0, -1] > 0.98 * kept[-1]
+    assert np.linalg.norm(down.tip - straight.tip) > 1e-3 * LENGTH
+    back = one.follow(0.5 * PULL, down, WRENCH)
+    np.testing.assert_allclose(back.tip, up.tip, atol=2e-4 * LENGTH)
+
+
+def test_one_tendon_with_friction_between_two_discs_by_hand() -> None:
+    # The far piece bends by T_2, the near one by T_1: T_2 = T_1 exp(-mu phi).
+    stiff = Material(40e9, 0.3)
+    arm = Arm(
+        stiff, Body(0.2, 0.001, 0.001, 0.02), (Section(0.2, 0.02, 0.02, (0.0,)),),
+        friction=(0.4,), discs=Discs.evenly(2, 0.2),
+    )  # fmt: skip
+    one = solver(arm, stations=41)
+    shape = one.solve([[1.0]])
+    unit = chords_of(one, shape, 0)
+    turned = math.acos(float(unit[0] @ unit[1]))
+    assert turned > 0.05
+    assert one.local_tensions(shape)[0, -1] == pytest.approx(math.exp(-0.4 * turned), rel=1e-8)
+
+
+@pytest.mark.parametrize('friction', [(), (0.2,)])
+def test_displacements_return_the_tensions(friction: tuple[float, ...]) -> None:
+    discs = Discs.evenly(5, LENGTH, 0.002)
+    arm = robot(discs, friction=friction, axial_stiffness=(2e4,), free_length=(0.1,))
+    one = solver(arm)
+    shape = one.solve(0.5 * PULL, WRENCH)
+    lengths = displacements_of(one, shape).ravel()
+
+    def wound(more: float = 0.0, start: Wound | None = None) -> Wound:
+        named = dict(zip(arm.tendon_names, [lengths[0], lengths[1] + more, *lengths[2:]]))
+        return solve_displacements(one, named, start=start, tip_wrench=WRENCH)
+
+    found = wound()
+    np.testing.assert_allclose(found.backbone.tensions, 0.5 * PULL, rtol=1e-5)
+    np.testing.assert_allclose(found.backbone.tip, shape.tip, atol=1e-7 * LENGTH)
+    if not friction:  # of which one way of two would be back
+        change = wound_sensitivity(one, found).by_displacement.pose[-1, :3, 1]
+        ends = [wound(more, found).backbone.tip for more in (1e-6, -1e-6)]
+        np.testing.assert_allclose(change, (ends[0] - ends[1]) / 2e-6, rtol=1e-4, atol=1e-5)
+
+
+def test_what_is_uncertain_is_so_between_discs_as_well() -> None:
+    one = solver(robot())
+    shape = one.solve(0.5 * PULL, WRENCH)
+    uncertain = Uncertainty(tension=0.05, youngs_modulus=0.03, poisson_ratio=0.02, offset=2e-4)
+    expected = one.sensitivity(shape).tip_covariance(uncertain)
+    found = one.tip_covariance(shape, uncertain)
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_a_heavy_disc_at_the_tip_of_a_light_rod_sags_and_swings() -> None:
+    light = Material(40e9, 0.3, 1e-3)
+    heavy = Discs((LENGTH,), 1e-3, 0.05)
+    arm = robot(heavy, material=light, sections=(Section(LENGTH, 0.01, 0.01),))
+    one = solver(arm, loads=Loads(gravity=(0.0, 0.0, -9.81)), stations=101)
+    rod = LENGTH - heavy.thickness  # what bends
+    stiffness = 40e9 * math.pi * 0.0006**4 / 4.0
+    slack = np.zeros((1, 4))
+    sag = -one.solve(slack).tip[2]
+    lever = rod + 0.5 * heavy.thickness
+    weight = 0.05 * 9.81
+    # Of a beam of small slopes, to which a thousandth of the load is added.
+    arm = dataclasses.replace(arm, discs=dataclasses.replace(heavy, mass=5e-5))
+    small = solver(arm, loads=Loads(gravity=(0.0, 0.0, -9.81)))
+    weight *= 1e-3
+    slope = weight * (lever * rod - 0.5 * rod**2) / stiffness
+    drop = weight * (lever * rod**2 / 2.0 - rod**3 / 6.0) / stiffness
+    assert -small.solve(slack).tip[2] == pytest.approx(drop + slope * heavy.thickness, rel=1e-4)
+    assert sag > 100.0 * drop
+    swinging = Dynamics(solver(arm), MotionProperties())
+    lowest = modes(swinging, swinging.at_rest(Inputs(slack)), 2).frequencies
+    expected = math.sqrt(3.0 * stiffness / (5e-5 * lever**3)) / (2.0 * math.pi)
+    np.testing.assert_allclose(lowest, expected, rtol=0.02)  # its own rotary inertia aside
+
+
+def test_a_damped_robot_of_discs_ends_at_the_equilibrium() -> None:
+    arm = robot(Discs.evenly(4, LENGTH, 0.003, 0.002), axial_stiffness=(2e4,))
+    one = solver(arm, loads=Loads(gravity=(0.0, 0.0, -9.81)), stations=21)
+    moving = Dynamics(one, MotionProperties(damping_time=0.5))
+    state = moving.at_rest(Inputs(np.zeros((2, 3))))
+    for _ in range(150):
+        state = moving.step(state, Inputs(0.3 * PULL), 0.05)
+    expected = one.solve(0.3 * PULL)
+    np.testing.assert_allclose(moving.backbone(state).tip, expected.tip, atol=1e-5 * LENGTH)
+
+
+@pytest.mark.parametrize('model', ['renda2012', 'closed_form'])
+def test_the_papers_models_have_no_discs(model: str) -> None:
+    with pytest.raises(ConfigError, match=r'tendons\.discs goes with model exact'):
+        Solver(robot(), model)
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'tendons.discs': [0.1, 0.1]}, 'tendons.discs is [0.1, 0.1], expected increasing'),
+        ({'tendons.discs': [0.5]}, 'tendons.discs is 0.5, expected at most the length'),
+        ({'tendons.disc_count': 3, 'tendons.discs': [0.1]}, 'tendons.disc_count is 3, expected 0'),
+        ({'tendons.disc_count': -1}, 'tendons.disc_count is -1, expected 0 to'),
+        ({'tendons.disc_count': 10, 'tendons.disc_thickness': 0.05}, 'expected more than 0.05'),
+        ({'tendons.disc_thickness': 0.01}, 'tendons.disc_thickness is 0.01, expected 0 without'),
+        ({'tendons.disc_count': 9, 'tendons.disc_mass': 0.1}, 'expected 0 of discs without'),
+        (
+            {'tendons.disc_count': 9, 'tendons.sheath_stiffness': [1e5]},
+            'expected none with discs, whose holes hold the tendons',
+        ),
+    ],
+)
+def test_discs_that_cannot_be_are_refused(values: dict[str, Any], message: str) -> None:
+    given = load_parameters(preset_path('rao2021'))
+    with pytest.raises((ArmDefinitionError, ConfigError)) as error:
+        Config.from_parameters({**given, **values})
+    assert message in str(error.value)
+
+
+def test_anchorages_are_discs_and_parameters_make_them() -> None:
+    given = load_parameters(preset_path('rao2021'))
+    count = Config.from_parameters({**given, 'tendons.disc_count': 20, 'tendons.disc_mass': 0.0})
+    assert count.arm.discs == Discs.evenly(20, 0.4)
+    some = {
+        'tendons.discs': [0.1, 0.3],
+        'tendons.disc_thickness': 0.002,
+        'tendons.disc_mass': 0.01,
+    }
+    arm = Config.from_parameters({**given, **some}).arm
+    assert arm.discs == Discs((0.1, 0.2, 0.3, 0.4), 0.002, 0.01)
