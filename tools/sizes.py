@@ -17,19 +17,19 @@ MOST = {
     'octo_arm_model': 45_140,
     'octo_arm_model/analysis': 1_590,
     'octo_arm_model/apps': 460,
-    'octo_arm_model/arm': 2_200,
+    'octo_arm_model/arm': 2_300,
     'octo_arm_model/bags': 3_020,
     'octo_arm_model/cli': 3_120,
-    'octo_arm_model/config': 1_710,
+    'octo_arm_model/config': 1_740,
     'octo_arm_model/estimation': 3_910,
     'octo_arm_model/experiment': 6_600,
     'octo_arm_model/reproduce': 1_110,
-    'octo_arm_model/rod': 10_080,
+    'octo_arm_model/rod': 10_500,
     'octo_arm_model/ros': 4_980,
     'octo_arm_model/simulation': 2_010,
     'octo_arm_model/viewer': 2_230,
     'octo_arm_model/wire': 1_850,
-    'test': 29_460,
+    'test': 29_820,
 }
 
 
