@@ -5,18 +5,26 @@
 For the prototype and the arm of Table 4, by NumPy and compiled, without loads and followed under
 a force on the tip. A sheath is of 7 G, friction of mu = 0.1, and both are together; winches follow
 a movement in steps of about 0.3 %, each from the last solution, with the lengths of all tendons
-given.
+given. A second table has a metal rod with tendons straight between discs.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from octo_arm_model import Backbone, Solver, Wound, displacements_of, solve_displacements
+from octo_arm_model import (
+    Backbone,
+    Discs,
+    Solver,
+    Wound,
+    displacements_of,
+    solve_displacements,
+)
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
@@ -71,8 +79,26 @@ def wind(
         yield
 
 
+def compare_discs() -> None:
+    """Measure a rod with and without discs and print a table."""
+    print('| rao2021 by | solve [ms] | 10 discs | 20 discs | 10 discs, friction |')
+    print('| --- | --- | --- | --- | --- |')
+    arm = load_config('rao2021').arm
+    ten, twenty = (dataclasses.replace(arm, discs=Discs.evenly(n, arm.length)) for n in (10, 20))
+    arms = arm, ten, twenty, dataclasses.replace(ten, friction=(_FRICTION,))
+    moved = movement(np.array([[1.0, 0.2, 0.0], [0.5, 0.0, 0.3]]))
+    for compiled in (False, True):
+        times = []
+        for one in arms:
+            solver = Solver(one, 'exact', material='linear', compiled=compiled)
+            times.append(least(functools.partial(follow, solver, moved, _WRENCH)))
+        ratios = ' | '.join(f'{each / times[0]:.1f}' for each in times[1:])
+        by = 'compiled' if compiled else 'NumPy'
+        print(f'| {by} | {1e3 * times[0] / _STEPS:.2f} | {ratios} |')
+
+
 def main() -> None:
-    """Measure and print a table."""
+    """Measure and print two tables."""
     print('| arm | loads | by | solve [ms] | sheath | friction | both | lengths |')
     print('| --- | --- | --- | --- | --- | --- | --- | --- |')
     for name, tensions in _ARMS:
@@ -106,6 +132,8 @@ def main() -> None:
                     f'{sheath / solve:.1f} | {friction / solve:.1f} | {both / solve:.1f} | '
                     f'{winches / solve:.1f} |'
                 )
+    print()
+    compare_discs()
 
 
 if __name__ == '__main__':

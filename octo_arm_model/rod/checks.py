@@ -51,6 +51,29 @@ def explain(problem: Problem, tensions: FloatArray, error: ConvergenceError) -> 
     return error
 
 
+def explain_discs(
+    problem: Problem, tensions: FloatArray, error: ConvergenceError
+) -> ConvergenceError:
+    """Why an arm under ``tensions`` (J,) [N] has no balance after ``error``, if by its discs.
+
+    A straight tendon makes an arm softer in bending between discs, by T h^2 / 12 at a distance h.
+    """
+    discs, tables = problem.discs, problem.tables
+    if discs is None:
+        return error
+    bending = 0.25 * tables.body[:, AXIAL] * tables.body[:, SQUARED_N : SQUARED_B + 1].min(axis=1)
+    softer = (tables.reach @ tensions) * discs.sizes[discs.piece] ** 2 / (12.0 * bending)
+    node = int(np.argmax(softer))
+    if not softer[node] > 1.0:
+        return error
+    what = (
+        'the balance of an arm that tensions fold between discs that are '
+        f'{discs.sizes[discs.piece[node]]:.4g} m apart at s = {problem.elements.s[node]:.4g} m, '
+        f'with T h^2 / 12 of {softer[node]:.3g} E J,'
+    )
+    return ConvergenceError(what, error.residual, error.iterations)
+
+
 def check_stretches(problem: Problem, z: FloatArray) -> None:
     """Refuse twists ``z`` (N, m) that compress a section, or a fibre of rubber, to nothing.
 

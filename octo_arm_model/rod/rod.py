@@ -15,7 +15,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_NODES
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod import arrays
-from octo_arm_model.rod.checks import check_solution, explain
+from octo_arm_model.rod.checks import check_solution, explain, explain_discs
 from octo_arm_model.rod.continuation import (
     MOST_CORRECTED,
     ON_THE_WAY,
@@ -36,6 +36,7 @@ from octo_arm_model.rod.read_out import Finer, Readout
 from octo_arm_model.rod.resolution import added_points, allowed_between
 from octo_arm_model.rod.section_arrays import initial_twists
 from octo_arm_model.rod.tables import tabulate
+from octo_arm_model.rod.tendons import unloaded_twists
 from octo_arm_model.rod.unloaded import balance_sections
 
 _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
@@ -179,7 +180,12 @@ class Rod:
         is_loaded = self.is_loaded or bool(tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             if is_loaded or self.has_friction:
-                found = self._loaded_equilibrium(wanted, start, spending)
+                try:
+                    found = self._loaded_equilibrium(wanted, start, spending)
+                except ContinuationError:
+                    raise
+                except ConvergenceError as error:
+                    raise explain_discs(self.problem(0), tensions, error) from None
             else:
                 found = self._unloaded_equilibrium(wanted)
             check_solution(self.problem(found.level), found.state, is_loaded)
@@ -335,8 +341,8 @@ class Rod:
     def _known(self, problem: Problem, wanted: Condition) -> tuple[Condition, FloatArray]:
         """A condition without loads, under the tensions ``wanted``, and twists (N, m) in it.
 
-        Under part of the tensions where friction or discs alone keep more of them from crushing
-        the arm.
+        Under part of the tensions, or none, where friction or discs alone keep more of them from
+        crushing the arm.
         """
         known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
         if problem.friction is None and problem.discs is None:
@@ -349,6 +355,10 @@ class Rod:
                 state = settle(problem, begun, ON_THE_WAY).state
                 if state.residual <= ON_THE_WAY:
                     return known, state.z
+        if problem.discs is not None:
+            z = np.zeros((len(problem.elements.s), problem.strains))
+            z[:, :4] = unloaded_twists(problem.tables)
+            return known._replace(tensions=np.zeros_like(wanted.tensions)), z
         return known, self.unloaded(problem, known)[0]
 
     def _cold(self, wanted: Condition, level: int, spending: Spending) -> Judged:

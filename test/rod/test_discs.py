@@ -26,6 +26,7 @@ from octo_arm_model import (
     MotionProperties,
     PointLoad,
     Section,
+    SolveError,
     Solver,
     Uncertainty,
     Wound,
@@ -304,6 +305,20 @@ def test_a_damped_robot_of_discs_ends_at_the_equilibrium() -> None:
         state = moving.step(state, Inputs(0.3 * PULL), 0.05)
     expected = one.solve(0.3 * PULL)
     np.testing.assert_allclose(moving.backbone(state).tip, expected.tip, atol=1e-5 * LENGTH)
+
+
+def test_random_robots_have_shapes_unless_tensions_fold_them_between_discs() -> None:
+    rng, bending = np.random.default_rng(0), 40e9 * math.pi * 0.0006**4 / 4.0
+    for _ in range(10):
+        discs = Discs.evenly(int(rng.integers(2, 15)), LENGTH, float(rng.choice([0.0, 0.003])))
+        arm = robot(discs, friction=(float(rng.choice([0.0, 0.2])),))
+        longest = np.diff([0.0, *arm.discs.faces]).max()
+        tensions = rng.uniform(0.0, 6.0, (2, 3)) * rng.integers(0, 2, (2, 3))
+        tensions *= min(1.0, 12.0 * bending / longest**2 / max(tensions.sum(), 1e-9))
+        wrench = WRENCH * rng.normal(size=6)
+        assert solver(arm).solve(tensions, wrench).residual < 1e-8
+    with pytest.raises(SolveError, match=r'tensions fold between discs that are 0\.1'):
+        solver(robot(Discs.evenly(2, LENGTH))).solve(4.0 * PULL)
 
 
 @pytest.mark.parametrize('model', ['renda2012', 'closed_form'])
