@@ -10,8 +10,9 @@ import pytest
 from estimation_arms import EVERYTHING, LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
 from scipy.stats import binom, chi2
 
-from octo_arm_model import Config, Solver, Uncertainty
+from octo_arm_model import Arm, Config, RectangularBody, RestShape, Solver, Uncertainty
 from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.loads import ZERO
 from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.filter import Filter
@@ -106,8 +107,18 @@ def test_a_displacement_longer_than_the_tendon_is_refused_as_that() -> None:
         Filter(model).add(0.0, [TendonDisplacements([0.0, 25.0, 0.0, 0.0], 1e-4)])
 
 
-def test_exact_measurements_give_the_wrench() -> None:
-    model = rubber(AT_TIP, loads=WEIGHT)
+STRIP = dataclasses.replace(
+    RUBBER, body=RectangularBody(0.2, 0.015, 0.0125), rest=RestShape(-1.0, 3.0, 2.0)
+)
+
+
+@pytest.mark.parametrize(
+    ('arm', 'law'), [(RUBBER, 'neo_hookean'), (STRIP, 'neo_hookean'), (STRIP, 'linear')]
+)
+def test_exact_measurements_give_the_wrench(arm: Arm, law: str) -> None:
+    # Light, so that no other wrench has the same tip.
+    loads = WEIGHT if arm is RUBBER else dataclasses.replace(WEIGHT, gravity=ZERO)
+    model = ArmModel(arm, AT_TIP, loads=loads, material=law, stations=31)
     x = np.concatenate([TENSIONS, [0.008, -0.006, 0.012], [1e-4, -2e-4, 1.5e-4]])
     at = Prediction(model, x, None)
     shape = at.solved

@@ -68,7 +68,7 @@ def test_each_tendon_bends_by_the_stiffness_about_its_axis(
         np.testing.assert_allclose(stretch * found.xi, xi * moment / about_n, rtol=1e-9)
         np.testing.assert_allclose(stretch * found.k, k * moment / about_b, rtol=1e-9)
     # The paper's balance leaves out terms in the square of the curvature alone.
-    close = Solver(arm, 'closed_form').solve([[2e-3, 1e-3, 0.0, 0.0]])
+    close = Solver(arm, 'closed_form', compiled=compiled).solve([[2e-3, 1e-3, 0.0, 0.0]])
     np.testing.assert_allclose(close.k[-1], 2e-3 * OFFSET / about_b, rtol=1e-4)
     np.testing.assert_allclose(close.xi[-1], -1e-3 * OFFSET / about_n, rtol=1e-4)
 
@@ -194,12 +194,17 @@ def test_a_table_of_curvature_bends_it_so_along_its_length() -> None:
         np.testing.assert_allclose(found.xi, 1.0 + 2.0 * found.s / LENGTH, atol=1e-9)
 
 
+@pytest.mark.parametrize('compiled', [False, None], ids=['arrays', 'installed'])
 @pytest.mark.parametrize('model', ['exact', 'closed_form'])
-def test_a_tendon_straightens_a_bent_rod_and_its_winch_knows_by_how_much(model: str) -> None:
+def test_a_tendon_straightens_a_bent_rod_and_its_winch_knows_by_how_much(
+    model: str, compiled: bool | None
+) -> None:
     curvature, (arm, (_, bending)) = 4.0, BENDING['tube']
     bent = dataclasses.replace(arm, rest=RestShape(curvature_b=-curvature))
     pull = bending * curvature / OFFSET
-    solver = Solver(bent, model, 21, **({'material': 'linear'} if model == 'exact' else {}))
+    solver = Solver(
+        bent, model, 21, compiled=compiled, **({'material': 'linear'} if model == 'exact' else {})
+    )
     found = solver.solve([[pull, 0.0, 0.0, 0.0]])
     assert np.abs(found.k).max() < 1e-9 * curvature
     stretch = 1.0 - pull / (YOUNG * math.pi * 0.36e-6)
