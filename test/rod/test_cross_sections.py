@@ -35,6 +35,7 @@ from octo_arm_model import (
     solve_displacements,
 )
 from octo_arm_model.arm.cross_section import Geometry
+from octo_arm_model.arm.discs import Discs
 from octo_arm_model.arm.hints import FloatArray
 
 LENGTH, YOUNG, DENSITY, OFFSET = 0.2, 6e10, 6450.0, 0.008
@@ -215,6 +216,20 @@ def test_a_tendon_straightens_a_bent_rod_and_its_winch_knows_by_how_much(
     np.testing.assert_allclose(displacements_of(solver, found)[0, 0], reeled, rtol=1e-9)
     wound = solve_displacements(solver, {name: reeled}).backbone
     np.testing.assert_allclose(wound.tensions[0], [pull, 0.0, 0.0, 0.0], rtol=1e-6, atol=1e-9)
+
+
+def test_chords_between_discs_of_a_bent_rod_are_those_of_its_arc() -> None:
+    curvature, count, (arm, (_, bending)) = 4.0, 5, BENDING['tube']
+    discs = Discs(tuple(np.linspace(0.0, LENGTH, count + 1)[1:].tolist()))
+    bent = dataclasses.replace(arm, rest=RestShape(curvature_b=-curvature), discs=discs)
+    pull = bending * curvature / OFFSET
+    solver = Solver(bent, 'exact', 21, material='linear')
+    found = solver.solve([[pull, 0.0, 0.0, 0.0]])
+    assert np.abs(found.k).max() < 1e-9 * curvature
+    half = 0.5 * curvature * LENGTH / count
+    unloaded = count * 2.0 * (1.0 / curvature + OFFSET) * math.sin(half)
+    reeled = unloaded - found.tip[0]
+    np.testing.assert_allclose(displacements_of(solver, found)[0, 0], reeled, rtol=1e-9)
 
 
 def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring() -> None:
