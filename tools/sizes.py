@@ -22,7 +22,7 @@ MOST = {
     'octo_arm_model/cli': 3_120,
     'octo_arm_model/config': 1_760,
     'octo_arm_model/estimation': 3_910,
-    'octo_arm_model/experiment': 6_600,
+    'octo_arm_model/experiment': 6_610,
     'octo_arm_model/reproduce': 1_110,
     'octo_arm_model/rod': 10_560,
     'octo_arm_model/ros': 5_540,

@@ -233,7 +233,7 @@ def run(options: argparse.Namespace) -> int:
     if options.pictures is not None:
         from octo_arm_model.experiment.pictures import pictures_of_fit, save_all
 
-        pictures = pictures_of_fit(fitted, observations.shapes)
+        pictures = pictures_of_fit(fitted, observations.shapes, course)
         with writing(options.pictures, folder=True) as place, Bar('pictures') as bar:
             save_all(pictures, place, bar.on_terminal)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')

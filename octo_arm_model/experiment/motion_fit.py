@@ -59,11 +59,8 @@ class MotionProblem(Problem):
     def solve_steps(self, x: FloatArray) -> SolvedSteps:
         """See `Problem`."""
         config = Config.from_parameters(self.unknowns.parameters(x))
-        tensions = self.unknowns.tensions(x, self._course.tensions)
         dynamics = config.dynamics(max(config.stations, FINE_STATIONS))
-        found, reason = moving_shapes(
-            dynamics, self._course._replace(tensions=tensions), self.shapes
-        )
+        found, reason = moving_shapes(dynamics, self._course, self.shapes)
         if reason:
             raise SolveError(reason)
         nothing = np.full(self.unknowns.readings.displacements.shape, np.nan)
@@ -72,8 +69,7 @@ class MotionProblem(Problem):
     def swing(self) -> float:
         """Largest distance of the tip from where it would be in equilibrium [m]."""
         x = self.unknowns.start
-        tensions = [self.unknowns.tensions(x, row) for row in self.unknowns.readings.tensions]
-        still = followed(self.unknowns.solver(x), tensions)
+        still = followed(self.unknowns.solver(x), self.unknowns.readings.tensions)
         return max(
             float(np.linalg.norm(self.backbone(x, step).tip - one.tip))
             for step, one in enumerate(still)
@@ -197,5 +193,4 @@ def _fitted(
             **result.estimates, **estimates_of(unknowns, x, without, freedom, 0.0 * x),
         },
         after=misfit_of(away, problem.length),
-        tensions=unknowns.tensions(x, unknowns.readings.tensions),
     )  # fmt: skip

@@ -19,6 +19,7 @@ from octo_arm_model.experiment.compare import ModelComparison, StepComparison, c
 from octo_arm_model.experiment.fit import shape_residuals
 from octo_arm_model.experiment.identification import Identification
 from octo_arm_model.experiment.measured_shapes import MeasuredShape
+from octo_arm_model.experiment.motion import Course
 from octo_arm_model.experiment.unknowns import is_of_arm
 from octo_arm_model.reproduce.figures import LINES
 from octo_arm_model.rod.interpolation import interpolated
@@ -321,14 +322,21 @@ _FEW = 2  # points: tips have no residuals along the arm
 
 
 def pictures_of_fit(
-    fitted: Sequence[Identification], shapes: Sequence[MeasuredShape]
-) -> dict[str, Callable[[], Any]]:
+    fitted: Sequence[Identification], shapes: Sequence[MeasuredShape],
+    course: Course | None = None,
+) -> dict[str, Callable[[], Any]]:  # fmt: skip
     """Functions that draw the pictures of the ``fitted`` models, by name; see `save_all`."""
     pictures: dict[str, Callable[[], Any]] = {}
     names = _shown(fitted)
     if names:
         pictures['intervals'] = lambda: _draw_intervals(fitted, names)
     known = [one for one in fitted if one.after is not None]
+    if course is not None:
+        of_motion = [
+            compare(shapes, one.parameters, one.model, one.alignment, course=course)
+            for one in known
+        ]
+        return pictures | (pictures_of_comparison(of_motion) if known else {})
     if known and all(len(shape.points) > _FEW for shape in shapes):
         pictures['residuals_along_s'] = lambda: _draw_residuals(known, shapes)
     return pictures

@@ -119,7 +119,7 @@ def check_fits(fits: Sequence[str], model: str, is_driven: bool, moves: bool) ->
     for name in fits:
         if name not in FITS:
             raise ConfigError(f'cannot fit {name!r}, expected one of {", ".join(FITS)}')
-        if moves and name in ('alignment', *OF_ENCODERS):
+        if moves and name in ('alignment', *_BY_LOAD_CELLS, *OF_ENCODERS):
             raise ConfigError(f'{name} is not fitted to an arm that moves, expected one at rest')
         if name in OF_MOTION and not moves:
             raise ConfigError(f'{name} shows in a motion alone: --dynamic is missing')

@@ -163,6 +163,7 @@ def test_what_does_not_swing_tells_nothing(folder: Path, tmp_path: Path, cli: Cl
     assert 'the arm does not swing: it is within' in text
     for more, message in (
         (('--fit', 'damping', 'axial_stiffness'), 'axial_stiffness is not fitted to an arm that'),
+        (('--fit', 'damping', 'tension_scale'), 'tension_scale is not fitted to an arm that'),
         (('--fit', 'drag', '--model', 'renda2012'), 'of which only exact moves'),
     ):
         assert message in cli.refused(*given, *more)
