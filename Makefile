@@ -1,5 +1,6 @@
 # make run        an arm without hardware, shown at http://localhost:8080, its tendons in your hand;
-#                 ARM=config/renda2012_table2.yaml chooses the arm, PORT=8081 the port
+#                 ARM=config/renda2012_table2.yaml chooses the arm, PORT=8081 the port; it moves with
+#                 its inertia in water, MOTION= without
 # make touch      the same arm, pushed again and again: from tensions, tip and markers with noise
 #                 an estimator finds the force, and says how well it knows the shape
 # make octopus    eight arms around a body, crawling
@@ -18,6 +19,7 @@ PYTHON ?= python3
 PART ?= 1.0
 ARM ?= config/renda2012_table4.yaml
 PORT ?= 8080
+MOTION ?= --moving
 export PYTHON
 # Tests of a file run in one worker, which starts the nodes that they share once.
 PYTEST = -m pytest -n 2 --dist loadfile --no-loadscope-reorder
@@ -30,7 +32,7 @@ help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
 
 run: prepare
-	@tools/with_ros octo_arm_demo $(ARM) --port $(PORT)
+	@tools/with_ros octo_arm_demo $(ARM) $(MOTION) --port $(PORT)
 
 touch: prepare
 	@tools/with_ros octo_arm_demo $(ARM) --estimate --port $(PORT)

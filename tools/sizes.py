@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 MOST = {
     'octo_arm_model': 46_480,
     'octo_arm_model/analysis': 1_590,
-    'octo_arm_model/apps': 460,
+    'octo_arm_model/apps': 480,
     'octo_arm_model/arm': 2_300,
     'octo_arm_model/bags': 3_020,
     'octo_arm_model/cli': 3_120,
@@ -25,9 +25,9 @@ MOST = {
     'octo_arm_model/experiment': 6_610,
     'octo_arm_model/reproduce': 1_110,
     'octo_arm_model/rod': 10_560,
-    'octo_arm_model/ros': 5_540,
+    'octo_arm_model/ros': 5_640,
     'octo_arm_model/simulation': 2_170,
-    'octo_arm_model/viewer': 2_230,
+    'octo_arm_model/viewer': 2_330,
     'octo_arm_model/wire': 1_850,
     'test': 30_200,
 }

@@ -17,11 +17,13 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.config.config import load_config
 from octo_arm_model.config.parameter_files import find_path
 from octo_arm_model.ros.processes import children, ended, parameter_arguments, stop_signals
+from octo_arm_model.simulation.parameters import in_water
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.touched_arm import touched
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
 from octo_arm_model.viewer.options import page_title
+from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 if TYPE_CHECKING:
     from octo_arm_model.ros.client.client import ArmClient
@@ -37,6 +39,7 @@ examples:
   octo_arm_demo config/renda2012_table4.yaml
   octo_arm_demo renda2012_table2 --port 8081
   octo_arm_demo renda2012_prototype --no-viewer
+  octo_arm_demo renda2012_table4 --moving        # with inertia, in water
   octo_arm_demo renda2012_prototype --estimate   # it is pushed; who pushes it is found out
 
 The simulator moves the arm until a slider of the page, or `octo-arm play`, takes over.
@@ -89,6 +92,12 @@ def build_parser() -> argparse.ArgumentParser:
         help='push the arm again and again, and run octo_arm_estimator in place of the node: from '
         'tensions, tip and markers with noise it finds the force',
     )
+    parser.add_argument(
+        '--moving',
+        action='store_true',
+        help='the arm moves with its inertia, in water, and can be pulled in the page; without '
+        '--estimate the shape is the true one',
+    )
     add_optional_page(parser)
     return parser
 
@@ -108,9 +117,17 @@ def _show(options: argparse.Namespace) -> int:
     config = load_config(path)
     movement = movement_of(config.arm)
     is_over = stop_signals()
-    common = ('--ros-args', '--log-level', 'warn', '--params-file', path)
+    common = ['--ros-args', '--log-level', 'warn', '--params-file', path]
     playing: dict[str, Any] = {'rate': RATE, 'profile.name': movement, 'profile.loop': True}
-    commands: list[Sequence[str]] = [('octo_arm_model.ros.node.main', *common)]
+    shown: list[str] = []  # the true shape in the place of that of the tensions
+    if options.moving:
+        water = in_water(config)
+        playing['dynamics'] = water.pop('dynamics')
+        common += parameter_arguments(water)
+        if not options.estimate:
+            shown = [w for name in BACKBONE_TOPICS for w in ('-r', f'ground_truth/{name}:={name}')]
+    hidden = [w for name in BACKBONE_TOPICS if shown for w in ('-r', f'{name}:=at_rest/{name}')]
+    commands: list[Sequence[str]] = [('octo_arm_model.ros.node.main', *common, *hidden)]
     if options.estimate:
         pushing, estimating = touched(config)
         profile = find_profile(movement, config.arm)
@@ -119,7 +136,9 @@ def _show(options: argparse.Namespace) -> int:
         commands = [
             ('octo_arm_model.ros.estimator.main', *common, *parameter_arguments(estimating))
         ]
-    commands.append(('octo_arm_model.ros.simulator.main', *common, *parameter_arguments(playing)))
+    commands.append(
+        ('octo_arm_model.ros.simulator.main', *common, *shown, *parameter_arguments(playing))
+    )
     with contextlib.ExitStack() as stack:
         stack.enter_context(own_domain(_PROG))
         started = stack.enter_context(children(commands))

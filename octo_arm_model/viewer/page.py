@@ -29,6 +29,7 @@ from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.cameras import Cameras, framing, reached, tangent_of
 from octo_arm_model.viewer.commander import Answer, Commander, TargetSearch
 from octo_arm_model.viewer.controls import Controls, Later, ModelOverlay
+from octo_arm_model.viewer.motion import MotionControls
 from octo_arm_model.viewer.options import TITLE
 from octo_arm_model.viewer.scene import (
     GHOST_COLOUR,
@@ -161,6 +162,8 @@ class Page:
             self._controls.add_profiles()
         with tabs.add_tab('Target'):
             self._add_target(config)
+        with tabs.add_tab('Motion'):
+            self._motion = MotionControls(server, config, client.simulator, self._later)
         with tabs.add_tab('Models'):
             self._comparison = ModelOverlay(server, config, self._later)
         panel = gui.add_panel()
@@ -218,6 +221,7 @@ class Page:
         pull = tensions / self._controls.highest
         self._arm.show(LiveShape(shape.position, shape.quaternion, strains.q), pull)
         self._comparison.show(tensions, pull, shape.position[-1])
+        self._motion.follow(shape.position[-1])
         if (known := self._client.covariance) is not None:
             self._uncertainty.show(shape.position, shape.quaternion, known, self._client.force)
         if not self._is_ours and not self.commander.is_moving:

@@ -118,6 +118,21 @@ def test_the_demonstration_moves_the_arm_says_where_to_look_and_leaves_nothing_b
     assert said[0] == port < said[1]
 
 
+def test_an_arm_that_moves_is_shown_and_not_the_one_at_rest(run_here):
+    tips = set()
+
+    def watch(line, family):
+        assert 'nodes publish shapes' not in line
+        if found := NUMBERS.search(line):
+            tips.add(found.groups()[:3])
+        if len(tips) == 2:
+            stop_here()
+
+    arguments = ['renda2012_prototype', '--moving', '--no-viewer']
+    status, complaints = run_here(demo, arguments, watch)
+    assert status == 0 and complaints == ''
+
+
 def test_the_demonstration_ends_with_its_node(run_here):
     def watch(line, family):
         for process in family if NUMBERS.search(line) else ():

@@ -218,7 +218,9 @@ def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
     viewer = Node(
         'octo_arm_viewer', automatically_declare_parameters_from_overrides=True, **options
     )
-    ArmClient(viewer).listen({**POSES, **DETAILS})
+    client = ArmClient(viewer)
+    client.listen({**POSES, **DETAILS})
+    assert client.simulator is not None  # as its page uses it
     return [viewer]
 
 

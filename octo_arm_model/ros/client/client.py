@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import functools
 import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -26,6 +27,7 @@ from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.ros.client.commands import CommandPublisher
+from octo_arm_model.ros.client.simulator_client import SimulatorClient
 from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.simulation.profiles.commands import TOPIC
@@ -272,6 +274,11 @@ class ArmClient:
         self._text = ''
         self.config: Config | None = None
         self._forget()
+
+    @functools.cached_property
+    def simulator(self) -> SimulatorClient:
+        """The client of the simulator beside the node."""
+        return SimulatorClient(self._node, self._prefix)
 
     def _forget(self) -> None:
         self.shape: PublishedShape | None = None

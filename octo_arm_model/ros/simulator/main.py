@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Vector3Stamped
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
 from rclpy.time import Time as RosTime
@@ -41,6 +42,7 @@ from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.ros.simulator.commanders import Commanders
 from octo_arm_model.ros.simulator.diagnostics import SimulatorDiagnostics
 from octo_arm_model.ros.simulator.motion_publishers import MotionPublishers
+from octo_arm_model.ros.simulator.push_service import TOPIC as PUSH_TOPIC
 from octo_arm_model.ros.simulator.push_service import PushService
 from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
 from octo_arm_model.ros.simulator.services import Actions, SimulationServices
@@ -106,6 +108,7 @@ class SimulatorNode(CheckedNode):
         self._lengths = LatestSubscription(
             intake, JointState, f'{TOPIC}/displacements', self._on_lengths
         )
+        self._pull = LatestSubscription(intake, Vector3Stamped, PUSH_TOPIC, self._on_push)
         check_overrides(self)
         # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -162,7 +165,7 @@ class SimulatorNode(CheckedNode):
         return self._configured
 
     def _count(self, older: int) -> None:
-        """Count a command, and the ``older`` ones that it replaces."""
+        """Count a command or push, and the ``older`` ones that it replaces."""
         self._diagnostics.counts['commands'] += 1 + older
 
     def _on_command(self, topic: str, stamp: Stamp | None, tensions: FloatArray) -> None:
@@ -198,6 +201,12 @@ class SimulatorNode(CheckedNode):
         found = read_displacements(message, self._config.arm)
         self._length_control().command(found, self._command)
         self._follow(self._lengths.topic, self._command, {}, found, {})
+
+    def _on_push(self, data: bytes) -> None:
+        """Push the moving arm with the force of a message."""
+        if not isinstance(self._config.pushed_arm, DynamicArm):
+            raise ConfigError('dynamics is false, expected true for an arm that messages push')
+        self._push.hold(decoded(data, Vector3Stamped), self._config.base_frame)
 
     def _length_control(self) -> LengthControl:
         """Length control of the present arm, made at its first use."""

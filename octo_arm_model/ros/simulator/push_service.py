@@ -1,33 +1,62 @@
-"""The service ``push`` of the simulator: the arm is pushed, or let go, at once."""
+"""How the simulated arm is pushed: by parameters, at once by the service ``push``, by messages."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
+from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
+from octo_arm_model.arm.errors import LoadError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.simulation.sensors import Push
 
+TOPIC = 'push/force'
+_HOLD = 0.5  # [s] for which a force of a message acts, unless another comes
+
 
 class PushService:
-    """Begins the push that the parameters describe, or ends it, whatever `push.period` is."""
+    """Begins the push that the parameters describe, or ends it, whatever `push.period` is.
+
+    A force that messages hold is in its place.
+    """
 
     def __init__(self, node: Node, push: Callable[[], Push]) -> None:
         """Offer the service on ``node``; ``push`` returns the present one."""
         self._push = push
         self._is_asked: bool | None = None
+        self._held: FloatArray | None = None
+        self._until: float | None = None
         node.create_service(SetBool, 'push', self._answer)
 
     def forget(self) -> None:
         """Push as the parameters say."""
-        self._is_asked = None
+        self._is_asked = self._held = None
+
+    def hold(self, message: Vector3Stamped, frame: str) -> None:
+        """Push with the force of a ``message`` in ``frame`` from now on, for half a second.
+
+        Raises:
+            LoadError: if it is in another frame, or not finite.
+        """
+        if message.header.frame_id not in ('', frame):
+            given = shown(message.header.frame_id)
+            raise LoadError(f'the force is in frame {given}, expected {frame!r}')
+        force = np.array([message.vector.x, message.vector.y, message.vector.z])
+        if not np.isfinite(force).all():
+            raise LoadError(f'the force is {force.tolist()}, expected finite numbers [N]')
+        self._held, self._until = force, None
 
     def at(self, time: float) -> FloatArray:
         """Force ``time`` [s] after the beginning (3,) [N]."""
         push = self._push()
+        if self._held is not None:
+            self._until = time + _HOLD if self._until is None else self._until
+            if time < self._until:
+                return self._held
+            self._held = None
         if self._is_asked is None:
             return push.at(time)
         return np.array(push.force) * self._is_asked

@@ -27,7 +27,9 @@ _ROUNDING = 1e-9  # relative, of interpolation or a solution between tensions at
 def figures(arm: Arm) -> dict[str, FloatArray]:
     """Tensions (tendons,) [N] of the paper's figures of ``arm``, by number; empty for others."""
     for name, found in _FIGURES.items():
-        if _preset(name) == arm:
+        preset = _preset(name)
+        # The paper's arms have no weight; what moves has one.
+        if preset == arm.with_density(preset.material.density):
             return {figure: np.ravel(tensions) for figure, tensions in found.items()}
     return {}
 
