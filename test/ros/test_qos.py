@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import re
 from collections.abc import Callable
 from xml.etree import ElementTree
@@ -224,6 +225,11 @@ def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
     return [viewer]
 
 
+def has_standard_services() -> bool:
+    """Whether the simulator has services of `simulation_interfaces` too."""
+    return importlib.util.find_spec('simulation_interfaces') is not None
+
+
 @pytest.mark.parametrize('namespace', ['/', '/left', '/right/ground_truth'])
 @pytest.mark.parametrize('enclave', ENCLAVES)
 def test_the_policy_grants_what_the_nodes_have(
@@ -246,6 +252,8 @@ def test_the_policy_grants_what_the_nodes_have(
     if '/tf' not in found['publish']:  # Where tf2_msgs is not installed.
         for names in allowed.values():
             names -= {'/tf', '/tf_static'}
+    if not has_standard_services():
+        allowed['reply'] = {name for name in allowed['reply'] if 'simulat' not in name}
     assert found == allowed
     for node in nodes:
         node.destroy_node()
