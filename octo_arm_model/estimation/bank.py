@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.estimation.gaussian import Gaussian, gain, lower_root, solve_lower
+from octo_arm_model.estimation.gaussian import Gaussian, gain, lower_root, solve_lower, square_of
 from octo_arm_model.estimation.measurement import Rows
 from octo_arm_model.estimation.measurements import LOAD_CELL
 from octo_arm_model.estimation.model import ArmModel, Prediction
@@ -50,7 +50,7 @@ _SHARE = 4  # evaluations for one hypothesis among several
 _FAR = 0.02  # of the length, by which a station moves, to linearise others anew
 _BETTER = 0.01  # nat for a normalised square
 _UNSURE = 2.0  # times the gate, for a square that is not exact
-_HALFWAY = 0.5  # part of what is measured less predicted, that is left where it led somewhere
+_HALFWAY = 0.25  # part of the squares of noise and change, that is left where it led somewhere
 _NEGLIGIBLE = 1e-7  # probability
 _RESOLVED = 1e-14  # part of a standard deviation before, that one of a measurement may be
 _NOBODY: Doubts = frozenset()
@@ -207,7 +207,7 @@ class Judge:
                     raise
             else:
                 found = exact[best][0].at
-                is_far = _moves(shape, found.x) > _FAR * self._model.arm.length
+                is_far = shape.distance(found.x) > _FAR * self._model.arm.length
                 if judged is None and not is_far:
                     judged = self._judge(bank, rows, found)
                 elif is_far:
@@ -317,9 +317,12 @@ class Judge:
             is_refused = is_used & (squares[0] > limits)
             if not fit.is_converged:
                 # Squares are not exact then; what led nowhere is refused.
-                lengths = [np.linalg.norm(part[is_used]) for part in (left, rows.left(first))]
-                white = solve_lower(rows.noise_root, left)[is_used]
-                is_hopeless = lengths[0] > _HALFWAY * lengths[1] and white @ white > limits.max()
+                now, then = (
+                    square_of(some.left(one), some.noise_root)
+                    + np.array([0.0, square_of(one.x - before.mean, before.root)])
+                    for one in (at, first)
+                )
+                is_hopeless = now[0] > limits.max() and now[1] > _HALFWAY * then[1]
                 is_refused = is_used & ((squares[0] > _UNSURE * limits) | is_hopeless)
             if not is_refused.any():
                 break
@@ -383,11 +386,6 @@ class Judge:
             first = state.tension.start + tendons.index(name.removeprefix(f'{LOAD_CELL} '))
             found.append(slice(first, first + 1))
         return found
-
-
-def _moves(at: Prediction, x: FloatArray) -> float:
-    """By how much stations move from ``at`` to the state ``x`` at most, to first order [m]."""
-    return float(np.abs(at.change.pose[:, :3] @ (x - at.x)).max())
 
 
 def _charged(bank: Bank, judged: Judged) -> Bank:

@@ -173,8 +173,6 @@ class Rows:
 
     def is_bend_known(self, at: Prediction) -> bool:
         """Whether `second` has all second derivatives."""
-        if not at.model.state.is_geometric:
-            return False
         return all(one.is_linear or one.second(at) is not None for one in self.measurements)
 
     def channels(self, at: Prediction) -> tuple[str, ...]:

@@ -285,6 +285,10 @@ class Prediction:
         found = found._replace(guess=guess)
         return Prediction(self.model, x, dataclasses.replace(shape, equilibrium=found))
 
+    def distance(self, x: FloatArray) -> float:
+        """Largest change of a coordinate of any station in the state ``x``, to first order [m]."""
+        return float(np.abs(self.change.pose[:, :3] @ (x - self.x)).max())
+
     @functools.cached_property
     def tip_curvature(self) -> FloatArray | None:
         """See `ArmModel.tip_curvature`.

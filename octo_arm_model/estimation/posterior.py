@@ -44,7 +44,7 @@ _SOON = 4  # evaluations
 _INNER = 8  # steps within a local model
 _BENT = 0.8  # part of its stiffness that a direction may lose as measurements bend
 _WORSE = 2.0  # growth of what should be least that shortens a step
-_SHORTENED, _SAFE = 6, 0.8
+_SHORTENED = 6
 _LONGEST = 0.2  # of the length of the arm, by which a station moves in a step
 _LARGEST = 5.0  # standard deviations by which one agreement may be off
 _FARTHEST = 3.0  # standard deviations, to the mean: beyond, its second derivatives do not hold
@@ -190,12 +190,10 @@ def agree(
 
 def _is_nearer(before: Gaussian, rows: Rows, at: Prediction) -> bool:
     """Whether the mean of what was known ``before`` is far from ``at``, and explains ``rows``."""
-    away = before.mean - at.x
-    moves = np.abs(at.change.pose[:, :3] @ away).max()
-    if moves <= _LONGEST * at.model.arm.length:
+    if at.distance(before.mean) <= _LONGEST * at.model.arm.length:
         return False
     left = rows.left(at)
-    there = left - rows.jacobian(at) @ away
+    there = left - rows.jacobian(at) @ (before.mean - at.x)
     return square_of(there, rows.noise_root) < square_of(left, rows.noise_root)
 
 
@@ -259,7 +257,8 @@ class Posterior:
                 away = float(np.linalg.norm(solve_lower(root, by.root).T @ slope))
                 slope *= min(1.0, _FARTHEST / away) if away else 1.0
             bent = solve_lower(rows.noise_root, second.reshape(len(left), -1))
-            second = root.T @ bent.reshape(second.shape) @ root
+            # A step by some of the second derivatives is no better than one by none.
+            second = root.T @ bent.reshape(second.shape) @ root if rows.is_bend_known(at) else None
         return _Local(at, by, self._away(at.x), white[:, 0], white[:, 1:], second, slope)
 
     def _step(self, local: _Local, x: FloatArray) -> _Step:
@@ -307,16 +306,13 @@ class Posterior:
     ) -> tuple[Prediction, FloatArray] | None:
         """As far towards the state ``wanted`` as the local model is good for; None if nowhere."""
         at = local.at
-        moves = at.change.pose[:, :3] @ (wanted - at.x)
-        longest = _LONGEST * at.model.arm.length
-        part = min(1.0, longest / max(float(np.abs(moves).max()), 1e-300))
+        part = min(1.0, _LONGEST * at.model.arm.length / max(at.distance(wanted), 1e-300))
         most = _WORSE * float(local.z @ local.z + local.left @ local.left) + wanted.size
         found = None
         for _ in range(_SHORTENED):
             if not work.is_left:
                 break
             new = at.moved_to(at.x + part * (wanted - at.x))
-            shorter = 0.5
             try:
                 left = self._rows.left(new)
                 work.take(int(new.solved.iterations))
@@ -326,15 +322,14 @@ class Posterior:
                     break
             except SolveError as error:
                 work.take(error.iterations if isinstance(error, ConvergenceError) else 1)
-                if isinstance(error, ContinuationError) and error.part > 0.0:
-                    shorter = min(shorter, _SAFE * error.part)
-            part *= shorter
+            part *= 0.5
         return found
 
     def _is_last(self, local: _Local, step: _Step, tolerance: float) -> bool:
         if step.size <= tolerance:
             return True
-        if local.second is None or step.size > _STRAIGHT or not self._rows.is_bend_known(local.at):
+        is_straight = local.at.model.state.is_geometric and step.size <= _STRAIGHT
+        if local.second is None or not is_straight:
             return False
         change = self._away(step.x) - local.z
         bent = local.second @ change

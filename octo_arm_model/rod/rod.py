@@ -81,7 +81,8 @@ class Equilibrium(NamedTuple):
         iterations: made in all.
         fine: twists at the finer points, of an arm without loads.
         kept: the factors, of the equilibrium of a shape.
-        guess: of the twists of the next equilibrium, (N, m); None for those of this one.
+        guess: of the twists of the next equilibrium, (N, m), from which it is not followed where
+            they lead to none. None for those of this one.
     """
 
     state: State
@@ -197,6 +198,8 @@ class Rod:
         """A stable equilibrium under loads, on as many nodes as it takes."""
         start = self.at_least(start, wanted.before)
         found = None if start is None else self._warm(wanted, start, spending)
+        if found is None and start is not None and start.guess is not None:
+            raise ContinuationError('one search', 0.0, start.state.residual, spending.iterations)
         if found is None:
             found = self._followed(wanted, start, spending)
         if start is not None and found.judged is start.judged is not None:
