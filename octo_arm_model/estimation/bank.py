@@ -24,7 +24,14 @@ from numpy.typing import NDArray
 
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.estimation.gaussian import Gaussian, gain, lower_root, solve_lower, square_of
+from octo_arm_model.estimation.gaussian import (
+    Gaussian,
+    gain,
+    lower_root,
+    solve_lower,
+    square_of,
+    volume_of,
+)
 from octo_arm_model.estimation.measurement import Rows
 from octo_arm_model.estimation.measurements import LOAD_CELL
 from octo_arm_model.estimation.model import ArmModel, Prediction
@@ -50,7 +57,7 @@ _SHARE = 4  # evaluations for one hypothesis among several
 _FAR = 0.02  # of the length, by which a station moves, to linearise others anew
 _BETTER = 0.01  # nat for a normalised square
 _UNSURE = 2.0  # times the gate, for a square that is not exact
-_HALFWAY = 0.25  # part of the squares of noise and change, that is left where it led somewhere
+_HALFWAY = 0.5  # part of the squares of noise and change, that is left where it led somewhere
 _NEGLIGIBLE = 1e-7  # probability
 _RESOLVED = 1e-14  # part of a standard deviation before, that one of a measurement may be
 _NOBODY: Doubts = frozenset()
@@ -334,7 +341,7 @@ class Judge:
         )  # fmt: skip
         return fit, Judged(
             fit.known.mean[np.newaxis], fit.known.root[np.newaxis], is_used[np.newaxis], cost,
-            innovation, told, square, np.array([fit.volume]),
+            innovation, told, square, np.array([volume_of(fit.innovation_root)]),
         )  # fmt: skip
 
     def _about(self, bank: Bank, root: Doubts) -> tuple[Bank, list[int]]:

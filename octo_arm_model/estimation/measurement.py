@@ -162,18 +162,15 @@ class Rows:
 
     def second(self, at: Prediction) -> FloatArray | None:
         """Second derivatives, zero where they are not known, (m, state, state); None of none."""
-        found = [None if one.is_linear else one.second(at) for one in self.measurements]
-        if len(found) == 1 or all(one is None for one in found):
-            return found[0] if self._some is None or found[0] is None else found[0][self._some]
-        n = at.x.size
-        return self._those([
-            np.zeros((one.value.size, n, n)) if second is None else second
-            for one, second in zip(self.measurements, found, strict=True)
-        ])  # fmt: skip
+        found = [one.second(at) for one in self.measurements]
+        if all(one is None for one in found):
+            return None
+        none = [np.zeros((one.value.size, at.x.size, at.x.size)) for one in self.measurements]
+        return self._those([b if a is None else a for a, b in zip(found, none, strict=True)])
 
     def is_bend_known(self, at: Prediction) -> bool:
         """Whether `second` has all second derivatives."""
-        return all(one.is_linear or one.second(at) is not None for one in self.measurements)
+        return all(one.second(at) is not None for one in self.measurements)
 
     def channels(self, at: Prediction) -> tuple[str, ...]:
         """Name of the sensor of each number, (m,)."""

@@ -55,6 +55,7 @@ class ArmModel:
         loads: that act besides those of the state.
         unit_loads: loads of magnitude one of which the state holds the magnitudes, from
             ``state.point_forces`` to ``state.current``.
+        curved_tip: second derivatives of the position of the tip.
         tendon_compliance: by how much each tendon itself stretches [m/N], (tendons,).
     """
 
@@ -81,7 +82,7 @@ class ArmModel:
         """
         self.arm, self.loads = arm, loads
         self.state = state = State(unknowns, arm)
-        self._curved_tip = CurvedTip(state)
+        self.curved_tip = CurvedTip(state)
         if loads.scaled:
             raise ConfigError('loads.scaled are those of the estimator itself, expected none')
         if loads.others and unknowns.log_modulus is not None:
@@ -192,19 +193,6 @@ class ArmModel:
             parts.append(Part(where, by_loads, every, 1.0 / ratio))
         return StateChange(state.size, parts, by_tip_force)
 
-    def tip_curvature(
-        self, x: FloatArray, backbone: Backbone, change: StateChange
-    ) -> FloatArray | None:
-        """Second derivatives of the position of the tip by the state, (3, n, n).
-
-        By the geometry of a ``backbone`` in ``x`` and its ``change``, see `tip_curvature`; None
-        where the model has no loads.
-        """
-        if change.by_tip_force is None:
-            return None
-        ratio = self.stiffness(x)
-        return self._curved_tip.by_state(backbone, change.pose, change.by_tip_force, ratio)
-
     def acting(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tensions and wrench on the tip in ``x``, as those of a `Backbone`."""
         return x[self.state.tension].reshape(self.arm.tension_shape), self.tip_wrench(x)
@@ -275,15 +263,13 @@ class Prediction:
 
     def moved_to(self, x: FloatArray) -> Prediction:
         """The prediction of a state ``x``, whose shape begins with that of this one's change."""
-        if 'change' not in vars(self):
-            return Prediction(self.model, x, self.shape)
-        shape = self.solved
-        found, twist = shape.equilibrium, self.change.twist
-        if found is None or twist is None:
-            return Prediction(self.model, x, shape)
-        guess = found.state.z + _times(twist, x - self.x)
-        found = found._replace(guess=guess)
-        return Prediction(self.model, x, dataclasses.replace(shape, equilibrium=found))
+        shape = self.shape
+        if shape is not None and shape.equilibrium is not None and 'change' in vars(self):
+            if (twist := self.change.twist) is not None:
+                guess = shape.equilibrium.state.z + _times(twist, x - self.x)
+                found = shape.equilibrium._replace(guess=guess)
+                shape = dataclasses.replace(shape, equilibrium=found)
+        return Prediction(self.model, x, shape)
 
     def distance(self, x: FloatArray) -> float:
         """Largest change of a coordinate of any station in the state ``x``, to first order [m]."""
@@ -291,12 +277,19 @@ class Prediction:
 
     @functools.cached_property
     def tip_curvature(self) -> FloatArray | None:
-        """See `ArmModel.tip_curvature`.
+        """Second derivatives of the position of the tip by the state, (3, n, n).
+
+        By the geometry of the shape and its change, see `tip_curvature`; None where the model has
+        no loads.
 
         Raises:
             SolveError: as `solved`.
         """
-        return self.model.tip_curvature(self.x, self.solved, self.change)
+        change, model = self.change, self.model
+        if change.by_tip_force is None:
+            return None
+        ratio = model.stiffness(self.x)
+        return model.curved_tip.by_state(self.solved, change.pose, change.by_tip_force, ratio)
 
     def forget(self) -> None:
         """Free the memory of derivatives, which are found again where asked for."""

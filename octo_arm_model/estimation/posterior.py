@@ -14,7 +14,6 @@ that nothing touches, it is hardly drawn, and the way back is weighted with how 
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import NamedTuple
 
@@ -30,7 +29,6 @@ from octo_arm_model.estimation.gaussian import (
     lower_root,
     solve_lower,
     square_of,
-    volume_of,
 )
 from octo_arm_model.estimation.measurement import Rows
 from octo_arm_model.estimation.model import ArmModel, Prediction
@@ -128,11 +126,6 @@ class Fit(NamedTuple):
     square: float
     agreement: Agreement
     is_converged: bool
-
-    @property
-    def volume(self) -> float:
-        """Twice the logarithm of the denominator of the density of the innovation."""
-        return volume_of(self.innovation_root)
 
 
 class _Local(NamedTuple):
@@ -233,8 +226,6 @@ class Posterior:
         local = self._local(at, self._rows.left(at))
         step = self._step(local, at.x)
         while not self._is_last(local, step, tolerance):
-            if not work.is_left:
-                return self._concluded(local, step, is_converged=False)
             found = self._moved(local, self._wanted(local, step), work)
             if found is None:
                 return self._concluded(local, step, is_converged=False)
@@ -269,7 +260,7 @@ class Posterior:
             bent = local.second @ (self._away(x) - z)
             left = left - (jacobian + 0.5 * bent) @ (self._away(x) - z)
             z, jacobian = self._away(x), jacobian + bent
-        root = lower_root(np.concatenate([jacobian.T, _identity(n)], axis=1))
+        root = lower_root(np.concatenate([jacobian.T, np.eye(n)], axis=1))
         change = solve_lower(root, jacobian.T @ left - z - local.slope)
         if local.second is not None:
             # What Gauss and Newton leave out: how measurements bend.
@@ -371,14 +362,9 @@ def gradient(gain: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(gain.T.ravel() @ second.reshape(gain.size, -1))
 
 
-@functools.lru_cache(maxsize=64)
-def _identity(count: int) -> FloatArray:
-    return np.eye(count)
-
-
 def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
     """A ``change`` (n,) divided by 1 - ``bent`` (n, n), of which no part is above `_BENT`."""
-    one = _identity(change.size)
+    one = np.eye(change.size)
     for _ in range(50):
         every = bent.ravel()
         if every @ every <= _BENT * _BENT or dpotrf(_BENT * one - bent, lower=1)[1] == 0:

@@ -56,11 +56,6 @@ class Step:
     patience: int
     begins_anew: bool = False
 
-    @property
-    def used(self) -> frozenset[str]:
-        """Names of the sensors of which something was used."""
-        return frozenset(name for rows in self.accepted for name in rows.channels(self.at))
-
     def innovations_after(self, before: Step | None) -> tuple[Innovation, ...]:
         """Those that are new after the step ``before``, which is of the same time.
 
