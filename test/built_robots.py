@@ -35,6 +35,9 @@ MARKERS = ('low', 'middle', 'top')
 TUBE_S = (0.05, 0.1, 0.15, 0.2, 0.25)  # sensors of the rod of nitinol [m]
 REST = (-0.9, 1.6)  # its curvature about n and b [1/m]
 BENDING = 0.021  # its E J [N m^2]
+DISC_YOUNG, DISC_FRICTION = 5.2e10, 0.18  # of the robot of discs [Pa], [-]
+# Tensions that it is pulled by and let go [N].
+DISC_PULLS = ((6.0, 1.0, 0.0), (1.0, 6.0, 2.0), (1.0, 2.0, 5.0))
 _MARKER = 'string marker_name\ngeometry_msgs/Point translation\nfloat32 residual\n'
 
 
@@ -161,5 +164,31 @@ def tube_csv(path: Path, rng: np.random.Generator) -> Path:
         seen = interpolated(np.array(TUBE_S), shape.s, shape.position)
         seen = 1e3 * (seen + 2e-4 * rng.standard_normal(seen.shape))
         lines.append(';'.join([*map(str, grams), *(f'{one:.2f}' for one in seen.ravel())]))
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def disc_parameters() -> dict[str, Any]:
+    """A rod of nickel-titanium with three discs, a straight tendon and two wound ones."""
+    return {
+        'model': 'exact', 'stations': 11, 'material.law': 'linear',
+        'material.youngs_modulus': 5.7e10, 'material.poisson_ratio': 0.33,
+        'body.length': 0.24, 'body.radius_base': 7e-4, 'body.radius_tip': 7e-4,
+        'body.disc_radius': 0.012, 'sections.anchorage': [0.24], 'sections.tendons': [3],
+        'sections.offset_base': [0.01], 'sections.offset_anchorage': [0.01],
+        'tendons.twist': [0.0, 3.1416, -3.1416], 'tendons.disc_count': 3,
+    }  # fmt: skip
+
+
+def disc_csv(path: Path, rng: np.random.Generator) -> Path:
+    """That robot as it is, pulled and let go again: newtons, and a tracker at its tip in mm."""
+    own = {'material.youngs_modulus': DISC_YOUNG, 'tendons.friction': [DISC_FRICTION]}
+    solver, last = Config.from_parameters({**disc_parameters(), **own}).solver(), None
+    lines = ['step,F1 (N),F2 (N),F3 (N),tip x (mm),tip y (mm),tip z (mm)']
+    for number, pulls in enumerate(DISC_PULLS):
+        last = solver.follow([pulls], last)
+        tip = 1e3 * (last.tip + 1e-4 * rng.standard_normal(3))
+        row = [number, *pulls, *(f'{one:.2f}' for one in tip)]
+        lines.append(','.join(map(str, row)))
     path.write_text('\n'.join(lines) + '\n')
     return path

@@ -81,13 +81,17 @@ class ChordModel:
     def __init__(self, arm: Arm, elements: Elements, tables: Tables, form: Form) -> None:
         """Of ``arm`` at the nodes of ``elements``, whose edges all faces are."""
         self._elements, self._form = elements, form
+        self._last: tuple[FloatArray, FloatArray, Chords] | None = None
         stops = np.unique([0.0, *arm.discs.faces, arm.length])
         self._places = places_at(elements, stops)
         self._from_base = elements.integration(elements.s)
         self.piece = np.searchsorted(stops, elements.s) - 1
         self.first = np.searchsorted(self.piece, np.arange(stops.size - 1))
-        self._nodes = [
-            slice(*ends) for ends in zip(self.first, [*self.first[1:], len(self.piece)])
+        # Pieces of as many nodes each: these, (K, n), and integrals from the start to each.
+        counts, from_base = np.bincount(self.piece), self._from_base
+        groups = [self.first[counts == n, np.newaxis] + np.arange(n) for n in set(counts.tolist())]
+        self._groups = [
+            (nodes, from_base[nodes[..., np.newaxis], nodes[:, np.newaxis]]) for nodes in groups
         ]
         self.sizes, self.reach = np.diff(stops), tables.reach[self.first]
         self.holes = np.zeros((stops.size, self.reach.shape[1], 3))
@@ -96,7 +100,12 @@ class ChordModel:
         self.outward[..., 1:] = np.moveaxis(arm.tendon_outwards(stops), 0, -1).swapaxes(0, 1)
 
     def chords(self, tables: Tables, z: FloatArray, work: Work) -> Chords:
-        """Where they are at twists ``z`` (N, m), whose orientations are in ``work``."""
+        """Where they are at twists ``z`` (N, m), whose orientations are in ``work``.
+
+        Those of the last twists are kept.
+        """
+        if self._last is not None and self._last[0] is z and self._last[1] is tables.base:
+            return self._last[2]
         position, quaternion, _ = self._form.poses(tables, z, self._places, work)
         far, frames = position[0], rotation_matrices(quaternion[0].T[[3, 0, 1, 2]])
         frames = np.moveaxis(frames, 2, 0)
@@ -105,7 +114,10 @@ class ChordModel:
         chord = holes[1:] - holes[:-1]
         length = np.sqrt((chord * chord).sum(axis=2))
         unit = chord / length[..., np.newaxis]
-        return Chords(self._from_base @ work.slope, frames, far[1:], arms[1:], unit, length)
+        midline = self._from_base @ work.slope
+        found = Chords(midline, frames, far[1:], arms[1:], unit, length)
+        self._last = z, tables.base, found
+        return found
 
     def add_pull(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> float:
         """Add (2) under local ``tensions`` (N, J) [N] to the residual in ``work``.
@@ -129,51 +141,25 @@ class ChordModel:
 
     def add_tangent(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
         """Add the derivative of (2) by the twists to the Jacobian in ``work``."""
-        chords, strains = self.chords(tables, z, work), z.shape[1]
-        local = self.at_pieces(tensions)[..., np.newaxis]
-        force = (local * chords.unit).sum(axis=1)
-        couple = cross(chords.arms, local * chords.unit).sum(axis=1)
+        chords, local = self.chords(tables, z, work), self.at_pieces(tensions)[..., np.newaxis]
+        force = (local * chords.unit).sum(axis=1)[:, np.newaxis]
+        couple = cross(chords.arms, local * chords.unit).sum(axis=1)[:, np.newaxis]
         stiffness = _stiffness(chords, local[..., np.newaxis])
-        rows = work.jacobian.reshape(*z.shape, *z.shape)
-        for piece, nodes in enumerate(self._nodes):
-            if not local[piece].any():
-                continue
-            turn = work.rotation[nodes].swapaxes(1, 2)
-            lever = chords.far[piece] - chords.position[nodes]
-            by_pose = np.zeros(
-                (len(turn), strains, 6)
-            )  # of (2) by (F, C), and (db, dtheta_b) by z
-            by_pose[:, :3, :3], by_pose[:, :3, 3:] = turn @ _skew(lever), turn
-            by_pose[:, 3:, :3] = turn[:, : strains - 3]
-            flat, weights = by_pose.reshape(-1, 6), self._elements.weights[nodes]
-            block = (flat @ stiffness[piece] @ flat.T).reshape(*z[nodes].shape, *z[nodes].shape)
-            block *= weights[:, np.newaxis]
-            moment = couple[piece] + cross(lever, force[piece])
-            block += self._turned(nodes, (turn, work.slope[nodes]), force[piece], moment, strains)
-            rows[nodes, :, nodes] += block
-
-    def _turned(
-        self, nodes: slice, shape: tuple[FloatArray, FloatArray], force: FloatArray,
-        moment: FloatArray, strains: int,
-    ) -> FloatArray:  # fmt: skip
-        """Change of (2) while F and C are held, (n, m, n, m), of the ``nodes`` of a piece.
-
-        Of a ``shape``, inverse orientations (n, 3, 3) and r' (n, 3).
-        """
-        (turn, slope), own = shape, self._from_base[nodes, nodes]
-        further = self._elements.weights[nodes] - own
-        # A turn at k moves b - r_i by its cross product with these, (n, n, 3).
-        moved = np.moveaxis((further * slope.T[:, np.newaxis]) @ own, 0, 2)
-        inner = moved[..., np.newaxis] * force
-        inner -= (moved @ force)[..., np.newaxis, np.newaxis] * np.eye(3)
-        inner += own[..., np.newaxis, np.newaxis] * _skew(moment)[:, np.newaxis]
-        axes, more = turn.swapaxes(1, 2), strains - 3
-        mixed = turn[:, np.newaxis] @ _skew(force) @ axes
-        found = np.zeros((len(turn), len(turn), strains, strains))
-        found[..., :3, :3] = turn[:, np.newaxis] @ inner @ axes
-        found[..., :3, 3:] = -further[..., np.newaxis, np.newaxis] * mixed[..., :more]
-        found[..., 3:, :3] = own[..., np.newaxis, np.newaxis] * mixed[..., :more, :]
-        return found.swapaxes(1, 2)
+        jacobian = work.jacobian.reshape(*z.shape, *z.shape)
+        for nodes, own in self._groups:
+            of, turn = self.piece[nodes[:, 0]], work.rotation[nodes].swapaxes(2, 3)
+            lever = chords.far[of, np.newaxis] - chords.position[nodes]
+            by_pose = np.zeros((*nodes.shape, z.shape[1], 6))
+            by_pose[..., :3, :3], by_pose[..., :3, 3:] = turn @ _skew(lever), turn
+            by_pose[..., 3:, :3] = turn[..., : z.shape[1] - 3, :]
+            flat, shape = by_pose.reshape(len(of), -1, 6), by_pose.shape[1:3]
+            block = (flat @ stiffness[of] @ flat.swapaxes(1, 2)).reshape(-1, *shape, *shape)
+            weights = self._elements.weights[nodes][:, np.newaxis]
+            block = block.swapaxes(2, 3) * weights[..., np.newaxis, np.newaxis]
+            moment = couple[of] + cross(lever, force[of])
+            held = force[of], moment, weights - own, own
+            _add_turned(block, turn, work.slope[nodes], held)
+            jacobian[nodes[:, :, np.newaxis], :, nodes[:, np.newaxis], :] += block
 
     def angles(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
         """Fill in by which angles tendons are turned in the holes before every node.
@@ -302,6 +288,31 @@ class ChordTensionDerivatives(TensionDerivatives):
     def _angles(self) -> FloatArray:
         """Angles, of slack tendons as well, (N, J)."""
         return self._local.angle
+
+
+def _add_turned(
+    block: FloatArray, turn: FloatArray, slope: FloatArray,
+    held: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+) -> None:  # fmt: skip
+    """Add the change of (2) while F and C are ``held`` to every ``block`` (K, n, n, m, m).
+
+    F and the moment of both at the nodes are held, (K, 1, 3) and (K, n, 3); integrals from each
+    node to the end of its piece, and from its start, are (K, n, n). ``turn`` are the inverse
+    orientations, (K, n, 3, 3), and ``slope`` r', (K, n, 3).
+    """
+    (force, moment, further, own), more = held, block.shape[-1] - 3
+    # A turn at k moves b - r_i by its cross product with these, (K, n, n, 3).
+    moved = (further[:, np.newaxis] * slope.swapaxes(1, 2)[:, :, np.newaxis]) @ own[:, np.newaxis]
+    moved, force = np.moveaxis(moved, 1, 3), force[:, np.newaxis]
+    inner = moved[..., np.newaxis] * force[..., np.newaxis, :]
+    inner -= (moved * force).sum(axis=3)[..., np.newaxis, np.newaxis] * np.eye(3)
+    further, own = further[..., np.newaxis, np.newaxis], own[..., np.newaxis, np.newaxis]
+    inner += own * _skew(moment)[:, :, np.newaxis]
+    rows, axes = turn[:, :, np.newaxis], turn.swapaxes(2, 3)[:, np.newaxis]
+    mixed = rows @ _skew(force) @ axes
+    block[..., :3, :3] += rows @ inner @ axes
+    block[..., :3, 3:] -= further * mixed[..., :more]
+    block[..., 3:, :3] += own * mixed[..., :more, :]
 
 
 def chord_model(arm: Arm, elements: Elements, tables: Tables, form: Form) -> ChordModel | None:

@@ -14,6 +14,8 @@ pytest.importorskip('rosbags', reason='needs rosbags')
 from built_robots import (
     BENDING,
     COUNTS,
+    DISC_FRICTION,
+    DISC_YOUNG,
     MARKER_S,
     MARKERS,
     OF_TENDON,
@@ -22,6 +24,8 @@ from built_robots import (
     TUBE_S,
     WAYS,
     ZERO,
+    disc_csv,
+    disc_parameters,
     motive_csv,
     servo_poses,
     trunk_bag,
@@ -142,6 +146,34 @@ def test_a_table_of_a_tube_of_nitinol_tells_how_it_is_bent_at_rest(
     files = ['--config', str(tmp_path / 'fitted.yaml'), *options[2:]]
     compared = printed(capsys, 'compare', '--json', *files)
     assert max(step['tip_error_percent'] for step in compared['steps']) < 0.3
+
+
+def test_a_table_of_a_robot_of_discs_tells_its_modulus_and_friction(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = disc_csv(tmp_path / 'poses.csv', np.random.default_rng(6))
+    config = tmp_path / 'discs.yaml'
+    config.write_text(parameters_as_yaml(disc_parameters()))
+    options = [
+        '--config', str(config), '--pose-csv', str(table), '--columns',
+        *(f'tendon_1_{number}=F{number} (N)' for number in (1, 2, 3)),
+        *(f'{axis}=tip {axis} (mm)' for axis in 'xyz'), '--align', 'none', '--model', 'exact',
+    ]  # fmt: skip
+    fits = ['--fit', 'youngs_modulus', 'friction', '--loss', 'linear']
+    out = ['--out', str(tmp_path / 'fitted.yaml')]
+    fitted = printed(capsys, 'identify', '--json', *options, *fits, *out)
+    for name, true in (('youngs_modulus', DISC_YOUNG), ('friction', DISC_FRICTION)):
+        low, high = fitted['estimates'][name]['interval95']
+        assert low < true < high and high - low < 0.4 * true
+    compared = printed(
+        capsys, 'compare', '--json', '--config', str(tmp_path / 'fitted.yaml'), *options[2:]
+    )
+    assert max(step['tip_error_percent'] for step in compared['steps']) < 0.4
+    # Without its discs it is another robot.
+    fitted_file = load_parameters(str(tmp_path / 'fitted.yaml'))
+    config.write_text(parameters_as_yaml({**fitted_file, 'tendons.disc_count': 0}))
+    compared = printed(capsys, 'compare', '--json', *options)
+    assert max(step['tip_error_percent'] for step in compared['steps']) > 2.0
 
 
 @pytest.mark.parametrize(
