@@ -82,6 +82,7 @@ class Drawing:
         half_sizes = arm.body.half_sizes(s[self._rings])
         self._outline = corners[:, :, np.newaxis] * half_sizes[:, np.newaxis]
         self._offsets = np.array(arm.tendon_offsets(s[self._rings]))
+        self._straight = _between_faces(s[self._rings], arm) if arm.discs.s else None
         self._disc_radius = _DISC_RIM * np.maximum(radius, arm.body.disc_radius)[ends]
         self.triangles = tube_triangles(self._rings.size, sides)
         self.disc_count = self._anchorages.size
@@ -104,6 +105,8 @@ class Drawing:
         across = frame[:, 1:] * width[self._rings]
         surface = _place(centre, across, self._outline).reshape(-1, 3)
         paths = _place(centre, across, self._offsets)
+        if self._straight is not None:
+            paths = self._straight @ paths
         return Drawn(
             vertices=np.concatenate([surface, centre[[0, -1]]]),
             disc_position=position[self._anchorages],
@@ -111,6 +114,15 @@ class Drawing:
             disc_radius=self._disc_radius * width[self._anchorages],
             tendons=[path[: end + 1] for path, end in zip(paths, self._tendon_ends, strict=True)],
         )
+
+
+def _between_faces(s: FloatArray, arm: Arm) -> FloatArray:
+    """From points at ``s`` (rings,) to those on straight lines between the faces of discs."""
+    faces = np.array([0.0, *arm.discs.faces])
+    spread = [np.interp(faces, s, one) for one in np.eye(s.size)]
+    return np.stack(
+        [np.interp(s, faces, one) for one in np.eye(faces.size)], axis=1
+    ) @ np.transpose(spread)
 
 
 def ring_stations(stations: int) -> IntArray:

@@ -93,7 +93,8 @@ def _sums(model: ArmModel) -> _Sums:
 def _at_stations(arm: Arm, grid: StationGrid, loads: Loads) -> FloatArray:
     """Forces at stations (stations, 3) of the moment of ``loads``, which lie between them."""
     points, weights = leggauss(_GAUSS)
-    ends = np.union1d(grid.s, [s for s in loads.knots if 0.0 < s < arm.length])
+    inner = [s for s in (*loads.knots, *arm.discs.faces) if 0.0 < s < arm.length]
+    ends = np.union1d(grid.s, inner)
     half = 0.5 * np.diff(ends)[:, np.newaxis]
     s = (ends[:-1, np.newaxis] + half * (1.0 + points)).ravel()
     density = force_per_length(arm, s, loads) * (half * weights).reshape(-1, 1)

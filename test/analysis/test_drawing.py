@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from rotations import matrix_of
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model import Arm, Material, RectangularBody, Section, Solver, load_config
+from octo_arm_model import Arm, Discs, Material, RectangularBody, Section, Solver, load_config
 from octo_arm_model.analysis.drawing import (
     ARMS,
     ARROW_TRIANGLES,
@@ -43,6 +44,16 @@ def test_without_uncertainty_the_tube_is_a_little_wider_than_the_body() -> None:
     radius = 1.03 * CONFIG.arm.body.radius(SHAPE.s)
     np.testing.assert_allclose(away, np.tile(radius, (12, 1)), rtol=1e-12)
     assert DRAWING.triangles.max() == len(tube) - 1
+
+
+def test_tendons_are_straight_between_discs() -> None:
+    arm = dataclasses.replace(CONFIG.arm, discs=Discs.evenly(4, CONFIG.arm.length))
+    shape = Solver(arm, 'exact', 21).solve([[0.3, 0.1, 0.0, 0.1]])
+    drawn = Drawing(arm, shape.s).draw(shape.position, shape.quaternion, shape.q)
+    for path in drawn.tendons:
+        steps = np.diff(path, axis=0).reshape(4, 5, 3)
+        np.testing.assert_allclose(steps, np.repeat(steps[:, :1], 5, axis=1), atol=1e-12)
+        assert np.linalg.norm(np.cross(steps[0, 0], steps[1, 0])) > 1e-6 * arm.length**2
 
 
 def test_the_body_ends_within_the_tube_as_often_as_is_said() -> None:

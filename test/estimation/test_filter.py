@@ -10,7 +10,17 @@ import pytest
 from estimation_arms import EVERYTHING, LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
 from scipy.stats import binom, chi2
 
-from octo_arm_model import Arm, Config, RectangularBody, RestShape, Solver, Uncertainty
+from octo_arm_model import (
+    Arm,
+    Body,
+    Config,
+    Discs,
+    Loads,
+    RectangularBody,
+    RestShape,
+    Solver,
+    Uncertainty,
+)
 from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.arm.loads import ZERO
 from octo_arm_model.estimation.base_wrench import BaseWrench
@@ -146,6 +156,21 @@ def test_exact_displacements_and_base_wrench_give_tensions_and_force() -> None:
     found = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, measured)
     np.testing.assert_allclose(found.tensions, TENSIONS, atol=1e-3)
     np.testing.assert_allclose(found.tip_wrench, model.tip_wrench(at.x), atol=1e-5)
+
+
+def test_a_force_on_a_robot_of_discs_is_found() -> None:
+    discs = Discs.evenly(4, RUBBER.length, 0.004, 0.002)
+    arm = dataclasses.replace(RUBBER, body=Body(0.2, 0.0075, 0.0075), discs=discs)
+    model = ArmModel(arm, FORCE_AT_TIP, loads=Loads(gravity=(0.0, 0.0, -9.81)), stations=31)
+    at = truth(model, np.array([0.004, 0.012, -0.008]), 0.5 * TENSIONS)
+    wrench = -BaseWrench(np.zeros(6), 1.0).innovation(at)
+    mass = 1080.0 * np.pi * 0.0075**2 * 0.2 + 5 * 0.002
+    assert wrench[2] == pytest.approx(-0.008 - 9.81 * mass, rel=1e-6)
+    measured = [
+        Tensions(0.5 * TENSIONS, 1e-6), TipPosition(at.solved.tip, 1e-7), BaseWrench(wrench, 1e-5)
+    ]  # fmt: skip
+    found = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, measured)
+    np.testing.assert_allclose(found.tip_wrench[:3], [0.004, 0.012, -0.008], atol=1e-5)
 
 
 def test_what_friction_does_is_within_the_covariance() -> None:
