@@ -53,6 +53,10 @@ class PushedArm:
             return False
         return before._at is not None and before.at.solved.point_tensions is not None
 
+    def reset(self) -> None:
+        """Forget the shape, and with it the history of tendons with friction."""
+        self._at = None
+
     def advance(self, tensions: FloatArray, force: FloatArray, elapsed: float) -> None:
         """As `solve`, whatever time has ``elapsed``."""
         self.solve(tensions, force)

@@ -108,8 +108,12 @@ def test_the_mouse_pulls_the_tip_until_it_lets_go_and_buttons_stop_and_step(serv
         ):
             message = Vector3Stamped(vector=vector)
             message.header.frame_id = frame
-            force.publish(message)
-            client.log(reason)
+
+            def is_told(message=message, reason=reason):
+                force.publish(message)
+                return any(reason in log.msg for log in client.logs)
+
+            client.wait(is_told, reason)
 
 
 def test_the_current_is_an_arrow_and_a_missing_simulator_a_sentence(server):

@@ -219,8 +219,11 @@ class SimulatorNode(CheckedNode):
         config = self._config
         self._hardware = SimulatedHardware(config.hardware, len(config.arm.tendons))
         self._command, self._control = np.zeros(len(config.arm.tendons)), None
-        self._played = 0.0
-        if isinstance(config.pushed_arm, DynamicArm):
+        self._is_playing, self._played = config.profile is not None, 0.0
+        self._push.forget()
+        self._sensors.reset()
+        self._motion.forget()
+        if config.pushed_arm is not None:
             config.pushed_arm.reset()
 
     def _stored(self) -> tuple[DynamicArm, Path]:
@@ -265,6 +268,7 @@ class SimulatorNode(CheckedNode):
         self._hardware.state, self._control = values['hardware'], control
         self._command, self._played = values['command'], float(values['played'])
         self._is_playing = bool(values['playing']) and config.profile is not None
+        self._motion.forget()
         arm.restore(state)
 
     def _step(self, elapsed: float, now: RosTime) -> None:

@@ -31,6 +31,10 @@ class MotionPublishers:
         self._last: FloatArray | None = None
         self._described: tuple[Config, BackboneWriter] | None = None
 
+    def forget(self) -> None:
+        """Take the next state for one at which tendons stand still, as it follows none."""
+        self._last = None
+
     def publish(self, config: Config, arm: DynamicArm, elapsed: float, stamp: Time) -> None:
         """Publish the ``arm`` of ``config``, ``elapsed`` [s] after the last time."""
         shape, known = arm.backbone, np.zeros((6, 6))

@@ -46,6 +46,10 @@ class SensorPublishers:
         )
         self._time = 0.0
 
+    def reset(self) -> None:
+        """Begin anew, also with the periods of the push."""
+        self._time = 0.0
+
     def publish(
         self,
         config: SimulatorConfig,

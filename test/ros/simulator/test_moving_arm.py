@@ -277,3 +277,42 @@ def test_commanders_that_contradict_each_other_are_named():
                               (array, 'tendon_commands/array', 1.0))  # fmt: skip
         assert set(agree) == {quiet}
         other.destroy_node()
+
+
+@pytest.mark.parametrize('is_moving', [False, pytest.param(True, marks=pytest.mark.endurance)])
+def test_a_reset_forgets_commands_pushes_and_the_history_of_friction(is_moving):
+    # At rest the tip follows the tensions at once, and is measured.
+    more = {} if is_moving else {'sensors__tip_pose_rate': 20.0}
+    topic = 'ground_truth/tip_pose' if is_moving else 'measured/tip_pose'
+    with moving(dynamics=is_moving, model='exact', rate=20.0, publish_clock=True,
+                tendons__friction=[0.3] * 4, **more) as client:  # fmt: skip
+        tips = client.hear(PoseWithCovarianceStamped, topic)
+        commands = client.node.create_publisher(TendonTensions, 'tendon_commands', 10)
+        names = list(CONFIG.arm.tendon_names)
+
+        def settled(pull):
+            """Places of the tip under a pull from the beginning of time on, once it is told."""
+            tips.clear()
+            found = []
+
+            def is_still():
+                commands.publish(tensions_message('tendon_commands', pull * PULL, names))
+                found[:] = [(p.x, p.y, p.z) for p in (one.pose.pose.position for one in tips)]
+                return len(found) > 10 and np.ptp(found[-5:], axis=0).max() < 1e-6
+
+            client.wait(is_still, 'rest')
+            return np.array(found[-1])
+
+        client.wait(lambda: tips, 'the arm')
+        first = settled(0.5)
+        settled(1.0)
+        assert np.linalg.norm(settled(0.5) - first) > 1e-4  # let out: friction holds the bend
+        # Commands that are still under way have come by then.
+        tips.clear()
+        client.wait(lambda: len(tips) > 5, 'readings')
+        assert client.trigger('reset')[0]
+        tips.clear()
+        client.wait(lambda: len(tips) > 5, 'the arm')
+        place = tips[-1].pose.pose.position
+        np.testing.assert_allclose([place.x, place.y, place.z], [0.27, 0.0, 0.0], atol=1e-9)
+        np.testing.assert_allclose(settled(0.5), first, atol=1e-5)
