@@ -45,7 +45,7 @@ _WORSE = 2.0  # growth of what should be least that shortens a step
 _SHORTENED = 6
 _LONGEST = 0.2  # of the length of the arm, by which a station moves in a step
 _LARGEST = 5.0  # standard deviations by which one agreement may be off
-_FARTHEST = 3.0  # standard deviations, to the mean: beyond, its second derivatives do not hold
+_FARTHEST = 1.0  # standard deviations, to the mean: beyond, its second derivatives do not hold
 _LATELY = 1000  # updates over which agreements are averaged
 
 
