@@ -19,7 +19,7 @@ from octo_arm_model.estimation.rules import CONTRADICTED, Doubts, Innovation, Ru
 from octo_arm_model.rod.sensitivity import chi_square_limit
 
 EVALUATIONS, ITERATIONS = 7, 50  # of shapes for one message, and of the solver for them
-_FIRST = 2  # times as many where it is the first one, or the estimate begins anew
+_FIRST = 3  # times as many where it is the first one, or the estimate begins anew
 
 
 @dataclass(frozen=True)
