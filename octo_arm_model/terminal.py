@@ -23,6 +23,7 @@ _EXTRAS = {
     'cloudpickle': 'cluster',
     'dask': 'cluster',
     'distributed': 'cluster',
+    'gymnasium': 'gymnasium',
     'llvmlite': 'compiled',
     'lz4': 'bags',
     'matplotlib': 'figures',

@@ -464,9 +464,9 @@ def test_the_node_answers_the_messages_of_a_bag_as_replay_does(tmp_path: Path) -
         for *_, data in content_of(bag, '/tendon_tensions'):
             publisher.publish(data)
 
-            def answers(data: bytes = data) -> list[list[bytes]]:
+            def answers(data: bytes = data) -> list[set[bytes]]:
                 # Answers carry the stamp of what they answer.
-                return [[one for one in got if one[4:12] == data[4:12]] for got in raw.values()]
+                return [{one for one in got if one[4:12] == data[4:12]} for got in raw.values()]
 
             client.wait(lambda answers=answers: all(answers()), 'an answer')
             for got, (answer,) in zip(found.values(), answers(), strict=True):
