@@ -24,8 +24,10 @@ def _forget_older(folder: Path) -> None:
     """Remove what numba keeps of this ``folder`` and is older than a file it was made of."""
     newest = max(file.stat().st_mtime for name in _SOURCES for file in folder.glob(name))
     places = [folder / '__pycache__']
-    if chosen := os.environ.get('NUMBA_CACHE_DIR'):
-        places += Path(chosen).glob(f'{folder.name}_*')
+    # Users who may not write into an installed package have it in their own cache.
+    user = os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')
+    for chosen in (Path(user) / 'numba', os.environ.get('NUMBA_CACHE_DIR')):
+        places += Path(chosen).glob(f'{folder.name}_*') if chosen else ()
     for place in places:
         for index in place.glob('*.nbi'):
             with contextlib.suppress(OSError):

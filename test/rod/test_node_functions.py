@@ -148,15 +148,20 @@ def test_both_forms_put_places_where_they_are(name: str, arms: int) -> None:
         np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale)
 
 
-def test_machine_code_that_is_older_than_what_it_was_made_of_is_forgotten(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('variable', 'inside'), [('NUMBA_CACHE_DIR', ''), ('XDG_CACHE_HOME', 'numba')]
+)
+def test_machine_code_that_is_older_than_what_it_was_made_of_is_forgotten(
+    tmp_path: Path, variable: str, inside: str
+) -> None:
     pytest.importorskip('numba')
-    folder = tmp_path / 'rod_of_this_place'
-    folder.mkdir()
+    folder = tmp_path / inside / 'rod_of_this_place'
+    folder.mkdir(parents=True)
     for name, when in (('stale', 1e9), ('fresh', 4e9)):
         file = folder / f'{name}.nbi'
         file.touch()
         os.utime(file, (when, when))
-    environment = os.environ | {'NUMBA_CACHE_DIR': str(tmp_path)}
+    environment = os.environ | {variable: str(tmp_path)}
     command = [sys.executable, '-c', 'import octo_arm_model.rod.compiled']
     subprocess.run(command, env=environment, check=True)
     assert [file.stem for file in folder.glob('*.nbi')] == ['fresh']
