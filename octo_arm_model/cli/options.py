@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
-from octo_arm_model.arm.loads import TIP, TIP_FRAMES
+from octo_arm_model.arm.loads import TIP_FRAMES
 from octo_arm_model.arm.material import LAWS
 from octo_arm_model.arm.motion_properties import WATERS, WaterCoefficients
 from octo_arm_model.arm.validation import within
@@ -207,48 +208,50 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     physics.add_argument(
         '--tip-frame',
         choices=TIP_FRAMES,
-        help='axes of these: tip for t, n and b of the tip, with which they turn (default: base)',
+        help='axes of these: tip for t, n and b of the tip, with which they turn, or base',
     )
 
 
-def read_config(options: argparse.Namespace, moves: bool = False) -> Config:
-    """The config of `add_config`'s options, of an arm that perhaps ``moves``.
+def read_config(options: argparse.Namespace) -> Config:
+    """The config of `add_config`'s options.
 
     Raises:
         ConfigError: if there is no such file or preset, or it does not describe an arm, or the
             model has no choice of material.
         ArmDefinitionError: if a value given on the command line is impossible.
     """
-    config = load_config(options.config)
-    model = options.model or config.model
+    return _read(options, moves=False)[0]
+
+
+def _read(
+    options: argparse.Namespace, moves: bool, motion: dict[str, Any] | None = None
+) -> tuple[Config, dict[str, Any]]:
+    """The config of `add_config`'s options, of an arm that perhaps ``moves``, and its parameters.
+
+    Those of its ``motion`` replace the file's; None stands for the default.
+    """
+    file = load_config(options.config)
+    model = options.model or file.model
     if model != 'exact':
         refuse_without_effect(
             options, ('--material', '--density'), f'on {model}, which knows neither: choose exact'
         )
-    if options.density is not None:
-        arm = config.arm.with_density(options.density)
-        config = dataclasses.replace(config, arm=arm)
-    names = ('gravity', 'fluid_density', 'tip_force', 'tip_moment')
-    given = {name: getattr(options, name) for name in names}
-    loads: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in given.items()
-        if value is not None
-    }
-    acting = dataclasses.replace(config.loads, **loads)
-    if not acting.tip_wrench.any():
+    given = {
+        'model': options.model, 'stations': options.stations, 'material.law': options.material,
+        'material.density': options.density, 'loads.gravity': options.gravity,
+        'loads.fluid_density': options.fluid_density, 'loads.tip_force': options.tip_force,
+        'loads.tip_moment': options.tip_moment, 'loads.tip_frame': options.tip_frame,
+    }  # fmt: skip
+    parameters = load_parameters(options.config)
+    parameters |= {name: value for name, value in given.items() if value is not None}
+    parameters |= motion or {}
+    parameters = {name: value for name, value in parameters.items() if value is not None}
+    config = Config.from_parameters(parameters)
+    if not any(np.any(parameters.get(f'loads.tip_{part}', 0.0)) for part in ('force', 'moment')):
         refuse_without_effect(options, ('--tip-frame',), 'without --tip-force or --tip-moment')
-    if options.tip_frame == TIP:
-        acting = acting.following(config.arm.length)
-    if not (any(acting.gravity) or moves):
+    if not (any(config.loads.gravity) or moves):
         refuse_without_effect(options, ('--density', '--fluid-density'), 'without --gravity')
-    return dataclasses.replace(
-        config,
-        model=model,
-        stations=config.stations if options.stations is None else options.stations,
-        law=options.material or config.law,
-        loads=acting,
-    )
+    return config, parameters
 
 
 def add_moving_arm(parser: argparse.ArgumentParser) -> None:
@@ -269,24 +272,13 @@ def read_moving_arm(options: argparse.Namespace) -> tuple[Config, dict[str, Any]
     if options.model not in (None, 'exact'):
         raise ConfigError(f'--model is {options.model}, which does not move: expected exact')
     options.model = 'exact'
-    read_config(options, moves=True)
-    given = {
-        'model': 'exact', 'stations': options.stations, 'material.law': options.material,
-        'material.density': options.density, 'loads.gravity': options.gravity,
-        'loads.fluid_density': options.fluid_density, 'loads.tip_force': options.tip_force,
-        'loads.tip_moment': options.tip_moment, 'motion.viscosity': options.viscosity,
-        'motion.water': options.water,
-    }  # fmt: skip
-    parameters = load_parameters(options.config)
-    replaced = []
+    motion: dict[str, Any] = {}
     if options.viscosity is not None:
-        replaced.append('motion.damping_time')
+        motion |= {'motion.viscosity': options.viscosity, 'motion.damping_time': None}
     if options.water is not None:
-        replaced += [f'motion.{name}' for name in WaterCoefficients._fields]
-    for name in replaced:
-        parameters.pop(name, None)
-    parameters |= {name: value for name, value in given.items() if value is not None}
-    return Config.from_parameters(parameters), parameters
+        motion |= {f'motion.{name}': None for name in WaterCoefficients._fields}
+        motion['motion.water'] = options.water
+    return _read(options, moves=True, motion=motion)
 
 
 def add_dynamic(parser: Any, kinds: Any = None) -> None:

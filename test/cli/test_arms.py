@@ -6,6 +6,7 @@ import dataclasses
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from workspaces import HIGHEST
 from octo_arm_model import Config, ConfigError, Loads, Solver
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile_files import read_profile
 
@@ -86,6 +87,36 @@ def test_a_wrench_in_the_axes_of_the_tip_turns_with_it(cli: Cli, table4: Config)
     status, _, err = cli(*SOLVE, TENSIONS, '--model', 'exact', '--tip-frame', 'tip')
     assert status == 2
     assert '--tip-frame has no effect without --tip-force or --tip-moment' in err
+
+
+def test_the_command_line_replaces_the_wrench_of_a_file(cli: Cli, tmp_path: Path) -> None:
+    arm = load_parameters(preset_path('renda2012_table4')) | {'model': 'exact'}
+    force, file = ('0', '0.004', '0'), tmp_path / 'arm.yaml'
+
+    def tip(*options: str, **loads: Any) -> list[float]:
+        own = {f'loads.tip_{name}': value for name, value in loads.items()}
+        file.write_text(parameters_as_yaml(arm | own))
+        answer = cli.json('solve', file, '--tensions', TENSIONS, '--json', *options)
+        return list(answer['position'][-1])
+
+    turning = tip(force=[0.0, 0.004, 0.0], frame='tip')
+    assert tip('--tip-force', *force, force=[0.1, 0.0, 0.0], frame='tip') == turning
+    dead = tip('--tip-frame', 'base', force=[0.0, 0.004, 0.0], frame='tip')
+    assert dead == tip('--tip-force', *force)
+    assert np.abs(np.subtract(dead, turning)).max() > 1e-3
+
+
+def test_the_wrench_on_a_moving_tip_turns_with_it(cli: Cli, tmp_path: Path) -> None:
+    profile = tmp_path / 'pull.yaml'
+    profile.write_text('times: [0.0, 0.1]\ntensions: [[0, 0, 0, 0], [0.5, 0, 0, 0]]\n')
+    given = '--density 1080 --viscosity 300 --tip-force 0 0.05 0'.split()
+    ends = []
+    for frame in ('base', 'tip'):
+        command = 'simulate', 'renda2012_prototype', profile, *given, '--tip-frame', frame
+        status, out, _ = cli(*command)
+        assert status == 0
+        ends.append(out.split('tip at the end at')[1])
+    assert ends[0] != ends[1]
 
 
 def test_lengths_that_winches_reel_in_give_the_tensions(cli: Cli) -> None:
