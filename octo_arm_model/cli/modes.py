@@ -84,5 +84,10 @@ def draw_modes(path: Path, found: Modes, backbone: Backbone) -> None:
             line = backbone.position + part * size * shape
             axes.plot(*line.T, color='0.6' if part else 'C0')
         axes.set_title(f'{found.frequencies[number - 1]:.4g} Hz')
-        axes.set_aspect('equal')
+        # As much of each axis, around the middle of the arm.
+        middle = 0.5 * (backbone.position.min(axis=0) + backbone.position.max(axis=0))
+        span = 0.6 * np.ptp(backbone.position, axis=0).max()
+        for axis, at in zip('xyz', middle):
+            axes.set(**{f'{axis}lim': (at - span, at + span)})
+        axes.locator_params(nbins=4)
     figure.savefig(path, dpi=120, format='png')

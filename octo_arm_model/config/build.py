@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -267,14 +267,14 @@ def _discs(given: Values) -> Discs:
 
 def _body(given: Values) -> Body | ProfiledBody | RectangularBody:
     length, discs = given['body.length'], given['body.disc_radius']
-    width = _along(given, 'body', 'width', given['body.width'])
-    height = _along(given, 'body', 'height', given['body.height'])
+    width, height = (_along(given, 'body', x, given[f'body.{x}']) for x in ('width', 'height'))
     inner = _along(given, 'body', 'inner_radius', given['body.inner_radius'])
     radii = ('radius_base', 'radius_tip', 'table_radius', 'inner_radius', 'table_inner_radius')
     round_ones = [name for name in radii if given.get(f'body.{name}')]
     if width != 0.0 or height != 0.0:
         if round_ones:
             raise ConfigError(f'body.{round_ones[0]} does not go with width and height of a body')
+        _all_along(given, 'body', {'width': 0.0, 'height': 0.0})
         return RectangularBody(length, width, height, discs)
     if given['body.table_s']:
         radius = _table(given, 'body.table_radius', given['body.table_s'])
@@ -290,9 +290,7 @@ def _stiffness(given: Values) -> GivenStiffness:
         'axial': given['stiffness.axial'], 'bending_n': bending[0], 'bending_b': bending[-1],
         'torsion': given['stiffness.torsion'],
     }  # fmt: skip
-    return GivenStiffness(
-        **{name: _along(given, 'stiffness', name, one) for name, one in values.items()}
-    )
+    return GivenStiffness(**_all_along(given, 'stiffness', values))
 
 
 def _rest(given: Values) -> RestShape:
@@ -301,7 +299,17 @@ def _rest(given: Values) -> RestShape:
     values = {
         'curvature_n': curvature[0], 'curvature_b': curvature[1], 'torsion': given['rest_torsion']
     }  # fmt: skip
-    return RestShape(**{name: _along(given, 'rest', name, one) for name, one in values.items()})
+    return RestShape(**_all_along(given, 'rest', values))
+
+
+def _all_along(
+    given: Values, group: str, constants: Mapping[str, float]
+) -> dict[str, float | Profile]:
+    """What the tables of a ``group`` say, or else its ``constants``."""
+    tables = [f'{group}.table_{name}' for name in constants]
+    if given[f'{group}.table_s'] and not any(given[table] for table in tables):
+        raise ConfigError(f'{group}.table_s has no effect without one of {", ".join(tables)}')
+    return {name: _along(given, group, name, one) for name, one in constants.items()}
 
 
 def _along(given: Values, group: str, name: str, constant: float) -> float | Profile:

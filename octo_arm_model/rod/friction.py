@@ -46,8 +46,6 @@ SAME = 1e-6  # relative difference up to which two tensions of a tendon count as
 _CONVERGED, _MOST_ITERATIONS = 1e-13, 50
 _MOST_LOSS = 100.0  # mu theta beyond which nothing is left of a tension
 _LEAST = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
-
-
 # As `forms.Form.angles`.
 FillsAngles: TypeAlias = Callable[[Tables, FloatArray, FloatArray, Work], None]
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.errors import ArmDefinitionError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
-from octo_arm_model.rod.motion import Dynamics
+from octo_arm_model.arm.validation import vector, whole, within
+from octo_arm_model.rod.inputs import check_highest
+from octo_arm_model.rod.motion import STEPS, Dynamics
 from octo_arm_model.rod.motion_state import Inputs, MotionState
 
 try:
@@ -56,20 +59,29 @@ class ReachEnvironment(gymnasium.Env[FloatArray, FloatArray]):
     metadata: dict[str, Any] = {'render_modes': []}  # noqa: RUF012
 
     def __init__(
-        self, dynamics: Dynamics, highest: FloatArray | None = None, period: float = 0.02,
+        self, dynamics: Dynamics, highest: ArrayLike | None = None, period: float = 0.02,
         steps: int = 100, divisions: int = 4,
     ) -> None:  # fmt: skip
         """Move the arm of ``dynamics``.
 
         Args:
             dynamics: of the arm, its water and its loads.
-            highest: tensions [N], of `Arm.tension_shape`; None for the defaults of profiles.
+            highest: tensions [N], one or of `Arm.tension_shape`; None for `default_highest`.
             period: time of a step [s].
             steps: after which an episode is truncated.
             divisions: steps of the integration in one of the environment.
+
+        Raises:
+            ArmDefinitionError: if a step is none of `Dynamics.step`, or there are none.
+            TensionError: if a highest tension is not > 0, or they are not those of the tendons.
         """
         self.dynamics, arm = dynamics, dynamics.solver.arm
-        self._highest = default_highest(arm) if highest is None else np.asarray(highest)
+        for name, count in (('steps', steps), ('divisions', divisions)):
+            if not whole(name, count):
+                raise ArmDefinitionError(name, count, 'an integer > 0')
+        within('period', period, divisions * STEPS[0], divisions * STEPS[1], 's')
+        given = default_highest(arm) if highest is None else highest
+        self._highest = check_highest(arm, given).reshape(arm.tension_shape)
         self._period, self._steps, self._divisions = period, steps, divisions
         count = self._highest.size
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (count,), np.float64)
@@ -83,11 +95,12 @@ class ReachEnvironment(gymnasium.Env[FloatArray, FloatArray]):
         """Begin at rest, without tensions; ``options`` may have the ``target`` [m].
 
         Raises:
+            ArmDefinitionError: if the target is not three finite numbers.
             SolveError: if no random tensions have a shape.
         """
         super().reset(seed=seed)
         given = (options or {}).get('target')
-        target = self._random_target() if given is None else np.array(given, dtype=float)
+        target = self._random_target() if given is None else np.array(vector('target', given, 'm'))
         self.snapshot = Snapshot(self._rest, target, 0)
         return self._observe()
 

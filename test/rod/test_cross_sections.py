@@ -353,6 +353,9 @@ def test_a_file_says_all_of_it() -> None:
         (ROUND | {'rest_torsion': 1.0, 'rest.table_s': [0.0, LENGTH],
                   'rest.table_torsion': [1.0, 2.0]},
          'rest.table_torsion and the same for all s are given, expected one of both'),
+        (ROUND | {'stiffness.table_s': [0.0, LENGTH]}, 'stiffness.table_s has no effect without'),
+        ({'body.width': 1e-3, 'body.height': 1e-3, 'body.table_s': [0.0, LENGTH]},
+         'body.table_s has no effect without'),
         (ROUND | {'rest.table_torsion': [1.0]}, 'rest.table_torsion has 1 values, expected 0'),
     ],
 )  # fmt: skip

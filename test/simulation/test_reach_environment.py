@@ -5,11 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 import warnings
+from typing import Any
 
 import numpy as np
 import pytest
 
-from octo_arm_model import Dynamics, MotionProperties, Solver, load_config
+from octo_arm_model import Dynamics, MotionProperties, OctoArmError, Solver, load_config
 
 
 @pytest.fixture(scope='module')
@@ -78,6 +79,28 @@ def test_a_motion_that_ends_ends_the_episode(dynamics: Dynamics) -> None:
     crushed.reset(options={'target': (0.2, 0.0, 0.0)})
     *_, ended, truncated, info = crushed.step(np.ones(4))
     assert (ended, truncated) == (True, False) and info['error']
+
+
+@pytest.mark.parametrize(
+    ('given', 'message'),
+    [
+        ({'highest': np.zeros((1, 4))}, 'highest tension of tendon_1_1 is 0.0 N'),
+        ({'highest': np.ones(3)}, 'highest is'),
+        ({'divisions': 0}, 'divisions is 0'),
+        ({'steps': -1}, 'steps is -1'),
+        ({'period': float('nan')}, 'period is nan'),
+    ],
+)
+def test_an_environment_that_could_not_go_on_is_refused(
+    dynamics: Dynamics, given: dict[str, Any], message: str
+) -> None:
+    pytest.importorskip('gymnasium', reason='needs gymnasium')
+    from octo_arm_model.simulation.reach_environment import ReachEnvironment
+
+    with pytest.raises(OctoArmError, match=message):
+        ReachEnvironment(dynamics, **given)
+    with pytest.raises(OctoArmError, match='target is'):
+        ReachEnvironment(dynamics).reset(options={'target': (0.1, np.nan, 0.0)})
 
 
 def test_without_gymnasium_it_says_what_to_install() -> None:
