@@ -246,11 +246,11 @@ def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()
     is_poses = options.poses or options.pose_csv is not None
     kind = POSES if is_poses else STEPS if options.ramp is None else RAMP
     step = read_dynamic(options)
-    if step is not None and is_poses:
-        raise ConfigError('--dynamic has no effect on a table of poses')
-    if kind != STEPS or step is not None:
-        idle, other = ('--steady', '--hold', '--settle'), 'poses' if is_poses else 'ramp'
-        refuse_without_effect(options, idle, f'with --{other if step is None else "dynamic"}')
+    other = 'poses' if is_poses else 'dynamic' if kind == STEPS else 'ramp'
+    if step is not None and other != 'dynamic':
+        raise ConfigError(f'--dynamic, or a fit of a motion, does not go with --{other}')
+    if step is not None or kind != STEPS:
+        refuse_without_effect(options, ('--steady', '--hold', '--settle'), f'with --{other}')
     alignment = None if options.align is None else read_alignment(options.align)
     measured = Measured(
         tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),

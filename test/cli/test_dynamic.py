@@ -165,6 +165,7 @@ def test_what_does_not_swing_tells_nothing(folder: Path, tmp_path: Path, cli: Cl
         (('--fit', 'damping', 'axial_stiffness'), 'axial_stiffness is not fitted to an arm that'),
         (('--fit', 'damping', 'tension_scale'), 'tension_scale is not fitted to an arm that'),
         (('--fit', 'drag', '--model', 'renda2012'), 'of which only exact moves'),
+        (('--fit', 'drag', '--ramp'), 'a fit of a motion, does not go with --ramp'),
     ):
         assert message in cli.refused(*given, *more)
 
