@@ -11,7 +11,7 @@ import numpy as np
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import BoolArray, FloatArray
 from octo_arm_model.arm.limits import MAX_DISCS
-from octo_arm_model.arm.validation import not_negative, positive, set_fields
+from octo_arm_model.arm.validation import not_negative, positive, set_fields, whole
 
 # Part of the length of an arm by which a disc and an anchorage are apart, or are one.
 _APART = 1e-9
@@ -51,7 +51,9 @@ class Discs:
 
     @classmethod
     def evenly(cls, count: int, length: float, thickness: float = 0.0, mass: float = 0.0) -> Discs:
-        """So many of an arm of a ``length`` [m], at equal distances, the last at its tip."""
+        """So many, at most `MAX_DISCS`, of an arm of a ``length`` [m], the last at its tip."""
+        if whole('number of discs', count) > MAX_DISCS:
+            raise ArmDefinitionError('number of discs', count, f'at most {MAX_DISCS}')
         s = tuple(length * (number / count) for number in range(1, count + 1))
         return cls(s, thickness, mass)
 

@@ -56,17 +56,19 @@ class SectionStiffness(NamedTuple):
 def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
     """Default upper bounds of tensions [N], of `Arm.tension_shape`.
 
-    For each tendon the smaller of two tensions, both to first order: the one that compresses the
-    cross section at its anchorage by ``part`` [-], and the one that alone bends the arm by 4 pi.
+    For each tendon the smallest of tensions, to first order: the one that compresses the cross
+    section at its anchorage by ``part`` [-], the one that alone bends the arm by 4 pi, and
+    ``part`` of the one that alone folds it between discs.
     """
     highest = np.empty(len(arm.tendons))
+    apart = np.diff([0.0, *arm.discs.faces]).max(initial=0.0)
     for j, (tendon, section) in enumerate(zip(arm.tendons, arm.tendon_section, strict=True)):
         s = np.linspace(0.0, arm.sections[section - 1].anchorage, _STATIONS)
         stiffness = SectionStiffness.at(arm, s)
-        about = np.hypot(*(tendon.place(s)[::-1] / stiffness[2:4]))
-        turn = float(trapezoid(about, s))
+        turn = float(trapezoid(np.hypot(*(tendon.place(s)[::-1] / stiffness[2:4])), s))
         bending = 4.0 * np.pi / turn if turn > 0.0 else np.inf
-        highest[j] = min(part * float(stiffness.axial[-1]), bending)
+        folding = 12.0 * float(stiffness.bending.min()) / apart**2 if apart else np.inf
+        highest[j] = min(part * float(stiffness.axial[-1]), bending, part * folding)
     return highest.reshape(arm.tension_shape)
 
 

@@ -49,7 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_vector(parser, '--stiffness', 'X Y Z K', stiffness)
     default = (
         'for each tendon, what compresses the cross section it is fastened at by 30 percent, or '
-        'bends the arm by two turns'
+        'bends the arm by two turns, or as large a part of what folds it between discs'
     )
     add_highest(parser, default)
     add_json(parser)

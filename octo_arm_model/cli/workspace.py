@@ -48,7 +48,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_config(parser)
     default = (
         'for each tendon, what alone compresses the cross section it is fastened at by 10 '
-        'percent, or bends the arm by two turns'
+        'percent, or bends the arm by two turns, or 10 percent of what folds it between discs'
     )
     add_highest(parser, default)
     add_number(parser, '--samples', 4096, 'sets of tensions, best a power of two', 'N')

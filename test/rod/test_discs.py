@@ -31,11 +31,13 @@ from octo_arm_model import (
     Uncertainty,
     Wound,
     displacements_of,
+    load_config,
     modes,
     solve_displacements,
     wound_sensitivity,
 )
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.rod import Rod, Setting
@@ -332,6 +334,7 @@ def test_the_papers_models_have_no_discs(model: str) -> None:
     [
         ({'tendons.discs': [0.1, 0.1]}, 'tendons.discs is [0.1, 0.1], expected increasing'),
         ({'tendons.discs': [0.5]}, 'tendons.discs is 0.5, expected at most the length'),
+        ({'tendons.disc_count': 10**9}, 'tendons.disc_count is 1000000000, expected 0 to'),
         ({'tendons.disc_count': 3, 'tendons.discs': [0.1]}, 'tendons.disc_count is 3, expected 0'),
         ({'tendons.disc_count': -1}, 'tendons.disc_count is -1, expected 0 to'),
         ({'tendons.disc_count': 10, 'tendons.disc_thickness': 0.05}, 'expected more than 0.05'),
@@ -361,3 +364,17 @@ def test_anchorages_are_discs_and_parameters_make_them() -> None:
     }
     arm = Config.from_parameters({**given, **some}).arm
     assert arm.discs == Discs((0.1, 0.2, 0.3, 0.4), 0.002, 0.01)
+
+
+@pytest.mark.parametrize('count', [-1, 10**12])
+def test_no_number_of_discs_takes_all_the_memory(count: int) -> None:
+    with pytest.raises(ArmDefinitionError, match=f'number of discs is {count}, expected'):
+        Discs.evenly(count, 0.4)
+
+
+def test_a_tendon_alone_does_not_fold_an_arm_at_its_default_limit() -> None:
+    arm = dataclasses.replace(load_config('rao2021').arm, discs=Discs.evenly(4, 0.4))
+    solver, highest = Solver(arm, 'exact', stations=5, material='linear'), default_highest(arm)
+    for tendon in np.eye(6).reshape(6, *arm.tension_shape):
+        solver.solve(tendon * highest)
+    assert highest.max() < 0.3 * 12.0 * 54e9 * 0.25 * np.pi * 0.7e-3**4 / 0.1**2 * 1.001
