@@ -205,8 +205,11 @@ def check_along(parameters: Mapping[str, Any], arm: Arm, fits: Sequence[str]) ->
     Raises:
         ConfigError: if it varies along s.
     """
-    for name, of in ((REST_CURVATURE, 'curvature'), (REST_TORSION, 'torsion')):
-        tables = [one for one in parameters if one.startswith(f'rest.table_{of}')]
+    for name, table in (
+        (REST_CURVATURE, 'rest.table_curvature'), (REST_TORSION, 'rest.table_torsion'),
+        (BENDING, 'stiffness.table_bending'),
+    ):  # fmt: skip
+        tables = [one for one in parameters if one.startswith(table)]
         if name in fits and any(parameters[one] for one in tables):
             raise ConfigError(f'{name} cannot be fitted: the config has a table of it')
     if BENDING in fits:

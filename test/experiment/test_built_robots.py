@@ -183,6 +183,8 @@ def test_a_table_of_a_robot_of_discs_tells_its_modulus_and_friction(
          'bending_stiffness cannot be fitted: E J is'),
         ({'rest.table_s': [0.0, 0.25], 'rest.table_torsion': [1.0, 2.0]}, 'rest_torsion',
          'rest_torsion cannot be fitted: the config has a table of it'),
+        ({'stiffness.table_s': [0.0, 0.25], 'stiffness.table_bending_n': [1e-2, 1e-2]},
+         'bending_stiffness', 'bending_stiffness cannot be fitted: the config has a table of it'),
     ],
 )  # fmt: skip
 def test_what_varies_along_the_arm_is_not_fitted_as_one_number(
