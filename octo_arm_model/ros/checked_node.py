@@ -57,7 +57,7 @@ class CheckedNode(Node):
         self, msg_type: Any, topic: str, callback: Callable[..., None], *args: Any, **options: Any
     ) -> Subscription:
         """As `Node.create_subscription`; messages on /clock are checked first."""
-        if msg_type is Clock:
+        if msg_type is Clock and not options.get('raw'):
             callback = partial(self._take_clock, callback)
         return super().create_subscription(msg_type, topic, callback, *args, **options)
 

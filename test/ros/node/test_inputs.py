@@ -8,6 +8,7 @@ pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make
 
 from live_nodes import AFFORDED, CONFIG, NAMES, hosting, tip_of
 from octo_arm_msgs.msg import TendonTensions
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
 
 from octo_arm_model import displacements_of, solve_displacements, wound_sensitivity
@@ -72,6 +73,11 @@ def test_any_field_of_any_type_is_taken_and_may_change_while_the_node_runs():
         client.wait(lambda: is_told('no value', JointState(velocity=[1.0])), 'a refusal')
         assert client.change(tension_field='speed') == (True, '')
         client.wait(lambda: is_told("no field 'speed'", joints()), 'a refusal')
+        # Not taken for the time of the node.
+        client.node.destroy_publisher(states)
+        assert client.change(tension_type='rosgraph_msgs/msg/Clock') == (True, '')
+        states = client.node.create_publisher(Clock, '/daq', 10)
+        client.wait(lambda: is_told("no field 'speed'", Clock()), 'a refusal')
         assert client.change(tension_type='', tension_field='') == (True, '')
         client.wait(lambda: not states.get_subscription_count(), 'the end of the subscription')
 
