@@ -37,8 +37,14 @@ class MotionControls:
             '/pull', scale=0.18 * length, disable_rotations=True, depth_test=False, visible=False
         )
         shown.on_update(lambda event: later(lambda: self._show(shown.value)))
-        paused.on_update(lambda event: later(lambda: simulator.pause(paused.value)))
-        step, reset = gui.add_button('Step'), gui.add_button('Begin anew')
+        step = gui.add_button('Step', disabled=True)
+        reset = gui.add_button('Begin anew')
+
+        def pause() -> None:
+            simulator.pause(paused.value)
+            step.disabled = not paused.value  # one that moves refuses steps
+
+        paused.on_update(lambda event: later(pause))
         step.on_click(lambda event: later(lambda: simulator.trigger('step')))
         reset.on_click(lambda event: later(lambda: simulator.trigger('reset')))
         self._handle.on_update(lambda event: later(lambda: self._drag(event.phase != 'end')))
