@@ -141,11 +141,7 @@ class _Player:
     """Publishes profiles in real time."""
 
     def __init__(
-        self,
-        commands: CommandPublisher,
-        config: Config,
-        rate: float,
-        received: Sequence[int],
+        self, commands: CommandPublisher, config: Config, rate: float, received: Sequence[int]
     ) -> None:
         self._commands, self._rate = commands, rate
         self._received = received
