@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -135,7 +134,8 @@ def load_state(path: Path, problem: MovingProblem) -> MotionState:
             raise ValueError(f'it has more than {_MOST_BYTES} bytes')
         with np.load(path, allow_pickle=False) as file:
             given = {name: file[name] for name in file.files}
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
+    except Exception as error:
+        # Damaged files make zipfile and NumPy raise errors of many types, MemoryError too.
         raise ConfigError(f'{path} cannot be read as a state: {error}') from None
     _check(given, path, problem)
     version, time, residual, iterations, dt = given['numbers'].tolist()

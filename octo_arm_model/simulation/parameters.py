@@ -33,12 +33,13 @@ HIGHEST_RATE = 1000.0  # [Hz]
 # Parameters of the arm that say what its load cells read.
 _OF_LOAD_CELLS = ('tension_names', 'tension_deadband', 'tension_offset', 'tension_scale')
 
-_FASTEST = 1000.0
+_SLOWEST, _FASTEST = 1e-3, 1000.0
+_MOVING_RATE = 1.0  # [Hz] at least: a period of a moving arm is many steps
 _ON_FAILURE = ('go_on', 'pause')
 
 PARAMETERS = (
     Parameter('rate', float, 'how often tensions are measured and published [Hz]', 100.0,
-              range=f'{MIN_RATE:g} to {HIGHEST_RATE:g}'),
+              range=f'{MIN_RATE:g} to {HIGHEST_RATE:g}, from {_MOVING_RATE:g} on with dynamics'),
     *Winches.table(),
     *LoadCells.table(),
     *Relaxation.table(),
@@ -50,13 +51,14 @@ PARAMETERS = (
               'step and is published on /clock', False),
     Parameter('real_time_factor', float,
               'how many times as fast as the wall clock that time goes [-]; 0 for as fast as it '
-              'can', 1.0, range=f'0 to {_FASTEST:g}; 1 without publish_clock'),
+              'can', 1.0,
+              range=f'0, or {_SLOWEST:g} to {_FASTEST:g}; 1 without publish_clock'),
     Parameter('on_failure', str,
               'what follows where no step of the arm succeeds, as of one that is crushed: go_on '
               'from the last state, or pause', 'go_on', range=' or '.join(_ON_FAILURE)),
     Parameter('state_file', str,
               'file of the services save_state and restore_state, whose name ends with '
-              f'{SUFFIX}; empty for none', ''),
+              f'{SUFFIX}; empty for none; later one in the same folder alone', ''),
     Parameter('profile.name', str,
               'movement, or CSV or YAML file, that the simulator plays; empty for none',
               ''),
@@ -138,7 +140,8 @@ class SimulatorConfig:
         refuse_unknown(values, known, 'the simulator or the arm')
         config = Config.from_parameters({k: v for k, v in values.items() if k not in _NAMES})
         own = {p.name: p.convert(values.get(p.name, p.default)) for p in PARAMETERS}
-        within('rate', own['rate'], MIN_RATE, HIGHEST_RATE, 'Hz')
+        lowest = _MOVING_RATE if own['dynamics'] else MIN_RATE
+        within('rate', own['rate'], lowest, HIGHEST_RATE, 'Hz')
         positive('profile.speed', own['profile.speed'], '-')
         _check_time(own)
         for name, given in (
@@ -184,7 +187,8 @@ class SimulatorConfig:
 def _check_time(own: Mapping[str, Any]) -> None:
     """Check how time goes on, and what follows where it does not."""
     factor, failure = own['real_time_factor'], own['on_failure']
-    within('real_time_factor', factor, 0.0, _FASTEST, '-')
+    if factor:
+        within('real_time_factor', factor, _SLOWEST, _FASTEST, '-')
     if factor != 1.0 and not own['publish_clock']:
         raise ArmDefinitionError('real_time_factor', factor, '1 without publish_clock')
     if failure not in _ON_FAILURE:

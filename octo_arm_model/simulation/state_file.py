@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -59,7 +59,8 @@ def read_state(
             given = json.loads(file.read(_PART))
     except KeyError:
         raise ConfigError(f'{path} is the state of an arm alone, without its winches') from None
-    except (OSError, ValueError, RecursionError, BadZipFile) as error:
+    except Exception as error:
+        # Damaged files make zipfile and json raise errors of many types.
         raise ConfigError(f'{path} cannot be read as a state: {error}') from None
     if not isinstance(given, dict) or given.get('version') != _VERSION:
         found = given.get('version') if isinstance(given, dict) else given

@@ -45,6 +45,7 @@ ARM = load_parameters(preset_path('renda2012_prototype'))
         ('rate', 1e-11, 'rate is 1e-11, expected a finite number within [1e-06, 1000] [Hz]'),
         ('rate', 1e6, 'rate is 1000000.0, expected a finite number within [1e-06, 1000] [Hz]'),
         ('profile.speed', -1.0, 'profile.speed is -1.0'),
+        ('real_time_factor', 1e-300, 'is 1e-300, expected a finite number within [0.001, 1000]'),
     ],
 )
 def test_impossible_values_are_refused_by_name(name, value, complaint) -> None:
@@ -67,6 +68,12 @@ def test_unknown_names_and_wrong_types_are_refused(values, complaint) -> None:
     with pytest.raises(ConfigError) as caught:
         SimulatorConfig.from_parameters({**ARM, **values})
     assert complaint in str(caught.value)
+
+
+def test_a_period_of_a_moving_arm_is_bounded() -> None:
+    moving = {'dynamics': True, 'material.density': 1080.0, 'rate': 0.5}
+    with pytest.raises(ArmDefinitionError, match=r'rate is 0.5, .* within \[1, 1000\] \[Hz\]'):
+        SimulatorConfig.from_parameters({**ARM, **moving})
 
 
 def test_everything_is_off_by_default_and_every_parameter_arrives() -> None:

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Mapping
 
 from rclpy.node import Node
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 # What is commanded, and the value [N] or [m], by tendon.
 Command = Mapping[str, tuple[str, float]]
@@ -58,11 +57,8 @@ class Commanders:
 
     def _publishers(self, topic: str) -> list[str]:
         found = self._node.get_publishers_info_by_topic(topic)
-        return sorted({_name(one) for one in found}) or ['nobody any more']
-
-
-def _name(publisher: TopicEndpointInfo) -> str:
-    return f'{publisher.node_namespace.rstrip("/")}/{publisher.node_name}'
+        names = {f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found}
+        return sorted(names) or ['nobody any more']
 
 
 def _distance(one: Command, other: Command) -> float:

@@ -54,15 +54,14 @@ class SimulatorDiagnostics:
         """
         lately = {name: self.counts[name] - self._reported[name] for name in self.counts}
         self._reported = dict(self.counts)
-        refused, level = lately['refused'], DiagnosticStatus.WARN
         problems = [problem] if problem else []
-        if refused:
+        if refused := lately['refused']:
             problems.append(f'{refused} refused: {self._reason}')
         if failed := lately['failed']:
             problems.append(f'{failed} steps failed: {self._failure}')
         before, self._simulated = self._simulated, simulated
-        fine = f'following {source}'
-        status = diagnostics.make_status('simulator', level, '; '.join(problems), fine, {
+        fine, warn = f'following {source}', DiagnosticStatus.WARN
+        status = diagnostics.make_status('simulator', warn, '; '.join(problems), fine, {
             'source': source,
             'commands [Hz]': f'{lately["commands"] / diagnostics.PERIOD:.1f}',
             'refused': self.counts['refused'],

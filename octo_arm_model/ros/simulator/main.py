@@ -23,7 +23,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.time import Time as RosTime
 from sensor_msgs.msg import JointState
 
-from octo_arm_model.arm.errors import ConfigError, OctoArmError, in_short
+from octo_arm_model.arm.errors import ConfigError, OctoArmError, in_short, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.ros.checked_node import CheckedNode
@@ -45,7 +45,7 @@ from octo_arm_model.ros.simulator.motion_publishers import MotionPublishers
 from octo_arm_model.ros.simulator.push_service import TOPIC as PUSH_TOPIC
 from octo_arm_model.ros.simulator.push_service import PushService
 from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
-from octo_arm_model.ros.simulator.services import Actions, SimulationServices
+from octo_arm_model.ros.simulator.services import offer_services
 from octo_arm_model.ros.simulator.simulation_clock import SimulationClock
 from octo_arm_model.ros.work import WorkQueue, until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
@@ -77,6 +77,7 @@ class SimulatorNode(CheckedNode):
         """
         super().__init__('octo_arm_sim', **options)
         self._configured: SimulatorConfig | None = None
+        self._folder: Path | None = None  # of files of states
         self._control: LengthControl | None = None
         self._set_point: FloatArray = np.zeros(0)
         self._measured, self._effective = (
@@ -91,9 +92,9 @@ class SimulatorNode(CheckedNode):
         self._time = SimulationClock(self, self._step)
         self._commanders = Commanders(self)
         self._push = PushService(self, lambda: self._config.push)
-        self._live = LiveParameters(self, table, SimulatorConfig.from_parameters, self._use)
+        self._live = LiveParameters(self, table, self._prepare, self._use)
         self._live.begin()
-        SimulationServices(self, self._time, Actions(self._reset, self._save, self._restore))
+        offer_services(self, self._time, self._reset, self._save, self._restore)
         intake = Intake(self, WorkQueue(self), self._diagnostics.refuse, self._count)
         self._inputs = [
             TensionSubscription(
@@ -113,6 +114,23 @@ class SimulatorNode(CheckedNode):
         # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(diagnostics.PERIOD, self._report, clock=clock)
+
+    def _prepare(self, values: dict[str, Any]) -> SimulatorConfig:
+        """Check the parameters: over the network services get no other folder to write to.
+
+        Raises:
+            OctoArmError: as `SimulatorConfig.from_parameters`.
+        """
+        config = SimulatorConfig.from_parameters(values)
+        file = config.state_file
+        if self._configured is None:
+            self._folder = Path(file).parent if file else None
+        elif file and Path(file).parent != self._folder:
+            raise ConfigError(
+                f'state_file is {shown(file)}, expected one in the folder of that given at the '
+                f'start, {self._folder or "which was none"}'
+            )
+        return config
 
     def _use(self, config: SimulatorConfig, names: set[str]) -> None:
         """Use ``config`` from now on, of whose parameters ``names`` were set."""
@@ -135,11 +153,7 @@ class SimulatorNode(CheckedNode):
             if self._is_playing and self._control is not None and self._control.displacements:
                 driven = ' '.join(self._control.displacements)
                 self.get_logger().warning(f'the profile leaves out, as driven by length: {driven}')
-        pace = config.rate, config.publish_clock, config.real_time_factor
-        if before is None or pace != (
-            before.rate, before.publish_clock, before.real_time_factor
-        ):  # fmt: skip
-            self._time.use(*pace)
+        self._time.use(config.rate, config.publish_clock, config.real_time_factor)
 
     def _go_on(self, before: SimulatorConfig, config: SimulatorConfig) -> None:
         """Go on with the arm ``before``, pushed and driven by length, if ``config`` has it too."""
@@ -221,8 +235,7 @@ class SimulatorNode(CheckedNode):
         self._command, self._control = np.zeros(len(config.arm.tendons)), None
         self._is_playing, self._played = config.profile is not None, 0.0
         self._push.forget()
-        self._sensors.reset()
-        self._motion.forget()
+        self._sensors.time = 0.0
         if config.pushed_arm is not None:
             config.pushed_arm.reset()
 
@@ -246,6 +259,7 @@ class SimulatorNode(CheckedNode):
             'lengths': np.array([held.get(name, 0.0) for name in names]),
             'driven': np.array([name in held for name in names], dtype=np.float64),
             'played': self._played,
+            'time': self._sensors.time,
             'playing': float(self._is_playing),
         })  # fmt: skip
 
@@ -256,7 +270,7 @@ class SimulatorNode(CheckedNode):
         each = (len(names),)
         state, values = arm.read(path, {
             'hardware': (3, *each), 'command': each, 'lengths': each, 'driven': each,
-            'played': (), 'playing': (),
+            'played': (), 'time': (), 'playing': (),
         })  # fmt: skip
         for tensions in (values['command'], *values['hardware']):
             check_command(config.arm, tensions, config.limits)
@@ -268,6 +282,8 @@ class SimulatorNode(CheckedNode):
         self._hardware.state, self._control = values['hardware'], control
         self._command, self._played = values['command'], float(values['played'])
         self._is_playing = bool(values['playing']) and config.profile is not None
+        self._sensors.time = float(values['time'])
+        self._push.forget()
         self._motion.forget()
         arm.restore(state)
 
@@ -304,7 +320,7 @@ class SimulatorNode(CheckedNode):
         try:
             self._sensors.publish(config, self._push.at, tensions, elapsed, stamp)
             if isinstance(config.pushed_arm, DynamicArm):
-                self._motion.publish(config.model, config.pushed_arm, elapsed, stamp)
+                self._motion.publish(config.model, config.pushed_arm, stamp)
         except OctoArmError as error:
             self._diagnostics.fail(error)
             if config.pauses and not self._time.is_paused:
@@ -335,6 +351,8 @@ class SimulatorNode(CheckedNode):
 
     def _report(self) -> None:
         source = 'profile' if self._is_playing else 'commands'
+        if self._time.is_paused:
+            source = 'nothing, as it is paused'
         with until_shutdown(self.context):
             self._diagnostics.publish(source, self._commanders.report(), self._time.simulated)
 

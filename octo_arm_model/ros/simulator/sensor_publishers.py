@@ -31,7 +31,11 @@ TRUE_WRENCH = 'ground_truth/tip_wrench'
 
 
 class SensorPublishers:
-    """Publishes measurements of a pushed arm, each at its rate."""
+    """Publishes measurements of a pushed arm, each at its rate.
+
+    Attributes:
+        time: by which the periods of sensors and push go [s].
+    """
 
     def __init__(self, node: Node) -> None:
         """Create the publishers on ``node``."""
@@ -44,11 +48,7 @@ class SensorPublishers:
                 (WrenchStamped, TRUE_WRENCH),
             )
         )
-        self._time = 0.0
-
-    def reset(self) -> None:
-        """Begin anew, also with the periods of the push."""
-        self._time = 0.0
+        self.time = 0.0
 
     def publish(
         self,
@@ -67,8 +67,8 @@ class SensorPublishers:
         """
         arm, sensors = config.pushed_arm, config.sensors
         assert arm is not None
-        before, self._time = self._time, self._time + elapsed
-        pushed = push(self._time)
+        before, self.time = self.time, self.time + elapsed
+        pushed = push(self.time)
         if not config.publish_clock:
             # Where a call comes late the arm is slower than a clock that does not wait.
             elapsed = min(elapsed, max(_MOST, 1.0 / config.rate))
@@ -78,7 +78,7 @@ class SensorPublishers:
             # What a node of the true shape needs beside the true tensions.
             self._truth.publish(_wrench(header, np.append(pushed, np.zeros(3))))
         pose_due, markers_due, wrench_due = (
-            math.floor(rate * self._time) > math.floor(rate * before) for rate in sensors.rates
+            math.floor(rate * self.time) > math.floor(rate * before) for rate in sensors.rates
         )
         if pose_due:
             pose = arm.tip_pose()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
@@ -15,59 +15,48 @@ from std_srvs.srv import SetBool, Trigger
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.ros.simulator.simulation_clock import SimulationClock
 
-MOST_STEPS = 10_000  # of one request
+MOST_STEPS, LONGEST = 1000, 10.0  # of one request, which all others wait for; [s]
 NOT_PAUSED = 'is not paused, expected pause before step'
 
 
-class Actions(NamedTuple):
-    """What services do besides stopping and stepping; each may raise an `OctoArmError`.
+def offer_services(
+    node: Node, clock: SimulationClock, reset: Callable[[], None], save: Callable[[], None],
+    restore: Callable[[], None],
+) -> None:  # fmt: skip
+    """Offer the services on ``node``.
 
-    Attributes:
-        reset: begins anew, at rest with slack tendons; time goes on.
-        save: writes the state to the file that the parameters name.
-        restore: goes on from it.
+    ``reset`` begins anew, at rest with slack tendons; ``save`` writes the state to a file, and
+    ``restore`` goes on from it. Each may raise an `OctoArmError`.
     """
 
-    reset: Callable[[], None]
-    save: Callable[[], None]
-    restore: Callable[[], None]
-
-
-class SimulationServices:
-    """Services of the simulated hardware and its arm."""
-
-    def __init__(self, node: Node, clock: SimulationClock, actions: Actions) -> None:
-        """Offer them on ``node``."""
-        self._clock, self._actions = clock, actions
-        node.create_service(SetBool, 'pause', self._on_pause)
-        for name, act, done in (
-            ('step', self._one_step, 'went on by one period'),
-            ('reset', self._reset, 'at rest, tendons slack'),
-            ('save_state', actions.save, 'saved'),
-            ('restore_state', actions.restore, 'restored'),
-        ):
-            node.create_service(Trigger, name, _answer(act, done))
-        try:
-            kinds = importlib.import_module('simulation_interfaces.srv')
-            messages = importlib.import_module('simulation_interfaces.msg')
-        except ImportError:
-            return
-        StandardServices(node, clock, actions.reset, kinds, messages)
-
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._clock.is_paused = bool(request.data)
-        response.success = True
+    def pause(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        clock.is_paused, response.success = bool(request.data), True
         response.message = 'paused' if request.data else 'goes on'
         return response
 
-    def _reset(self) -> None:
-        self._actions.reset()
-        self._clock.reset()
-
-    def _one_step(self) -> None:
-        if not self._clock.is_paused:
+    def step() -> None:
+        if not clock.is_paused:
             raise OctoArmError(NOT_PAUSED)
-        self._clock.step()
+        clock.step()
+
+    def begin_anew() -> None:
+        reset()
+        clock.reset()
+
+    node.create_service(SetBool, 'pause', pause)
+    for name, act, done in (
+        ('step', step, 'went on by one period'),
+        ('reset', begin_anew, 'at rest, tendons slack'),
+        ('save_state', save, 'saved'),
+        ('restore_state', restore, 'restored'),
+    ):
+        node.create_service(Trigger, name, _answer(act, done))
+    try:
+        kinds = importlib.import_module('simulation_interfaces.srv')
+        messages = importlib.import_module('simulation_interfaces.msg')
+    except ImportError:
+        return
+    StandardServices(node, clock, reset, kinds, messages)
 
 
 def _answer(
@@ -164,8 +153,8 @@ class StandardServices:
         problem = ''
         if not self._clock.is_paused:
             problem = NOT_PAUSED
-        elif request.steps > MOST_STEPS:
-            problem = f'steps is {request.steps}, expected at most {MOST_STEPS}'
+        elif request.steps > (most := min(MOST_STEPS, max(1, int(LONGEST / self._clock.period)))):
+            problem = f'steps is {request.steps}, expected at most {most} in one request'
         if problem:
             return self._result(response, 'RESULT_OPERATION_FAILED', problem)
         self._is_stopped = False

@@ -26,6 +26,7 @@ class SimulationClock:
 
     Attributes:
         is_paused: whether time stands still.
+        period: of the steps [s].
         simulated: by how much time went on since the node began [s].
     """
 
@@ -33,8 +34,9 @@ class SimulationClock:
         """Call ``step`` with the time that it goes on by [s] and the time then."""
         self._node, self._step = node, step
         self.is_paused, self.simulated = False, 0.0
-        self._period, self._is_own, self._slice = 0.0, False, 0.0
+        self.period, self._is_own, self._slice = 0.0, False, 0.0
         self._timer: Timer | None = None
+        self._pace: tuple[float, ...] = ()
         self._last, self._time_ns = 0, 0
         self._publisher: Publisher | None = None
 
@@ -43,18 +45,21 @@ class SimulationClock:
 
         That goes ``factor`` times as fast as the wall clock; 0 for as fast as it goes.
         """
-        self._period, self._is_own = 1.0 / rate, is_own
+        pace, self._pace = self._pace, (rate, is_own, factor)
+        if pace == self._pace:
+            return
+        self.period, self._is_own = 1.0 / rate, is_own
         self._slice = 0.0 if factor else SLICE
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
         if not is_own:
-            self._timer = self._node.create_timer(self._period, self._go_on)
+            self._timer = self._node.create_timer(self.period, self._go_on)
             return
         self._last = 0
         if self._publisher is None:
             self._publisher = create_publisher(self._node, ClockMessage, TOPIC, _QOS)
         self._timer = self._node.create_timer(
-            self._period / factor if factor else _AGAIN, self._go_on_alone,
+            self.period / factor if factor else _AGAIN, self._go_on_alone,
             clock=Clock(clock_type=ClockType.STEADY_TIME),
         )  # fmt: skip
 
@@ -64,7 +69,7 @@ class SimulationClock:
 
     def step(self) -> None:
         """Go on by one period, also while paused."""
-        self._advance(self._period, self._node.get_clock().now())
+        self._advance(self.period, self._node.get_clock().now())
 
     def _go_on(self) -> None:
         clock_time = self._node.get_clock().now()
@@ -73,7 +78,7 @@ class SimulationClock:
             return  # where several clock messages wait, rclpy calls the timer once for each
         # Time that is not set yet is 0. Where it jumps back, as when a bag is played again, the
         # winches do not move.
-        elapsed = 1e-9 * (now - self._last) if self._last else self._period
+        elapsed = 1e-9 * (now - self._last) if self._last else self.period
         self._last = now
         if not self.is_paused:
             self._advance(max(elapsed, 0.0), clock_time)

@@ -118,10 +118,30 @@ def test_the_moving_arm_is_published_paused_stepped_and_reset():
         client.wait(lambda: tips and np.linalg.norm(tip() - straight) < 1e-9, 'the arm at rest')
 
 
+def test_rates_are_those_of_an_arm_that_is_slower_than_a_clock_that_jumps():
+    with moving(use_sim_time=True, rate=20.0) as client:
+        joints = client.hear(JointState, 'tendon_states')
+        clock = client.node.create_publisher(Clock, '/clock', 10)
+        for second in (5000, 5001):  # [s], of which it goes on by 0.1 s
+
+            def is_there(second=second):
+                message = Clock()
+                message.clock.sec = second
+                clock.publish(message)
+                return joints and joints[-1].header.stamp.sec == second
+
+            client.wait(is_there, f'the arm at {second} s')
+            assert client.change(push__force=[0.0, 0.02, 0.0]) == (True, '')
+    before, after = (np.array(one.position) for one in joints)
+    assert np.abs(after - before).max() > 1e-6
+    np.testing.assert_allclose(joints[-1].velocity, (after - before) / 0.1, rtol=1e-9, atol=1e-12)
+
+
 @pytest.mark.parametrize('lag', [0.0, 0.1])
 def test_a_state_that_is_saved_goes_on_to_the_same_bits(tmp_path, lag):
     file = tmp_path / 'state.npz'
-    with moving(state_file=str(file), winches__lag=lag, profile__name='ramps') as client:
+    pushed = {'push__force': [0.0, 0.02, 0.0], 'push__period': 0.12}
+    with moving(state_file=str(file), winches__lag=lag, profile__name='ramps', **pushed) as client:
         client.wait(lambda: client.tips, 'the arm')
         client.pause()
         client.steps(3)
@@ -149,30 +169,46 @@ def test_a_state_that_is_saved_goes_on_to_the_same_bits(tmp_path, lag):
             rewrite(file, old, new)
             is_done, why = client.trigger('restore_state')
             assert not is_done and reason in why, why
+        for place, value in ((8, 1), (10, 99)):  # encrypted, and packed by no known method
+            file.write_bytes(marked(whole, place, value))
+            is_done, why = client.trigger('restore_state')
+            assert not is_done and why.startswith(f'{file} cannot be read as a state: ')
+        file.write_bytes(whole)
+        rewrite(file, '(6,), }' + 12 * ' ', f'(6{12 * "0"},), }}', 'tip_wrench.npy')
+        assert not client.trigger('restore_state')[0]
         file.unlink()
         assert not client.trigger('restore_state')[0]
         client.steps(1)
-        assert client.change(state_file=str(tmp_path / 'no' / 'state.npz')) == (True, '')
+        # Who sets parameters over the network chooses no folder to write to.
+        for other in (tmp_path / 'no' / 'state.npz', tmp_path / 'no' / '..' / 'state.npz'):
+            is_taken, why = client.change(state_file=str(other))
+            assert not is_taken and why.endswith(f'given at the start, {tmp_path}')
+        file.mkdir()
         is_done, why = client.trigger('save_state')
-        assert not is_done and why.endswith(
-            'state.npz cannot be written: No such file or directory'
-        )
+        assert not is_done and why.endswith('state.npz cannot be written: Is a directory')
         assert client.change(state_file='') == (True, '')
         assert client.trigger('save_state') == (
             False, "state_file is '', expected the name of a file of a state",
         )  # fmt: skip
 
 
-def rewrite(file, old, new):
-    """Replace a text in the part of a saved state that is no array."""
+def rewrite(file, old, new, part='simulator.json'):
+    """Replace a text in a ``part`` of a saved state."""
     with ZipFile(file) as before:
         parts = {name: before.read(name) for name in before.namelist()}
-    text = parts['simulator.json'].decode()
-    assert old in text, text
-    parts['simulator.json'] = text.replace(old, new).encode()
+    assert old.encode() in parts[part], parts[part]
+    parts[part] = parts[part].replace(old.encode(), new.encode())
     with ZipFile(file, 'w') as after:
         for name, data in parts.items():
             after.writestr(name, data)
+
+
+def marked(data, place, value):
+    """The file ``data`` with another byte in the headers of all its parts."""
+    for header, at in ((b'PK\x01\x02', place), (b'PK\x03\x04', place - 2)):
+        begin, *parts = data.split(header)
+        data = header.join([begin, *(p[: at - 4] + bytes([value]) + p[at - 3 :] for p in parts)])
+    return data
 
 
 @pytest.mark.parametrize('factor', [0.0, 2.0])
@@ -212,6 +248,7 @@ def test_an_arm_that_is_crushed_stays_as_it_was_and_is_not_published():
         client.tips.clear()
         _, values = client.status('simulator')
         assert int(values['failed steps']) == 1 and not client.tips
+        assert values['source'] == 'nothing, as it is paused'
         assert client.trigger('step')[0]
         client.log('the arm stays as it was: the motion ends at ')
         assert not client.tips

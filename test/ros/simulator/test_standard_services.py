@@ -66,7 +66,9 @@ def test_states_steps_and_resets_are_those_of_the_standard():
         before = nanoseconds()
         assert step(3).result == Result.RESULT_OK
         client.wait(lambda: nanoseconds() == before + 3 * PERIOD, 'three steps')
-        assert step(10**9).error_message == 'steps is 1000000000, expected at most 10000'
+        assert step(10**9).error_message == (
+            'steps is 1000000000, expected at most 1000 in one request'
+        )
         # The state alone, then time too.
         assert reset(ResetSimulation.Request.SCOPE_STATE) == Result.RESULT_OK
         step(1)
