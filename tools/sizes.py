@@ -26,10 +26,10 @@ MOST = {
     'octo_arm_model/reproduce': 1_110,
     'octo_arm_model/rod': 10_570,
     'octo_arm_model/ros': 5_650,
-    'octo_arm_model/simulation': 2_190,
+    'octo_arm_model/simulation': 2_200,
     'octo_arm_model/viewer': 2_320,
     'octo_arm_model/wire': 1_850,
-    'test': 30_750,
+    'test': 30_770,
 }
 
 

@@ -311,7 +311,7 @@ class Dynamics:
             guess += beta * dt * dt * (bend - last_bend)
         tolerance = TOLERANCE * max(1.0, (_ROUNDED / dt) ** 2)
         found, next_factors, iterations = self._balance(state, given, guess, factors, tolerance)
-        self._require(found, tolerance)
+        self._require(found, tolerance, iterations)
         rule, (place, velocity, acceleration, _) = problem.rule, problem.motion
         rate = rule.by_velocity * found.z - rule.twist_rate
         twist = np.array([found.z, rate, c * found.z - a_z, bend])
@@ -337,9 +337,9 @@ class Dynamics:
         found = settle(problem, begun, tolerance, factors, rule=_RULE)
         return found.state, found.factors, found.iterations
 
-    def _require(self, state: State, tolerance: float = TOLERANCE) -> None:
+    def _require(self, state: State, tolerance: float = TOLERANCE, iterations: int = 0) -> None:
         if not state.residual <= tolerance:
-            raise ConvergenceError('the balance of a time step', state.residual, 0)
+            raise ConvergenceError('the balance of a time step', state.residual, iterations)
         check_stretches(self.problem, state.z)
         self.problem.load_work(state)
 

@@ -9,7 +9,9 @@ import pytest
 
 from octo_arm_model import Loads, MotionProperties, SolveError, load_config
 from octo_arm_model.arm.errors import ArmDefinitionError
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
+from octo_arm_model.simulation.parameters import SimulatorConfig, in_water
 from octo_arm_model.simulation.pushed_arm import PushedArm
 from octo_arm_model.simulation.sensors import Push, Sensors
 
@@ -65,3 +67,18 @@ def test_an_arm_goes_on_where_it_was_and_begins_anew_when_told() -> None:
 def test_an_arm_that_cannot_move_is_refused() -> None:
     with pytest.raises(ArmDefinitionError, match='density'):
         DynamicArm(PLAIN, Push(), Sensors())
+
+
+@pytest.mark.endurance
+def test_no_step_fails_under_random_commands_that_jump() -> None:
+    path = preset_path('renda2012_table4')
+    values = load_parameters(path) | in_water(load_config(path))
+    simulator = SimulatorConfig.from_parameters(values)
+    arm, random = simulator.pushed_arm, np.random.default_rng(3)
+    tensions, still = np.zeros(12), np.zeros(3)
+    for period in range(1300):
+        if period % 20 == 0:
+            highest = np.minimum(simulator.limits, 8.0)
+            pulled = random.random(12) < random.random()
+            tensions = np.where(pulled, random.random(12) ** 3 * highest, tensions)
+        arm.advance(tensions, still, 0.01)
