@@ -14,7 +14,7 @@ from octo_arm_model import (
     modes,
 )
 
-STEP, SECONDS = 5e-3, 4.0
+STEP, SECONDS = 5e-3, 2.0
 arm = load_config('renda2012_table4').arm.with_density(1080.0)
 loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1022.0)
 water = MotionProperties(300.0, normal_drag=2.5, tangential_drag=0.01, added_mass=1.5)
