@@ -23,7 +23,7 @@ from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.winches import Winches
 
-_SHAPES_WITH_FACTORS = 32  # the last ones: factors take a hundred times the memory of a shape
+_SHAPES_WITH_FACTORS = 32  # those used last: factors take a hundred times the memory of a shape
 
 
 class Exact(Statics):
@@ -64,7 +64,7 @@ class Exact(Statics):
         before: FloatArray | None, spending: Spending,
     ) -> Shape:  # fmt: skip
         """See `Statics`."""
-        near = None if start is None else _with_factors(start)
+        near = None if start is None else self._with_factors(start)
         return self.shape(self.rod.solve(tensions, tip_wrench, near, spending, before))
 
     def _loaded(self, tip_wrenches: FloatArray) -> bool:
@@ -93,7 +93,7 @@ class Exact(Statics):
         start: Equilibrium | None, spending: Spending,
     ) -> tuple[Shape, FloatArray]:  # fmt: skip
         """See `Statics`."""
-        near = None if start is None else _with_factors(start)
+        near = None if start is None else self._with_factors(start)
         found = self._winches.solve(displacements, driven, condition, near, spending)
         return self.shape(found), found.state.reeled
 
@@ -105,7 +105,7 @@ class Exact(Statics):
         return Shape(position, quaternion, strains_of(twist), along, self._keep(found))
 
     def _keep(self, found: Equilibrium) -> Equilibrium:
-        """An equilibrium whose factors are kept until there are enough later ones."""
+        """An equilibrium whose factors are kept until there are enough that were used later."""
         if found.factors is None:
             return found
         self._kept.append(Kept(found.factors))
@@ -113,19 +113,25 @@ class Exact(Statics):
             self._kept.popleft().linear = None
         return found._replace(factors=None, kept=self._kept[-1])
 
+    def _with_factors(self, found: Equilibrium) -> Equilibrium:
+        """The equilibrium of a shape with its factors, which are kept on, if they still are."""
+        if (kept := found.kept) is None:
+            return found
+        if kept in self._kept:
+            self._kept.remove(kept)
+            self._kept.append(kept)
+        return found._replace(factors=kept.linear, kept=None)
+
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """See `Statics`."""
-        return self._derivatives(found.level).sensitivity(_with_factors(found))
+        return self._derivatives(found.level).sensitivity(self._with_factors(found))
 
     def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
         """See `Statics`."""
-        return self._derivatives(found.level).tip_covariance(_with_factors(found), uncertainty)
+        return self._derivatives(found.level).tip_covariance(
+            self._with_factors(found), uncertainty
+        )
 
     def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
         """See `Statics`."""
-        return self._derivatives(found.level).by_loads(_with_factors(found), loads)
-
-
-def _with_factors(start: Equilibrium) -> Equilibrium:
-    """The equilibrium of a shape with its factors, if they are still kept."""
-    return start if start.kept is None else start._replace(factors=start.kept.linear, kept=None)
+        return self._derivatives(found.level).by_loads(self._with_factors(found), loads)
