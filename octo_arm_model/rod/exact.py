@@ -65,7 +65,12 @@ class Exact(Statics):
     ) -> Shape:  # fmt: skip
         """See `Statics`."""
         near = None if start is None else self._with_factors(start)
-        return self.shape(self.rod.solve(tensions, tip_wrench, near, spending, before))
+        found = self.rod.solve(tensions, tip_wrench, near, spending, before)
+        if start is not None and (kept := start.kept) is not None and kept.linear is None:
+            # The next set that is solved from this shape begins with these.
+            kept.linear = found.factors
+            self._kept.append(kept)
+        return self.shape(found)
 
     def _loaded(self, tip_wrenches: FloatArray) -> bool:
         """See `Statics`."""
@@ -109,7 +114,7 @@ class Exact(Statics):
         if found.factors is None:
             return found
         self._kept.append(Kept(found.factors))
-        if len(self._kept) > _SHAPES_WITH_FACTORS:
+        while len(self._kept) > _SHAPES_WITH_FACTORS:
             self._kept.popleft().linear = None
         return found._replace(factors=None, kept=self._kept[-1])
 
