@@ -14,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 # Lines of Python, docstrings and comments included.
 MOST = {
-    'octo_arm_model': 46_750,
+    'octo_arm_model': 46_760,
     'octo_arm_model/analysis': 1_600,
     'octo_arm_model/apps': 470,
     'octo_arm_model/arm': 2_300,
