@@ -222,7 +222,7 @@ class Derivatives:
             tension, known = problem.tension_derivatives(state), found.factors
             # What was judged stable has been linearised for that.
             if state is found.judged and isinstance(known, Deferred):
-                factors = known.done()
+                factors = known.factors()
             else:
                 factors = problem.linearise(state)
             problem.load_work(state)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,14 +15,14 @@ from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.checks import are_stretched
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition, Problem
-from octo_arm_model.rod.factors import Kept
+from octo_arm_model.rod.factors import RecentFactors
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.winches import Winches
 
-_SHAPES_WITH_FACTORS = 32  # those used last: factors take a hundred times the memory of a shape
+_SHAPES_WITH_FACTORS = 32
 
 
 class Exact(Statics):
@@ -48,7 +47,7 @@ class Exact(Statics):
         self.rod = Rod(setup.arm, setup.loads, setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
         self._winches = Winches(self.rod)
-        self._kept = deque[Kept]()
+        self._recent = RecentFactors(_SHAPES_WITH_FACTORS)
         self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
         self._several = functools.lru_cache(8)(
             lambda level, arms: Several(self.rod.finer(level).own, arms)
@@ -66,10 +65,9 @@ class Exact(Statics):
         """See `Statics`."""
         near = None if start is None else self._with_factors(start)
         found = self.rod.solve(tensions, tip_wrench, near, spending, before)
-        if start is not None and (kept := start.kept) is not None and kept.linear is None:
+        if near is not None and near.key and near.factors is None and found.factors is not None:
             # The next set that is solved from this shape begins with these.
-            kept.linear = found.factors
-            self._kept.append(kept)
+            self._recent.add(near.key, found.factors)
         return self.shape(found)
 
     def _loaded(self, tip_wrenches: FloatArray) -> bool:
@@ -107,25 +105,15 @@ class Exact(Statics):
         reading = self._readout(found.level).read(found.state, found.fine)
         position, quaternion, twist, along = reading
         position = position + self._setup.base[0]
-        return Shape(position, quaternion, strains_of(twist), along, self._keep(found))
-
-    def _keep(self, found: Equilibrium) -> Equilibrium:
-        """An equilibrium whose factors are kept until there are enough that were used later."""
-        if found.factors is None:
-            return found
-        self._kept.append(Kept(found.factors))
-        while len(self._kept) > _SHAPES_WITH_FACTORS:
-            self._kept.popleft().linear = None
-        return found._replace(factors=None, kept=self._kept[-1])
+        if found.factors is not None:
+            key = object()
+            self._recent.add(key, found.factors)
+            found = found._replace(factors=None, key=key)
+        return Shape(position, quaternion, strains_of(twist), along, found)
 
     def _with_factors(self, found: Equilibrium) -> Equilibrium:
-        """The equilibrium of a shape with its factors, which are kept on, if they still are."""
-        if (kept := found.kept) is None:
-            return found
-        if kept in self._kept:
-            self._kept.remove(kept)
-            self._kept.append(kept)
-        return found._replace(factors=kept.linear, kept=None)
+        """The equilibrium of a shape with its factors, while they are among the recent ones."""
+        return found if found.key is None else found._replace(factors=self._recent.find(found.key))
 
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """See `Statics`."""

@@ -8,6 +8,7 @@ branch of equilibria turns or another crosses it.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -86,16 +87,27 @@ class Blocks(NamedTuple):
         return np.asarray(self.inverse @ right.reshape(nodes, strains, -1)).reshape(right.shape)
 
 
-class Kept:
-    """Factors that a shape has for the next solve to begin with, as long as they are kept.
+class RecentFactors:
+    """Factors of the last few shapes that were found, or that a solve began with.
 
-    Attributes:
-        linear: the factors; None where they are not kept any more.
+    They take a hundred times the memory of a shape, of which there may be thousands.
     """
 
-    def __init__(self, linear: Linear) -> None:
-        """Keep ``linear``."""
-        self.linear: Linear | None = linear
+    def __init__(self, most: int) -> None:
+        """Of so many shapes at ``most``."""
+        self._most, self._factors = most, OrderedDict[object, Linear]()
+
+    def find(self, key: object) -> Linear | None:
+        """The factors of the shape of this ``key``; None where others have replaced them."""
+        if key in self._factors:
+            self._factors.move_to_end(key)
+        return self._factors.get(key)
+
+    def add(self, key: object, factors: Linear) -> None:
+        """Keep the ``factors`` of the shape of this ``key``."""
+        self._factors[key] = factors
+        if len(self._factors) > self._most:
+            self._factors.popitem(last=False)
 
 
 class Deferred:
@@ -107,11 +119,11 @@ class Deferred:
         self._factors: Factors | None = None
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """See `Factors.solve`; raises ConvergenceError as `done`."""
-        return self.done().solve(right)
+        """See `Factors.solve`; raises ConvergenceError as `factors`."""
+        return self.factors().solve(right)
 
-    def done(self) -> Factors:
-        """The factors.
+    def factors(self) -> Factors:
+        """LU factors.
 
         Raises:
             ConvergenceError: if the Jacobian is singular or not finite.

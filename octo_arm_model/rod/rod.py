@@ -28,7 +28,7 @@ from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.discs import chord_model
 from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.factors import Kept, Linear
+from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.inputs import LoadLimits
 from octo_arm_model.rod.newton import Found, settle
@@ -80,7 +80,7 @@ class Equilibrium(NamedTuple):
         judged: that one, where it was seen to be stable by a margin; else None.
         iterations: made in all.
         fine: twists at the finer points, of an arm without loads.
-        kept: the factors, of the equilibrium of a shape.
+        key: by which `RecentFactors` has the factors of the equilibrium of a shape.
         guess: of the twists of the next equilibrium, (N, m), from which it is not followed where
             they lead to none. None for those of this one.
     """
@@ -91,7 +91,7 @@ class Equilibrium(NamedTuple):
     judged: State | None
     iterations: int
     fine: FloatArray | None = None
-    kept: Kept | None = None
+    key: object | None = None
     guess: FloatArray | None = None
 
 
