@@ -24,15 +24,12 @@ from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.factors import Deferred, Factors
 from octo_arm_model.rod.friction import TensionDerivatives
 from octo_arm_model.rod.rod import Equilibrium, Rod
+from octo_arm_model.rod.rotations import skew
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.tables import REST_T, SHEAR, TORSION, Tables
 from octo_arm_model.rod.tendons import PathChange, Tendons, outward_paths
 
 _MATERIAL, _PATHS = ('youngs_modulus', 'poisson_ratio'), ('offset', 'sheath_stiffness')
-_SKEW = np.zeros((3, 9))  # v @ this is the matrix of v x, row by row
-_SKEW[[2, 1, 0, 2, 1, 0], [3, 6, 7, 1, 2, 5]] = 1.0, -1.0, 1.0, -1.0, 1.0, -1.0
-
-
 _Columns: TypeAlias = Mapping[str, slice]  # of quantities, by their names in `Sensitivity`
 
 
@@ -195,7 +192,7 @@ class Derivatives:
         # What the twist of each node moves the tip by: rotations by their levers.
         lever = (weights[:, np.newaxis] * self._to_nodes).T @ linear.slope
         tip = np.zeros((len(lever), linear.state.z.shape[1], 6))
-        tip[:, :3, :3] = inverse @ _skew(lever)
+        tip[:, :3, :3] = inverse @ skew(lever)
         turn = weights[:, np.newaxis, np.newaxis] * inverse
         tip[:, 3:, :3], tip[:, :3, 3:] = turn[:, : tip.shape[1] - 3], turn
         by_residual = linear.factors.solve_transposed(-tip.reshape(-1, 6)).reshape(tip.shape)
@@ -255,7 +252,7 @@ class Derivatives:
         elif 'tension' in columns:
             push[..., columns['tension']] += by_local
         if wrenches is not None:
-            levers = _along(weights - self._to_nodes, _skew(linear.slope) @ wrenches[:, :3])
+            levers = _along(weights - self._to_nodes, skew(linear.slope) @ wrenches[:, :3])
             beyond = np.concatenate([wrenches[:, :3], wrenches[:, 3:] + levers], axis=1)
             push[..., columns['tip_wrench']] -= _turned(linear.rotation, beyond, strains)
         z = linear.factors.solve(-push.reshape(-1, total)).reshape(push.shape)
@@ -298,7 +295,7 @@ class Derivatives:
         np.matmul(linear.rotation, z[:, :3], out=rates[:, 3:])
         turn = _along(self._to_nodes, rates[:, 3:])
         np.matmul(linear.rotation[..., : z.shape[1] - 3], z[:, 3:], out=rates[:, :3])
-        rates[:, :3] -= _skew(linear.slope) @ turn
+        rates[:, :3] -= skew(linear.slope) @ turn
         # tau, xi, k are curvatures over the stretch.
         twist = linear.state.z[..., np.newaxis]
         strain = z[:, :4].copy()
@@ -328,8 +325,3 @@ def _turned(rotation: FloatArray, wrench: FloatArray, strains: int) -> FloatArra
     np.matmul(inverse, wrench[:, 3:], out=found[:, :3])
     np.matmul(inverse[:, : strains - 3], wrench[:, :3], out=found[:, 3:])
     return found
-
-
-def _skew(vectors: FloatArray) -> FloatArray:
-    """Matrices (n, 3, 3) of the cross product of ``vectors`` (n, 3) with another."""
-    return (vectors @ _SKEW).reshape(-1, 3, 3)

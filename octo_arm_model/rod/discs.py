@@ -36,7 +36,7 @@ from octo_arm_model.arm.hints import BoolArray, FloatArray
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
-from octo_arm_model.rod.rotations import rotation_matrices
+from octo_arm_model.rod.rotations import rotation_matrices, skew
 from octo_arm_model.rod.section_arrays import cross, relative_residual
 from octo_arm_model.rod.tables import Tables, Work, places_at
 from octo_arm_model.rod.tendons import PathChange, Tendons
@@ -150,7 +150,7 @@ class ChordModel:
             of, turn = self.piece[nodes[:, 0]], work.rotation[nodes].swapaxes(2, 3)
             lever = chords.far[of, np.newaxis] - chords.position[nodes]
             by_pose = np.zeros((*nodes.shape, z.shape[1], 6))
-            by_pose[..., :3, :3], by_pose[..., :3, 3:] = turn @ _skew(lever), turn
+            by_pose[..., :3, :3], by_pose[..., :3, 3:] = turn @ skew(lever), turn
             by_pose[..., 3:, :3] = turn[..., : z.shape[1] - 3, :]
             flat, shape = by_pose.reshape(len(of), -1, 6), by_pose.shape[1:3]
             block = (flat @ stiffness[of] @ flat.swapaxes(1, 2)).reshape(-1, *shape, *shape)
@@ -307,9 +307,9 @@ def _add_turned(
     inner = moved[..., np.newaxis] * force[..., np.newaxis, :]
     inner -= (moved * force).sum(axis=3)[..., np.newaxis, np.newaxis] * np.eye(3)
     further, own = further[..., np.newaxis, np.newaxis], own[..., np.newaxis, np.newaxis]
-    inner += own * _skew(moment)[:, :, np.newaxis]
+    inner += own * skew(moment)[:, :, np.newaxis]
     rows, axes = turn[:, :, np.newaxis], turn.swapaxes(2, 3)[:, np.newaxis]
-    mixed = rows @ _skew(force) @ axes
+    mixed = rows @ skew(force) @ axes
     block[..., :3, :3] += rows @ inner @ axes
     block[..., :3, 3:] -= further * mixed[..., :more]
     block[..., 3:, :3] += own * mixed[..., :more, :]
@@ -322,16 +322,11 @@ def chord_model(arm: Arm, elements: Elements, tables: Tables, form: Form) -> Cho
 
 def _stiffness(chords: Chords, tensions: FloatArray) -> FloatArray:
     """K of (3) of every piece, under ``tensions`` (D, J, 1, 1) [N], (D, 6, 6)."""
-    unit, arm = chords.unit, _skew(chords.arms)
+    unit, arm = chords.unit, skew(chords.arms)
     along = np.eye(3) - unit[..., np.newaxis] * unit[..., np.newaxis, :]
     across = tensions / chords.length[..., np.newaxis, np.newaxis] * along
     found = np.empty((*unit.shape[:2], 6, 6))
     found[..., :3, :3], found[..., :3, 3:] = across, -across @ arm
     found[..., 3:, :3] = arm @ across
-    found[..., 3:, 3:] = tensions * (_skew(unit) @ arm) - arm @ across @ arm
+    found[..., 3:, 3:] = tensions * (skew(unit) @ arm) - arm @ across @ arm
     return np.asarray(found.sum(axis=1))
-
-
-def _skew(v: FloatArray) -> FloatArray:
-    """Matrices (..., 3, 3) of cross products with ``v`` (..., 3)."""
-    return np.asarray(cross(v[..., np.newaxis, :], np.eye(3)).swapaxes(-1, -2))

@@ -36,8 +36,6 @@ from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.inertia_arrays import (
     COLUMNS,
     DISPLACED,
-    LAST,
-    NEXT,
     POSITION,
     ROTARY_B,
     ROTARY_N,
@@ -49,6 +47,7 @@ from octo_arm_model.rod.inertia_arrays import (
     dot,
 )
 from octo_arm_model.rod.other_loads import NodeRod
+from octo_arm_model.rod.rotations import skew
 from octo_arm_model.rod.tables import RADIUS, Tables, Work
 
 
@@ -227,7 +226,7 @@ class MovingProblem(Problem):
         """Derivatives of (1), and of (2), by displacement and turn of a node, (N, 3, 3) each."""
         place, velocity, acceleration, _ = self.motion
         section = self.moving.section
-        mass, added, across, along = section.T[[0, 4, 5, 6], :, np.newaxis, np.newaxis]
+        mass, _, _, _, added, across, along = section.T[..., np.newaxis, np.newaxis]
         one, nodes = np.eye(3), len(place)
         by_turn, moment_by_place = np.zeros((2, nodes, 3, 3))
         # Each of rho J d x d'' gives rho J (d d''^T - d . d'' + c0 (1 - d d^T)).
@@ -279,10 +278,3 @@ def _viscosities(
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(a[:, :, np.newaxis] * b[:, np.newaxis])
-
-
-def skew(v: FloatArray) -> FloatArray:
-    """Matrices (N, 3, 3) of cross products with ``v`` (N, 3)."""
-    found = np.zeros((len(v), 3, 3))
-    found[:, LAST, NEXT], found[:, NEXT, LAST] = v, -v
-    return found

@@ -87,7 +87,7 @@ def moving_loads(
     place[:, 3:].reshape(-1, 3, 3)[...] = work.rotation.swapaxes(1, 2)
     np.subtract(rule.by_velocity * place, rule.velocity, out=velocity)
     np.subtract(rule.by_acceleration * place, rule.acceleration, out=acceleration)
-    mass, displaced, added, across, along = tables.section.T[[0, 3, 4, 5, 6], :, np.newaxis]
+    mass, _, _, displaced, added, across, along = tables.section.T[..., np.newaxis]
     # The cross products n x n'' + b x b'' are the antisymmetric part of n n''^T + b b''^T.
     axes, turned = (one[:, 6:].reshape(-1, 2, 3) for one in (place, acceleration))
     axes = axes * tables.section[:, ROTARY_N : ROTARY_B + 1, np.newaxis]

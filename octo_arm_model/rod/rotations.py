@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.arm.hints import FloatArray
 
-# Matrices of cross products (9) from the components of vectors.
-_SKEW = np.zeros((9, 3))
-_SKEW[[5, 6, 1], [0, 1, 2]], _SKEW[[7, 2, 3], [0, 1, 2]] = -1.0, 1.0
+# Matrices of cross products, row by row, from the components of vectors.
+_SKEW = np.zeros((3, 9))
+_SKEW[[0, 1, 2], [5, 6, 1]], _SKEW[[0, 1, 2], [7, 2, 3]] = -1.0, 1.0
 # Rotation matrices (9) from products of w, x, y and z with w, x, y and z (16).
 _TO_MATRIX = np.array([
     [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, -1]],
@@ -34,8 +34,8 @@ _TO_RATE[[3, 3, 3], [2, 4, 6]] = 0.5, 0.5, -0.5
 
 
 def skew(v: FloatArray) -> FloatArray:
-    """Matrices (3, 3, ...) that take w to v x w, for vectors v (3, ...)."""
-    return (_SKEW @ v.reshape(3, -1)).reshape(3, *v.shape)
+    """Matrices (..., 3, 3) that take w to v x w, for vectors v (..., 3)."""
+    return np.asarray((v @ _SKEW).reshape(*v.shape, 3))
 
 
 def left_jacobian(turn: FloatArray) -> FloatArray:
@@ -45,7 +45,7 @@ def left_jacobian(turn: FloatArray) -> FloatArray:
     that follows the rotation. Singular at 2 pi. Barfoot 2017, 7.1.3.
     """
     angle = float(np.linalg.norm(turn))
-    matrix = skew(turn[:, np.newaxis])[:, :, 0]
+    matrix = skew(turn)
     first, second = 0.5, 1.0 / 6.0
     if angle >= 1e-4:
         first = (1.0 - np.cos(angle)) / angle**2

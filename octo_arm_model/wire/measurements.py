@@ -210,7 +210,7 @@ def _base_wrench(message: Any, arm: MeasuredArm) -> Measurement:
     wrench = magnitudes('base wrench: value', numbers)
     # From the axes and the origin of its frame to those of base_frame, about the base.
     turn = np.kron(np.eye(2), rotation.as_matrix())
-    away = skew((origin - np.array(arm.config.base.position))[:, np.newaxis])[..., 0]
+    away = skew(origin - np.array(arm.config.base.position))
     turn[3:, :3] = away @ rotation.as_matrix()
     stddev = np.repeat([noise.base_force, noise.base_moment], 3)
     return BaseWrench(turn @ wrench, (turn * stddev**2) @ turn.T)

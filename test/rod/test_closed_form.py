@@ -93,7 +93,7 @@ def test_a_wound_tendon_makes_a_screw_about_which_sections_turn(
     strains = closed_form_strains(arm, tensions, 0.0, 1)
     rates = (1.0 + strains[3]) * strains[:3] + [2.0 * np.pi * turns / arm.length, 0.0, 0.0]
     screw = np.zeros((4, 4))
-    screw[:3, :3] = skew(rates[:, np.newaxis])[..., 0]
+    screw[:3, :3] = skew(rates)
     screw[0, 3] = 1.0 + strains[3]
     pose = expm(arm.length * screw)
     np.testing.assert_allclose(backbone.tip, pose[:3, 3], rtol=0.0, atol=1e-8 * arm.length)
