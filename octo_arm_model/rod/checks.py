@@ -18,6 +18,7 @@ from octo_arm_model.rod.tables import (
     SQUARED_B,
     SQUARED_N,
     Tables,
+    least_bending,
 )
 
 SHORTEST_FIBRE = 0.02  # of its reference length
@@ -61,8 +62,8 @@ def explain_discs(
     discs, tables = problem.discs, problem.tables
     if discs is None:
         return error
-    bending = 0.25 * tables.body[:, AXIAL] * tables.body[:, SQUARED_N : SQUARED_B + 1].min(axis=1)
-    softer = (tables.reach @ tensions) * discs.sizes[discs.piece] ** 2 / (12.0 * bending)
+    pulled = tables.reach @ tensions
+    softer = pulled * discs.sizes[discs.piece] ** 2 / (12.0 * least_bending(tables))
     node = int(np.argmax(softer))
     if not softer[node] > 1.0:
         return error

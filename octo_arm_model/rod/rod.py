@@ -35,7 +35,7 @@ from octo_arm_model.rod.newton import Found, settle
 from octo_arm_model.rod.read_out import Finer, Readout
 from octo_arm_model.rod.resolution import added_points, allowed_between
 from octo_arm_model.rod.section_arrays import initial_twists
-from octo_arm_model.rod.tables import tabulate
+from octo_arm_model.rod.tables import least_bending, tabulate
 from octo_arm_model.rod.tendons import unloaded_twists
 from octo_arm_model.rod.unloaded import balance_sections
 
@@ -129,8 +129,7 @@ class Rod:
             lambda level: Finer(self.problem(level), self.problem(level, self.added))
         )
         own = self.problem(0)
-        body, s = own.tables.body, own.elements.s
-        bending = 0.25 * body[:, 0] * np.minimum(body[:, 2], body[:, 3])
+        s, bending = own.elements.s, least_bending(own.tables)
         self._per_force = float(((arm.length - s) ** 2 / bending).max())
         apart = np.diff([0.0, *arm.discs.faces, arm.length]).max()
         self._per_pull = float((apart**2 / bending).max())

@@ -241,6 +241,12 @@ def _fine(rule: GaussRule) -> tuple[FloatArray, FloatArray]:
     return rule.interpolate(fine.s), fine.integration(np.append(rule.points, 1.0))
 
 
+def least_bending(tables: Tables) -> FloatArray:
+    """E J of the sections about the axis that they bend about more easily, (N,) [N m^2]."""
+    squares = tables.body[:, SQUARED_N : SQUARED_B + 1]
+    return np.asarray(0.25 * tables.body[:, AXIAL] * squares.min(axis=1))
+
+
 def _body(arm: Arm, s: FloatArray, tendons: FloatArray) -> FloatArray:
     radius, own = arm.body.radius(s), SectionStiffness.at(arm, s)
     lever = np.hypot(tendons[..., ALONG_N], tendons[..., ALONG_B]).max(axis=1, initial=0.0)
