@@ -104,7 +104,7 @@ class Arm:
 
     def _check_profiles(self) -> None:
         """Check that radius and elastic constants are in range all along the arm."""
-        inner = getattr(self.body, 'inner_radius', 0.0)
+        inner = self.body.inner_radius
         stiffness = self.stiffness.profiles.items()
         for name, given, low, high, expected in (
             *((name, one, 0.0, math.inf, '> 0 [m]') for name, one in self.body.profiles.items()),

@@ -19,6 +19,7 @@ class _Outline:
     is_round = True
     length: float
     disc_radius: float
+    inner_radius: float | Profile = 0.0
 
     @property
     def profiles(self) -> dict[str, Profile]:
@@ -52,8 +53,6 @@ class _Outline:
 
 class _Round(_Outline):
     """A solid body or a tube."""
-
-    inner_radius: float | Profile
 
     @property
     def knots(self) -> tuple[float, ...]:

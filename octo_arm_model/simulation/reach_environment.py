@@ -14,12 +14,12 @@ from octo_arm_model.arm.validation import vector, whole, within
 from octo_arm_model.rod.inputs import check_highest
 from octo_arm_model.rod.motion import STEPS, Dynamics
 from octo_arm_model.rod.motion_state import Inputs, MotionState
+from octo_arm_model.terminal import missing
 
 try:
     import gymnasium
-except ModuleNotFoundError:
-    hint = "install it with: pip install 'octo_arm_model[gymnasium]'"
-    raise ModuleNotFoundError(f'needs gymnasium; {hint}', name='gymnasium') from None
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(missing(error), name=error.name) from None
 
 _TRIES = 100  # random tensions for one whose shape can be a target
 
