@@ -9,6 +9,7 @@ from std_srvs.srv import SetBool, Trigger
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
+from octo_arm_model.ros.simulator.push_service import TOPIC as PUSH_TOPIC
 
 
 class SimulatorClient:
@@ -16,7 +17,7 @@ class SimulatorClient:
 
     def __init__(self, node: Node, prefix: str = '') -> None:
         """Create the entities on ``node``, with ``prefix`` before their names."""
-        self._force = node.create_publisher(Vector3Stamped, f'{prefix}push/force', OUTPUT_QOS)
+        self._force = node.create_publisher(Vector3Stamped, prefix + PUSH_TOPIC, OUTPUT_QOS)
         self._services = {
             name: node.create_client(SetBool if name == 'pause' else Trigger, prefix + name)
             for name in ('pause', 'step', 'reset')

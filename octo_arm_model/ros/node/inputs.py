@@ -264,7 +264,8 @@ class TensionInputs:
         """Subscribe."""
         for topic in TOPICS:
             # One by one: where the next cannot be, `close` ends those before it.
-            self._inputs.append(self._subscribe(topic))
+            self._inputs.append(made := self._subscribe(topic))
+            self._diagnostics.publishers[made.topic] = made.count_publishers
         self.field.open()
 
     def close(self) -> None:
@@ -275,9 +276,7 @@ class TensionInputs:
         self.field.close()
 
     def _subscribe(self, topic: str, message: FieldMessage | None = None) -> TensionSubscription:
-        made = TensionSubscription(
+        return TensionSubscription(
             self._intake, topic, lambda: self._current().arm, self._take,
             names=lambda: self._current().load_cells.names, message=message,
         )  # fmt: skip
-        self._diagnostics.publishers[made.topic] = made.count_publishers
-        return made

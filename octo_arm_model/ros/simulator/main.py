@@ -44,6 +44,7 @@ from octo_arm_model.ros.simulator.diagnostics import SimulatorDiagnostics
 from octo_arm_model.ros.simulator.motion_publishers import MotionPublishers
 from octo_arm_model.ros.simulator.push_service import TOPIC as PUSH_TOPIC
 from octo_arm_model.ros.simulator.push_service import PushService
+from octo_arm_model.ros.simulator.robot_description import COMMANDS as JOINT_COMMANDS
 from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
 from octo_arm_model.ros.simulator.services import offer_services
 from octo_arm_model.ros.simulator.simulation_clock import SimulationClock
@@ -62,8 +63,6 @@ from octo_arm_model.wire.tensions import (
     read_displacements,
     read_joint_commands,
 )
-
-_JOINTS = 'tendon_tensions/joint_state'
 
 
 class SimulatorNode(CheckedNode):
@@ -101,11 +100,9 @@ class SimulatorNode(CheckedNode):
                 intake, topic, lambda: self._config.arm, self._on_command, prefix=TOPIC
             )
             for topic in TOPICS
-            if topic != _JOINTS
+            if topic.replace('tendon_tensions', TOPIC) != JOINT_COMMANDS
         ]
-        self._joints = LatestSubscription(
-            intake, JointState, _JOINTS.replace('tendon_tensions', TOPIC), self._on_joints
-        )
+        self._joints = LatestSubscription(intake, JointState, JOINT_COMMANDS, self._on_joints)
         self._lengths = LatestSubscription(
             intake, JointState, f'{TOPIC}/displacements', self._on_lengths
         )
@@ -150,8 +147,8 @@ class SimulatorNode(CheckedNode):
                 self.get_logger().warning('tendons go down to their new limits')
         if before is None or 'profile.name' in names:
             self._is_playing, self._played = config.profile is not None, 0.0
-            if self._is_playing and self._control is not None and self._control.displacements:
-                driven = ' '.join(self._control.displacements)
+            if self._is_playing and self._held:
+                driven = ' '.join(self._held)
                 self.get_logger().warning(f'the profile leaves out, as driven by length: {driven}')
         self._time.use(config.rate, config.publish_clock, config.real_time_factor)
 
@@ -185,15 +182,15 @@ class SimulatorNode(CheckedNode):
     def _on_command(self, topic: str, stamp: Stamp | None, tensions: FloatArray) -> None:
         """Follow a command from now on, and no longer the profile."""
         command = check_command(self._config.arm, tensions, self._config.limits)
-        held = self._control.displacements if self._control is not None else {}
-        self._follow(topic, command, dict(zip(self._config.arm.tendon_names, command)), {}, held)
+        self._follow(topic, command, dict(zip(self._config.arm.tendon_names, command)), {})
 
     def _follow(
         self, topic: str, command: FloatArray, tensions: Mapping[str, float],
-        lengths: Mapping[str, float], held: Mapping[str, float],
+        lengths: Mapping[str, float],
     ) -> None:  # fmt: skip
-        """Follow a ``command`` of ``tensions`` and ``lengths``, beside those that are ``held``."""
+        """Follow a ``command`` of ``tensions``, but of tendons that are held, and ``lengths``."""
         self._command, self._is_playing = command, False
+        held = self._held
         pulled = {name: ('N', float(one)) for name, one in tensions.items() if name not in held}
         self._commanders.note(topic, pulled | {name: ('m', one) for name, one in lengths.items()})
 
@@ -201,26 +198,30 @@ class SimulatorNode(CheckedNode):
         """Pull, or reel in, the tendons that are named from now on; others go on as they do."""
         arm = self._config.arm
         tensions, lengths = read_joint_commands(decoded(data, JointState), arm)
-        held = self._control.displacements if self._control is not None else {}
         wanted = [tensions.get(*named) for named in zip(arm.tendon_names, self._command)]
         command = check_command(arm, np.array(wanted), self._config.limits)
-        left = {name: length for name, length in held.items() if name not in tensions}
-        if lengths or left != held:
+        left = {name: length for name, length in self._held.items() if name not in tensions}
+        if lengths or left != self._held:
             self._length_control().command({**left, **lengths}, command)
-        self._follow(self._joints.topic, command, tensions, lengths, {})
+        self._follow(self._joints.topic, command, tensions, lengths)
 
     def _on_lengths(self, data: bytes) -> None:
         """Reel in the tendons that are named from now on; all others follow tensions."""
         message = decoded(data, JointState)
         found = read_displacements(message, self._config.arm)
         self._length_control().command(found, self._command)
-        self._follow(self._lengths.topic, self._command, {}, found, {})
+        self._follow(self._lengths.topic, self._command, {}, found)
 
     def _on_push(self, data: bytes) -> None:
         """Push the moving arm with the force of a message."""
         if not isinstance(self._config.pushed_arm, DynamicArm):
             raise ConfigError('dynamics is false, expected true for an arm that messages push')
         self._push.hold(decoded(data, Vector3Stamped), self._config.base_frame)
+
+    @property
+    def _held(self) -> Mapping[str, float]:
+        """Lengths that winches hold [m], by name of the tendons."""
+        return {} if self._control is None else self._control.displacements
 
     def _length_control(self) -> LengthControl:
         """Length control of the present arm, made at its first use."""
@@ -251,8 +252,7 @@ class SimulatorNode(CheckedNode):
     def _save(self) -> None:
         """Write the state of arm, winches and commands to the file of the parameters."""
         arm, path = self._stored()
-        held = self._control.displacements if self._control is not None else {}
-        names = self._config.arm.tendon_names
+        held, names = self._held, self._config.arm.tendon_names
         arm.save(path, {
             'hardware': self._hardware.state,
             'command': self._command,

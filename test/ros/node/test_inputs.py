@@ -36,8 +36,8 @@ def joints():
     return message
 
 
-def wait_for_answer(client, publisher, message):
-    """Publish until it is answered with its stamp and the shape of `PLANE`."""
+def wait_for_answer(client, publisher, message, expected=EXPECTED.tip, atol=1e-9):
+    """Publish until it is answered with its stamp and the ``expected`` tip, that of `PLANE`."""
 
     def answered():
         publisher.publish(message)
@@ -46,7 +46,7 @@ def wait_for_answer(client, publisher, message):
         if not poses or poses[-1].header.stamp != message.header.stamp:
             return False
         tip = poses[-1].poses[-1].position
-        return np.allclose([tip.x, tip.y, tip.z], EXPECTED.tip, atol=1e-9)
+        return np.allclose([tip.x, tip.y, tip.z], expected, atol=atol)
 
     client.wait(answered, 'an answer')
 
@@ -301,17 +301,7 @@ def test_motors_in_a_field_of_any_message_reel_as_their_spools_say():
         motors = client.node.create_publisher(JointState, '/motors', 10)
         message = JointState(name=list(turns), velocity=list(turns.values()))
         message.header.stamp.sec = 79
-
-        def answered():
-            motors.publish(message)
-            client.spin(0.1)
-            poses = client.answers['backbone/poses']
-            if not poses or poses[-1].header.stamp != message.header.stamp:
-                return False
-            tip = poses[-1].poses[-1].position
-            return np.allclose([tip.x, tip.y, tip.z], expected, atol=1e-8)
-
-        client.wait(answered, 'an answer')
+        wait_for_answer(client, motors, message, expected, 1e-8)
 
         def is_refused():
             motors.publish(JointState(name=['m1a'], velocity=[1.0]))
