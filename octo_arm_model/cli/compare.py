@@ -60,13 +60,13 @@ def run(options: argparse.Namespace) -> int:
     out = options.out
     refuse_inside(options.bag, out)
     check_out(options, '--out', folder=True, draws=True)
-    recording, observations, models, alignment, notes, course = read_options(options)
+    recording, observations, models, alignment, notes, trajectory = read_options(options)
     config = Config.from_parameters(recording.parameters)
 
     def compared(model: str) -> ModelComparison:
         with Bar(f'steps of {model}') as bar:
             shapes, values = observations.shapes, recording.parameters
-            return compare(shapes, values, model, alignment, bar.on_terminal, course)
+            return compare(shapes, values, model, alignment, bar.on_terminal, trajectory)
 
     comparisons = of_each(models, 'compared', notes, compared)
     result = as_dict(comparisons, observations, notes)

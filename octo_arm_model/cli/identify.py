@@ -213,9 +213,8 @@ def run(options: argparse.Namespace) -> int:
     check_out(options, '--out', folder=False)
     # These show in a motion alone.
     options.dynamic |= not {*OF_MOTION}.isdisjoint(options.fit)
-    recording, observations, models, alignment, notes, course = read_options(
-        options, [] if options.dynamic else [ALL]
-    )
+    default = [] if options.dynamic else [ALL]
+    recording, observations, models, alignment, notes, trajectory = read_options(options, default)
     fits = list(dict.fromkeys(options.fit))
     if alignment is None and 'alignment' not in fits:
         fits.append('alignment')
@@ -223,8 +222,10 @@ def run(options: argparse.Namespace) -> int:
     def fit(model: str) -> Identification:
         with Bar(f'fits of {model}') as bar:
             shapes, values = observations.shapes, recording.parameters
-            if course is not None and alignment is not None:
-                return identify_motion(shapes, values, fits, alignment, course, bar, options.loss)
+            if trajectory is not None and alignment is not None:
+                return identify_motion(
+                    shapes, values, fits, alignment, trajectory, bar, options.loss
+                )
             return identify(shapes, values, model, fits, alignment, bar, options.loss)
 
     fitted = of_each(models, 'fitted', notes, fit)
@@ -233,7 +234,7 @@ def run(options: argparse.Namespace) -> int:
     if options.pictures is not None:
         from octo_arm_model.experiment.pictures import pictures_of_fit, save_all
 
-        pictures = pictures_of_fit(fitted, observations.shapes, course)
+        pictures = pictures_of_fit(fitted, observations.shapes, trajectory)
         with writing(options.pictures, folder=True) as place, Bar('pictures') as bar:
             save_all(pictures, place, bar.on_terminal)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')
@@ -248,7 +249,7 @@ def run(options: argparse.Namespace) -> int:
         shapes = best.with_tensions(observations.shapes)
         with Bar('steps of the fitted arm') as bar:
             fitted_arm = compare(
-                shapes, best.parameters, best.model, best.alignment, bar.on_terminal, course
+                shapes, best.parameters, best.model, best.alignment, bar.on_terminal, trajectory
             )
         names = Config.from_parameters(best.parameters).arm.tendon_names
         with writing(options.csv, folder=True) as place:

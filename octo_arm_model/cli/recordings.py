@@ -30,7 +30,7 @@ from octo_arm_model.config.files import load_yaml, read_text, reading
 from octo_arm_model.experiment.alignment import Alignment
 from octo_arm_model.experiment.csv_recording import DISPLACEMENT, CsvSources
 from octo_arm_model.experiment.measured_points import LENGTH_UNITS, Measured
-from octo_arm_model.experiment.motion import Course, observe_motion
+from octo_arm_model.experiment.motion import TensionTrajectory, observe_motion
 from octo_arm_model.experiment.observations import (
     POSES,
     RAMP,
@@ -210,8 +210,8 @@ def read_files(options: argparse.Namespace) -> CsvSources:
 T = TypeVar('T')
 
 
-class Given(NamedTuple):
-    """What options give.
+class Experiment(NamedTuple):
+    """An experiment, and how it is to be compared.
 
     Attributes:
         recording: the recording.
@@ -219,7 +219,7 @@ class Given(NamedTuple):
         models: names of the models.
         alignment: of the camera; None for one to be fitted.
         notes: on all choices.
-        course: tensions along which the arm moves; None where it is in equilibrium.
+        trajectory: tensions along which the arm moves; None where it is in equilibrium.
     """
 
     recording: Recording
@@ -227,10 +227,10 @@ class Given(NamedTuple):
     models: list[str]
     alignment: Alignment | None
     notes: list[str]
-    course: Course | None
+    trajectory: TensionTrajectory | None
 
 
-def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()) -> Given:
+def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()) -> Experiment:
     """The recording of `add_recording`'s options, and how it is to be compared.
 
     Without --model it is ``default_models``, or the config's if there are none.
@@ -289,7 +289,7 @@ def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()
         )
     width = None if options.ramp is True else options.ramp
     pairing = Pairing(steady, tolerance, offset, options.base_end, kind, width)
-    course = None
+    trajectory = None
     if step is None:
         with Bar('clock offsets') as bar:
             observations = observe(recording, pairing, alignment, bar.on_terminal)
@@ -298,9 +298,9 @@ def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()
         models = _models(options.model or ['exact'], config)
         if models != ['exact']:
             raise ConfigError(f'--model is {" ".join(models)}, of which only exact moves')
-        observations, course = observe_motion(recording, pairing, alignment, step)
+        observations, trajectory = observe_motion(recording, pairing, alignment, step)
     found = [*observations.notes, *notes]
-    return Given(recording, observations, models, alignment, found, course)
+    return Experiment(recording, observations, models, alignment, found, trajectory)
 
 
 def of_each(

@@ -23,7 +23,7 @@ from octo_arm_model.experiment.midlines import (
     marker_errors,
     midline_errors,
 )
-from octo_arm_model.experiment.motion import Course, moving_shapes
+from octo_arm_model.experiment.motion import TensionTrajectory, moving_shapes
 from octo_arm_model.experiment.uncertainty import misfit_of, noise_of
 from octo_arm_model.experiment.unknowns import FINE_STATIONS
 from octo_arm_model.rod.backbone import Backbone
@@ -104,13 +104,13 @@ def compare(
     model: str,
     alignment: Alignment | None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    course: Course | None = None,
+    trajectory: TensionTrajectory | None = None,
 ) -> ModelComparison:
     """Compare ``model`` of the arm of ``parameters`` with measured ``shapes``.
 
     Without ``alignment`` one is fitted, the same for all steps: it removes the part of the model's
-    error that a rigid motion of the camera explains. With a ``course`` the arm moves along it, and
-    steps are moments.
+    error that a rigid motion of the camera explains. With a ``trajectory`` the arm moves along it,
+    and steps are moments.
 
     Raises:
         SolveError: if the model has no answer for any step.
@@ -119,11 +119,11 @@ def compare(
     """
     config = Config.from_parameters(parameters)
     solver = config.solver(model, max(config.stations, FINE_STATIONS))
-    if course is None:
+    if trajectory is None:
         answered, refused = _equilibria(solver, shapes, progress)
     else:
         dynamics = config.dynamics(max(config.stations, FINE_STATIONS))
-        found, reason = moving_shapes(dynamics, course, shapes, progress)
+        found, reason = moving_shapes(dynamics, trajectory, shapes, progress)
         answered = list(zip(itertools.count(1), shapes, found))
         refused = [f'step {len(found) + 1} and later: {reason}'] if reason else []
     if not answered:
@@ -151,12 +151,12 @@ def compare(
             away = shape_residuals(shape, measured, backbone)
             errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))
         bend = math.nan
-        if errors.tip is not None and course is None:
+        if errors.tip is not None and trajectory is None:
             bend = _bend(solver, backbone, measured[-1])
         steps.append(
             StepComparison(number, shape, measured, backbone, errors, ways[number - 1], bend)
         )
-    if course is None:
+    if trajectory is None:
         notes += remarks(
             [step.shape.tension for step in steps], [step.bend for step in steps],
             [step.direction for step in steps],
@@ -164,7 +164,7 @@ def compare(
         )  # fmt: skip
     return ModelComparison(
         solver.model, solver.arm.length, alignment, tuple(steps), tuple(refused), tuple(notes),
-        course is not None,
+        trajectory is not None,
     )  # fmt: skip
 
 

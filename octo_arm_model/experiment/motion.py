@@ -23,7 +23,7 @@ from octo_arm_model.simulation.driven_motion import DrivenMotion
 MOST_FRAMES = 5000
 
 
-class Course(NamedTuple):
+class TensionTrajectory(NamedTuple):
     """Tensions over time, along which an arm moves.
 
     Attributes:
@@ -39,7 +39,7 @@ class Course(NamedTuple):
 
 def observe_motion(
     recording: Recording, pairing: Pairing, known: Alignment | None, step: float
-) -> tuple[Observations, Course]:
+) -> tuple[Observations, TensionTrajectory]:
     """A shape for each frame of ``recording``, and its tensions; ``known`` is the alignment.
 
     Raises:
@@ -90,22 +90,24 @@ def observe_motion(
         'the arm moves from rest at the first tensions on',
     ]
     notes += recording.refusals.lines()
-    return Observations(tuple(shapes), offset, tuple(notes)), Course(time, tensions, step)
+    return Observations(tuple(shapes), offset, tuple(notes)), TensionTrajectory(
+        time, tensions, step
+    )
 
 
 def moving_shapes(
-    dynamics: Dynamics, course: Course, shapes: Sequence[MeasuredShape],
+    dynamics: Dynamics, trajectory: TensionTrajectory, shapes: Sequence[MeasuredShape],
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[list[Backbone], str]:  # fmt: skip
-    """The arm along a ``course`` at the time of each of ``shapes``, in order of time.
+    """The arm along a ``trajectory`` at the time of each of ``shapes``, in order of time.
 
     Returns:
         The shapes up to where the motion ends, and why it does; '' where it does not.
     """
-    motion, by_stamp, reason = DrivenMotion(dynamics, course.step), dict[int, Backbone](), ''
+    motion, by_stamp, reason = DrivenMotion(dynamics, trajectory.step), dict[int, Backbone](), ''
     wanted = [round(1e9 * shape.window.start) for shape in shapes]
-    stamps = sorted({*wanted, *np.round(1e9 * course.time).astype(int).tolist()})
-    rows = interpolated(1e-9 * np.array(stamps), course.time, course.tensions)
+    stamps = sorted({*wanted, *np.round(1e9 * trajectory.time).astype(int).tolist()})
+    rows = interpolated(1e-9 * np.array(stamps), trajectory.time, trajectory.tensions)
     due = set(wanted)
     try:
         for stamp, row in zip(stamps, rows):

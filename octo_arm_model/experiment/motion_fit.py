@@ -22,7 +22,7 @@ from octo_arm_model.experiment.identification import Identification
 from octo_arm_model.experiment.identify import at_ends, strong_pairs
 from octo_arm_model.experiment.measured_shapes import MeasuredShape
 from octo_arm_model.experiment.midlines import Curve
-from octo_arm_model.experiment.motion import Course, moving_shapes
+from octo_arm_model.experiment.motion import TensionTrajectory, moving_shapes
 from octo_arm_model.experiment.uncertainty import (
     AUTO,
     Estimate,
@@ -47,20 +47,20 @@ _ALIKE = 0.7  # correlation of neighbouring residuals of a model that is wrong
 
 
 class MotionProblem(Problem):
-    """Residuals of an arm that moves along a ``course``, a step being a moment."""
+    """Residuals of an arm that moves along a ``trajectory``, a step being a moment."""
 
     def __init__(
-        self, shapes: Sequence[MeasuredShape], unknowns: Unknowns, course: Course
+        self, shapes: Sequence[MeasuredShape], unknowns: Unknowns, trajectory: TensionTrajectory
     ) -> None:
         """Fit ``unknowns`` to ``shapes``."""
         super().__init__(shapes, unknowns)
-        self._course = course
+        self._trajectory = trajectory
 
     def solve_steps(self, x: FloatArray) -> SolvedSteps:
         """See `Problem`."""
         config = Config.from_parameters(self.unknowns.parameters(x))
         dynamics = config.dynamics(max(config.stations, FINE_STATIONS))
-        found, reason = moving_shapes(dynamics, self._course, self.shapes)
+        found, reason = moving_shapes(dynamics, self._trajectory, self.shapes)
         if reason:
             raise SolveError(reason)
         nothing = np.full(self.unknowns.readings.displacements.shape, np.nan)
@@ -78,10 +78,10 @@ class MotionProblem(Problem):
 
 def identify_motion(
     shapes: Sequence[MeasuredShape], parameters: Mapping[str, Any], fits: Sequence[str],
-    alignment: Alignment, course: Course,
+    alignment: Alignment, trajectory: TensionTrajectory,
     progress: Callable[[int, int], None] = lambda done, total: None, loss: str = AUTO,
 ) -> Identification:  # fmt: skip
-    """Fit ``fits`` to ``shapes`` of an arm that moves along a ``course``.
+    """Fit ``fits`` to ``shapes`` of an arm that moves along a ``trajectory``.
 
     What the data leave open, or tell only to more than the `Unknown.scale`, stays as it is.
 
@@ -96,7 +96,7 @@ def identify_motion(
 
     def without(left_out: Collection[str]) -> MotionProblem:
         unknowns = Unknowns(parameters, 'exact', fits, readings, alignment, left_out, moves=True)
-        return MotionProblem(shapes, unknowns, course)
+        return MotionProblem(shapes, unknowns, trajectory)
 
     problem, left_out = without(()), dict[str, str]()
     least = _SWINGS * problem.length

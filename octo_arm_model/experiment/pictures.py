@@ -19,7 +19,7 @@ from octo_arm_model.experiment.compare import ModelComparison, StepComparison, c
 from octo_arm_model.experiment.fit import shape_residuals
 from octo_arm_model.experiment.identification import Identification
 from octo_arm_model.experiment.measured_shapes import MeasuredShape
-from octo_arm_model.experiment.motion import Course
+from octo_arm_model.experiment.motion import TensionTrajectory
 from octo_arm_model.experiment.unknowns import is_of_arm
 from octo_arm_model.reproduce.figures import LINES
 from octo_arm_model.rod.interpolation import interpolated
@@ -323,7 +323,7 @@ _FEW = 2  # points: tips have no residuals along the arm
 
 def pictures_of_fit(
     fitted: Sequence[Identification], shapes: Sequence[MeasuredShape],
-    course: Course | None = None,
+    trajectory: TensionTrajectory | None = None,
 ) -> dict[str, Callable[[], Any]]:  # fmt: skip
     """Functions that draw the pictures of the ``fitted`` models, by name; see `save_all`."""
     pictures: dict[str, Callable[[], Any]] = {}
@@ -331,9 +331,9 @@ def pictures_of_fit(
     if names:
         pictures['intervals'] = lambda: _draw_intervals(fitted, names)
     known = [one for one in fitted if one.after is not None]
-    if course is not None:
+    if trajectory is not None:
         of_motion = [
-            compare(shapes, one.parameters, one.model, one.alignment, course=course)
+            compare(shapes, one.parameters, one.model, one.alignment, trajectory=trajectory)
             for one in known
         ]
         return pictures | (pictures_of_comparison(of_motion) if known else {})
