@@ -31,7 +31,7 @@ class FollowingForce:
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
         """Derivatives of these by a small rotation of the cross section."""
         # Turned by a small rotation vector phi, the force changes by phi x force.
-        by_turn = -skew((rod.rotation_at(self.s) @ self.force)[:, np.newaxis])
+        by_turn = -skew(rod.rotation_at(self.s) @ self.force)[..., np.newaxis]
         force = np.where(rod.s < self.s, by_turn, 0.0)
         return (Tangent(self.s, force, np.zeros_like(force)),)
 
