@@ -14,7 +14,6 @@ import sys
 from itertools import pairwise
 from unittest.mock import patch
 
-import numpy as np
 import pytest
 from checkout import ROOT
 
@@ -110,18 +109,6 @@ def test_commands_have_these_options(page):
             for words in commands(script):
                 if 'octo-arm' in words:
                     build_parser().parse_args(words[words.index('octo-arm') + 1 :])
-
-
-def test_the_example_of_the_estimator_finds_the_force_that_moves_its_tip():
-    names = {}
-    for code, _ in blocks(ROOT / 'docs' / 'virtual_sensor.md', 'python'):
-        exec(code, names)
-    found, shape = names['found'], names['backbone']
-    assert found.refused == ()
-    np.testing.assert_allclose(names['tip'] - shape.tip, [0.0, 0.0, 0.005])
-    np.testing.assert_allclose(found.backbone.tip, names['tip'], atol=1e-4)
-    stiff = 0.005 / names['solver'].sensitivity(shape).compliance[2, 2]
-    assert found.tip_wrench[2] == pytest.approx(stiff, rel=0.02)
 
 
 @pytest.mark.parametrize('page', pages_with('yaml'))

@@ -106,7 +106,7 @@ def test_colcon_finds_both_packages_and_in_a_workspace_by_the_line_of_the_manual
     source.mkdir()
     (source / 'octo_arm_model').symlink_to(ROOT)
     assert colcon_list(tmp_path, tmp_path) == ['octo_arm_model']
-    manual = (ROOT / 'docs' / 'installation.md').read_text()
+    manual = (ROOT / 'docs' / 'getting_started.md').read_text()
     line = re.search(r'^ln -s (\S+) (src/\S+)$', manual, re.MULTILINE)
     assert line, 'the manual has lost its line for larger workspaces'
     (tmp_path / line[2]).symlink_to(line[1])
