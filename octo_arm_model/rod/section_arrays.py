@@ -12,6 +12,7 @@ from octo_arm_model.rod.section_formulas import (
     bent_by,
     density,
     offset_stiffness,
+    residual_left,
     widening,
 )
 from octo_arm_model.rod.tables import (
@@ -129,24 +130,24 @@ class PulledTendons:
         return found
 
     def derivatives(self, slope: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (m, n) and Hessian (n, m, m) of the energy of tendons and sheaths.
+        """Gradient (m, n) and Hessian (m, m, n) of the energy of tendons and sheaths.
 
         By the scaled strains; of the four without shear where there is none.
         """
         by, strains, weight = self.by_strain(slope), self._strains, self.tension * self.over
-        scale = np.ones((len(weight), 5))
-        scale[:, 2] = scale[:, 3] = slope
-        twice = _twice(weight, self._path) * (scale[:, np.newaxis] * scale[..., np.newaxis])
-        found = (twice.reshape(-1, 25) @ _TWICE[strains]).reshape(-1, strains, strains)
-        found -= _twice(weight, by)
-        found[:, 3, 3] += bend * np.einsum('nj,nj->n', self.tension, self._winding)
+        rows = np.concatenate([self._path, by])
+        rows[2:4] *= slope[:, np.newaxis]
+        products = (weight * rows).transpose(1, 0, 2) @ rows.transpose(1, 2, 0)
+        found = (_PRODUCTS[strains] @ products.reshape(len(weight), -1).T).reshape(
+            strains, strains, -1
+        )
+        found[3, 3] += bend * np.einsum('nj,nj->n', self.tension, self._winding)
         if self.compliance.any():
-            path = self._path * scale.T[..., np.newaxis]
-            found -= self._condensed(np.einsum('ack,knj->canj', _BY[:strains], path), by)
+            found -= self._condensed(np.einsum('ack,knj->canj', _BY[:strains], rows[:5]), by)
         return np.einsum('anj,nj->an', by, self.tension), found
 
     def _condensed(self, by: FloatArray, g: FloatArray) -> FloatArray:
-        """C D^-1 C^T of the offsets in sheaths, (n, m, m)."""
+        """C D^-1 C^T of the offsets in sheaths, (m, m, n)."""
         t, n, b = self.strain[:3]
         u_t, u_n, u_b = self.unit
         p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
@@ -164,21 +165,24 @@ class PulledTendons:
         nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), self.compliance * weight)
         factor = self.compliance / (nn * bb - nb * nb)
         moved = factor * np.stack([bb * mixed[0] - nb * mixed[1], nn * mixed[1] - nb * mixed[0]])
-        return np.asarray(np.einsum('danj,dcnj->nac', mixed, moved))
+        return np.asarray(np.einsum('danj,dcnj->acn', mixed, moved))
 
 
-# From x, y, slope dx, slope dy and 1 to du/de by the six scaled strains, (6, 3, 5), and from their
-# products to those of four or all of these, (25, 16 or 36).
+# From x, y, slope dx, slope dy and 1 to du/de by the six scaled strains, (6, 3, 5).
 _BY = np.zeros((6, 3, 5))
 _BY[[0, 2], [1, 0], [1, 0]] = -1.0
 _BY[[0, 1, 3, 3, 3, 4, 5], [2, 0, 0, 1, 2, 1, 2], [0, 1, 4, 2, 3, 4, 4]] = 1.0
-_TWICE = {m: np.einsum('ack,bcl->klab', _BY[:m], _BY[:m]).reshape(25, -1) for m in (4, 6)}
 
 
-def _twice(weight: FloatArray, rows: FloatArray) -> FloatArray:
-    """Sums over the tendons of products of ``rows`` (k, n, J) by ``weight`` (n, J), (n, k, k)."""
-    weighted = (weight * rows).transpose(1, 0, 2)
-    return np.asarray(weighted @ rows.transpose(1, 2, 0))
+def _of_products(strains: int) -> FloatArray:
+    """From products of these five numbers, and then g, by each other to du/de . du/de - g g^T."""
+    found = np.zeros((strains, strains, 5 + strains, 5 + strains))
+    found[:, :, :5, :5] = np.einsum('ack,bcl->abkl', _BY[:strains], _BY[:strains])
+    found[:, :, 5:, 5:] = -np.einsum('ak,bl->abkl', np.eye(strains), np.eye(strains))
+    return found.reshape(strains * strains, -1)
+
+
+_PRODUCTS = {strains: _of_products(strains) for strains in (4, 6)}
 
 
 def _scaled(z: FloatArray, width: FloatArray) -> FloatArray:
@@ -222,20 +226,20 @@ def _stress(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
 
 
 def _stiffness(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
-    """Hessian of the energy of the material by the scaled strain (6, n), (n, 6, 6)."""
+    """Hessian of the energy of the material by the scaled strain (6, n), (6, 6, n)."""
     body, axial = tables.body.T, tables.body[:, AXIAL]
     n, b = strain[1] * body[SQUARED_N], strain[2] * body[SQUARED_B]
     _, by_bend, by_ss, by_sb, by_bb = parts
     once, both, second = 2.0 * axial * by_bend, 2.0 * axial * by_sb, 4.0 * axial * by_bb
-    h = np.zeros((n.size, 6, 6))
-    h[:, 0, 0] = body[TORSION]
-    h[:, 1, 1] = once * body[SQUARED_N] + second * n * n
-    h[:, 2, 2] = once * body[SQUARED_B] + second * b * b
-    h[:, 1, 2] = h[:, 2, 1] = second * n * b
-    h[:, 1, 3] = h[:, 3, 1] = both * n
-    h[:, 2, 3] = h[:, 3, 2] = both * b
-    h[:, 3, 3] = axial * by_ss
-    h[:, 4, 4] = h[:, 5, 5] = body[SHEAR]
+    h = np.zeros((6, 6, n.size))
+    h[0, 0] = body[TORSION]
+    h[1, 1] = once * body[SQUARED_N] + second * n * n
+    h[2, 2] = once * body[SQUARED_B] + second * b * b
+    h[1, 2] = h[2, 1] = second * n * b
+    h[1, 3] = h[3, 1] = both * n
+    h[2, 3] = h[3, 2] = both * b
+    h[3, 3] = axial * by_ss
+    h[4, 4] = h[5, 5] = body[SHEAR]
     return h
 
 
@@ -244,7 +248,7 @@ def _add_rest(
 ) -> None:
     """What the bend at rest, which changes with the stretch, adds to the rows of the stretch.
 
-    Of the gradient (6, n) and the Hessian (n, 6, 6) of the energy of the material.
+    Of the gradient (6, n) and the Hessian (6, 6, n) of the energy of the material.
     """
     rest = tables.body[:, REST_T:].T
     if not (tables.widens and rest.any()):
@@ -254,58 +258,58 @@ def _add_rest(
     torque = g[0].copy()
     g[3] -= (d * g[:3]).sum(axis=0)
     if h is not None:
-        by = np.einsum('nac,cn->na', h[:, :3, :3], d)
-        h[:, 3, 3] += np.einsum('na,an->n', by - 2.0 * h[:, 3, :3], d) - bend * rest[0] * torque
-        h[:, 3, :3] -= by
-        h[:, :3, 3] -= by
+        by = np.einsum('acn,cn->an', h[:3, :3], d)
+        h[3, 3] += ((by - 2.0 * h[3, :3]) * d).sum(axis=0) - bend * rest[0] * torque
+        h[3, :3] -= by
+        h[:3, 3] -= by
 
 
-def _unscale_gradient(
-    z: FloatArray, width: FloatArray, slope: FloatArray, g: FloatArray
-) -> FloatArray:
-    """From the gradient (6, n) by the scaled strain to that by the twist, (n, m)."""
-    found = g[: z.shape[1]].T.copy()
-    found[:, 3] += slope * (z[:, :3] * found[:, :3]).sum(axis=1)
-    found[:, :3] *= width[:, np.newaxis]
-    return found
+def _unscale(
+    tables: Tables, z: FloatArray, widening: tuple[FloatArray, FloatArray, FloatArray],
+    g: FloatArray, h: FloatArray | None = None,
+) -> None:  # fmt: skip
+    """From gradient (m, n) and Hessian (m, m, n) by the scaled strain to those by the twist."""
+    if not tables.widens:
+        return
+    (width, slope, bend), bends = widening, z.T[:3]
+    along = (bends * g[:3]).sum(axis=0)
+    if h is not None:
+        by = slope * np.einsum('acn,cn->an', h[:3, :3], bends)
+        h[3, 3] += slope * (bends * (2.0 * h[3, :3] + by)).sum(axis=0) + bend * along
+        h[3, :3] = h[:3, 3] = width * (h[3, :3] + by) + slope * g[:3]
+        h[:3, :3] *= width * width
+    g[3] += slope * along
+    g[:3] *= width
 
 
 def gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient of the energy of every cross section."""
-    width, slope, bend = widening(tables.widens, z[:, 3])
+    strains, (width, slope, bend) = z.shape[1], widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
     own = _from_rest(tables, strain[..., 0], width)
     g = _stress(tables, own, _density_at(tables, own))
     _add_rest(tables, slope, bend, g)
     tendons = PulledTendons(tables, strain, width, tensions, work)
-    g[: z.shape[1]] += np.einsum('anj,nj->an', tendons.by_strain(slope), tendons.tension)
-    work.gradient[:] = _unscale_gradient(z, width, slope, g)
+    g[:strains] += np.einsum('anj,nj->an', tendons.by_strain(slope), tendons.tension)
+    _unscale(tables, z, (width, slope, bend), g)
+    work.gradient[:] = g[:strains].T
 
 
 def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient and Hessian of the energy of every cross section by the twist."""
-    width, slope, bend = widening(tables.widens, z[:, 3])
+    strains, (width, slope, bend) = z.shape[1], widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
-    tendons = PulledTendons(tables, strain, width, tensions, work)
     own = _from_rest(tables, strain[..., 0], width)
     parts = _density_at(tables, own)
     g, h = _stress(tables, own, parts), _stiffness(tables, own, parts)
     _add_rest(tables, slope, bend, g, h)
+    tendons = PulledTendons(tables, strain, width, tensions, work)
     by_strain, twice = tendons.derivatives(slope, bend)
-    g[: len(by_strain)] += by_strain
-    h = h[:, : z.shape[1], : z.shape[1]] + twice
-    if tables.widens:
-        # Scaled bends change with the stretch as well, by their slope.
-        scaled = np.zeros((len(z), 4, 4))
-        scaled[:, 0, 0] = scaled[:, 1, 1] = scaled[:, 2, 2] = width
-        scaled[:, :3, 3], scaled[:, 3, 3] = slope[:, np.newaxis] * z[:, :3], 1.0
-        h = scaled.swapaxes(1, 2) @ h @ scaled
-        mixed = slope[:, np.newaxis] * g[:3].T
-        h[:, 3, :3] += mixed
-        h[:, :3, 3] += mixed
-        h[:, 3, 3] += bend * (z[:, :3] * g[:3].T).sum(axis=1)
-    work.gradient[:] = _unscale_gradient(z, width, slope, g)
-    work.hessian[:] = h
+    g[:strains] += by_strain
+    h[:strains, :strains] += twice
+    _unscale(tables, z, (width, slope, bend), g, h)
+    work.gradient[:] = g[:strains].T
+    work.hessian[:] = h[:strains, :strains].T
 
 
 def balance(
@@ -316,23 +320,25 @@ def balance(
     if not z[0, 3]:
         z[:] = initial_twists(tables, tensions, z.shape[1])
     scale = force_scale(tables, tensions)
-    step, slope, left = np.zeros_like(z), np.zeros(len(z)), np.inf
+    step, left = np.zeros_like(z), np.inf
+    slope, last = np.zeros((2, len(z)))
     for steps in range(1, _MOST_BALANCE + 1):
         sections(tables, z, tensions, work)
         np.subtract(work.gradient, wrench, out=work.residual)
-        left = relative_residual(wrench, scale, work)
+        sizes = _relative_residuals(wrench, scale, work).max(axis=1)
+        left = float(residual_left(sizes, last).max())
         if left <= tolerance:
             z += _section_steps(work)
             return left, steps
-        if not left <= _ROUNDING and steps > 1:
+        last = sizes
+        if steps > 1:
             along = (work.residual * step).sum(axis=1)
-            sizes = scale.repeat(3, axis=1)[:, : z.shape[1]]
-            worst = (np.abs(work.residual) / sizes).max(axis=1)
-            fine = (along <= _OVERSHOOT * slope) | (worst <= _ROUNDING)  # False for NaN
+            fine = (along <= _OVERSHOOT * slope) | (sizes <= _ROUNDING)  # False for NaN
             if not fine.all():
                 step = np.where(fine[:, np.newaxis], step, _SHORTENED * step)
                 slope = np.where(fine, slope, _SHORTENED * slope)
                 z -= np.where(fine[:, np.newaxis], 0.0, step)
+                last = np.zeros(len(z))  # nothing is known of how this converges
                 continue
         step = _section_steps(work)
         slope = -(work.residual * step).sum(axis=1)
@@ -341,11 +347,17 @@ def balance(
 
 
 def _section_steps(work: Work) -> FloatArray:
-    """Newton's step of every cross section alone, (n, m)."""
-    try:
-        return np.asarray(np.linalg.solve(work.hessian, -work.residual[..., np.newaxis])[..., 0])
-    except np.linalg.LinAlgError:
-        return np.full_like(work.residual, np.nan)
+    """Newton's step of every cross section alone, (n, m), by L D L^T."""
+    h, x = np.array(work.hessian.T, order='C'), -work.residual.T
+    count = len(x)
+    for a in range(count - 1):
+        row = h[a, a + 1 :] / h[a, a]
+        x[a + 1 :] -= row * x[a]
+        h[a + 1 :, a + 1 :] -= row[:, np.newaxis] * h[a, a + 1 :]
+    for a in range(count - 1, -1, -1):
+        x[a] /= h[a, a]
+        x[:a] -= h[a, :a] * x[a]
+    return x.T
 
 
 def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatArray:
@@ -376,8 +388,13 @@ def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatA
 
 def relative_residual(wrench: FloatArray, scale: FloatArray, work: Work) -> float:
     """Largest residual over its scale and the largest ``wrench`` (N, m) along the arm."""
+    return float(_relative_residuals(wrench, scale, work).max(initial=0.0))
+
+
+def _relative_residuals(wrench: FloatArray, scale: FloatArray, work: Work) -> FloatArray:
+    """The same of every cross section and component, (N, m)."""
     scale = scale.repeat(3, axis=1)[:, : wrench.shape[1]] + np.abs(wrench).max(axis=0)
-    return float((np.abs(work.residual) / scale).max(initial=0.0))
+    return np.abs(work.residual) / scale
 
 
 # Tendons with friction -------------------------------------------------------------------------

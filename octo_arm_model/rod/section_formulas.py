@@ -9,6 +9,8 @@ import numpy as np
 
 from octo_arm_model.arm.hints import Number
 
+_ROUNDING = 1e-16  # of a residual
+
 
 def density(
     widens: bool, stretch: Number, bend: Number
@@ -92,3 +94,13 @@ def offset_stiffness(
         -stiff * (b * n + p_n * p_b),
         1.0 + stiff * (n * n + t * t - p_b * p_b),
     )
+
+
+def residual_left(size: Number, last: Number) -> Number:
+    """About what a step of Newton's method leaves of a residual ``size``, from ``last`` before.
+
+    By its quadratic convergence; never less than the square of ``size``, nor than rounding. All
+    of it where ``last`` is zero, as nothing is known.
+    """
+    ratio = np.minimum(size / np.maximum(last, 1e-300), 1.0)
+    return np.maximum(size * np.maximum(size, ratio * ratio), _ROUNDING)

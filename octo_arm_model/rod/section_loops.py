@@ -26,6 +26,7 @@ from octo_arm_model.rod.section_formulas import (
     bent_by,
     density,
     offset_stiffness,
+    residual_left,
     widening,
 )
 from octo_arm_model.rod.tables import (
@@ -52,7 +53,7 @@ _SETTLED = 1e-14  # change of an offset, over the lever
 MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `section_arrays.balance`
 _density, _widening = inlined(density), inlined(widening)
 _offset_stiffness, _bent_by = inlined(offset_stiffness), helper(bent_by)
-_at_rest = inlined(at_rest)
+_at_rest, _residual_left = inlined(at_rest), inlined(residual_left)
 
 
 @inlined
@@ -325,11 +326,11 @@ def balance(
     """Bring every cross section to balance with ``wrench`` (N, m) by Newton's method.
 
     From the twists ``z``, which are overwritten, or from those of parallel tendons where the
-    stretch is zero. Steps at whose end the energy has risen again are halved. The last step begins
-    where a residual is at most ``tolerance``.
+    stretch is zero. Steps at whose end the energy has risen again are halved. The last step is
+    one that leaves a residual of at most ``tolerance``, see `residual_left`, or begins with it.
 
     Returns:
-        The largest residual before the last step, and the largest number of steps.
+        The largest of these residuals, and the largest number of steps.
     """
     g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
     largest, worst, most = np.zeros(6), 0.0, 0
@@ -349,9 +350,10 @@ def balance(
             force += pulls[j]
         for c in range(count):
             scale[c] = largest[c] + force * (body[LEVER] if c < 3 else 1.0)
-        slope, size, steps = 0.0, np.inf, 0
-        while steps < MOST_STEPS and not size <= tolerance:
+        slope, size, expected, steps = 0.0, 0.0, np.inf, 0
+        while steps < MOST_STEPS and not expected <= tolerance:
             steps += 1
+            last = size
             section(
                 tables.widens, body, tendons, compliance, active, own, pulls, offsets, g, h, room,
             )  # fmt: skip
@@ -362,8 +364,10 @@ def balance(
                 value = abs(left[c]) / scale[c]
                 if not (value <= size or size != size):  # also NaN, which stays
                     size = value
+            expected = _residual_left(size, last)
             if steps > 1 and not (size <= ROUNDING or along <= OVERSHOOT * slope):
                 slope *= SHORTENED
+                size = 0.0  # The next one tells nothing of how this converges.
                 for c in range(count):
                     step[c] *= SHORTENED
                     own[c] -= step[c]
@@ -374,8 +378,8 @@ def balance(
             for c in range(count):
                 own[c] += step[c]
                 slope -= left[c] * step[c]
-        if not (size <= worst or worst != worst):
-            worst = size
+        if not (expected <= worst or worst != worst):
+            worst = expected
         most = max(most, steps)
     return worst, most
 
