@@ -148,7 +148,7 @@ class Readout:
         """Angle by which tendons have turned up to the stations [rad], (S, J)."""
         tables, elements = self._finer.own.tables, self._finer.own.elements
         tendons = tendons_at(tables, z, acting.tensions, self._finer.own.work)
-        bends = Bends(tables, z, tendons.unit, tables.reach[:, tendons.pulled])
+        bends = Bends(tables, z, tendons.unit.swapaxes(1, 2), tables.reach[:, tendons.pulled])
         fine = tables.to_fine @ bends.bend.reshape(3, elements.lengths.size, elements.points, -1)
         rate = np.sqrt((fine * fine).sum(axis=0)).reshape(-1, fine.shape[3])
         found = np.zeros((self._s.size, tables.friction.size))

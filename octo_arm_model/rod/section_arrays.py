@@ -51,11 +51,11 @@ class PulledTendons:
     """The tendons under tension at all nodes, and their u.
 
     Attributes:
-        tension: (n, J) [N], zero beyond the anchorage.
+        tension: (J, n) [N], zero beyond the anchorage.
         pulled: which of all tendons these are, (J,).
-        strain: the six scaled strains, (6, n, 1).
-        unit: c = u / |u|, (3, n, J).
-        over: 1 / |u|, (n, J).
+        strain: the six scaled strains, (6, n).
+        unit: c = u / |u|, (3, J, n).
+        over: 1 / |u|, (J, n).
     """
 
     def __init__(
@@ -66,23 +66,23 @@ class PulledTendons:
         tensions: FloatArray,
         work: Work,
     ) -> None:
-        """Of scaled ``strain`` (6, n, 1)."""
-        self.tension = tensions * tables.reach
+        """Of scaled ``strain`` (6, n)."""
+        tension = (tensions * tables.reach).T
         # Those that nobody pulls are left out.
-        self.pulled = np.flatnonzero(self.tension.any(axis=0))
+        self.pulled = np.flatnonzero(tension.any(axis=1))
         if not self.pulled.size:
             self.pulled = np.array([0])  # Arrays without tendons have no shape to go by.
-        self.tension = self.tension[:, self.pulled]
+        self.tension = np.ascontiguousarray(tension[self.pulled])
         # x, y, dx, dy and 1, of which u and its derivatives are linear.
         self._path = np.ones((5, *self.tension.shape))
-        self._path[:4] = tables.tendons[:, self.pulled].transpose(2, 0, 1)
+        self._path[:4] = tables.tendons.T[:, self.pulled]
         x, y, self.dx, self.dy, _ = self._path
-        self.compliance = tables.compliance[self.pulled]
-        self.strain, self._width = strain, width[:, np.newaxis]
+        self.compliance = tables.compliance[self.pulled, np.newaxis]
+        self.strain, self._width = strain, width
         self._strains = work.residual.shape[1]
         if self.compliance.any():
-            offsets = self._offsets(x, y, tables.body[:, LEVER, np.newaxis])
-            work.offsets[:, self.pulled, 0], work.offsets[:, self.pulled, 1] = offsets
+            offsets = self._offsets(x, y, tables.body[:, LEVER])
+            work.offsets[:, self.pulled] = offsets.T
             self._path[:2] += offsets
         self.x, self.y = x, y
         u = self._along(x, y)
@@ -120,12 +120,12 @@ class PulledTendons:
         return np.where(left * left <= _SETTLED, d, np.nan)
 
     def by_strain(self, slope: FloatArray) -> FloatArray:
-        """Gradient of |u| by the scaled strain, (m, n, J)."""
+        """Gradient of |u| by the scaled strain, (m, J, n)."""
         u_t, u_n, u_b = self.unit
         found = np.empty((self._strains, *u_t.shape))
         found[0] = self.x * u_b - self.y * u_n
         found[1], found[2] = self.y * u_t, -self.x * u_t
-        found[3] = u_t + slope[:, np.newaxis] * self._winding
+        found[3] = u_t + slope * self._winding
         found[4:] = self.unit[1 : self._strains - 3]
         return found
 
@@ -135,16 +135,15 @@ class PulledTendons:
         By the scaled strains; of the four without shear where there is none.
         """
         by, strains, weight = self.by_strain(slope), self._strains, self.tension * self.over
-        rows = np.concatenate([self._path, by])
-        rows[2:4] *= slope[:, np.newaxis]
-        products = (weight * rows).transpose(1, 0, 2) @ rows.transpose(1, 2, 0)
-        found = (_PRODUCTS[strains] @ products.reshape(len(weight), -1).T).reshape(
-            strains, strains, -1
-        )
-        found[3, 3] += bend * np.einsum('nj,nj->n', self.tension, self._winding)
+        path = self._path.copy()
+        path[2:4] *= slope
+        squares = np.einsum('kjn,ljn->kln', weight * path, path)
+        found = (_SQUARES[strains] @ squares.reshape(25, -1)).reshape(strains, strains, -1)
+        found -= np.einsum('ajn,cjn->acn', weight * by, by)
+        found[3, 3] += bend * np.einsum('jn,jn->n', self.tension, self._winding)
         if self.compliance.any():
-            found -= self._condensed(np.einsum('ack,knj->canj', _BY[:strains], rows[:5]), by)
-        return np.einsum('anj,nj->an', by, self.tension), found
+            found -= self._condensed(np.einsum('ack,kjn->cajn', _BY[:strains], path), by)
+        return np.einsum('ajn,jn->an', by, self.tension), found
 
     def _condensed(self, by: FloatArray, g: FloatArray) -> FloatArray:
         """C D^-1 C^T of the offsets in sheaths, (m, m, n)."""
@@ -165,31 +164,22 @@ class PulledTendons:
         nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), self.compliance * weight)
         factor = self.compliance / (nn * bb - nb * nb)
         moved = factor * np.stack([bb * mixed[0] - nb * mixed[1], nn * mixed[1] - nb * mixed[0]])
-        return np.asarray(np.einsum('danj,dcnj->acn', mixed, moved))
+        return np.asarray(np.einsum('dajn,dcjn->acn', mixed, moved))
 
 
-# From x, y, slope dx, slope dy and 1 to du/de by the six scaled strains, (6, 3, 5).
+# From x, y, slope dx, slope dy and 1 to du/de by the six scaled strains, (6, 3, 5), and from
+# their products to those of four or all of these, (16 or 36, 25).
 _BY = np.zeros((6, 3, 5))
 _BY[[0, 2], [1, 0], [1, 0]] = -1.0
 _BY[[0, 1, 3, 3, 3, 4, 5], [2, 0, 0, 1, 2, 1, 2], [0, 1, 4, 2, 3, 4, 4]] = 1.0
-
-
-def _of_products(strains: int) -> FloatArray:
-    """From products of these five numbers, and then g, by each other to du/de . du/de - g g^T."""
-    found = np.zeros((strains, strains, 5 + strains, 5 + strains))
-    found[:, :, :5, :5] = np.einsum('ack,bcl->abkl', _BY[:strains], _BY[:strains])
-    found[:, :, 5:, 5:] = -np.einsum('ak,bl->abkl', np.eye(strains), np.eye(strains))
-    return found.reshape(strains * strains, -1)
-
-
-_PRODUCTS = {strains: _of_products(strains) for strains in (4, 6)}
+_SQUARES = {m: np.einsum('ack,bcl->abkl', _BY[:m], _BY[:m]).reshape(-1, 25) for m in (4, 6)}
 
 
 def _scaled(z: FloatArray, width: FloatArray) -> FloatArray:
-    """The six scaled strains, (6, n, 1)."""
-    strain = np.zeros((6, len(z), 1))
-    strain[: z.shape[1], :, 0] = z.T
-    strain[:3] *= width[:, np.newaxis]
+    """The six scaled strains, (6, n)."""
+    strain = np.zeros((6, len(z)))
+    strain[: z.shape[1]] = z.T
+    strain[:3] *= width
     return strain
 
 
@@ -286,11 +276,11 @@ def gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -
     """Gradient of the energy of every cross section."""
     strains, (width, slope, bend) = z.shape[1], widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
-    own = _from_rest(tables, strain[..., 0], width)
+    own = _from_rest(tables, strain, width)
     g = _stress(tables, own, _density_at(tables, own))
     _add_rest(tables, slope, bend, g)
     tendons = PulledTendons(tables, strain, width, tensions, work)
-    g[:strains] += np.einsum('anj,nj->an', tendons.by_strain(slope), tendons.tension)
+    g[:strains] += np.einsum('ajn,jn->an', tendons.by_strain(slope), tendons.tension)
     _unscale(tables, z, (width, slope, bend), g)
     work.gradient[:] = g[:strains].T
 
@@ -299,7 +289,7 @@ def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) ->
     """Gradient and Hessian of the energy of every cross section by the twist."""
     strains, (width, slope, bend) = z.shape[1], widening(tables.widens, z[:, 3])
     strain = _scaled(z, width)
-    own = _from_rest(tables, strain[..., 0], width)
+    own = _from_rest(tables, strain, width)
     parts = _density_at(tables, own)
     g, h = _stress(tables, own, parts), _stiffness(tables, own, parts)
     _add_rest(tables, slope, bend, g, h)
@@ -447,7 +437,7 @@ def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> N
     """Angle by which every tendon has turned between the base and every node, see `loops`."""
     tendons, elements = tendons_at(tables, z, tensions, work), tables.lengths.size
     pulled = tendons.pulled
-    bends = Bends(tables, z, tendons.unit, tables.reach[:, pulled])
+    bends = Bends(tables, z, tendons.unit.swapaxes(1, 2), tables.reach[:, pulled])
     rate = bends.rate.reshape(elements, len(tables.to_end), bends.rate.shape[1])
     kinks = bends.kink_angles.cumsum(axis=0)
     whole = tables.weights[: len(tables.to_end)] / tables.lengths[0] @ rate

@@ -24,7 +24,7 @@ from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.tables import Places
 from octo_arm_model.rod.tendons import outward_paths
 
-AT_ONCE = 32  # arms, for which tables have room in the processor's cache
+AT_ONCE = 24  # arms, for which tables have room in the processor's cache
 _LEVELS_AT_ONCE = 3
 
 
