@@ -27,7 +27,7 @@ from octo_arm_model.rod.tables import Places, Tables, Work
 # The node functions, see `forms.Form`.
 __all__ = [
     'angles', 'balance', 'jacobian', 'orientations', 'oriented_residual', 'paper_twists',
-    'poses', 'residual', 'sections',
+    'poses', 'residual', 'sections', 'wrenches',
 ]  # fmt: skip
 
 XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z
@@ -129,6 +129,15 @@ def oriented_residual(
     work: Work,
 ) -> float:  # fmt: skip
     """As `residual`, after `orientations` of the same z."""
+    wrenches(tables, force, couple, work)
+    gradients(tables, z, tensions, work)
+    wrench = work.residual.copy()
+    np.add(work.residual, work.gradient, out=work.residual)
+    return relative_residual(wrench, work.scale, work)
+
+
+def wrenches(tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
+    """Minus what all beyond exerts on every cross section, see `loops`."""
     elements, points = tables.lengths.size, tables.to_end.shape[0]
     rate = cross(work.slope, force)
     whole = (tables.weights[:, np.newaxis] * rate).reshape(elements, points, 3).sum(axis=1)
@@ -137,13 +146,8 @@ def oriented_residual(
     inside *= tables.lengths[:, np.newaxis, np.newaxis]
     inside += beyond[:, np.newaxis]
     np.add(couple, inside.reshape(-1, 3), out=work.moment)
-    gradients(tables, z, tensions, work)
-    wrench = np.empty(z.shape)
-    inverse = work.rotation.swapaxes(1, 2)
-    wrench[:, :3] = (inverse @ work.moment[..., np.newaxis])[..., 0]
-    wrench[:, 3:] = (inverse[:, : z.shape[1] - 3] @ force[..., np.newaxis])[..., 0]
-    np.subtract(work.gradient, wrench, out=work.residual)
-    return relative_residual(wrench, work.scale, work)
+    both = np.stack([work.moment, force], axis=1) @ work.rotation
+    np.negative(both.reshape(-1, 6)[:, : work.residual.shape[1]], out=work.residual)
 
 
 def jacobian(

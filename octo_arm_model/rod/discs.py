@@ -37,7 +37,7 @@ from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
 from octo_arm_model.rod.rotations import rotation_matrices, skew
-from octo_arm_model.rod.section_arrays import cross, relative_residual
+from octo_arm_model.rod.section_arrays import cross
 from octo_arm_model.rod.tables import Tables, Work, places_at
 from octo_arm_model.rod.tendons import PathChange, Tendons
 
@@ -119,12 +119,8 @@ class ChordModel:
         self._last = z, tables.base, found
         return found
 
-    def add_pull(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> float:
-        """Add (2) under local ``tensions`` (N, J) [N] to the residual in ``work``.
-
-        Returns:
-            The largest residual over its scale.
-        """
+    def add_pull(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
+        """Add (2) under local ``tensions`` (N, J) [N] to the residual in ``work``."""
         chords = self.chords(tables, z, work)
         pull = self.at_pieces(tensions)[..., np.newaxis] * chords.unit
         force, couple = pull.sum(axis=1), cross(chords.arms, pull).sum(axis=1)
@@ -133,7 +129,6 @@ class ChordModel:
         both = np.stack([moment, force], axis=1) @ work.rotation
         work.residual[:, :3] += both[:, 0]
         work.residual[:, 3:] += both[:, 1, : z.shape[1] - 3]
-        return relative_residual(work.gradient - work.residual, work.scale, work)
 
     def at_pieces(self, values: FloatArray) -> FloatArray:
         """Of ``values`` (N, J) that are constant along pieces, (D, J), zero beyond anchorages."""

@@ -16,6 +16,7 @@ from octo_arm_model.rod.factors import Factors, Linear, Variation, factorise
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
+from octo_arm_model.rod.section_arrays import relative_residual
 from octo_arm_model.rod.tables import LEVER, Tables, force_scale, places_at, work_arrays
 from octo_arm_model.rod.tendons import Tendons, unloaded_tendons, unloaded_twists
 
@@ -163,16 +164,33 @@ class Problem:
         work = self.work
         if self._scaled is not acting.scale:
             work.scale[:] = self._scaled = acting.scale
-        acting = self._with_friction(acting, z)
-        if self.others.loads:
-            acting = self._with_others(acting, z)
+        acting = self._following(acting, z)
         left = self.form.residual(
             self.tables, z, self.in_sections(acting.tensions), acting.force, acting.couple, work
         )
         if self.discs is not None:
-            left = self.discs.add_pull(self.tables, z, acting.tensions, work)
+            self.discs.add_pull(self.tables, z, acting.tensions, work)
+            left = relative_residual(work.gradient - work.residual, work.scale, work)
         self._current = self._oriented = z
         return State(acting, z, work.residual.copy(), left)
+
+    def wrenches(self, acting: Acting, z: FloatArray) -> tuple[Acting, FloatArray]:
+        """What is ``acting`` at twists ``z`` (N, m), and that on every section in its axes, (N, m).
+
+        Moment and force of all beyond it.
+        """
+        work, acting = self.work, self._following(acting, z)
+        self.form.orientations(self.tables, z, work)
+        self.form.wrenches(self.tables, acting.force, acting.couple, work)
+        if self.discs is not None:
+            self.discs.add_pull(self.tables, z, acting.tensions, work)
+        self._current, self._oriented = None, z
+        return acting, -work.residual
+
+    def _following(self, acting: Acting, z: FloatArray) -> Acting:
+        """What is ``acting`` at twists ``z`` (N, m), where some of it follows them."""
+        acting = self._with_friction(acting, z)
+        return self._with_others(acting, z) if self.others.loads else acting
 
     def in_sections(self, tensions: FloatArray) -> FloatArray:
         """Those of the local ``tensions`` (N, J) that are in the energy of the cross sections."""
@@ -325,7 +343,7 @@ class Problem:
     def turn(self, change: FloatArray) -> float:
         """How far a ``change`` (N, m) of the twists turns the arm, all its bends added [rad]."""
         bends = change[:, :3]
-        return float(np.sqrt((bends * bends).sum(axis=1)) @ self.elements.weights)
+        return float(np.sqrt(np.einsum('ic,ic->i', bends, bends)) @ self.elements.weights)
 
     def power(self, state: State, change: FloatArray) -> float:
         """What the imbalance of ``state`` does on a ``change`` (N, m), as a loss of energy [J]."""

@@ -19,7 +19,7 @@ from octo_arm_model.rod.tables import Places, Tables, Work
 # The node functions, see `forms.Form`.
 __all__ = [
     'angles', 'balance', 'jacobian', 'orientations', 'oriented_residual', 'paper_twists',
-    'poses', 'residual', 'sections',
+    'poses', 'residual', 'sections', 'wrenches',
 ]  # fmt: skip
 
 _MOST_SWEEPS = 80  # of orientations
@@ -246,24 +246,22 @@ def oriented_residual(
     work: Work,
 ) -> float:  # fmt: skip
     """As `residual`, after `orientations` of the same z."""
-    moment, left, scale, count = work.moment, work.residual, work.scale, z.shape[1]
-    _moments(tables.lengths, tables.weights, tables.to_end, work.slope, force, couple, moment)
+    wrenches(tables, force, couple, work)
+    left, scale, count = work.residual, work.scale, z.shape[1]
     body, tendons, compliance = tables.body, tables.tendons, tables.compliance
     active, offsets = tables.active, work.offsets
     g, h, room = np.empty(6), np.empty((0, 6)), np.zeros((6, 6))
-    wrench, largest, worst = np.empty(6), np.zeros(6), 0.0
+    largest, worst = np.zeros(6), 0.0
     for i in range(z.shape[0]):
-        gradient, own, turn = work.gradient[i], left[i], work.rotation[i]
+        gradient, own = work.gradient[i], left[i]
         section(
             tables.widens, body[i], tendons[i], compliance, active[i],
             z[i], tensions[i], offsets[i], g, h, room,
         )  # fmt: skip
-        _turn_back(turn, moment[i], 0, wrench)
-        _turn_back(turn, force[i], 3, wrench)
         for c in range(count):
+            largest[c] = max(largest[c], abs(own[c]))
             gradient[c] = g[c]
-            own[c] = gradient[c] - wrench[c]
-            largest[c] = max(largest[c], abs(wrench[c]))
+            own[c] += g[c]
     for i in range(z.shape[0]):
         for c in range(count):
             value = abs(left[i, c]) / (scale[i, c // 3] + largest[c])
@@ -272,11 +270,25 @@ def oriented_residual(
     return worst
 
 
+@compiled
+def wrenches(tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
+    """Minus what all beyond exerts on every cross section, as its residual without its gradient.
+
+    Moment and force in the axes of the section, after `orientations`.
+    """
+    moment = work.moment
+    _moments(tables.lengths, tables.weights, tables.to_end, work.slope, force, couple, moment)
+    for i in range(moment.shape[0]):
+        turn, own = work.rotation[i], work.residual[i]
+        _turn_back(turn, moment[i], own[:3])
+        _turn_back(turn, force[i], own[3:])
+
+
 @inlined
-def _turn_back(turn: FloatArray, vector: FloatArray, first: int, out: FloatArray) -> None:
-    """Components of a ``vector`` along the columns of a rotation, from ``first`` on."""
-    for c in range(3):
-        out[first + c] = turn[0, c] * vector[0] + turn[1, c] * vector[1] + turn[2, c] * vector[2]
+def _turn_back(turn: FloatArray, vector: FloatArray, out: FloatArray) -> None:
+    """Minus the components of a ``vector`` along the first columns of a rotation."""
+    for c in range(out.size):
+        out[c] = -(turn[0, c] * vector[0] + turn[1, c] * vector[1] + turn[2, c] * vector[2])
 
 
 @helper

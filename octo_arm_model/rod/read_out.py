@@ -40,7 +40,6 @@ class Finer:
         if problem.friction is not None:
             self._of_fine = problem.friction.projection(own.elements)
         self.to_nodes = own.elements.interpolation(problem.elements.s)
-        self._scale = np.ones((own.elements.s.size, 2))  # as no residual is looked at
 
     def balance(self, state: State) -> tuple[Acting, FloatArray, FloatArray]:
         """What acts there in ``state``, twists (n, m) that balance it, and wrenches (n, m).
@@ -58,8 +57,10 @@ class Finer:
             tensions = np.empty((len(z), tensions.size))
             tensions[:] = condition.tensions
         force, couple = own.loads.at(condition.factor, condition.tip_wrench)
-        acting = own.evaluate(Acting(condition, tensions, force, couple, self._scale), z).acting
-        wrench = work.gradient - work.residual
+        acting = state.acting._replace(
+            condition=condition, tensions=tensions, force=force, couple=couple
+        )
+        acting, wrench = own.wrenches(acting, z)
         z = z.copy()  # Orientations of the other one are known.
         inside = own.in_sections(acting.tensions)
         own.form.balance(own.tables, z, inside, wrench, ONE_STEP, work)
