@@ -175,7 +175,7 @@ class Problem:
         return State(acting, z, work.residual.copy(), left)
 
     def wrenches(self, acting: Acting, z: FloatArray) -> tuple[Acting, FloatArray]:
-        """What is ``acting`` at twists ``z`` (N, m), and that on every section in its axes, (N, m).
+        """What is ``acting`` at twists ``z`` (N, m), and on every section in its axes, (N, m).
 
         Moment and force of all beyond it.
         """

@@ -49,9 +49,7 @@ class Form(Protocol):
     ) -> float:  # fmt: skip
         """The same, where orientations are known."""
 
-    def wrenches(
-        self, tables: Tables, force: FloatArray, couple: FloatArray, work: Work
-    ) -> None:
+    def wrenches(self, tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
         """Minus what all beyond exerts on every cross section, where orientations are known."""
 
     def jacobian(
