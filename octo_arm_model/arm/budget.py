@@ -107,16 +107,3 @@ class Allowance:
     def spending(self) -> Spending:
         """Start the clock of one solve."""
         return Spending(self.budget, self._begin)
-
-    def check(self) -> None:
-        """Check that time is left for what is solved `together`.
-
-        Raises:
-            ContinuationError: if none is.
-        """
-        try:
-            self.spending().add(0, 0.0, math.inf)
-        except ContinuationError as error:
-            spent = f'{self.budget.seconds:g} s'
-            error.args = (f'solves that belong together have spent their budget of {spent}',)
-            raise

@@ -252,7 +252,7 @@ class Derivatives:
         elif 'tension' in columns:
             push[..., columns['tension']] += by_local
         if wrenches is not None:
-            levers = _along(weights - self._to_nodes, skew(linear.slope) @ wrenches[:, :3])
+            levers = along(weights - self._to_nodes, skew(linear.slope) @ wrenches[:, :3])
             beyond = np.concatenate([wrenches[:, :3], wrenches[:, 3:] + levers], axis=1)
             push[..., columns['tip_wrench']] -= _turned(linear.rotation, beyond, strains)
         z = linear.factors.solve(-push.reshape(-1, total)).reshape(push.shape)
@@ -291,17 +291,34 @@ class Derivatives:
 
         Of changes ``z`` (N, m, columns) of the twists at the nodes.
         """
-        rates = np.empty((len(z), 6, z.shape[2]))  # of displacement and rotation
-        np.matmul(linear.rotation, z[:, :3], out=rates[:, 3:])
-        turn = _along(self._to_nodes, rates[:, 3:])
-        np.matmul(linear.rotation[..., : z.shape[1] - 3], z[:, 3:], out=rates[:, :3])
-        rates[:, :3] -= skew(linear.slope) @ turn
-        # tau, xi, k are curvatures over the stretch.
-        twist = linear.state.z[..., np.newaxis]
-        strain = z[:, :4].copy()
-        strain[:, :3] -= (twist[:, :3] / twist[:, 3:4]) * z[:, 3:4]
-        strain[:, :3] /= twist[:, 3:4]
-        return _along(self._to_stations, rates), _along(self._at_stations, strain)
+        rates = pose_rates(self._to_nodes, linear.rotation, linear.slope, z)
+        strain = strain_changes(linear.state.z, z)
+        return along(self._to_stations, rates), along(self._at_stations, strain)
+
+
+def pose_rates(
+    to_nodes: FloatArray, rotation: FloatArray, slope: FloatArray, z: FloatArray
+) -> FloatArray:
+    """Derivatives by s of displacements and rotations (N, 6, columns) at the nodes.
+
+    Of changes ``z`` (N, m, columns) of the twists, with the integration ``to_nodes`` (N, N).
+    """
+    rates = np.empty((len(z), 6, z.shape[2]))
+    np.matmul(rotation, z[:, :3], out=rates[:, 3:])
+    turn = along(to_nodes, rates[:, 3:])
+    np.matmul(rotation[..., : z.shape[1] - 3], z[:, 3:], out=rates[:, :3])
+    rates[:, :3] -= skew(slope) @ turn
+    return rates
+
+
+def strain_changes(twist: FloatArray, z: FloatArray) -> FloatArray:
+    """Changes of tau, xi, k and q (n, 4, columns) by those ``z`` of a ``twist`` (n, m)."""
+    # tau, xi, k are curvatures over the stretch.
+    bends, stretch = twist[:, :3, np.newaxis], twist[:, 3:4, np.newaxis]
+    strain = z[:, :4].copy()
+    strain[:, :3] -= (bends / stretch) * z[:, 3:4]
+    strain[:, :3] /= stretch
+    return strain
 
 
 def _part(change: Change, where: slice) -> Change:
@@ -312,7 +329,7 @@ def _part(change: Change, where: slice) -> Change:
     )  # fmt: skip
 
 
-def _along(matrix: FloatArray, values: FloatArray) -> FloatArray:
+def along(matrix: FloatArray, values: FloatArray) -> FloatArray:
     """``matrix`` (n, N) times ``values`` (N, k, columns)."""
     product = matrix @ values.reshape(len(values), -1)
     return product.reshape(-1, *values.shape[1:])

@@ -125,35 +125,9 @@ def check_displacements(
 # Of a known shape -------------------------------------------------------------------------------
 
 
-def tendon_compliance(solver: Solver) -> FloatArray:
-    """By how much each tendon itself stretches per newton [m/N], (tendons,)."""
-    return solver.arm.tendon_compliance(solver.rest_lengths.ravel())
-
-
 def displacements_of(solver: Solver, backbone: Backbone) -> FloatArray:
-    """Length that the winch of each tendon has reeled in [m], of `Arm.tension_shape`.
-
-    For a single solution of ``solver``; of a slack tendon the least that makes it taut.
-
-    Raises:
-        ConfigError: if ``backbone`` is that of a batch or of another solver.
-    """
-    shortened = solver.rest_lengths - solver.tendon_lengths(backbone)
-    if not solver.arm.axial_stiffness:
-        return shortened
-    stretched = solver.arm.stretched(solver.tension_integrals(backbone).ravel())
-    return shortened + stretched.reshape(shortened.shape)
-
-
-def unloaded_by_offset(solver: Solver, backbone: Backbone) -> FloatArray:
-    """Derivative of displacements with tendons' distances from the midline (tendons,).
-
-    By their unloaded lengths alone, and what these stretch by; only of tendons that wind about
-    the midline.
-    """
-    by_offset, integrals = solver.rest_lengths_by_offset(backbone)
-    total: FloatArray = by_offset + solver.arm.stretched(integrals)
-    return total
+    """See `Solver.displacements`."""
+    return solver.displacements(backbone)
 
 
 # First derivatives ------------------------------------------------------------------------------
@@ -207,7 +181,7 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
             return None
         reeled_in = changes if name == 'tension' else _reeled_in(solver, change)
         if name == 'offset':  # unloaded lengths change too
-            reeled_in = reeled_in + np.diag(unloaded_by_offset(solver, wound.backbone))
+            reeled_in = reeled_in + np.diag(solver.displacements_by_offset(wound.backbone))
         return _combined(change, by_tension, -tension @ reeled_in)
 
     at_once = 'tension', 'youngs_modulus', 'tip_wrench', 'poisson_ratio', 'friction'

@@ -43,11 +43,11 @@ from octo_arm_model.rod.inertia_arrays import (
     Motion,
     MotionTables,
     TimeRule,
-    cross,
     dot,
 )
 from octo_arm_model.rod.other_loads import NodeRod
 from octo_arm_model.rod.rotations import skew
+from octo_arm_model.rod.section_arrays import cross
 from octo_arm_model.rod.tables import RADIUS, Tables, Work
 
 

@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.section_arrays import LAST, NEXT, cross
 from octo_arm_model.rod.tables import Work
 
 # Columns of `MotionTables.section`.
 MASS, ROTARY_N, ROTARY_B, DISPLACED, ADDED, ACROSS, ALONG = range(7)
 # Columns of the place of a node: its position and the axes t, n and b of its section.
 POSITION, TANGENT, COLUMNS = slice(0, 3), slice(3, 6), 12
-NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 class MotionTables(NamedTuple):
@@ -120,8 +120,3 @@ def imbalance(
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
     """Scalar products (N, 1)."""
     return np.asarray((a * b).sum(axis=1, keepdims=True))
-
-
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products (N, 3)."""
-    return np.asarray(a[:, NEXT] * b[:, LAST] - a[:, LAST] * b[:, NEXT])

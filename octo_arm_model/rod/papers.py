@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
+from octo_arm_model.rod.derivatives import along, pose_rates, strain_changes
 from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
 from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.friction import Band
@@ -20,7 +20,7 @@ from octo_arm_model.rod.paper_equations import Equations, MakesEquations, Strain
 from octo_arm_model.rod.reeling import Border, RodReeling
 from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import WORST, Equilibrium, Rod, Setting, require_resolved
-from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
+from octo_arm_model.rod.sensitivity import Change, Sensitivity
 from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL, Places, places_at
@@ -249,14 +249,6 @@ class Papers(Statics):
         names = self._setup.arm.tendon_names
         return sensitivity(self._at(level), state, names, rates).by_tension
 
-    def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
-        """See `Statics`."""
-        return self.sensitivity(found).tip_covariance(uncertainty)
-
-    def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
-        """Never called, as no loads are taken."""
-        raise NotImplementedError
-
 
 class _Reeling(RodReeling):
     """An arm whose winches are known by its tensions alone, of which all else follows."""
@@ -328,9 +320,10 @@ def sensitivity(
         rest = problem.elements.weights[:, np.newaxis] * problem.unloaded_tendons.stretch
         mean = np.einsum('nj,njc->jc', rest, local) / rest.sum(axis=0)[:, np.newaxis]
     change = by_local @ columns
-    pose, strains = _poses(level, change[:nodes]), change[nodes:].copy()
-    z = stepped[0, nodes : nodes + len(strains), :, np.newaxis].real
-    strains[:, :3] = (strains[:, :3] - z[:, :3] / z[:, 3:] * strains[:, 3:]) / z[:, 3:]
+    work, elements = problem.work, problem.elements
+    rates = pose_rates(elements.integration(elements.s), work.rotation, work.slope, change[:nodes])
+    pose, at = along(level.places.integration, rates), slice(nodes, len(change))
+    strains = strain_changes(stepped[0, at].real, change[at])
     by_twist, weights = problem.tendons(state).stretch_by_twist, problem.elements.weights
     length = np.einsum('n,njm,nmc->jc', weights, by_twist, change[:nodes], optimize=True)
     parts = []
@@ -386,13 +379,3 @@ def _with_friction(
     local = felt.copy()
     local[..., tendons] += state.acting.tensions
     return np.concatenate([felt, stations]), local
-
-
-def _poses(level: _Level, change: FloatArray) -> FloatArray:
-    """Changes of poses at the stations, (S, 6, columns), by those of z (N, 4, columns)."""
-    work, own = level.problem.work, level.problem.elements
-    turning = work.rotation @ change[:, :3]
-    turn = np.tensordot(own.integration(own.s), turning, 1)
-    moved = np.cross(turn, work.slope[..., np.newaxis], axis=1)
-    moved += work.rotation[:, :, :1] * change[:, 3:]
-    return np.tensordot(level.places.integration, np.concatenate([moved, turning], axis=1), 1)

@@ -113,7 +113,7 @@ class Reeling:
         self._tolerance = Tolerance.of(arm.length, problem.friction is not None)
 
     def displacement(self, state: State) -> FloatArray:
-        """What winches have reeled in [m], (J,), of the state that is in `Problem.work`."""
+        """What winches have reeled in in a ``state`` [m], (J,); of slack ones what makes taut."""
         acting, lengths = state.acting, self._weights @ self.problem.tendons(state).stretch
         reeled = self._unloaded - lengths
         if self._arm.axial_stiffness:

@@ -321,14 +321,6 @@ class Solver:
         """Within it all solves have the time of one budget together, its iterations each."""
         return self._allowance.together()
 
-    def check_time(self) -> None:
-        """Check that time is left of what is solved `together`.
-
-        Raises:
-            ContinuationError: if none is.
-        """
-        self._allowance.check()
-
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
         """First derivatives of a single solution of this solver.
 
@@ -392,18 +384,16 @@ class Solver:
         """
         return self._statics.local_tensions(self._own(backbone)).T
 
-    def tension_integrals(self, backbone: Backbone) -> FloatArray:
-        """Integral of every tendon's tension over its unloaded length up to its winch [N m].
+    def displacements(self, backbone: Backbone) -> FloatArray:
+        """Length that the winch of each tendon has reeled in [m], of `Arm.tension_shape`.
 
-        Of `Arm.tension_shape`, for a single solution of this solver. Over E A it is
-        the elongation of the tendon, under the tension that friction leaves along it.
+        For a single solution of this solver; of a slack tendon the least that makes it taut.
 
         Raises:
-            ConfigError: if ``backbone`` is that of a batch.
+            ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        inside = self._statics.tension_integrals(self._own(backbone))
-        free = np.array(self.arm.free_length or 0.0) * backbone.tensions.ravel()
-        return (inside + free).reshape(self.arm.tension_shape)
+        found = self._statics.displacements(self._own(backbone))
+        return found.reshape(self.arm.tension_shape)
 
     @property
     def rest_lengths(self) -> FloatArray:
@@ -439,13 +429,13 @@ class Solver:
                 f'arm{more}'
             )
 
-    def rest_lengths_by_offset(self, backbone: Backbone) -> tuple[FloatArray, FloatArray]:
-        """Derivatives by the tendons' distances from the midline at given tensions, (tendons,).
+    def displacements_by_offset(self, backbone: Backbone) -> FloatArray:
+        """Derivatives of `displacements` by tendons' distances from the midline, (tendons,) [-].
 
-        Of `rest_lengths` [-] and, by these alone, of `tension_integrals` [N]. Zero for tendons
-        that do not wind about the midline.
+        By the unloaded lengths alone, and what these stretch by at given tensions: only of tendons
+        that wind about the midline.
         """
-        return self._statics.rest_lengths_by_offset(self._own(backbone))
+        return self._statics.displacements_by_offset(self._own(backbone))
 
     def wind(
         self, displacements: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,

@@ -23,6 +23,7 @@ from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.tables import Places
 from octo_arm_model.rod.tendons import outward_paths
+from octo_arm_model.rod.winches import Winches
 
 AT_ONCE = 24  # arms, for which tables have room in the processor's cache
 _LEVELS_AT_ONCE = 3
@@ -108,6 +109,7 @@ class Statics(abc.ABC):
     law = 'linear'
     strains = 4
     is_compiled = False
+    _winches: Winches
 
     def __init__(self, setup: Setup) -> None:
         """Keep the ``setup``."""
@@ -205,13 +207,13 @@ class Statics(abc.ABC):
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """First derivatives of a solution, see `Solver.sensitivity`."""
 
-    @abc.abstractmethod
     def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
         """Covariance (6, 6) of the tip of a solution, see `Solver.tip_covariance`."""
+        return self.sensitivity(found).tip_covariance(uncertainty)
 
-    @abc.abstractmethod
     def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
         """Change of a solution per unit of each of ``loads``, if the model takes loads."""
+        raise NotImplementedError
 
     def has_solved(self, found: Equilibrium) -> bool:
         """Whether ``found`` may be a solution of this model, by its numbers."""
@@ -240,19 +242,18 @@ class Statics(abc.ABC):
         problem = self.problem(found.level)
         return np.asarray(problem.elements.weights @ problem.tendons(found.state).stretch)
 
-    def tension_integrals(self, found: Equilibrium) -> FloatArray:
-        """Integrals of the tensions over the unloaded lengths up to the base [N m], (J,)."""
-        problem = self.problem(found.level)
-        along = found.state.acting.tensions * problem.unloaded_tendons.stretch
-        return np.asarray(problem.elements.weights @ along)
+    def displacements(self, found: Equilibrium) -> FloatArray:
+        """What winches have reeled in in a solution [m], see `Reeling.displacement`, (J,)."""
+        return self._winches.displacements(found)
 
-    def rest_lengths_by_offset(self, found: Equilibrium) -> tuple[FloatArray, FloatArray]:
-        """See `Solver.rest_lengths_by_offset`."""
+    def displacements_by_offset(self, found: Equilibrium) -> FloatArray:
+        """See `Solver.displacements_by_offset`."""
         problem = self.problem(found.level)
         tables, weights = problem.tables, problem.elements.weights
         outwards = outward_paths(self._setup.arm, tables, problem.elements.s)
         rates = problem.unloaded_tendons.by_path(outwards).stretch
-        return weights @ rates, weights @ (rates * found.state.acting.tensions)
+        integrals = weights @ (rates * found.state.acting.tensions)
+        return np.asarray(weights @ rates + self._setup.arm.stretched(integrals))
 
 
 def strains_of(z: FloatArray) -> FloatArray:

@@ -74,9 +74,7 @@ class Winches:
 
     def displacements(self, equilibrium: Equilibrium) -> FloatArray:
         """What winches have reeled in [m], (J,); of slack tendons what would make them taut."""
-        reeling, state = self.reeling(equilibrium.level), equilibrium.state
-        reeling.problem.load_work(state)
-        return reeling.displacement(state)
+        return self.reeling(equilibrium.level).displacement(equilibrium.state)
 
 
 class _Search:

@@ -304,8 +304,6 @@ def test_the_solves_of_a_winding_have_the_time_of_one_budget_together(
     with pytest.raises(ContinuationError, match=r'spent (its|their) budget'):
         solve_displacements(solver, reeled)
     assert next(clock) < 0.01
-    with solver.together():
-        solver.check_time()  # Time begins anew.
 
 
 # Derivatives where displacements do not say what every tension is -----------------------------
