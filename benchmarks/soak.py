@@ -25,6 +25,7 @@ from typing import IO, Any
 
 import numpy as np
 import rclpy
+import soak_motion
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, WrenchStamped
@@ -538,6 +539,7 @@ def run(part: float) -> list[list[str]]:
     for row in (
         recorded(new_domain(), max(60.0 * part, 2.0)),
         octopus(new_domain(), max(10.0 * part, 1.0)),
+        soak_motion.soak(max(600.0 * part, 5.0)),
     ):
         rows.append(row)
         print(*row, sep=': ', flush=True)

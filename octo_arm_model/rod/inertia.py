@@ -48,20 +48,21 @@ from octo_arm_model.rod.inertia_arrays import (
 from octo_arm_model.rod.other_loads import NodeRod
 from octo_arm_model.rod.rotations import skew
 from octo_arm_model.rod.section_arrays import cross
-from octo_arm_model.rod.tables import RADIUS, Tables, Work
+from octo_arm_model.rod.tables import RADIUS, Tables
 
 
 class MotionFunctions(Protocol):
     """The node functions of motion, see `inertia_arrays`."""
 
     def moving_loads(
-        self, tables: MotionTables, rule: TimeRule, base: FloatArray, work: Work, motion: Motion
-    ) -> None:
+        self, tables: MotionTables, rule: TimeRule, base: FloatArray, slope: FloatArray,
+        rotation: FloatArray, motion: Motion,
+    ) -> None:  # fmt: skip
         """How nodes move, and what this exerts."""
 
     def imbalance(
-        self, tables: MotionTables, rule: TimeRule, z: FloatArray, reference: FloatArray,
-        work: Work,
+        self, viscous: FloatArray, rate: FloatArray, reference: FloatArray,
+        residual: FloatArray, scale: FloatArray,
     ) -> float:  # fmt: skip
         """The residual with viscosity, over a reference."""
 
@@ -149,7 +150,9 @@ class MovingProblem(Problem):
         """See `Problem`; leaves how the nodes move in `motion`."""
         work, condition = self.work, acting.condition
         self.form.orientations(self.tables, z, work)
-        self._functions.moving_loads(self.moving, self.rule, self.base[:3], work, self.motion)
+        self._functions.moving_loads(
+            self.moving, self.rule, self.base[:3], work.slope, work.rotation, self.motion
+        )
         if self._dead is None or self._dead[0] is not condition:
             self._dead = condition, self.loads.at(condition.factor, condition.tip_wrench)
         total = self._dead[1] + self.motion.load
@@ -163,7 +166,10 @@ class MovingProblem(Problem):
         self.form.oriented_residual(self.tables, z, inside, total[0], total[1], work)
         if self.discs is not None:
             self.discs.add_pull(self.tables, z, acting.tensions, work)
-        left = self._functions.imbalance(self.moving, self.rule, z, self.reference, work)
+        rate = self.rule.by_velocity * z - self.rule.twist_rate
+        left = self._functions.imbalance(
+            self.moving.viscous, rate, self.reference, work.residual, work.scale
+        )
         self._current = self._oriented = z
         return State(acting, z, work.residual.copy(), left)
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.section_arrays import LAST, NEXT, cross
-from octo_arm_model.rod.tables import Work
 
 # Columns of `MotionTables.section`.
 MASS, ROTARY_N, ROTARY_B, DISPLACED, ADDED, ACROSS, ALONG = range(7)
@@ -76,15 +75,16 @@ class Motion(NamedTuple):
 
 
 def moving_loads(
-    tables: MotionTables, rule: TimeRule, base: FloatArray, work: Work, motion: Motion
-) -> None:
-    """Fill in the ``motion`` of a rod whose orientations are in ``work``.
+    tables: MotionTables, rule: TimeRule, base: FloatArray, slope: FloatArray,
+    rotation: FloatArray, motion: Motion,
+) -> None:  # fmt: skip
+    """Fill in the ``motion`` of a rod of derivatives r', ``slope``, and ``rotation`` of sections.
 
     ``base`` (3,) is the position of its base [m].
     """
     place, velocity, acceleration, load = motion
-    place[:, POSITION] = tables.from_base @ work.slope + base
-    place[:, 3:].reshape(-1, 3, 3)[...] = work.rotation.swapaxes(1, 2)
+    place[:, POSITION] = tables.from_base @ slope + base
+    place[:, 3:].reshape(-1, 3, 3)[...] = rotation.swapaxes(1, 2)
     np.subtract(rule.by_velocity * place, rule.velocity, out=velocity)
     np.subtract(rule.by_acceleration * place, rule.acceleration, out=acceleration)
     mass, _, _, displaced, added, across, along = tables.section.T[..., np.newaxis]
@@ -106,15 +106,17 @@ def moving_loads(
 
 
 def imbalance(
-    tables: MotionTables, rule: TimeRule, z: FloatArray, reference: FloatArray, work: Work
-) -> float:
-    """Add viscosity to the residual in ``work`` and return the largest, NaN if one is none.
+    viscous: FloatArray, rate: FloatArray, reference: FloatArray, residual: FloatArray,
+    scale: FloatArray,
+) -> float:  # fmt: skip
+    """Add viscosity to the ``residual`` and return the largest, NaN if one is none.
 
-    Over `Work.scale` and a ``reference`` moment and force, (m,).
+    Of the ``viscous`` coefficients and the ``rate`` of twists, (N, m); over `Work.scale` and a
+    ``reference`` moment and force, (m,).
     """
-    work.residual[:] += tables.viscous * (rule.by_velocity * z - rule.twist_rate)
-    scale = work.scale[:, np.arange(z.shape[1]) // 3] + reference
-    return float((np.abs(work.residual) / scale).max())
+    residual[:] += viscous * rate
+    scale = scale[:, np.arange(rate.shape[1]) // 3] + reference
+    return float((np.abs(residual) / scale).max())
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:

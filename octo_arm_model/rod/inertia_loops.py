@@ -18,18 +18,18 @@ from octo_arm_model.rod.inertia_arrays import (
     MotionTables,
     TimeRule,
 )
-from octo_arm_model.rod.tables import Work
 
 
 @compiled
 def moving_loads(
-    tables: MotionTables, rule: TimeRule, base: FloatArray, work: Work, motion: Motion
-) -> None:
+    tables: MotionTables, rule: TimeRule, base: FloatArray, slope: FloatArray,
+    rotation: FloatArray, motion: Motion,
+) -> None:  # fmt: skip
     """See `inertia_arrays`."""
     place, velocity, acceleration = motion.place, motion.velocity, motion.acceleration
-    nodes, rotation = place.shape[0], work.rotation
+    nodes = place.shape[0]
     position, density, total = np.empty((3, nodes)), np.zeros((nodes, 6)), np.empty((6, nodes))
-    _integrate(tables.from_base, work.slope, position)
+    _integrate(tables.from_base, slope, position)
     for i in range(nodes):
         for c in range(3):
             place[i, c] = position[c, i] + base[c]
@@ -95,14 +95,15 @@ def _add_water(
 
 @compiled
 def imbalance(
-    tables: MotionTables, rule: TimeRule, z: FloatArray, reference: FloatArray, work: Work
-) -> float:
+    viscous: FloatArray, rate: FloatArray, reference: FloatArray, residual: FloatArray,
+    scale: FloatArray,
+) -> float:  # fmt: skip
     """See `inertia_arrays`."""
-    left, viscous, worst = work.residual, tables.viscous, 0.0
-    for i in range(z.shape[0]):
-        for c in range(z.shape[1]):
-            left[i, c] += viscous[i, c] * (rule.by_velocity * z[i, c] - rule.twist_rate[i, c])
-            value = abs(left[i, c]) / (work.scale[i, c // 3] + reference[c])
+    worst = 0.0
+    for i in range(rate.shape[0]):
+        for c in range(rate.shape[1]):
+            residual[i, c] += viscous[i, c] * rate[i, c]
+            value = abs(residual[i, c]) / (scale[i, c // 3] + reference[c])
             if not (value <= worst or worst != worst):  # also NaN, which stays
                 worst = value
     return worst

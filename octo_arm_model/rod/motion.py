@@ -15,6 +15,7 @@ without damping of what is slow, and with the factor rho_inf per step of what is
 from __future__ import annotations
 
 import functools
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,6 +52,8 @@ _ROUNDED = 5e-4
 _RULE = Rule(iterations=30, again=0.4, predicted=1.0, first=1.0, progress=1.0, shortest=0.01)
 _FEWER_POINTS = -2  # in each element than an equilibrium has
 _LEAST_HALF = 2e-5  # step that is halved no more [s]
+# A longer step than this [s] that takes more iterations than _CALM is not accurate: the arm whips.
+_SHORT, _CALM = 1.25e-3, 5
 STEPS = 1e-7, 1.0  # shortest and longest [s]
 
 
@@ -207,7 +210,9 @@ class Dynamics:
                 driven[self._numbers[name]] = True
             (numbers,) = driven.nonzero()
             solver.check_displacements(displacements[driven], numbers.tolist())
-        wrench = solver.check_tip_wrench(inputs.tip_wrench) + solver.loads.tip_wrench
+        wrench = np.array(solver.loads.tip_wrench)
+        if inputs.tip_wrench is not None:
+            wrench += solver.check_tip_wrench(inputs.tip_wrench)
         current = self.properties.current
         if inputs.current is not None:
             current = vector('inputs.current', inputs.current, 'm/s')
@@ -246,32 +251,61 @@ class Dynamics:
         """
         dt = within('dt', dt, *STEPS, 's')
         with _quiet():
-            return self._advance(state, self.driven(inputs), dt)
+            return self._advance(state, self.driven(inputs), dt, dt)
 
-    def _advance(self, state: MotionState, given: Driven, dt: float) -> MotionState:
-        try:
-            return self._one_step(state, given, dt)
-        except SolveError as error:
-            if dt < _LEAST_HALF:
-                raise SolveError(
-                    f'the motion ends at {state.time:.6g} s, no step of {dt:.2g} s succeeds: '
-                    f'{error}'
-                ) from None
-        middle = self._advance(state, self._halfway(state, given), 0.5 * dt)
-        return self._advance(middle, given, 0.5 * dt)
+    def go_on(
+        self, state: MotionState, inputs: Inputs, elapsed: float, longest: float
+    ) -> MotionState:
+        """The state after ``elapsed`` [s] in equal steps of at most ``longest`` [s].
 
-    def _halfway(self, state: MotionState, given: Driven) -> Driven:
+        All inputs change linearly over them. A step that takes many iterations, as of an arm that
+        whips, is replaced by shorter ones, as one that fails.
+
+        Raises:
+            As `step`.
+        """
+        given, count = self.driven(inputs), max(math.ceil(elapsed / longest - 1e-9), 1)
+        dt = within('dt', elapsed / count, *STEPS, 's')
+        with _quiet():
+            for left in range(count, 0, -1):
+                state = self._advance(state, self._between(state, given, 1.0 / left), dt, _SHORT)
+        return state
+
+    def _advance(self, state: MotionState, given: Driven, dt: float, short: float) -> MotionState:
+        """In one step, or two of half of it where that fails, or is hard and not ``short``."""
+        is_calm = state.iterations <= _CALM or state.dt >= dt
+        if dt <= short or is_calm:
+            try:
+                found = self._one_step(state, given, dt)
+                if dt <= short or found.iterations <= _CALM:
+                    return found
+            except SolveError as error:
+                if dt < _LEAST_HALF:
+                    raise SolveError(
+                        f'the motion ends at {state.time:.6g} s, no step of {dt:.2g} s succeeds: '
+                        f'{error}'
+                    ) from None
+        middle = self._advance(state, self._between(state, given, 0.5), 0.5 * dt, short)
+        return self._advance(middle, given, 0.5 * dt, short)
+
+    def _between(self, state: MotionState, given: Driven, part: float) -> Driven:
+        """What acts after a ``part`` of the way from what acts on ``state``."""
+        if part == 1.0:
+            return given
+
+        def mixed(before: FloatArray, after: FloatArray) -> FloatArray:
+            return np.asarray((1.0 - part) * before + part * after)
+
         reeled = given.displacements
         if given.driven.any():
-            reeled = 0.5 * (self.displacements(state) + reeled)
-        base = 0.5 * (state.base + given.base)
-        if float(state.base[3:] @ given.base[3:]) < 0.0:
-            base[3:] = 0.5 * (given.base[3:] - state.base[3:])
+            reeled = mixed(self.displacements(state), reeled)
+        # Of the two quaternions of an orientation the nearer one.
+        nearer = math.copysign(1.0, state.base[3:] @ given.base[3:])
+        base = mixed(state.base * [1.0, 1.0, 1.0, *4 * [nearer]], given.base)
         base[3:] /= np.linalg.norm(base[3:])
         return Driven(
-            0.5 * (state.tensions + given.tensions), reeled, given.driven,
-            0.5 * (state.tip_wrench + given.tip_wrench),
-            0.5 * (state.water[0] + given.current), base,
+            mixed(state.tensions, given.tensions), reeled, given.driven,
+            mixed(state.tip_wrench, given.tip_wrench), mixed(state.water[0], given.current), base,
         )  # fmt: skip
 
     def _one_step(self, state: MotionState, given: Driven, dt: float) -> MotionState:

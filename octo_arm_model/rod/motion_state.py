@@ -32,14 +32,14 @@ class Inputs:
         displacements: length that winches have reeled in, by tendon name [m]; the tensions of
             these do not count.
         tip_wrench: force and moment on the tip in base_frame, besides those of the loads, (6,)
-            [N, N m].
+            [N, N m]; None for none.
         current: velocity of the water [m/s]; None for that of `MotionProperties`.
         base: pose of the base; None for that of the solver.
     """
 
     tensions: ArrayLike
     displacements: Mapping[str, float] = field(default_factory=dict)
-    tip_wrench: ArrayLike = (0.0,) * 6
+    tip_wrench: ArrayLike | None = None
     current: Vector | None = None
     base: Pose | None = None
 

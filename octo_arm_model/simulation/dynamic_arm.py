@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -22,8 +21,6 @@ from octo_arm_model.simulation.sensors import Noise, Push, Sensors
 from octo_arm_model.simulation.state_file import read_state, write_state
 
 _STEP = 5e-3  # of the integration, at most [s]
-# Where a step took more iterations than this the arm whips, and the next ones are this short [s].
-_CALM, _SHORT_STEP = 5, 1e-3
 
 
 class DynamicArm:
@@ -82,10 +79,8 @@ class DynamicArm:
         if state is None:
             self._state = self._dynamics.at_rest(inputs)
             return
-        count = math.ceil(elapsed / (_STEP if state.iterations <= _CALM else _SHORT_STEP))
-        for _ in range(count):
-            state = self._dynamics.step(state, inputs, elapsed / count)
-        self._state = state
+        if elapsed > 0.0:
+            self._state = self._dynamics.go_on(state, inputs, elapsed, _STEP)
 
     def save(self, path: Path, values: Mapping[str, FloatArray | float]) -> None:
         """Write the state, and ``values`` of what pulls the arm, to the file ``path``.

@@ -33,6 +33,7 @@ from octo_arm_model import (
     modes,
     solve_displacements,
 )
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
 
 TABLE4 = load_config('renda2012_table4').arm.with_density(1080.0)
@@ -423,6 +424,37 @@ def test_a_step_that_is_too_long_is_made_in_parts() -> None:
         parts = dynamics.step(parts, Inputs(0.05 * part * PULL), 2e-3)
     tips = [dynamics.backbone(state).tip for state in (one, parts)]
     assert np.linalg.norm(tips[0] - tips[1]) < 0.1 * TABLE4.length
+
+
+def test_inputs_change_linearly_and_steps_are_short_where_the_arm_whips() -> None:
+    solver = Solver(TABLE4, 'exact', stations=5, loads=Loads(fluid_density=1022.0))
+    dynamics = Dynamics(solver, WATER)
+    first = dynamics.at_rest(Inputs(SLACK))
+    moved = Pose((2e-4, 0.0, 1e-4), (0.0, 0.0, math.sin(1e-3), math.cos(1e-3)))
+    half = Pose((1e-4, 0.0, 5e-5), (0.0, 0.0, math.sin(5e-4), math.cos(5e-4)))
+    wrench, current = np.array([0.0, 1e-4, 0.0, 0.0, 0.0, 1e-6]), (0.0, 0.02, 0.0)
+    calm = dynamics.step(
+        first, Inputs(0.01 * PULL, {}, 0.5 * wrench, (0.0, 0.01, 0.0), half), 1e-3
+    )
+    calm = dynamics.step(calm, Inputs(0.02 * PULL, {}, wrench, current, moved), 1e-3)
+    given = Inputs(0.02 * PULL, {}, wrench, current, moved)
+    by_parts = dynamics.go_on(first, given, 2e-3, 1e-3)
+    np.testing.assert_allclose(by_parts.place[0], calm.place[0], atol=1e-8)
+    np.testing.assert_allclose(by_parts.water[0], current)
+
+    def tip(state: MotionState) -> FloatArray:
+        return dynamics.backbone(state).tip
+
+    hard, fine = Inputs(np.diag([0.42, 1.4, 1.4]) @ np.eye(3, 4)), first
+    for number in range(1, 81):
+        pull = min(number / 20, 1.0) * np.array(hard.tensions)
+        fine = dynamics.step(fine, Inputs(pull), 2.5e-4)
+    coarse = dynamics.step(first, hard, 5e-3)
+    coarse = swing(dynamics, coarse, hard, 15e-3, 5e-3)
+    adapted = dynamics.go_on(dynamics.go_on(first, hard, 5e-3, 5e-3), hard, 15e-3, 5e-3)
+    assert adapted.time == pytest.approx(coarse.time)
+    errors = [np.linalg.norm(tip(one) - tip(fine)) for one in (adapted, coarse)]
+    assert errors[0] < 0.6 * errors[1] < 1e-3
 
 
 def test_an_arm_that_is_crushed_ends_the_motion_with_a_sentence() -> None:

@@ -26,7 +26,7 @@ from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.simulation.parameters import SimulatorConfig
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, TIP_POSE
 
-_MOST = 0.1  # time that one call goes on by [s]
+_MOST = 2.0  # periods that one call goes on by
 TRUE_WRENCH = 'ground_truth/tip_wrench'
 
 
@@ -71,7 +71,7 @@ class SensorPublishers:
         pushed = push(self.time)
         if not config.publish_clock:
             # Where a call comes late the arm is slower than a clock that does not wait.
-            elapsed = min(elapsed, max(_MOST, 1.0 / config.rate))
+            elapsed = min(elapsed, _MOST / config.rate)
         arm.advance(tensions, pushed, elapsed)
         header = Header(stamp=stamp, frame_id=config.base_frame)
         if config.push.is_at_tip(config.arm.length):

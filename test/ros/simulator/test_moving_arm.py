@@ -239,7 +239,7 @@ def test_the_simulators_own_time_goes_on_by_a_period_each_step(factor):
 
 
 def test_an_arm_that_is_crushed_stays_as_it_was_and_is_not_published():
-    with moving(on_failure='pause') as client:
+    with moving(on_failure='pause', publish_clock=True) as client:
         client.wait(lambda: len(client.tips) > 3, 'the arm')
         rest = client.tip()
         assert client.change(push__force=[0.0, 1500.0, 0.0]) == (True, '')
