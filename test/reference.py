@@ -89,29 +89,6 @@ def omega_rate(
     return np.linalg.solve(matrix, constant - stiffness_rate(arm, s) * omega)
 
 
-def rebuilt_equation_10(
-    arm: Arm, tensions: np.ndarray, active: int, s: float, omega: np.ndarray
-) -> np.ndarray:
-    """omega' by the scalar equations (10), term by term as rebuilt from the garbled scan."""
-    y = np.array([c.offset_base + c.offset_slope * s for c in arm.sections[:active]])
-    dy = np.array([c.offset_slope for c in arm.sections[:active]])
-    t1, t2, t3, t4 = np.transpose(tensions[:active])
-    tau, xi, k = omega
-    gi, ej, _, _ = stiffness(arm, s)
-    gi_rate, ej_rate, _ = stiffness_rate(arm, s)
-    a1, b1 = (y**2 * (t1 + t3)).sum(), (y**2 * (t2 + t4)).sum()
-    alpha, beta = (y * (t1 - t3)).sum(), (y * (t4 - t2)).sum()
-    grow_a, grow_b = (2 * y * dy * (t1 + t3)).sum(), (2 * y * dy * (t2 + t4)).sum()
-    return np.array([
-        (-tau * (gi_rate + grow_a + grow_b) - k * xi * (a1 - b1) - k * beta + xi * alpha)
-        / (gi + a1 + b1),
-        (-xi * (ej_rate + grow_b) - tau * k * b1 - tau * alpha + (dy * (t4 - t2)).sum())
-        / (ej + b1),
-        (-k * (ej_rate + grow_a) + tau * xi * a1 + tau * beta + (dy * (t1 - t3)).sum())
-        / (ej + a1),
-    ])  # fmt: skip
-
-
 def jump(arm: Arm, tensions: np.ndarray, number: int) -> np.ndarray:
     """Change of omega by (11) at the anchorage of section ``number``, counted from the tip."""
     section = arm.sections[number - 1]

@@ -15,11 +15,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import solve_bvp, solve_ivp
-from scipy.optimize import OptimizeResult, minimize, root
+from scipy.integrate import solve_bvp
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize, root
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model import Arm, Loads, Pose
+from octo_arm_model import Arm, Backbone, Loads
 
 
 class Fibre(NamedTuple):
@@ -306,37 +307,33 @@ def _rotation(quaternion: np.ndarray) -> np.ndarray:
 def loaded_bvp(
     arm: Arm,
     tensions: np.ndarray,
-    stations: np.ndarray,
+    start: Backbone,
     loads: Loads,
-    law: str | Fibre = 'linear',
     *,
     shear: bool = False,
-    base: Pose = Pose(),
     tol: float = 1e-8,
-    steps: int = 1,
 ) -> Shape:
-    """Shape of the loaded arm at ``stations``, as a boundary value problem of all panels at once.
+    """Shape of the loaded arm of the linear law, as a boundary value problem of all panels.
 
-    From the unloaded shape in ``steps`` equal parts of the loads. The unknowns of each panel are
-    position, quaternion and moment; the force is known, as all loads are dead.
+    At the stations of the shape ``start``, near which it is searched. The unknowns of each panel
+    are position, quaternion and moment; the force is known, as all loads are dead.
     """
     tensions = np.asarray(tensions, dtype=float)
     panels = _panels(arm, loads)
     count = len(panels)
     tip_force, tip_moment = np.array(loads.tip_force), np.array(loads.tip_moment)
-    start_pose = np.concatenate([base.position, base.quaternion])
+    start_pose = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     size = 6 if shear else 4
     rest = np.zeros(size)
     rest[3] = 1.0
     warm: dict[tuple[int, int], np.ndarray] = {}
 
-    def rates(number: int, s: np.ndarray, y: np.ndarray, factor: float) -> np.ndarray:
+    def rates(number: int, s: np.ndarray, y: np.ndarray) -> np.ndarray:
         panel = panels[number]
-        cut = Cut(arm, s, panel.active, tensions, law)
+        cut = Cut(arm, s, panel.active, tensions)
         axes = _rotation(y[3:7])
-        force = factor * (
-            force_beyond(arm, loads, s, panel.stop, panel.force_beyond) + tip_force[:, np.newaxis]
-        )
+        force = force_beyond(arm, loads, s, panel.stop, panel.force_beyond)
+        force = force + tip_force[:, np.newaxis]
         local = np.concatenate([
             np.einsum('ijn,in->jn', axes, y[7:]), np.einsum('ijn,in->jn', axes, force)
         ])[:size]  # fmt: skip
@@ -352,143 +349,34 @@ def loaded_bvp(
         ])  # fmt: skip
         return np.concatenate([velocity, turn, -cross(velocity, force)])
 
-    def everywhere(x: np.ndarray, y: np.ndarray, factor: float) -> np.ndarray:
-        return np.concatenate(
-            [
-                (panel.stop - panel.start)
-                * rates(number, panel.start + (panel.stop - panel.start) * x, part, factor)
-                for number, (panel, part) in enumerate(zip(panels, np.split(y, count)))
-            ]
-        )
+    def everywhere(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.concatenate([
+            (panel.stop - panel.start)
+            * rates(number, panel.start + (panel.stop - panel.start) * x, part)
+            for number, (panel, part) in enumerate(zip(panels, np.split(y, count)))
+        ])  # fmt: skip
 
-    def borders(first: np.ndarray, last: np.ndarray, factor: float) -> np.ndarray:
+    def borders(first: np.ndarray, last: np.ndarray) -> np.ndarray:
         begin, end = first.reshape(count, 10), last.reshape(count, 10)
         jumps = begin[1:] - end[:-1]
         moments = np.array([panel.point_moment for panel in panels])
-        jumps[:, 7:] += factor * moments[:-1]
-        return np.concatenate([
-            begin[0, :7] - start_pose, jumps.ravel(),
-            end[-1, 7:] - factor * (tip_moment + moments[-1]),
-        ])  # fmt: skip
+        jumps[:, 7:] += moments[:-1]
+        tip = end[-1, 7:] - tip_moment - moments[-1]
+        return np.concatenate([begin[0, :7] - start_pose, jumps.ravel(), tip])
 
     x = np.linspace(0, 1, 15)
-    y = _unloaded(rates, panels, np.concatenate([start_pose, np.zeros(3)]), x)
-    solution: OptimizeResult | None = None
-    for factor in np.linspace(0, 1, steps + 1)[1:]:
-        # Coarse in between, as it is the initial guess of the next.
-        accuracy = tol if factor == 1 else max(tol, 1e-3)
-        solution = solve_bvp(
-            lambda x, y, f=factor: everywhere(x, y, f), lambda a, b, f=factor: borders(a, b, f),
-            x, y, tol=accuracy, bc_tol=1e-12 if factor == 1 else None, max_nodes=4000,
-        )  # fmt: skip
-        assert solution.success, solution.message
-        x, y = solution.x, solution.y
+    known = np.column_stack([start.position, start.quaternion, 0.0 * start.position])
+    y = np.concatenate([
+        CubicSpline(start.s, known)(panel.start + (panel.stop - panel.start) * x).T
+        for panel in panels
+    ])  # fmt: skip
+    solution = solve_bvp(everywhere, borders, x, y, tol=tol, bc_tol=1e-12, max_nodes=4000)
+    assert solution.success, solution.message
     columns = []
-    for s in np.atleast_1d(stations):
+    for s in start.s:
         number = next(i for i, panel in enumerate(panels) if s <= panel.stop)
         panel = panels[number]
         at = solution.sol((s - panel.start) / (panel.stop - panel.start))
         columns.append(at[10 * number : 10 * number + 7])
     poses = np.array(columns).T
     return Shape(poses[:3].T, _rotation(poses[3:]).transpose(2, 0, 1))
-
-
-def _unloaded(
-    rates: Callable[[int, np.ndarray, np.ndarray, float], np.ndarray],
-    panels: list[_Panel],
-    state: np.ndarray,
-    x: np.ndarray,
-) -> np.ndarray:
-    """Shape of the arm without loads at parts ``x`` of every panel, (10 panels, n)."""
-    states = []
-    for number, panel in enumerate(panels):
-        s = panel.start + (panel.stop - panel.start) * x
-        found = solve_ivp(
-            lambda s, y, i=number: rates(i, np.array([s]), y[:, np.newaxis], 0.0)[:, 0],
-            (panel.start, panel.stop), state, t_eval=s, rtol=1e-6, atol=1e-9,
-        )  # fmt: skip
-        assert found.success
-        states.append(found.y)
-        state = found.y[:, -1]
-    return np.concatenate(states)
-
-
-def least_energy(
-    arm: Arm, tensions: np.ndarray, elements: int, loads: Loads, law: str | Fibre = 'linear'
-) -> np.ndarray:
-    """Ends (n, 3) of ``elements`` pieces of constant strain in every panel, of least energy.
-
-    The energy of a coarse arm, with its weight and the force on its tip (a dead moment has no
-    energy), minimised by a general-purpose optimiser from the straight arm.
-    """
-    tensions = np.asarray(tensions, dtype=float)
-    assert not any(loads.tip_moment) and not loads.points and not loads.distributed
-    cuts, steps, middles = [], [], []
-    for panel in _panels(arm, loads):
-        ends = np.linspace(panel.start, panel.stop, elements + 1)
-        middle = (ends[:-1] + ends[1:]) / 2
-        cuts.append(Cut(arm, middle, panel.active, tensions, law))
-        steps.append(np.diff(ends))
-        middles.append(middle)
-    h, s = np.concatenate(steps), np.concatenate(middles)
-    weight = _load_density(arm, loads, s, 0.0) * h
-    bending = np.concatenate([cut.young * cut.inertia for cut in cuts])
-    axial = np.concatenate([cut.young * cut.area for cut in cuts])
-    # Unknowns in which the Hessian of the energy of a free arm is the identity.
-    unit = 1 / np.sqrt(np.stack([bending, bending, bending, axial]) * h)
-    rest = np.array([0.0, 0.0, 0.0, 1.0])[:, np.newaxis]
-    count = h.size
-
-    def ends_of(strain: np.ndarray) -> np.ndarray:
-        """Positions (3, batch, ends) for ``strain`` (4, batch, elements)."""
-        turn, move = strain[:3] * h, strain[3] * h
-        angle = np.sqrt((turn * turn).sum(axis=0) + 1e-24)
-        half = np.sin(angle / 2) / angle
-        quaternion = np.concatenate([half * turn, [np.cos(angle / 2)]])
-        sinc, versine = np.sin(angle) / angle, 2 * half**2
-        along = (1 - sinc) / angle**2 * turn[0]
-        zero = np.zeros_like(move)
-        step = move * np.stack([
-            sinc + along * turn[0],
-            versine * turn[2] + along * turn[1],
-            -versine * turn[1] + along * turn[2],
-        ])  # fmt: skip
-        vector, scalar = np.stack([zero[:, 0]] * 3), zero[:, 0] + 1.0
-        position = np.stack([zero[:, 0]] * 3)
-        found = [position]
-        for i in range(count):
-            p = step[..., i]
-            twice = 2 * cross(vector, p)
-            position = position + p + scalar * twice + cross(vector, twice)
-            found.append(position)
-            u, c = quaternion[:3, :, i], quaternion[3, :, i]
-            vector, scalar = (
-                scalar * u + c * vector + cross(vector, u), scalar * c - (vector * u).sum(axis=0)
-            )  # fmt: skip
-        return np.stack(found, axis=-1)
-
-    def total(x: np.ndarray) -> np.ndarray:
-        """Energies (batch,) of the unknowns ``x`` (batch, 4 elements)."""
-        strain = rest[..., np.newaxis] + unit[:, np.newaxis] * x.reshape(-1, 4, count).transpose(
-            1, 0, 2
-        )
-        ends = ends_of(strain)
-        value = -np.einsum('i,ib->b', np.array(loads.tip_force), ends[..., -1])
-        value = value - np.einsum('in,ibn->b', weight, (ends[..., :-1] + ends[..., 1:]) / 2)
-        for cut, part in zip(cuts, np.split(np.arange(count), len(cuts))):
-            value = value + (h[part] * cut.energy(strain[..., part])).sum(axis=-1)
-        return value
-
-    def value(x: np.ndarray) -> tuple[float, np.ndarray]:
-        moved = x + np.diag(np.full(x.size, 1e-30j))
-        values = total(np.concatenate([x[np.newaxis].astype(complex), moved]))
-        return float(values[0].real), values[1:].imag / 1e-30
-
-    start = np.zeros(4 * count)
-    tolerance = 1e-9 * np.sqrt(bending.mean() / arm.length)
-    found = minimize(
-        value, start, jac=True, method='BFGS', options={'gtol': tolerance, 'maxiter': 3000}
-    )
-    assert np.abs(found.jac).max() < 1e3 * tolerance, found.message
-    strain = rest[..., np.newaxis] + unit[:, np.newaxis] * found.x.reshape(4, 1, count)
-    return ends_of(strain.astype(complex))[:, 0].real.T

@@ -22,7 +22,6 @@ from octo_arm_model import (
 )
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod import arrays
-from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.rod import Rod, Setting
 
 EVERYTHING = Loads(
@@ -72,25 +71,6 @@ def twists_at(s: FloatArray, strains: int) -> FloatArray:
     if strains == 6:
         z[:, 4], z[:, 5] = 0.03 * np.cos(5.0 * s), -0.02 + 0.1 * s
     return z
-
-
-def jacobian_error(problem: Problem, condition: Condition) -> float:
-    """Error of the Jacobian along smooth changes, relative to differences of the imbalance."""
-    acting, s = problem.acting(condition), problem.elements.s
-    z = twists_at(s, problem.strains)
-    problem.fill_jacobian(problem.evaluate(acting, z))
-    jacobian, worst = problem.work.jacobian.copy(), 0.0
-    for column in range(problem.strains):
-        change = np.zeros_like(z)
-        change[:, column] = np.cos(7.0 * s) * (1.0 if column < 3 else 0.1)
-        ends = [
-            problem.evaluate(acting, z + side * 1e-4 * change).imbalance for side in (1.0, -1.0)
-        ]
-        expected = (ends[0] - ends[1]) / 2e-4
-        found = (jacobian @ change.ravel()).reshape(z.shape)
-        scale = np.abs(expected).max(axis=0).clip(1e-3 * np.abs(expected).max())
-        worst = max(worst, float((np.abs(found - expected) / scale).max()))
-    return worst
 
 
 def forms() -> list[ModuleType]:

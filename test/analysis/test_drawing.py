@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
-from rotations import matrix_of
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import Arm, Discs, Material, RectangularBody, Section, Solver, load_config
 from octo_arm_model.analysis.drawing import (
-    ARMS,
     ARROW_TRIANGLES,
     CONE_TRIANGLES,
     CORNERS,
     INSIDE,
     Drawing,
     UncertaintyDrawing,
-    base_pose,
-    tension_colours,
 )
 from octo_arm_model.config.parameter_files import preset_path
 
@@ -35,15 +30,6 @@ COUNT = 40_000
 def covariance(seed: int, scale: float) -> np.ndarray:
     root = scale * np.random.default_rng(seed).normal(size=(3, 3))
     return root @ root.T
-
-
-def test_without_uncertainty_the_tube_is_a_little_wider_than_the_body() -> None:
-    tube = DRAWING.tube(SHAPE.position, SHAPE.quaternion, np.zeros((21, 3, 3)))
-    rings = tube[:-2].reshape(-1, 21, 3)
-    away = np.linalg.norm(rings - SHAPE.position, axis=2)
-    radius = 1.03 * CONFIG.arm.body.radius(SHAPE.s)
-    np.testing.assert_allclose(away, np.tile(radius, (12, 1)), rtol=1e-12)
-    assert DRAWING.triangles.max() == len(tube) - 1
 
 
 def test_tendons_are_straight_between_discs() -> None:
@@ -116,15 +102,6 @@ def test_arrows_grow_with_the_force_up_to_a_length_and_turn_with_it() -> None:
     assert CONE_TRIANGLES.max() == len(one.cone) - 1
 
 
-@pytest.mark.parametrize('part', ['shaft', 'cone'])
-def test_meshes_are_closed(part: str) -> None:
-    arrow = DRAWING.arrow(np.zeros(3), FORCE, 1e-8 * np.eye(3))
-    assert arrow is not None
-    triangles = {'shaft': ARROW_TRIANGLES, 'cone': CONE_TRIANGLES}[part]
-    edges = [tuple(sorted(pair)) for row in triangles.tolist() for pair in zip(row, row[1:] + row)]
-    assert all(edges.count(edge) == 2 for edge in edges)
-
-
 def test_a_strip_is_drawn_with_its_corners() -> None:
     body = RectangularBody(0.3, 0.02, 0.006)
     solver = Solver(Arm(Material(1e5), body, (Section(0.3, 0.002, 0.002),)), 'exact', 2)
@@ -139,29 +116,3 @@ def test_a_strip_is_drawn_with_its_corners() -> None:
     # Triangles anticlockwise from outside enclose the volume of the body.
     volume = np.einsum('ij,ij->', a, np.cross(b, c)) / 6.0
     np.testing.assert_allclose(volume, 0.3 * 0.02 * 0.006)
-
-
-def test_colours_rise_from_grey_to_red_with_tension():
-    tensions = np.array([0.0, 1.0, 2.0, 4.0, 8.0])
-    colours = tension_colours(tensions, 4.0)
-    assert len(set(colours[0, :3])) == 1
-    np.testing.assert_array_equal(colours[3:], [[1.0, 0.0, 0.0, 1.0]] * 2)
-    assert (np.diff(colours[:4, 0]) > 0.0).all()
-    assert (np.diff(colours[:4, 1]) < 0.0).all()
-    np.testing.assert_array_equal(colours[:, 1], colours[:, 2])
-    np.testing.assert_array_equal(tension_colours(tensions)[-1], [1.0, 0.0, 0.0, 1.0])
-    slack = tension_colours(np.zeros(3))
-    assert np.isfinite(slack).all()
-    np.testing.assert_array_equal(slack, colours[[0, 0, 0]])
-
-
-def test_octopus_has_its_arms_evenly_around_its_body():
-    poses = [base_pose(number, 0.05) for number in range(1, ARMS + 1)]
-    positions = np.array([position for position, _ in poses])
-    np.testing.assert_allclose(np.linalg.norm(positions, axis=1), 0.05)
-    gaps = [np.linalg.norm(a - b) for a, b in itertools.pairwise([*positions, positions[0]])]
-    np.testing.assert_allclose(gaps, gaps[0])
-    for position, quaternion in poses:
-        turn = matrix_of(quaternion)
-        np.testing.assert_allclose(turn[:, 0] * 0.05, position, atol=1e-12)
-        np.testing.assert_allclose(turn[:, 2], [0.0, 0.0, 1.0], atol=1e-12)

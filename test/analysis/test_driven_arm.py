@@ -67,13 +67,6 @@ def test_after_a_gap_the_history_is_forgotten(
     assert memory.forgotten == forgets
 
 
-def test_where_time_starts_over_so_does_the_arm(rubbing: Config) -> None:
-    solver, follow, _ = following(rubbing)
-    follow(10 * SECOND, tensions=HIGH)
-    found = follow(9 * SECOND, tensions=LOW)
-    np.testing.assert_allclose(found.position, solver.solve(LOW).position, rtol=0.0, atol=1e-12)
-
-
 def test_encoders_whose_stamps_come_behind_those_of_load_cells_start_nothing_over(
     rubbing: Config,
 ) -> None:
@@ -97,13 +90,6 @@ def test_encoders_whose_stamps_come_behind_those_of_load_cells_start_nothing_ove
     # Where either goes back by itself, all begins anew.
     anew = follow(3 * SECOND, tensions=LOW)
     np.testing.assert_allclose(anew.position, solver.solve(LOW).position, rtol=0.0, atol=1e-9)
-
-
-def test_without_friction_there_is_no_history(prototype: Config) -> None:
-    _, follow, memory = following(prototype, 1.0)
-    follow(0, tensions=HIGH)
-    follow(10 * SECOND, tensions=LOW)
-    assert memory.forgotten == 0
 
 
 def test_displacements_and_tensions_drive_together_until_all_are_let_go(
@@ -148,15 +134,6 @@ def test_lengths_have_a_history_that_a_gap_ends(rubbing: Config) -> None:
         assert memory.forgotten == (not remembers)
         # Let out by length the tendon holds far less.
         assert released.tensions[0, 0] < 0.9 * fresh.tensions[0, 0]
-
-
-def test_tensions_go_on_from_what_lengths_left(rubbing: Config) -> None:
-    solver, follow, _ = following(rubbing)
-    name = rubbing.arm.tendon_names[0]
-    held = follow(0, displacements={name: 0.01})
-    found = follow(1, tensions=LOW, displacements={})
-    expected = solver.follow(LOW, held)
-    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-9)
 
 
 def test_the_accuracy_of_encoders_is_in_the_covariance_of_the_tip(prototype: Config) -> None:

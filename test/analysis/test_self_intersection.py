@@ -26,11 +26,6 @@ def arc(bend_radius, angle, stations=201):
     return bend_radius * np.stack([np.sin(t), 1.0 - np.cos(t), 0.0 * t], axis=1)
 
 
-def helix(pitch, turns=3.0, coil=0.05, stations=301):
-    t = np.linspace(0.0, 2.0 * np.pi * turns, stations)
-    return np.stack([coil * np.cos(t), coil * np.sin(t), pitch * t / (2.0 * np.pi)], axis=1)
-
-
 @pytest.mark.parametrize(
     ('wide', 'angle', 'does'),
     [
@@ -54,11 +49,6 @@ def test_a_ring_open_by_more_than_it_is_thick_does_not():
     gap = 2.0 * np.arcsin(1.05 * RADIUS / 0.05)
     assert overlap_of(arc(0.05, 2.0 * np.pi - gap))[0] is None
     assert overlap_of(arc(0.05, 2.0 * np.pi - 0.9 * gap))[0] is not None
-
-
-@pytest.mark.parametrize(('pitch', 'does'), [(1.95 * RADIUS, True), (2.05 * RADIUS, False)])
-def test_coils_do_that_are_nearer_than_they_are_thick(pitch, does):
-    assert (overlap_of(helix(pitch))[0] is not None) == does
 
 
 @given(st.floats(0.0, 0.03), st.floats(0.3, 2.8), st.integers(0, 2**32 - 1))

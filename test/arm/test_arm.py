@@ -6,10 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
-from hypothesis import given
-from strategies import arms, extreme_arms
 
 from octo_arm_model import Arm, ArmDefinitionError, Body, Material, OctoArmError, Section
 
@@ -19,36 +16,6 @@ BODY = Body(0.4, 0.02, 0.01)
 
 def arm_of(*sections: tuple[float, float, float], names: tuple[str, ...] = ()) -> Arm:
     return Arm(MATERIAL, BODY, tuple(Section(*section) for section in sections), names)
-
-
-def test_shear_modulus_follows_from_young_and_poisson() -> None:
-    assert Material(3e5, 0.5).shear_modulus == pytest.approx(1e5)
-    assert Material(3e5, 0.0).shear_modulus == pytest.approx(1.5e5)
-
-
-def test_body_tapers_linearly_from_base_to_tip() -> None:
-    np.testing.assert_allclose(BODY.radius([0.0, 0.1, 0.4]), [0.02, 0.0175, 0.01])
-
-
-def test_tendons_run_straight_from_base_to_anchorage() -> None:
-    section = Section(0.2, 0.008, 0.002)
-    np.testing.assert_allclose(section.offset([0.0, 0.05, 0.2]), [0.008, 0.0065, 0.002])
-    assert section.offset_slope == pytest.approx(-0.03)
-
-
-def test_tendons_one_to_four_lie_along_n_b_minus_n_minus_b() -> None:
-    along_n, along_b = arm_of((0.4, 0.004, 0.004)).tendon_offsets(np.array([0.0, 0.3]))
-    np.testing.assert_allclose(along_n[:, 1], [0.004, 0.0, -0.004, 0.0])
-    np.testing.assert_allclose(along_b[:, 1], [0.0, 0.004, 0.0, -0.004])
-
-
-@given(arms())
-def test_no_tendon_of_a_valid_arm_leaves_the_body(arm: Arm) -> None:
-    s = np.linspace(0.0, arm.length, 50)
-    for section in arm.sections:
-        inside = s <= section.anchorage
-        slack = arm.body.radius(s) - section.offset(s)
-        assert (slack[inside] >= -1e-12).all()
 
 
 def test_tendons_are_named_by_section_and_number_unless_named() -> None:
@@ -141,13 +108,6 @@ def test_refusals_name_field_value_and_expectation(
 
 
 # Rounding --------------------------------------------------------------------------------------
-
-
-@given(extreme_arms())
-def test_tendons_may_meet_the_midline_or_lie_on_the_surface(arm: Arm) -> None:
-    # The strategy draws tendons up to exactly the radius at both ends.
-    n, b = arm.tendon_offsets(np.linspace(0.0, arm.length, 50))
-    assert (np.hypot(n, b) <= arm.body.radius(0.0) * (1.0 + 1e-12)).all()
 
 
 @pytest.mark.parametrize('length', [0.3, 0.45, 0.7, 1.1])

@@ -30,11 +30,6 @@ def test_what_is_no_load_of_its_kind_is_refused(given: dict[str, Any], complaint
         Loads(**given)
 
 
-def test_loads_may_come_one_by_one() -> None:
-    given: Any = (one for one in [POINT])
-    assert Loads(points=given) == Loads(points=(POINT,))
-
-
 @pytest.mark.parametrize(
     ('s', 'force'),
     [(0.1, (0.0, 0.0, 1.0)), ('ab', ((0.0, 0.0, 1.0),)), ((0.0, 0.1), 1.0)],

@@ -7,8 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from octo_arm_model import ArmDefinitionError, Constant, Function, Linear, Profile, Table
 
@@ -79,33 +77,6 @@ def test_what_is_no_profile_is_refused(build: Callable[[], object], message: str
     with pytest.raises(ArmDefinitionError) as refusal:
         build()
     assert str(refusal.value).startswith(message)
-
-
-@given(
-    st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(1e-3, 10.0), st.lists(st.floats(0.0, 1.0))
-)
-def test_both_ends_are_exact_and_nothing_between_is_below_them(
-    start: float, stop: float, length: float, parts: list[float]
-) -> None:
-    profile = Linear(start, stop, length)
-    assert profile.value(0.0) == start
-    assert profile.value(length) == stop
-    values = profile.value(length * np.array([*parts, 0.5]))
-    assert values.min() >= 0.0
-    np.testing.assert_allclose(
-        values, start + (stop - start) * np.array([*parts, 0.5]), rtol=1e-12, atol=1e-12
-    )
-
-
-@given(
-    st.lists(st.just(0.0) | st.floats(1e-6, 1.0), min_size=3, max_size=6),
-    st.integers(0, 2**32 - 1),
-)
-def test_a_table_never_leaves_the_range_of_its_values(values: list[float], seed: int) -> None:
-    steps = np.random.default_rng(seed).uniform(0.01, 1.0, len(values) - 1)
-    table = Table((0.0, *np.cumsum(steps).tolist()), tuple(values))
-    at = np.concatenate([table.s, np.linspace(0.0, table.s[-1], 97)])
-    assert min(values) <= table.value(at).min() <= table.value(at).max() <= max(values)
 
 
 def test_a_table_has_a_bound_and_holds_numbers() -> None:

@@ -15,9 +15,9 @@ from octo_arm_model.arm.errors import ConvergenceError, MeasurementError, SolveE
 from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
-from octo_arm_model.estimation.model import BUDGET, ArmModel
+from octo_arm_model.estimation.model import BUDGET
 from octo_arm_model.estimation.rules import Rules
-from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
 
 SECOND = 10**9
 ORIGIN = 1_700_000_000 * SECOND
@@ -28,13 +28,6 @@ FORCE_AT_TIP = Unknowns(Walk(5.0, 0.5), tip_force=LIKELY)
 
 def tip(push: np.ndarray = PUSH) -> np.ndarray:
     return Solver(RUBBER, 'exact', 31).solve([TENSIONS], np.append(push, np.zeros(3))).tip
-
-
-def places() -> dict[str, ArmModel]:
-    return {
-        f'{s:g} m': rubber(Unknowns(Walk(5.0, 0.5), point_forces=(PointForce(s, LIKELY),)))
-        for s in (0.1, 0.2)
-    }
 
 
 def test_it_is_the_filter_by_seconds_from_the_first_stamp() -> None:
@@ -69,34 +62,6 @@ def test_late_ones_are_put_in_place_within_the_window_and_refused_beyond() -> No
     assert (late.late, in_order.late) == (1, 0)
     for estimator in (late, in_order):
         assert [one.accepted for one in estimator.consistency.values()] == [2, 2]
-
-
-def test_where_the_place_is_unknown_late_ones_are_put_in_place_too() -> None:
-    estimator = Estimator(places(), window=1.0)
-    estimator.add(ORIGIN, [Tensions(TENSIONS, 0.01)])
-    newest = estimator.add(ORIGIN + SECOND, [Tensions(TENSIONS, 0.01)])
-    found = estimator.add(ORIGIN + SECOND // 2, [TipPosition(tip(), 1e-3)])
-    assert found.estimate.time == newest.estimate.time
-    before, after = (np.trace(one.estimate.covariance) for one in (newest, found))
-    assert after < before
-    estimator.add(ORIGIN + 3 * SECOND, [])
-    with pytest.raises(MeasurementError, match='before the window'):
-        estimator.add(ORIGIN + SECOND // 2, [Tensions(TENSIONS, 0.01)])
-    assert estimator.late == 1 and estimator.consistency['tensions'].accepted == 2
-
-
-def test_the_place_of_a_force_is_found() -> None:
-    true = rubber(Unknowns(Walk(1.0), point_forces=(PointForce(0.1, LIKELY),)))
-    x = np.concatenate([TENSIONS, [0.0, 0.02, 0.01]])
-    shape = true.solve(x, None)
-    estimator = Estimator(places())
-    at = np.array([5, 15, 25, 30])
-    for step in range(4):
-        given = [Tensions(TENSIONS, 0.01),
-                 Markers(shape.s[at], shape.position[at], 5e-4)]  # fmt: skip
-        found = estimator.add(ORIGIN + step * SECOND // 10, given)
-    assert found.hypothesis == '0.1 m' and found.probabilities['0.1 m'] > 0.99
-    np.testing.assert_allclose(found.estimate.point_forces[0], [0.0, 0.02, 0.01], atol=5e-3)
 
 
 def test_a_sensor_that_lies_is_refused_named_and_believed_again_within_two_seconds() -> None:
@@ -204,14 +169,6 @@ def test_where_nothing_can_tell_the_covariance_holds_what_would_be() -> None:
     assert wrong.max() > 3.0 * off.max()
 
 
-def test_a_sensor_that_measures_twice_at_one_time_counts_twice() -> None:
-    own = Estimator({'tip': rubber(Unknowns(Walk(1e4)))})
-    for count in range(1, 6):
-        found = own.add(ORIGIN, [Tensions(TENSIONS, 0.02)])
-        variance = np.diag(found.estimate.covariance)[:4]
-        np.testing.assert_allclose(variance, 0.02**2 / count, rtol=1e-6)
-
-
 def test_a_failure_changes_nothing_but_the_counts() -> None:
     unbounded = Unknowns(Walk(1e4, 1e4), tip_force=LIKELY)
     estimator = Estimator({'tip': rubber(unbounded)})
@@ -255,9 +212,3 @@ def test_what_a_message_says_does_not_change_what_it_may_cost(
                 own.add(ORIGIN + step * SECOND // 20, [one])
             # Those of a step and of a new beginning, and the last solve of each.
             assert spent[0] <= 80 + 160 + 4 * BUDGET.iterations
-
-
-def test_of_nothing_accepted_the_mean_is_not_a_number() -> None:
-    estimator = Estimator({'tip': rubber(FORCE_AT_TIP)})
-    estimator.add(ORIGIN, [TipPosition([5.0, 0.0, 0.0], 1e-6)])
-    assert math.isnan(estimator.consistency['tip position'].mean)

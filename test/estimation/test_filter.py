@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from estimation_arms import EVERYTHING, LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
+from estimation_arms import LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
 from scipy.stats import binom, chi2
 
 from octo_arm_model import (
@@ -35,7 +35,6 @@ from octo_arm_model.estimation.measurements import (
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.rules import Rules
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
-from octo_arm_model.rod.forms import is_available
 
 AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY, tip_moment=Walk(2e-4))
 FORCE_AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY)
@@ -98,17 +97,6 @@ def test_the_arm_of_a_file_is_estimated_as_it_is_described(what: str) -> None:
         shape.tip + [0.24, 0.0, 0.0], 1e-4
     )])  # fmt: skip
     assert bare.refused == ('tip position',)
-
-
-def test_a_file_and_its_arm_are_solved_by_the_same_defaults() -> None:
-    config = Config.from_parameters({**_ARM, 'model': 'exact'})
-    one, other = config.solver(), Solver(config.arm, 'exact')
-    assert one.is_compiled == other.is_compiled == is_available()
-    np.testing.assert_array_equal(one.solve([TENSIONS]).position, other.solve([TENSIONS]).position)
-    unknowns = Unknowns(Walk(5.0))
-    models = ArmModel.of(config, unknowns), ArmModel(config.arm, unknowns)
-    assert {model.solver.is_compiled for model in models} == {is_available()}
-    assert models[0].solver.grid.s.tolist() == models[1].solver.grid.s.tolist()
 
 
 def test_a_displacement_longer_than_the_tendon_is_refused_as_that() -> None:
@@ -274,46 +262,6 @@ def test_errors_are_as_large_as_the_covariance_says(runs: int) -> None:
     assert low <= np.mean(inside) <= high
 
 
-def test_a_lying_sensor_is_refused_and_counted() -> None:
-    model = rubber(FORCE_AT_TIP)
-    at = truth(model, np.array([0.0, 0.005, -0.005]))
-    tip = at.solved.tip
-    own = Filter(model)
-    right = [Tensions(TENSIONS, 0.01), TipPosition(tip, 1e-3)]
-    for step in range(3):
-        before = own.add(0.1 * step, right)
-    wrong = [Tensions(TENSIONS, 0.01), TipPosition(tip + [0.0, 0.1, 0.0], 1e-3)]
-    after = own.add(0.3, wrong)
-    assert own.refused == {'tip position': 1}
-    refused = after.innovations[1]
-    assert not refused.is_accepted and refused.normalised_square > 50.0
-    assert after.normalised_square[1] == 4
-    np.testing.assert_allclose(after.backbone.tip, before.backbone.tip, atol=5e-3)
-    # What was accepted is worth as much as without the liar.
-    assert np.diag(after.tip_wrench_covariance)[1] > np.diag(before.tip_wrench_covariance)[1]
-
-
-def test_late_measurements_are_as_good_as_in_time() -> None:
-    model = rubber(FORCE_AT_TIP)
-    at = truth(model, np.array([0.0, 0.005, -0.005]))
-    tip = TipPosition(at.solved.tip, 1e-3)
-    in_time, late = Filter(model), Filter(model, window=0.25)
-    in_time.add(0.0, [Tensions(TENSIONS, 0.01)])
-    in_time.add(0.1, [tip])
-    for step in (2, 3):
-        expected = in_time.add(0.1 * step, [Tensions(TENSIONS, 0.01)])
-    for step in (0, 2, 3):
-        late.add(0.1 * step, [Tensions(TENSIONS, 0.01)])
-    found = late.add(0.1, [tip])
-    assert found.time == pytest.approx(0.3)
-    np.testing.assert_allclose(found.mean, expected.mean, atol=1e-3 * 0.01)
-    np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-7)
-    late.add(2.0, [Tensions(TENSIONS, 0.01)])
-    with pytest.raises(MeasurementError, match='before the window'):
-        late.add(0.05, [tip])
-    assert late.late == 1
-
-
 def test_a_slack_tendon_is_estimated_slack() -> None:
     model = rubber(Unknowns(Walk(10.0), tension_bias=Walk(0.05)))
     found = Filter(model).add(0.0, [Tensions([1.0, -0.02, 0.5, 0.3], 0.01)])
@@ -355,27 +303,3 @@ def test_a_failing_step_leaves_the_filter_as_it_was() -> None:
     for name, wrong in (('gate', 1.0), ('cell_fault', -0.1), ('recover_after', -1.0)):
         with pytest.raises(MeasurementError, match=f'{name} is {wrong}, expected'):
             Rules(**{name: wrong})
-
-
-def test_a_tip_that_no_tension_and_no_force_explains_is_refused() -> None:
-    own = Filter(rubber(FORCE_AT_TIP))
-    own.add(0.0, [Tensions(TENSIONS, 0.01)])
-    found = own.add(0.1, [TipPosition([1e5, 0.0, 0.0], 1e-3)])
-    assert own.refused == {'tip position': 1} and found.normalised_square[1] == 0
-
-
-def test_everything_unknown_at_once_converges() -> None:
-    model = rubber(EVERYTHING, loads=WEIGHT)
-    rng = np.random.default_rng(5)
-    x = 0.2 * model.state.prior_stddev() * rng.normal(size=model.state.size)
-    x[model.state.tension] = TENSIONS
-    shape = Prediction(model, x, None).solved
-    found = Filter(model).add(
-        0.0,
-        [
-            Tensions(TENSIONS + x[model.state.tension_bias], 0.01),
-            TipPose(shape.tip, shape.quaternion[-1], np.full(6, 1e-3)),
-        ],
-    )
-    assert all(one.is_accepted for one in found.innovations)
-    np.testing.assert_allclose(found.backbone.tip, shape.tip, atol=3e-3)

@@ -250,9 +250,3 @@ def test_the_tip_tells_how_it_bends_with_the_state() -> None:
     force = model.state.tip_force
     off = np.linalg.norm((found - expected)[:, force, force])
     assert off < 0.05 * np.linalg.norm(expected[:, force, force])
-
-
-def test_a_model_without_loads_tells_nothing_of_how_its_tip_bends() -> None:
-    model = rubber(Unknowns(Walk(0.3)), 'closed_form')
-    at = Prediction(model, TENSIONS.copy(), None)
-    assert TipPosition(at.solved.tip, 1e-3).second(at) is None

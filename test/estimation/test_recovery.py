@@ -9,7 +9,6 @@ import pytest
 from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
 from octo_arm_model import Backbone, Solver
-from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.estimation.estimator import Estimated, Estimator
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel
@@ -95,17 +94,6 @@ def test_an_arm_that_moves_faster_than_told_is_found_again() -> None:
     assert own.restarts == 1
 
 
-def test_it_is_lost_for_ever_where_it_may_not_begin_anew() -> None:
-    model = rubber(Unknowns(STEADY, tip_force=LIKELY))
-    own = Estimator({'tip': model})
-    steps(own, range(4), [cells, markers])
-    found = steps(own, range(4, 6), [cells, markers], is_moved=True)
-    assert own.restarts == 0
-    assert not all(part.is_accepted for part in found[-2].innovations)
-    with pytest.raises(MeasurementError, match=r'recover_after is -1\.0, expected'):
-        Rules(recover_after=-1.0)
-
-
 @pytest.mark.endurance
 def test_a_sensor_that_lies_alone_stays_thrown_out() -> None:
     own = tracker()
@@ -141,28 +129,6 @@ def test_one_sensor_alone_is_believed_once_it_has_contradicted_for_long() -> Non
         own.add(ORIGIN + step * PERIOD, [wild])
     # Each time that it is in vain it takes twice as long to the next.
     assert own.restarts <= before + 3
-
-
-@pytest.mark.endurance
-def test_late_measurements_count_after_a_new_beginning() -> None:
-    in_time, late = tracker(window=0.3), tracker(window=0.3)
-    for own in (in_time, late):
-        steps(own, range(4), [cells, markers])
-        steps(own, range(4, 10), [cells, markers], is_moved=True)
-    steps(in_time, [10, 11], [cells, tip], is_moved=True)
-    steps(late, [10, 11], [cells], is_moved=True)
-    expected = in_time.add(ORIGIN + 12 * PERIOD, [])
-    for step in (11, 10):
-        found = late.add(ORIGIN + step * PERIOD + 1, [tip(MOVED, TENSIONS)])
-        assert found.innovations[0].is_accepted
-    found = late.add(ORIGIN + 12 * PERIOD, [])
-    assert_is(found, MOVED)
-    known, wanted = (np.diag(one.estimate.covariance) for one in (found, expected))
-    np.testing.assert_allclose(known, wanted, rtol=0.5)
-    # What was measured before the beginning is of no use any more.
-    with pytest.raises(MeasurementError, match='before the window'):
-        late.add(ORIGIN + 3 * PERIOD, [tip(CALM, TENSIONS)])
-    assert late.late == 1
 
 
 @pytest.mark.endurance

@@ -11,7 +11,7 @@ from octo_arm_model.arm.errors import ConfigError, OctoArmError
 from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.estimation.parameters import BENT, ESTIMATOR_PARAMETERS, PREFIX
+from octo_arm_model.estimation.parameters import BENT, PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
 from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.measured_points import check_marker_s
@@ -100,17 +100,6 @@ def test_places_of_contact(values: dict[str, Any], expected: dict[str, int]) -> 
     assert all(one.tip_force is None for one in found.values())
 
 
-@pytest.mark.parametrize('length', [0.27, *np.linspace(0.1, 0.6, 101).tolist()])
-def test_places_somewhere_are_on_an_arm_of_any_length(length: float) -> None:
-    values = {**VALUES, 'body.length': length, 'sections.anchorage': [length]}
-    config = Config.from_parameters(values)
-    found = settings(config, contact='somewhere').unknowns
-    places = [one.point_forces[0].s for one in found.values() if one.point_forces]
-    assert len(places) == 5 and places[-1] == length
-    for unknowns in found.values():
-        State(unknowns, config.arm)
-
-
 def test_places_near_each_other_have_names_of_their_own() -> None:
     places = [0.1, 0.100001, 0.2]
     found = settings(contact='somewhere', contact_s=places).unknowns
@@ -194,9 +183,3 @@ def test_friction_makes_the_loss_of_tension_unknown() -> None:
     given = settings(tension_loss_stddev=0.02).unknowns['tip'].tension_loss
     assert given is not None and given.stddev == 0.02
     assert settings().unknowns['tip'].tension_loss is None
-
-
-def test_every_parameter_has_its_group_and_a_default_of_its_type() -> None:
-    for parameter in ESTIMATOR_PARAMETERS:
-        assert parameter.name.startswith(PREFIX)
-        assert parameter.convert(parameter.default) == parameter.default

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import sys
 
@@ -10,19 +9,17 @@ import numpy as np
 import pytest
 from checkout import ROOT
 from estimation_arms import TENSIONS, rubber
-from scipy.stats import chi2
 
-from octo_arm_model.arm.errors import MeasurementError, SolveError
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.estimation.filter import Filter
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
-from octo_arm_model.estimation.model import PATIENT, ArmModel, Prediction
+from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.rules import Rules
 from octo_arm_model.estimation.smoother import smooth
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
 
 sys.path.insert(0, str(ROOT / 'benchmarks'))
 
-from tip_force_scenario import PERIOD, arm_model, simulated, square
 
 UNKNOWNS = Unknowns(Walk(5.0, 1.0), tip_force=Walk.stationary(5e-3, 1.0))
 Recording = list[tuple[float, list[Measurement]]]
@@ -118,42 +115,9 @@ def test_errors_are_as_large_as_the_covariance_says(runs: int, least: float, mos
     assert least < np.mean(squares) < most
 
 
-@pytest.mark.parametrize(
-    ('seeds', 'steps'), [((1,), 20), pytest.param((1, 2, 3, 5), 60, marks=pytest.mark.endurance)]
-)
-def test_where_the_arm_bends_by_far_more_than_is_measured_it_is_better_than_the_filter(
-    seeds: tuple[int, ...], steps: int
-) -> None:
-    """The first seconds of the scenario of the benchmark: none diverges or is biased."""
-    model = arm_model(remembers=True, stations=21, budget=PATIENT)
-    part, errors, squares = model.state.tip_force, [], []
-    for seed in seeds:
-        data = simulated(steps, seed)
-        recording = [(PERIOD * step, measured) for step, (measured, _) in enumerate(data)]
-        own = Filter(model)
-        filtered = [own.add(time, measured) for time, measured in recording]
-        for before, after, (_, true) in zip(filtered, smooth(model, recording), data, strict=True):
-            errors.append([(one.mean - true.x)[part] for one in (before, after)])
-            squares.append(square(after, true, part))
-    before, after = np.sqrt(np.mean(np.square(errors), axis=(0, 2)))
-    assert after < before
-    # Errors of neighbours are not independent: as if there were two a second.
-    count = 2.0 * PERIOD * steps * len(seeds)
-    assert np.mean(squares) < chi2.ppf(0.9999, 3 * count) / count
-
-
 def test_what_it_refuses() -> None:
     model = rubber(UNKNOWNS)
     made = [Tensions(TENSIONS, 0.01)]
     with pytest.raises(MeasurementError, match='in order'):
         smooth(model, [(1.0, made), (0.5, made)])
     assert smooth(model, []) == []
-
-
-@pytest.mark.filterwarnings('error')
-def test_numpy_does_not_warn_of_tensions_that_are_exact_and_hardly_change() -> None:
-    model = rubber(Unknowns(Walk(1.0, 1e-19)))
-    tip = Prediction(model, TENSIONS, None).solved.tip
-    made = [Tensions(TENSIONS, 1.6e-16), TipPosition(tip, 1e-4)]
-    with contextlib.suppress(SolveError):
-        smooth(model, [(0.1 * time, made) for time in range(4)])

@@ -194,12 +194,6 @@ def test_ctrl_c_ends_a_program_quietly_while_it_is_imported(program: str) -> Non
     assert status == (130 if program == 'command_line' else 0)
 
 
-def test_ctrl_c_stays_ignored_where_it_was() -> None:
-    before = INTERRUPT + 'signal.signal(signal.SIGINT, signal.SIG_IGN)'
-    status, _ = started('command_line', 'play', '--list', before=before)
-    assert status == 0
-
-
 def test_without_memory_that_is_said() -> None:
     before = (
         'import octo_arm_model.cli.solve as report\n'

@@ -76,19 +76,6 @@ def test_by_differences(law: str, shear: bool) -> None:
         np.testing.assert_allclose(found[part], expected[part], atol=atol, rtol=0)
 
 
-def test_on_the_tip_it_is_the_wrench_on_the_tip() -> None:
-    solver = Solver(ARM, 'exact', 41, loads=ACTING)
-    shape = solver.solve(TENSIONS)
-    axes = np.eye(3).tolist()
-    loads = [Loads(tip_force=tuple(axis)) for axis in axes]
-    loads += [Loads(tip_moment=tuple(axis)) for axis in axes]
-    by_loads = solver.sensitivity_to_loads(shape, loads)
-    by_wrench = solver.sensitivity(shape).by_tip_wrench
-    for name in ('pose', 'strain', 'tendon_length'):
-        one, other = getattr(by_loads, name), getattr(by_wrench, name)
-        np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max(), rtol=1e-9)
-
-
 def test_what_has_no_such_derivative_is_refused() -> None:
     papers = Solver(ARM, 'closed_form', 41)
     with pytest.raises(ConfigError, match='choose exact'):

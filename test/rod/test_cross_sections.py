@@ -149,20 +149,6 @@ def test_frequencies_are_those_of_the_section(name: str) -> None:
     assert np.abs(found * 4.0 * LENGTH / math.sqrt(torsion / polar) - 1.0).min() < 1e-8
 
 
-def test_loops_and_arrays_move_a_bent_strip_alike() -> None:
-    pytest.importorskip('numba')
-    arm, ends = dataclasses.replace(STRIP, rest=RestShape(3.0, -2.0, 5.0)), []
-    for compiled in (False, True):
-        solver = Solver(arm, 'exact', material='linear', compiled=compiled)
-        dynamics = Dynamics(solver, MotionProperties(damping_time=1e-3))
-        state = dynamics.at_rest(Inputs(np.zeros((1, 4))))
-        for _ in range(5):
-            state = dynamics.step(state, Inputs([[3.0, 1.0, 0.0, 0.0]]), 2e-3)
-        ends.append(dynamics.backbone(state).position)
-    assert np.abs(ends[0][-1] - [LENGTH, 0.0, 0.0]).max() > 0.01
-    np.testing.assert_allclose(ends[0], ends[1], rtol=0.0, atol=1e-9)
-
-
 # Bent at rest -----------------------------------------------------------------------------------
 
 HELIX = RestShape(3.0, 6.0, 20.0)
@@ -242,24 +228,6 @@ def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring() -> None:
     found = base.solve(np.zeros((1, 4)))
     np.testing.assert_allclose(1.0 + found.q, 1.2, rtol=1e-3)
     np.testing.assert_allclose(found.k[-1], math.sqrt(1.2), rtol=2e-3)
-
-
-def test_a_strip_that_is_turned_about_its_axis_is_another_of_other_sizes() -> None:
-    def strip(width: float, height: float, angle: float) -> Arm:
-        body = RectangularBody(LENGTH, width, height, 0.01)
-        return Arm(METAL, body, (Section(LENGTH, OFFSET, OFFSET, angles=(angle,)),))
-
-    quarter, lying = strip(1e-3, 3e-3, 0.5 * math.pi), strip(3e-3, 1e-3, 0.0)
-    tips = [Solver(arm, 'exact', material='linear').solve([[3.0]]).tip for arm in (quarter, lying)]
-    np.testing.assert_allclose(tips[0][[0, 2, 1]], tips[1] * (1.0, 1.0, -1.0), atol=1e-12)
-    # A tube whose sections are numbered otherwise along the arm is the same one.
-    loads = Loads(tip_force=(0.0, 0.0, -0.3))
-    twisted = dataclasses.replace(TUBE, rest=RestShape(torsion=30.0))
-    tips = [
-        Solver(arm, 'exact', material='linear', loads=loads).solve(np.zeros((1, 4))).tip
-        for arm in (TUBE, twisted)
-    ]
-    np.testing.assert_allclose(tips[1], tips[0], atol=1e-9)
 
 
 # Refused ----------------------------------------------------------------------------------------

@@ -33,10 +33,6 @@ from octo_arm_model.arm.hints import FloatArray
 HELICAL = helical_arm(
     friction=(0.1, 0.2, 0.3, 0.1, 0.0, 0.2), axial_stiffness=(100.0,), free_length=(0.05,)
 )
-LOADS = [
-    pytest.param(Loads(), id='free'),
-    pytest.param(Loads(gravity=(0.0, 0.0, -9.81)), id='under gravity'),
-]
 
 
 def reeled_in(solver: Solver, backbone: Backbone) -> dict[str, float]:
@@ -65,9 +61,8 @@ def test_a_tendon_stretches_by_its_tension_at_every_station() -> None:
     assert wound.backbone.tensions.item() == pytest.approx(pull, rel=1e-7)
 
 
-@pytest.mark.parametrize('loads', LOADS)
-def test_they_are_along_a_history_too(loads: Loads) -> None:
-    solver = Solver(HELICAL, 'exact', 11, loads=loads)
+def test_they_are_along_a_history_too() -> None:
+    solver = Solver(HELICAL, 'exact', 11, loads=Loads(gravity=(0.0, 0.0, -9.81)))
     pulled, wound = solver.solve(PULL), solve_displacements(solver, {}, by_name(solver, PULL))
     # Let out, a little more, drawn in again, and some of them more than others.
     for part in (0.9, 0.899, 0.5, 0.5005, np.linspace(0.6, 1.1, 6).reshape(2, 3)):
@@ -126,38 +121,8 @@ def test_a_tendon_that_is_paid_out_is_slack(table4: Config) -> None:
     assert {'tendon_3_3', 'tendon_1_1'} <= set(wound.slack)
 
 
-def test_lengths_and_tensions_are_held_together() -> None:
-    solver = Solver(HELICAL, 'exact', 11)
-    pulled = solver.solve(PULL)
-    whole = reeled_in(solver, pulled)
-    lengths = {name: whole[name] for name in ('tendon_1_1', 'tendon_2_3')}
-    given = {name: pull for name, pull in by_name(solver, PULL).items() if name not in lengths}
-    wound = solve_displacements(solver, lengths, given)
-    np.testing.assert_allclose(wound.backbone.tensions, PULL, rtol=0.0, atol=2e-9)
-    # More tension on another tendon, with these winches held.
-    given['tendon_1_2'] += 0.2
-    more = solve_displacements(solver, lengths, given, start=wound)
-    assert more.backbone.tensions[0, 1] == given['tendon_1_2']
-    found = reeled_in(solver, more.backbone)
-    for name, length in lengths.items():
-        assert found[name] == pytest.approx(length, abs=1e-9 * 0.4)
-
-
-def test_tendons_that_hardly_stretch_are_nearly_those_that_do_not() -> None:
-    plain = Solver(dataclasses.replace(HELICAL, axial_stiffness=()), 'exact', 41)
-    lengths = reeled_in(plain, plain.solve(PULL))
-    wounds: list[Wound] = []
-    for stiffness in (1e6, 1e8):
-        stiff = dataclasses.replace(HELICAL, axial_stiffness=(stiffness,))
-        wounds.append(solve_displacements(Solver(stiff, 'exact', 41), lengths))
-    off = [np.abs(wound.backbone.tensions - PULL).max() for wound in wounds]
-    assert off[1] < 0.02 * off[0] < 1e-5
-
-
-@pytest.mark.parametrize(
-    'loads', [pytest.param(Loads(), marks=pytest.mark.endurance), LOADS[1].values[0]]
-)
-def test_derivatives_with_displacements_held_are_those_of_differences(loads: Loads) -> None:
+def test_derivatives_with_displacements_held_are_those_of_differences() -> None:
+    loads = Loads(gravity=(0.0, 0.0, -9.81))
     arm = dataclasses.replace(HELICAL, sheath_stiffness=(5e5,), free_length=(0.1,))
     solver = Solver(arm, 'exact', 11, loads=loads)
     whole = reeled_in(solver, solver.solve(PULL))
@@ -219,12 +184,7 @@ def test_where_a_tendon_sticks_derivatives_are_refused() -> None:
 
 # The lengths of these contradicted each other by less than tensions can tell, a tendon had to get
 # slack first, or the slipping part of many grew past points of the arm.
-REVERSALS = [
-    ('by tension', 27),
-    ('by length', 23),
-    *(pytest.param('by tension', seed, marks=pytest.mark.endurance) for seed in (28, 42, 50)),
-    pytest.param('by length', 68, marks=pytest.mark.endurance),
-]
+REVERSALS = [('by tension', 27), ('by length', 23)]
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
@@ -250,35 +210,3 @@ def test_tendons_that_do_not_stretch_are_reversed_at_random(
     alternate = np.array([1.0, -1.0, 1.0, -1.0])
     agreeing = lacking - np.outer(lacking @ alternate, alternate) / 4.0
     assert np.abs(agreeing).max() <= 1e-8 * arm.length
-
-
-@pytest.mark.parametrize(
-    ('name', 'size', 'count'),
-    [
-        ('prototype', 1e-4, 2),
-        *(pytest.param('table4', size, 4, marks=pytest.mark.endurance) for size in (1e-4, 1e-2)),
-    ],
-)
-def test_tendons_that_do_not_stretch_follow_small_movements(
-    request: pytest.FixtureRequest, name: str, size: float, count: int
-) -> None:
-    """Some turn round at each, and slip no farther than the first points of the arm."""
-    config: Config = request.getfixturevalue(name)
-    arm = dataclasses.replace(config.arm, friction=(0.1,))
-    solver = Solver(arm, 'closed_form', 41)
-    random = np.random.default_rng(2)
-    tensions = random.uniform(0.1, 1.0, arm.tension_shape)
-    if name == 'table4':
-        tensions *= np.array([[0.15], [1.0], [3.0]])
-    pulled = solver.solve(tensions)
-    wound = solve_displacements(solver, {}, by_name(solver, tensions))
-    for _ in range(count):
-        tensions = tensions * (1.0 + size * random.uniform(-1.0, 1.0, tensions.shape))
-        pulled = solver.follow(tensions, pulled)
-        lengths = displacements_of(solver, pulled)
-        wound = solve_displacements(solver, by_name(solver, lengths), start=wound)
-        off = wound.displacement - lengths
-        assert (off >= -1e-6 * arm.length).all()
-        assert np.abs(off[wound.backbone.tensions > 0.0]).max() <= 1e-6 * arm.length
-        own = displacements_of(solver, wound.backbone)
-        np.testing.assert_allclose(wound.displacement, own, rtol=1e-12, atol=1e-15)

@@ -7,12 +7,11 @@ import math
 
 import numpy as np
 import pytest
-from differences import along, jacobian
+from differences import along
 from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 from strategies import fractions, loaded_arms
 
@@ -21,20 +20,15 @@ from octo_arm_model import (
     Backbone,
     Body,
     ConfigError,
-    Constant,
-    Linear,
     Loads,
     Material,
-    RoutedSection,
     Section,
     SolveError,
     Solver,
-    Tendon,
     TipPosition,
     find_tensions,
 )
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.rod import Rod, Setting
 
 MODELS = ('closed_form', 'exact')
 YOUNG, RADIUS, LENGTH, OFFSET, MU = 1e5, 0.01, 0.4, 0.006, 0.3
@@ -108,13 +102,6 @@ def test_without_friction_nothing_changes(model: str) -> None:
     np.testing.assert_array_equal(plain.tendon_tensions, PULL.ravel() * inside)
 
 
-@pytest.mark.parametrize('model', MODELS)
-def test_opposite_tendons_of_equal_tension_lose_none(model: str) -> None:
-    backbone = Solver(uniform((0.0, math.pi)), model).solve([[2.0, 2.0]])
-    np.testing.assert_allclose(backbone.position[:, 1:], 0.0, atol=1e-12)
-    np.testing.assert_allclose(backbone.tendon_tensions, 2.0, rtol=1e-11)
-
-
 def test_a_converging_tendon_loses_tension_where_another_ends() -> None:
     # Straight, but compressed more up to the anchorage of the ring at 0.2 m: there the slopes of
     # the long tendons in the plane through the midline jump.
@@ -138,60 +125,6 @@ def spatial_path(arm: Arm, backbone: Backbone, tendon: int, widening: FloatArray
     along_n, along_b = arm.tendon_offsets(backbone.s)
     offset = np.stack([0.0 * widening, along_n[tendon] * widening, along_b[tendon] * widening])
     return backbone.position + Rotation.from_quat(backbone.quaternion).apply(offset.T)
-
-
-@pytest.mark.parametrize('loaded', [False, True])
-def test_forces_balance_at_every_station_and_friction_is_mu_times_the_normal_one(
-    loaded: bool,
-) -> None:
-    loads = Loads(tip_force=(0.02, 0.03, -0.01)) if loaded else Loads()
-    arm = helical()
-    solver = Solver(arm, 'exact', 2001, material='linear', loads=loads)
-    backbone = solver.solve(PULL)
-    s = backbone.s
-    turn = Rotation.from_quat(backbone.quaternion)
-    for part in (s <= 0.25, s >= 0.25):
-        edge = np.flatnonzero(part)
-        inner = slice(20, -20)
-        force, moment = np.zeros((edge.size, 3)), np.zeros((edge.size, 3))
-        for j in range(6):
-            path = spatial_path(arm, backbone, j, np.ones_like(s))[part]
-            # At the anchorage itself strains are those towards the base.
-            tension = backbone.tendon_tensions[part, j]
-            if not tension[inner].any():
-                continue
-            slope = CubicSpline(s[part][1:-1], path[1:-1])(s[part], 1)
-            tangent = slope / np.linalg.norm(slope, axis=1)[:, np.newaxis]
-            pull = tension[:, np.newaxis] * tangent
-            force += pull
-            moment += np.cross(path - backbone.position[part], pull)
-            contact = -CubicSpline(s[part][5:-5], pull[5:-5])(s[part], 1)
-            along = np.einsum('ni,ni->n', contact, tangent)
-            across = np.linalg.norm(contact - along[:, np.newaxis] * tangent, axis=1)
-            # Where a tendon hardly turns the angle has next to a kink.
-            near = 3e-3 * across[inner].max()
-            np.testing.assert_allclose(along[inner], MU * across[inner], atol=near)
-        local = turn[edge]
-        radius = arm.body.radius(s[part])
-        young = float(arm.material.youngs_modulus)
-        area, second = math.pi * radius**2, math.pi * radius**4 / 4
-        stretch = 1.0 + backbone.q[part]
-        bent = [
-            young / 2.9 * 2.0 * second * backbone.tau[part],
-            young * second * backbone.xi[part],
-            young * second * backbone.k[part],
-        ]
-        elastic = local.apply(stretch[:, np.newaxis] * np.stack(bent, axis=1))
-        outer = backbone.tip_wrench[:3]
-        lever = backbone.position[-1] - backbone.position[part]
-        expected = np.cross(lever, outer) - moment
-        scale = np.abs(moment).max()
-        np.testing.assert_allclose(elastic[inner], expected[inner], atol=2e-5 * scale)
-        axial = np.einsum('ni,ni->n', local.apply([1.0, 0.0, 0.0]), outer - force)
-        scale = np.abs(force).max()
-        np.testing.assert_allclose(
-            (young * area * (stretch - 1.0))[inner], axial[inner], atol=2e-5 * scale
-        )
 
 
 @settings(max_examples=20, deadline=None)
@@ -247,10 +180,7 @@ def test_unloading_a_little_changes_the_arm_near_its_base_alone(model: str) -> N
     np.testing.assert_allclose(after[slips], (1.0 - part) * np.exp(MU * turned[slips]), rtol=5e-3)
 
 
-@pytest.mark.parametrize(
-    ('model', 'loads'), [('closed_form', Loads()), ('exact', Loads()), ('exact', GRAVITY)],
-    ids=['closed_form', 'exact', 'under gravity'],
-)  # fmt: skip
+@pytest.mark.parametrize(('model', 'loads'), [('closed_form', Loads()), ('exact', GRAVITY)])
 def test_a_loop_closes_and_encloses_something(model: str, loads: Loads) -> None:
     arm = helical(0.2)
     solver = Solver(arm, model, loads=loads)
@@ -258,8 +188,8 @@ def test_a_loop_closes_and_encloses_something(model: str, loads: Loads) -> None:
     loops: list[list[Backbone]] = [[], [], []]
     first = last = solver.follow(high, None)
     np.testing.assert_allclose(last.tip, solver.solve(high).tip, atol=1e-12)
-    ways = [high + part * (low - high) for part in (0.25, 0.5, 0.75, 1.0)]
-    backs = [low + part * (high - low) for part in (0.25, 0.5, 0.75, 1.0)]
+    ways = [high + part * (low - high) for part in (0.5, 1.0)]
+    backs = [low + part * (high - low) for part in (0.5, 1.0)]
     for found in loops:
         for tensions in ways + backs:
             last = solver.follow(tensions, last)
@@ -275,7 +205,7 @@ def test_a_loop_closes_and_encloses_something(model: str, loads: Loads) -> None:
             )
     np.testing.assert_allclose(loops[-1][-1].tip, first.tip, atol=1e-7 * arm.length)
     # On the way down and on the way up the same tensions give another shape.
-    assert np.linalg.norm(loops[-1][1].tip - loops[-1][5].tip) > 2e-3 * arm.length
+    assert np.linalg.norm(loops[-1][0].tip - loops[-1][2].tip) > 2e-3 * arm.length
 
 
 def test_a_single_solution_knows_of_no_history() -> None:
@@ -298,38 +228,8 @@ def test_a_history_of_another_arm_is_refused(loads: Loads) -> None:
         solver.follow([[0.9]], other)
 
 
-def test_a_released_tendon_is_slack_all_along() -> None:
-    solver = Solver(uniform(), 'exact')
-    released = solver.follow([[0.0]], solver.solve([[1.0]]))
-    np.testing.assert_array_equal(released.tendon_tensions, 0.0)
-    np.testing.assert_allclose(released.tip, [LENGTH, 0.0, 0.0], atol=1e-12)
-
-
-def test_loading_under_gravity_in_one_step_is_that_in_many() -> None:
-    solver = Solver(helical(0.2), 'exact', loads=GRAVITY)
-    last = None
-    for part in np.linspace(0.0, 1.0, 9):
-        last = solver.follow(part * PULL, last)
-    assert last is not None
-    # Not to rounding: on the way a tendon may turn less where it has turned before.
-    once = solver.solve(PULL)
-    assert np.linalg.norm(once.tip - last.tip) < 2e-3 * 0.4
-
-
-def test_where_a_tendon_begins_to_stick_is_resolved() -> None:
-    solver = Solver(helical(), 'exact')
-    coarse = solver.follow(0.7 * PULL, solver.solve(PULL))
-    rod, nothing = Rod(helical(), setting=Setting(accuracy=1e-12)), np.zeros(6)
-    pulled = rod.solve(PULL.ravel(), nothing)
-    before = rod.problem(pulled.level).history(pulled.state)
-    fine = rod.solve(0.7 * PULL.ravel(), nothing, before=before)
-    assert coarse.equilibrium is not None and fine.level > coarse.equilibrium.level
-    expected = rod.readout(fine.level, coarse.s).read(fine.state)[0]
-    np.testing.assert_allclose(coarse.position, expected, atol=1e-6 * 0.4)
-
-
 def test_a_batch_is_its_arms_one_by_one() -> None:
-    for model, loads in (('closed_form', Loads()), ('exact', Loads()), ('exact', GRAVITY)):
+    for model, loads in (('closed_form', Loads()), ('exact', GRAVITY)):
         solver = Solver(helical(), model, loads=loads)
         several = np.stack([PULL, 0.1 * PULL, 0.0 * PULL])
         batch = solver.solve(several)
@@ -350,38 +250,29 @@ def test_a_batch_is_its_arms_one_by_one() -> None:
 
 
 def test_derivatives_of_the_closed_form() -> None:
-    arm = helical(tuple(np.linspace(0.05, 0.4, 6).tolist()))
-    solver = Solver(arm, 'closed_form', 41)
-    backbone = solver.solve(PULL)
-
-    def outcome(backbone: Backbone) -> FloatArray:
-        strains = [getattr(backbone, name)[::5] for name in ('tau', 'xi', 'k', 'q')]
-        return np.concatenate([
-            backbone.position[::5].ravel(), *strains, solver.tendon_lengths(backbone).ravel()
-        ])  # fmt: skip
-
-    def stiffer(x: FloatArray) -> Solver:
-        young = float(arm.material.youngs_modulus) * (1.0 + x.item())
-        material = dataclasses.replace(arm.material, youngs_modulus=young)
-        return Solver(dataclasses.replace(arm, material=material), 'closed_form', 41)
-
-    def rougher(x: FloatArray) -> Solver:
-        return Solver(dataclasses.replace(arm, friction=tuple(x)), 'closed_form', 41)
-
-    by = solver.sensitivity(backbone)
+    friction, young = np.linspace(0.05, 0.4, 6), float(helical().material.youngs_modulus)
+    solver = Solver(helical(tuple(friction.tolist())), 'closed_form', 41)
+    by = solver.sensitivity(solver.solve(PULL))
     assert by.by_friction is not None
-    for change, function, at, step in (
-        (by.by_tension, lambda x: solver.solve(x.reshape(2, 3)), PULL.ravel(), 5e-3),
-        (by.by_youngs_modulus, lambda x: stiffer(x).solve(PULL), np.zeros(1), 1e-3),
-        (by.by_friction, lambda x: rougher(x).solve(PULL), np.array(arm.friction), 5e-3),
-    ):
-        expected = jacobian(lambda x: outcome(function(x)), at, step)
-        got = np.concatenate([
-            change.pose[::5, :3].reshape(-1, at.size),
-            *change.strain[::5].transpose(1, 0, 2),
-            change.tendon_length,
-        ])  # fmt: skip
-        np.testing.assert_allclose(got, expected, rtol=1e-5, atol=2e-6 * np.abs(expected).max())
+    # Of all inputs at once, each by another part.
+    more, rougher = 5e-3 * np.arange(-2.0, 4.0), 5e-3 * np.array([1.0, -0.5, 0.3, -1.0, 0.8, 0.2])
+    parts = ((by.by_tension, more), (by.by_youngs_modulus, [1e-3]), (by.by_friction, rougher))
+
+    def outcome(part: FloatArray) -> FloatArray:
+        arm = helical(tuple((friction + part * rougher).tolist()))
+        material = dataclasses.replace(arm.material, youngs_modulus=young * (1 + 1e-3 * part[0]))
+        own = Solver(dataclasses.replace(arm, material=material), 'closed_form', 41)
+        shape = own.solve(PULL + (part * more).reshape(2, 3))
+        strains = np.stack([shape.tau, shape.xi, shape.k, shape.q], axis=1)
+        lengths = own.tendon_lengths(shape).ravel()
+        return np.concatenate([shape.position.ravel(), strains.ravel(), lengths])
+
+    expected = along(outcome, np.zeros(1), np.ones(1))
+    position = sum(change.pose[:, :3] @ way for change, way in parts)
+    strain = sum(change.strain @ way for change, way in parts)
+    length = sum(change.tendon_length @ way for change, way in parts)
+    for got, want in zip((position, strain, length), np.split(expected, [123, 287])):
+        np.testing.assert_allclose(np.ravel(got), want, atol=1e-5 * np.abs(want).max())
 
 
 @pytest.mark.parametrize('model', MODELS)
@@ -413,31 +304,9 @@ def test_where_there_is_no_derivative_it_is_refused(model: str) -> None:
 # What is refused --------------------------------------------------------------------------------
 
 
-def test_each_tendon_may_have_its_own() -> None:
-    arm = helical((0.0, 0.3, 0.0, 0.0, 0.0, 0.0))
-    tensions = Solver(arm, 'exact').solve(PULL).tendon_tensions[5]
-    lost = PULL.ravel() - tensions
-    assert lost[1] > 1e-4
-    np.testing.assert_allclose(np.delete(lost, 1), 0.0, atol=1e-12)
-
-
 @pytest.mark.parametrize('model', MODELS)
 def test_the_inverse_finds_tensions_with_friction(model: str) -> None:
     solver = Solver(uniform((0.0, 2.0, 4.0), 0.2), model, 31)
     goal = solver.solve([[0.5, 0.3, 0.0]]).tip
     found = find_tensions(solver, TipPosition(tuple(goal)), 2.0)
     np.testing.assert_allclose(solver.solve(found.backbone.tensions).tip, goal, atol=1e-6)
-
-
-def test_a_tendon_along_the_midline_of_a_bent_arm_turns_with_it() -> None:
-    paths = (
-        Tendon(Constant(OFFSET), Constant(0.0)),
-        Tendon(Constant(0.0), Constant(0.0)),
-        Tendon(Linear(0.0, 0.0, LENGTH), Constant(1.0)),
-    )
-    arm = Arm(
-        Material(YOUNG, 0.5), Body(LENGTH, RADIUS, RADIUS), (RoutedSection(LENGTH, paths),),
-        friction=3 * (MU,),
-    )  # fmt: skip
-    left = Solver(arm, 'exact', material='linear').solve([[1.0, 0.1, 0.1]]).tendon_tensions[-1]
-    np.testing.assert_allclose(left / left[0], [1.0, 0.1, 0.1], rtol=1e-9)

@@ -72,23 +72,6 @@ def test_the_closed_form_of_any_tendons_is_the_full_system_of_three() -> None:
         assert backbone.q[i] == pytest.approx(force / axial, rel=1e-10)
 
 
-def test_a_helix_winds_as_far_as_it_is_told_and_its_slope_is_its_derivative() -> None:
-    tendon = HELICAL.tendons[0]
-    n, b = tendon.place(np.array([0.0, 0.3]))
-    angles = np.arctan2(b, n)
-    np.testing.assert_allclose(angles, [0.1, 3.1], rtol=1e-12)
-    s, h = np.linspace(0.01, 0.29, 7), 1e-6
-    for row in (0, 1):
-        difference = (tendon.place(s + h)[row] - tendon.place(s - h)[row]) / (2 * h)
-        np.testing.assert_allclose(tendon.slope(s)[row], difference, atol=1e-8)
-
-
-@pytest.mark.parametrize('angle', [-7.0, 12345.6, 2.0**60, 1e25])
-def test_the_place_of_a_tendon_is_that_of_its_angle_however_large(angle: float) -> None:
-    n, b = Tendon(Constant(0.01), Constant(angle)).place(np.zeros(1))
-    assert (n, b) == (0.01 * np.cos(angle), 0.01 * np.sin(angle))
-
-
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
 def test_the_same_arm_said_in_other_words_has_the_same_shape(model: str) -> None:
     s = tuple(np.linspace(0.0, 0.3, 61).tolist())
@@ -114,17 +97,6 @@ def test_the_same_arm_said_in_other_words_has_the_same_shape(model: str) -> None
         got = Solver(arm, model).solve(pulls)
         np.testing.assert_allclose(got.position, expected.position, atol=1e-8)
         np.testing.assert_allclose(got.k, expected.k, rtol=1e-7)
-
-
-def test_a_profile_with_a_corner_is_resolved_as_well_as_a_smooth_one() -> None:
-    def stepped(s: np.ndarray) -> np.ndarray:
-        return np.where(s < 0.1501, 0.012, 0.012 - 0.04 * (s - 0.1501))
-
-    arm = Arm(SOFT, ProfiledBody(0.3, Function(stepped, 0.3)), (Section(0.3, 0.004, 0.004),))
-    coarse, fine = (Solver(arm, 'exact', n).solve([[0.5, 0.2, 0.0, 0.0]]) for n in (101, 1601))
-    assert coarse.residual < 1e-10
-    # The interval that contains the corner is integrated to second order only.
-    np.testing.assert_allclose(coarse.tip, fine.tip, atol=1e-5)
 
 
 def test_sections_may_differ_in_number_and_tensions_come_in_rows_or_flat() -> None:
@@ -244,18 +216,3 @@ def test_yaml_says_everything_but_functions(tmp_path: Path) -> None:
     assert config.uncertainty == Uncertainty(0.1, 0.05)
     backbone = config.solver().solve([0.1, 0.2, 0.0])
     assert backbone.residual < 1e-10
-
-
-def test_helices_by_twist_and_shear_by_a_word(tmp_path: Path) -> None:
-    config = read(
-        tmp_path,
-        material={'youngs_modulus': 3e5, 'shear_modulus': 1.2e5, 'law': 'linear', 'shear': True},
-        sections={'anchorage': [0.3], 'tendons': [3], 'offset_base': [0.004],
-                  'offset_anchorage': [0.004]},
-        tendons={'angle': [0.0, 1.0, 2.0], 'twist': [6.0, 0.0, 0.0]},
-    )  # fmt: skip
-    assert config.arm.material.poisson_ratio == pytest.approx(0.25)
-    backbone = config.solver().solve([[0.5, 0.0, 0.0]])
-    assert np.abs(backbone.tau).min() > 0.01
-    assert backbone.twist is not None
-    assert backbone.twist.shape[0] == 6

@@ -155,15 +155,6 @@ def test_small_motions_are_those_of_the_linear_model() -> None:
     assert largest > 1e-5
 
 
-def test_the_linear_model_has_the_compliance_of_the_equilibrium() -> None:
-    solver = Solver(TABLE4, 'exact', loads=Loads(gravity=GRAVITY, fluid_density=1022.0))
-    dynamics = Dynamics(solver, MotionProperties(300.0))
-    model = linearise(dynamics, dynamics.at_rest(Inputs(PULL)), 5)
-    gain = model.D - model.C @ np.linalg.solve(model.A, model.B)
-    expected = solver.sensitivity(solver.solve(PULL)).by_tension.tip[:3]
-    np.testing.assert_allclose(gain, expected, atol=1e-5 * np.abs(expected).max())
-
-
 # Conservation and convergence --------------------------------------------------------------------
 
 
@@ -228,17 +219,6 @@ def test_a_damped_arm_ends_at_the_equilibrium(changes: dict[str, tuple[float, ..
     assert np.abs(dynamics.velocities(state)).max() < 1e-7
 
 
-def test_shear_changes_a_swing_by_parts_of_a_per_cent() -> None:
-    tips = []
-    for shear in (False, True):
-        solver = Solver(TABLE4, 'exact', stations=5, material='linear', shear=shear)
-        dynamics = Dynamics(solver, MotionProperties(viscosity=300.0))
-        state = dynamics.at_rest(Inputs(SLACK, tip_wrench=(0.0, 0.005, 0.0, 0.0, 0.0, 0.0)))
-        state = swing(dynamics, state, Inputs(SLACK), 0.6, 5e-3)
-        tips.append(dynamics.backbone(state).tip)
-    assert 1e-5 * TABLE4.length < np.linalg.norm(tips[1] - tips[0]) < 4e-3 * TABLE4.length
-
-
 # Water -------------------------------------------------------------------------------------------
 
 
@@ -263,34 +243,7 @@ def test_drag_bears_the_weight_at_the_terminal_speed() -> None:
     np.testing.assert_allclose(level, 0.0, atol=5e-3)
 
 
-def test_an_arm_of_the_density_of_water_moves_with_it() -> None:
-    # Base and water are accelerated alike: nothing bends the arm, whatever mass it takes along.
-    solver = Solver(ROD, 'exact', loads=Loads(fluid_density=1000.0))
-    dynamics = Dynamics(solver, MotionProperties(normal_drag=2.5, added_mass=1.5))
-    state, dt = dynamics.at_rest(Inputs([[0.0, 0.0]])), 5e-3
-    for number in range(1, 101):
-        time = number * dt
-        base = Pose((0.0, 0.05 * (1.0 - math.cos(6.0 * time)), 0.0))
-        inputs = Inputs([[0.0, 0.0]], current=(0.0, 0.3 * math.sin(6.0 * time), 0.0), base=base)
-        state = dynamics.step(state, inputs, dt)
-    level = dynamics.backbone(state).position[:, 1] - state.base[1]
-    # The rule finds the acceleration of the water from its velocity: to second order in the step.
-    np.testing.assert_allclose(level, 0.0, atol=1e-4 * ROD.length)
-
-
 # A base that moves -------------------------------------------------------------------------------
-
-
-def test_a_base_that_is_accelerated_bends_the_arm_as_gravity() -> None:
-    solver = Solver(TABLE4, 'exact')
-    dynamics, dt = Dynamics(solver, SETTLING), 0.02
-    state = dynamics.at_rest(Inputs(SLACK))
-    for number in range(1, 701):
-        base = Pose((0.0, 0.0, 0.5 * 0.2 * (number * dt) ** 2))
-        state = dynamics.step(state, Inputs(SLACK, base=base), dt)
-    weighed = Solver(TABLE4, 'exact', loads=Loads(gravity=(0.0, 0.0, -0.2))).solve(SLACK)
-    found = dynamics.backbone(state).position - state.base[:3]
-    np.testing.assert_allclose(found, weighed.position, atol=2e-5 * TABLE4.length)
 
 
 def test_a_rod_that_rotates_is_stretched_by_its_own_inertia() -> None:

@@ -7,13 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 from differences import along
-from rods import CASES, EVERYTHING, TENSIONS, WRENCH, jacobian_error
+from rods import CASES, EVERYTHING, TENSIONS, WRENCH
 
 from octo_arm_model import Arm, ArmDefinitionError, Body, Config, LoadError, Loads
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import DeformedRod, FollowingWrench, Resultants, Tangent
 from octo_arm_model.rod.derivatives import Derivatives
-from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.exact import strains_of
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.rotations import rotation_matrices
@@ -101,36 +100,6 @@ def test_a_dead_load_of_a_users_own_is_that_load(table4: Config) -> None:
         for rod in (made(uniform, loads, base),)
     ]
     np.testing.assert_allclose(tips[1], tips[0], rtol=0.0, atol=1e-11)
-
-
-@pytest.mark.parametrize('name', CASES)
-def test_the_jacobian_holds_what_following_adds(name: str) -> None:
-    arm, setting = CASES[name]
-    loads = dataclasses.replace(
-        EVERYTHING,
-        others=(
-            FollowingForce(0.3, (0.03, -0.05, 0.04), moment=(1e-4, 2e-4, -3e-4)),
-            FollowingForce(arm.length, (0.01, 0.02, 0.02)),
-        ),
-    )
-    rod = Rod(arm, loads, setting=setting)
-    condition = Condition(TENSIONS, WRENCH, 0.7)
-    errors = [jacobian_error(rod.problem(level), condition) for level in (0, 2)]
-    assert errors[0] < 2e-4
-    assert errors[1] < 2e-7
-
-
-def test_a_start_nearby_and_none_lead_to_the_same(table4: Config) -> None:
-    arm = arm_of(table4)
-    load = FollowingForce(arm.length, (0.0, 0.006, 0.0))
-    rod = made(arm, dataclasses.replace(WEIGHT, others=(load,)))
-    found = rod.solve(PULL, NOTHING)
-    warm = rod.solve(1.02 * PULL, WRENCH * 1e-2, found)
-    cold = rod.solve(1.02 * PULL, WRENCH * 1e-2)
-    assert warm.iterations <= 6
-    np.testing.assert_allclose(
-        tip_of(rod, warm), tip_of(rod, cold), rtol=0.0, atol=1e-9 * arm.length
-    )
 
 
 def test_without_a_tangent_there_are_shapes_but_neither_derivatives_nor_stability(

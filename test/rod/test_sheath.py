@@ -8,7 +8,6 @@ import math
 import numpy as np
 import pytest
 import strategies
-from differences import along
 from helical_arm import PULL, helical_arm
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,7 +18,6 @@ from octo_arm_model import (
     ArmDefinitionError,
     Body,
     Config,
-    Loads,
     Material,
     Section,
     SolveError,
@@ -95,72 +93,6 @@ def test_strains_are_those_of_least_energy_over_strains_and_places(s: float) -> 
     assert np.abs(best.x[4:]).max() > 0.01  # and tendons moved by more than 10 micrometres
 
 
-LOADS = Loads(
-    gravity=(0.0, 2.0, -3.0), fluid_density=400.0, tip_force=(0.005, 0.01, -0.005),
-    tip_moment=(1e-4, -2e-4, 1e-4),
-)  # fmt: skip
-
-
-@pytest.mark.parametrize('loads', [Loads(), LOADS], ids=['free', 'loaded'])
-@pytest.mark.parametrize('law', ['neo_hookean', 'linear'])
-def test_sensitivities_are_those_by_differences(law: str, loads: Loads) -> None:
-    base = np.array(HELICAL.sheath_stiffness)
-    soft = np.flatnonzero(base)
-
-    def solver(stiffness: np.ndarray = base, young: float = 0.0) -> Solver:
-        material = Material(1.1e5 * (1.0 + young), 0.5, 1080.0)
-        arm = dataclasses.replace(
-            HELICAL, material=material, sheath_stiffness=tuple(stiffness.tolist())
-        )
-        return Solver(arm, 'exact', 41, material=law, loads=loads)
-
-    def measured(solver: Solver, tensions: np.ndarray = PULL) -> np.ndarray:
-        backbone = solver.solve(tensions)
-        lengths = solver.tendon_lengths(backbone).ravel()
-        return np.concatenate([backbone.tip, lengths])
-
-    def by_sheath(x: np.ndarray) -> np.ndarray:
-        stiffness = base.copy()
-        stiffness[soft] = x
-        return measured(solver(stiffness))
-
-    usual = solver()
-    found = usual.sensitivity(usual.solve(PULL))
-    assert found.by_sheath_stiffness is not None
-    # All tendons at once, each by another part of its own.
-    part = np.random.default_rng(5).uniform(-1.0, 1.0, 6)
-    for change, at, direction, function in (
-        (found.by_tension, PULL.ravel(), 2e-3 * part,
-         lambda x: measured(usual, x.reshape(2, 3))),
-        (found.by_youngs_modulus, np.zeros(1), np.array([1e-3]),
-         lambda x: measured(solver(young=x[0]))),
-        (found.by_sheath_stiffness, base[soft], 1e3 * part[soft], by_sheath),
-    ):  # fmt: skip
-        columns = slice(None) if change is not found.by_sheath_stiffness else soft
-        derivative = np.concatenate([change.tip[:3, columns], change.tendon_length[:, columns]])
-        expected = along(function, at, direction)
-        np.testing.assert_allclose(
-            derivative @ direction, expected, atol=2e-6 * np.abs(expected).max()
-        )
-    rigid = np.flatnonzero(base == 0.0)
-    assert not found.by_sheath_stiffness.pose[..., rigid].any()
-    if not loads.any:  # a moment that keeps its direction has no energy
-        by_tension = found.by_tension.tendon_length
-        np.testing.assert_allclose(  # Maxwell's reciprocity
-            by_tension, by_tension.T, atol=2e-6 * np.abs(by_tension).max()
-        )
-
-
-def test_stiff_sheaths_come_as_near_as_one_likes_to_tendons_in_their_places() -> None:
-    arm = dataclasses.replace(HELICAL, sheath_stiffness=())
-    rigid = Solver(arm, 'exact').solve(PULL)
-    apart = [
-        float(np.linalg.norm(Solver(with_sheath(arm, k), 'exact').solve(PULL).tip - rigid.tip))
-        for k in (1e7, 1e8, 1e9)
-    ]
-    np.testing.assert_allclose(np.divide(apart[:-1], apart[1:]), 10.0, rtol=0.02)
-
-
 @settings(max_examples=15, deadline=None)
 @given(loaded=strategies.loaded_arms(2), scale=st.floats(0.2, 5.0))
 def test_lengths_and_tensions_in_proportion_scale_the_shape(
@@ -198,16 +130,6 @@ def test_what_sheaths_cannot_hold_is_refused(table4: Config) -> None:
     assert soft.solve([[0.5, 0, 0, 0]]).residual < 1e-10
     with pytest.raises(SolveError):
         soft.solve([[3.0, 0, 0, 0]])
-
-
-def test_what_they_cannot_hold_is_refused_along_a_loaded_path_too(prototype: Config) -> None:
-    arm = with_sheath(prototype.arm, 0.5 * SHEAR_MODULUS)
-    solver = Solver(arm, 'exact', 41)
-    found = solver.solve([[1.7, 0, 0, 0]], (0.002, 0, 0, 0, 0, 0))
-    found = solver.follow([[1.8, 0, 0, 0]], found, found.tip_wrench)
-    assert found.residual < 1e-9
-    with pytest.raises(SolveError, match='tensions press a tendon out of the body'):
-        solver.follow([[2.0, 0, 0, 0]], found, found.tip_wrench)
 
 
 def test_the_estimate_is_that_of_plane_elasticity() -> None:

@@ -17,7 +17,6 @@ from octo_arm_model import (
     Body,
     Config,
     ConfigError,
-    ConvergenceError,
     LoadError,
     Loads,
     Material,
@@ -27,15 +26,12 @@ from octo_arm_model import (
     Section,
     SolveError,
     Solver,
-    load_config,
     solve,
 )
 from octo_arm_model.analysis.inverse import find_tensions
 from octo_arm_model.analysis.targets import Stiffness, TipPosition
 from octo_arm_model.arm.limits import MAX_STATIONS
-from octo_arm_model.arm.stiffness import default_highest
-from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_SPACE
 
 # Different in every tendon; no two sections bend in one plane.
 MIXED = np.array([[0.1, 0.3, 0.0, 0.05], [1.0, 0.2, 0.0, 2.0], [0.0, 5.0, 1.0, 2.0]])
@@ -114,22 +110,6 @@ def test_the_bending_plane_obeys_the_papers_law(table2: Config, model: str, pane
     assert math.degrees(math.atan2(tip[1], -tip[2])) == pytest.approx(law, abs=0.3)
 
 
-def test_the_planes_of_figure_11_are_135_minus_30_and_60_degrees() -> None:
-    planes = [math.atan2(t[2] - t[0], t[1] - t[3]) for (t, *_) in BENDING.values()]
-    np.testing.assert_allclose(np.degrees(planes), [135.0, -30.0, 60.0])
-
-
-def test_fetching_in_space_brings_the_tip_nearer_than_in_the_plane(
-    table4: Config, model: str
-) -> None:
-    solver = table4.solver(model)
-    in_plane, in_space = (
-        np.linalg.norm(solver.solve(tensions).tip)
-        for tensions in (FETCHING_IN_PLANE, FETCHING_IN_SPACE)
-    )
-    assert in_space < 0.95 * in_plane
-
-
 @pytest.mark.parametrize('c', [0.1, 3.0, 100.0])
 def test_a_larger_arm_takes_the_same_shape_under_tensions_of_the_square(
     table4: Config, model: str, c: float
@@ -181,24 +161,6 @@ def test_beyond_the_last_anchorage_the_arm_is_straight_and_unstrained(model: str
     tangent = Rotation.from_quat(backbone.quaternion[start]).apply([1.0, 0.0, 0.0])
     expected = backbone.position[start] + np.outer(backbone.s[beyond] - 0.3, tangent)
     np.testing.assert_allclose(backbone.position[beyond], expected, atol=1e-12)
-
-
-def test_an_anchorage_has_the_strains_of_the_side_of_the_base(papers_model: str) -> None:
-    backbone = Solver(SHORT, papers_model).solve([[0.3, 0, 0, 0], [0, 0, 0, 0]])
-    anchorage = np.flatnonzero(backbone.s == 0.3).item()
-    # By hand at the anchorage: k = b T / (EJ + b^2 T), q = -T (1 - b k) / EA.
-    radius = 0.015 - 0.011 * 0.3 / 0.45
-    area, pulled, b = math.pi * radius**2, 0.3, 0.002
-    k = b * pulled / (1.1e5 * area * radius**2 / 4 + b**2 * pulled)
-    assert backbone.section[anchorage] == 1
-    assert backbone.k[anchorage] == pytest.approx(k)
-    assert backbone.q[anchorage] == pytest.approx(-pulled * (1 - b * k) / (1.1e5 * area))
-
-
-def test_a_section_is_strained_only_up_to_its_anchorage(table4: Config, model: str) -> None:
-    backbone = table4.solver(model).solve(pull((3, 4), 2, 1, 5.0))
-    np.testing.assert_array_equal(backbone.q < 0.0, backbone.s <= 0.135)
-    np.testing.assert_array_equal(backbone.xi != 0.0, backbone.s <= 0.135)
 
 
 # Base, batches, stations -----------------------------------------------------------------------
@@ -329,37 +291,6 @@ def test_an_unknown_model_is_refused_with_those_there_are(table4: Config) -> Non
     with pytest.raises(ConfigError, match="model is 'best', expected one of renda2012, closed_f"):
         Solver(table4.arm, 'best')
     assert set(MODELS) == {'renda2012', 'closed_form', 'exact'}
-
-
-@pytest.mark.parametrize('count', [2, 7, 150])
-def test_an_arm_comes_out_the_same_alone_and_among_others(preset, papers_model, count):
-    solver = preset.solver(papers_model)
-    highest = default_highest(preset.arm, 0.1)
-    tensions = np.random.default_rng(count).random((count, *highest.shape)) * highest
-    tensions[::3, 0] = 0.0  # for different numbers of sweeps
-    together = solver.solve(tensions)
-    for number in range(0, count, 11):
-        alone = solver.solve(tensions[number])
-        for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q'):
-            expected = getattr(together, name)[number]
-            np.testing.assert_allclose(getattr(alone, name), expected, rtol=1e-12, atol=1e-12)
-
-
-def test_where_following_leads_nowhere_the_arm_begins_anew(monkeypatch):
-    solver = load_config(preset_path('renda2012_prototype')).solver()
-    solve, started = solver._solve, []
-
-    def fails_when_followed(tensions, tip_wrench, start, before):
-        started.append(start is not None)
-        if start is not None:
-            raise ConvergenceError('it', 1.0, 1)
-        return solve(tensions, tip_wrench, start, before)
-
-    monkeypatch.setattr(solver, '_solve', fails_when_followed)
-    first = solver.follow([[1.0, 0.0, 0.0, 0.0]], None)
-    again = solver.follow([[1.0, 0.0, 0.0, 0.0]], first)
-    np.testing.assert_allclose(first.position, again.position, atol=1e-12)
-    assert started == [False, True, False]
 
 
 # Sizes and booleans ----------------------------------------------------------------------------

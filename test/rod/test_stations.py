@@ -12,9 +12,8 @@ import pytest
 import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from paper_strains import closed_form_strains
 from scipy.linalg import expm
-from strategies import arms, scaled
+from strategies import arms
 
 from octo_arm_model import (
     Arm,
@@ -23,7 +22,6 @@ from octo_arm_model import (
     ConfigError,
     Function,
     Material,
-    ProfiledBody,
     RoutedSection,
     Section,
     SolveError,
@@ -33,7 +31,7 @@ from octo_arm_model import (
 )
 from octo_arm_model.arm.profile import Constant
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.rod.stations import StationGrid, panels_of
+from octo_arm_model.rod.stations import StationGrid
 
 STATION_COUNTS = st.integers(6, 150)
 
@@ -50,26 +48,8 @@ def test_stations_rise_from_base_to_tip_with_every_anchorage_among_them(
     assert {section.anchorage for section in arm.sections} <= set(s.tolist())
 
 
-@settings(max_examples=25)
-@given(arms(), STATION_COUNTS)
-def test_a_station_belongs_to_the_outermost_section_whose_tendons_pass(
-    arm: Arm, count: int
-) -> None:
-    grid = StationGrid.build(arm, count)
-    passing = [sum(section.anchorage >= s for section in arm.sections) for s in grid.s]
-    # In section i from the tip the tendons of sections 1 to i act.
-    assert grid.section.tolist() == passing
-
-
-def necked(arm: Arm, at: float, width: float, part: float) -> Arm:
-    """Thinner from ``width`` / 2 before ``at`` [m] to as much after, there ``part`` as thick."""
-    s = np.array([0.0, at - 0.5 * width, at, at + 0.5 * width, arm.length])
-    radius = arm.body.radius(s) * [1.0, 1.0, part, 1.0, 1.0]
-    return dataclasses.replace(arm, body=ProfiledBody(arm.length, Table(tuple(s), tuple(radius))))
-
-
 def softened(arm: Arm, at: float, width: float, part: float) -> Arm:
-    """Likewise softer."""
+    """Softer from ``width`` / 2 before ``at`` [m] to as much after, there by ``part``."""
     s = (0.0, at - 0.5 * width, at, at + 0.5 * width, arm.length)
     modulus = Table(s, (1e5, 1e5, 1e5 * part, 1e5, 1e5))
     return dataclasses.replace(arm, material=Material(modulus))
@@ -89,16 +69,31 @@ def rerouted(arm: Arm, at: float, width: float, part: float) -> Arm:
     return dataclasses.replace(arm, sections=sections)
 
 
+def strains_at(arm: Arm, tensions: np.ndarray, s: float, active: int) -> np.ndarray:
+    """Strains tau, xi, k and q by (8a) and (9a), of the tendons of sections 1 to ``active``."""
+    at = np.array([s])
+    r = np.stack([np.zeros(len(arm.tendons)), *(one[:, 0] for one in arm.tendon_offsets(at))], 1)
+    slope = np.stack([np.ones(len(r)), *(one[:, 0] for one in arm.tendon_slopes(at))], 1)
+    pull = np.ravel(tensions) * (arm.tendon_section <= active)
+    area = math.pi * float(arm.body.radius(s)) ** 2
+    young, shear = arm.material.youngs_modulus_at(at)[0], arm.material.shear_modulus_at(at)[0]
+    stiffness = area**2 / (4.0 * math.pi) * np.diag([2.0 * shear, young, young])
+    stiffness += pull @ (r**2).sum(axis=1) * np.eye(3) - (pull * r.T) @ r
+    omega = np.linalg.solve(stiffness, -pull @ np.cross(r, slope))
+    axial = -pull @ (1.0 + np.cross(omega, r)[:, 0])
+    return np.append(omega, axial / (young * area))
+
+
 def resolved(arm: Arm, tensions: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Positions (n, 3) by an ODE solver, from the strains of the closed form at every place."""
-    ends = [panel.start for panel in panels_of(arm)]
-    edges = sorted({*ends, *(knot for knot in arm.knots if knot < arm.length), arm.length})
+    ends = [0.0, *(section.anchorage for section in arm.sections), arm.length]
+    edges = sorted({*ends, *(knot for knot in arm.knots if knot < arm.length)})
     panels = []
     for start, stop in itertools.pairwise(edges):
         active = sum(section.anchorage > 0.5 * (start + stop) for section in arm.sections)
 
         def strains(at: float, active: int = active) -> np.ndarray:
-            return closed_form_strains(arm, tensions, at, active)
+            return strains_at(arm, tensions, at, active)
 
         panels.append((start, stop, strains))
     return reference.integrate_kinematics(panels, np.union1d(s, edges)).position
@@ -107,7 +102,6 @@ def resolved(arm: Arm, tensions: np.ndarray, s: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ('change', 'at', 'width', 'part'),
     [
-        pytest.param(necked, 0.09, 8e-3, 0.6, marks=pytest.mark.endurance),
         (softened, 0.4, 4e-3, 0.5),
         (rerouted, 0.09, 8e-3, 0.6),
     ],
@@ -130,10 +124,13 @@ def wound(turns: float) -> Arm:
 
 
 @pytest.mark.parametrize('turns', [10, 40])
-@pytest.mark.parametrize('stations', [2, 3, 6])
-def test_few_stations_do_not_hide_how_a_tendon_winds(stations: int, turns: int) -> None:
+@pytest.mark.parametrize('stations', [2, 6])
+@pytest.mark.parametrize('model', ['closed_form', 'exact'])
+def test_few_stations_do_not_hide_how_a_tendon_winds(
+    model: str, stations: int, turns: int
+) -> None:
     arm = wound(turns)
-    backbone = Solver(arm, 'exact', stations).solve([[0.5, 0.0]])
+    backbone = Solver(arm, model, stations).solve([[0.5, 0.0]])
     # In axes that turn with the tendons all sections are alike, and the arm is a screw.
     stretch = 1.0 + backbone.q[0]
     x, y, z = stretch * np.array([backbone.tau[0], backbone.xi[0], backbone.k[0]])
@@ -142,20 +139,6 @@ def test_few_stations_do_not_hide_how_a_tendon_winds(stations: int, turns: int) 
     expected = expm(arm.length * screw)[:3, 3]
     # The error is estimated: with 10 turns it is 1.5e-8 where 1e-8 is asked for.
     np.testing.assert_allclose(backbone.tip, expected, rtol=0.0, atol=2e-8 * arm.length)
-
-
-@settings(max_examples=25)
-@given(arms(), STATION_COUNTS, st.floats(-6.0, 6.0))
-def test_stations_scale_with_the_arm(arm: Arm, count: int, exponent: float) -> None:
-    scale = 10.0**exponent
-    small, large = StationGrid.build(arm, count), StationGrid.build(scaled(arm, scale), count)
-    np.testing.assert_allclose(large.s, scale * small.s, rtol=1e-12)
-    np.testing.assert_array_equal(large.section, small.section)
-
-
-def test_stations_are_spread_evenly(table4: Config) -> None:
-    gaps = np.diff(StationGrid.build(table4.arm, 101).s)
-    assert gaps.max() < 1.1 * gaps.min()
 
 
 @pytest.mark.parametrize(
@@ -185,3 +168,9 @@ def test_what_no_nodes_resolve_is_refused(model: str) -> None:
     arm = Arm(Material(1e5), Body(0.3, 0.01, 0.01), (section,))
     with pytest.raises(SolveError, match='resolve'):
         Solver(arm, model).solve([[0.5]])
+
+
+@pytest.mark.parametrize('model', ['closed_form', 'exact'])
+def test_more_turns_than_nodes_show_are_refused(model: str) -> None:
+    with pytest.raises(ConfigError, match='turns of tendons'):
+        Solver(wound(3000.0), model)
