@@ -6,6 +6,7 @@ import functools
 import hashlib
 import tempfile
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,10 +15,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model import Arm, Config, load_config
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.tensions import Reading, TensionTopic, read_topic
+from octo_arm_model.bags.tensions import Reading, read_tensions, read_topic
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.wire.cdr import Layout
 from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 START = 1_700_000_000 * 10**9  # [ns]
@@ -60,17 +60,15 @@ def tensions_data(
 ) -> bytes:
     """Bytes of a message of tensions [N]."""
     (kind,) = (one for one in TENSION_TOPICS.values() if one.type_name == type_name)
-    layout = Layout()
-    kind.fields[kind.tensions](layout, [0.0])
-    number = layout.slots[0].kind
-    fields: dict[str, Any] = dict.fromkeys(kind.fields, np.zeros(0, number))
+    number = '<f4' if 'Float32' in type_name else '<f8'
+    names_of = TYPES.types[type_name].__dataclass_fields__
+    fields: dict[str, Any] = dict.fromkeys(names_of, np.zeros(0, number))
     fields[kind.tensions] = np.array(tensions, dtype=number).ravel()
-    if kind.has_stamp:
-        fields['header'] = header(stamp_ns)
     if kind.names is None:
         fields['layout'] = make('std_msgs/msg/MultiArrayLayout', dim=[], data_offset=0)
     else:
-        fields[kind.names] = list(names)
+        fields['header'], fields[kind.names] = header(stamp_ns), list(names)
+    fields.pop('__msgtype__', None)
     message = make(type_name, **{**fields, **changes})
     return bytes(TYPES.serialize_cdr(message, type_name))
 
@@ -143,14 +141,6 @@ def write_bag(
     return path
 
 
-@functools.cache
-def bag_of_all() -> Path:
-    """A bag of a message of each type of tensions, on its topic, for as long as the tests run."""
-    content = [one for topic, kind in TOPICS.items()
-               for one in samples(ARM, np.ones((1, len(NAMES))), topic, kind)]  # fmt: skip
-    return write_bag(Path(_FOLDER.name) / 'all', content)
-
-
 def fingerprint(path: Path) -> dict[str, str]:
     """Hash of every file of a bag."""
     return {
@@ -177,7 +167,7 @@ def tensions_in(
     reader: BagReader, config: Config, topic: str = '/tendon_tensions'
 ) -> list[Reading]:
     """Tensions in the messages of a topic."""
-    found = read_topic(reader, topic, TensionTopic(reader, config).read)
+    found = read_topic(reader, topic, partial(read_tensions, reader, config, ''))
     return [reading for _, reading in found]
 
 

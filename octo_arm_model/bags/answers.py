@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -20,9 +21,12 @@ from octo_arm_model.wire.backbone import (
     TENDON_LENGTHS,
     TENSION_ESTIMATES,
     TIP_POSE,
-    BackboneBatchWriter,
     BackboneWriter,
 )
+
+_KNOWN = np.zeros((6, 6))  # covariance of a tip that nothing is uncertain of
+# What differs between the shapes of a batch, of all that is written.
+_OF_EACH = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')
 
 
 class Answer(NamedTuple):
@@ -37,7 +41,7 @@ class Answer(NamedTuple):
         tensions: those of all tendons that hold the shape [N]; None if the message had them.
     """
 
-    messages: Sequence[bytes | memoryview | None]
+    messages: Sequence[bytes | None]
     reason: str = ''
     is_failure: bool = False
     tensions: FloatArray | None = None
@@ -71,16 +75,16 @@ class Answers:
         self.topics = tuple(topic for topic in ANSWERS if wanted.get(topic, True))
         self._winding = DrivenArm(FrictionMemory())
         grid = self._solver.grid
-        described = config.base_frame, self._solver.model, grid.s, grid.section
-        self._writer = BackboneWriter(*described, config.arm.tendon_names)
-        self._batch_writer = BackboneBatchWriter(*described)
+        self._writer = BackboneWriter(
+            config.base_frame, self._solver.model, grid.s, grid.section, config.arm.tendon_names
+        )
         self.is_quick = not (
             config.loads.any or config.arm.friction or config.uncertainty.is_any
             or lengths or displacements or self._motion
         )  # fmt: skip
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
-        """An answer to each of ``readings``, whose messages hold until the next are answered."""
+        """An answer to each of ``readings``."""
         good = [reading for reading in readings if not reading.is_refused]
         found = (
             iter(self._answer_together(good)) if self.is_quick else map(self._answer_alone, good)
@@ -98,7 +102,7 @@ class Answers:
             return Answer((), str(error), is_failure=isinstance(error, SolveError))
         backbone, covariance, unknown = found
         writer, stamp = self._writer, reading.stamp
-        known = np.zeros((6, 6)) if covariance is None else covariance
+        known = _KNOWN if covariance is None else covariance
         messages: list[bytes | None] = [*writer.all(backbone, known, *stamp)]
         if covariance is None:
             messages[self.topics.index(TIP_POSE)] = None
@@ -119,7 +123,7 @@ class Answers:
             return found, lengths, bool(self._winding.displacements)
         motion.read(*given)
         state = motion.state
-        found = DrivenShape(motion.dynamics.backbone(state), np.zeros((6, 6)))
+        found = DrivenShape(motion.dynamics.backbone(state), _KNOWN)
         if self._config.uncertainty.is_any:
             unknown = ConfigError('the covariance of an arm that moves is not known')
             found = found._replace(covariance=None, unknown=unknown)
@@ -140,12 +144,14 @@ class Answers:
             return []
         sets = [np.asarray(reading.tensions) for reading in readings]
         tensions = np.concatenate(sets).reshape(-1, *sets[0].shape)
-        stamps = np.array([reading.stamp for reading in readings])
         answers: list[Answer] = []
-        for part, result in solve_parts(self._solver, tensions):
-            if isinstance(result, SolveError):
-                answers.append(Answer((), str(result), is_failure=True))
+        for part, found in solve_parts(self._solver, tensions):
+            if isinstance(found, SolveError):
+                answers.append(Answer((), str(found), is_failure=True))
                 continue
-            messages = self._batch_writer.write(result, stamps[part], part.start)
-            answers += map(Answer, messages)
+            for number, reading in enumerate(readings[part]):
+                shape = dataclasses.replace(
+                    found, **{name: getattr(found, name)[number] for name in _OF_EACH}
+                )
+                answers.append(Answer([*self._writer.all(shape, _KNOWN, *reading.stamp)]))
         return answers

@@ -16,7 +16,7 @@ from octo_arm_model.arm.errors import BagError, SolveError
 from octo_arm_model.bags.answers import Answer, Answers
 from octo_arm_model.bags.arms import RecordedArm
 from octo_arm_model.bags.reader import BagReader, Record
-from octo_arm_model.bags.tensions import Reading, TensionTopic, read_lengths
+from octo_arm_model.bags.tensions import Reading, read_lengths, read_tensions
 from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import BagWriter, Message
@@ -254,9 +254,12 @@ class _Output:
         self.topics, self.model = arm.topics, config.model if step is None else MOVING
         self._tendons = config.arm.tendon_names
         self._inputs = {
-            topic: partial(read_lengths, reader, config, arm.fields.get(topic, ''))
-            if topic in arm.displacements
-            else TensionTopic(reader, config, arm.fields.get(topic, '')).read
+            topic: partial(
+                read_lengths if topic in arm.displacements else read_tensions,
+                reader,
+                config,
+                arm.fields.get(topic, ''),
+            )
             for topic in arm.topics
         }
         self._newest: dict[str, int] = {}

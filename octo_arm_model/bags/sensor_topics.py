@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,9 +18,9 @@ from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.bags.reader import BagReader, Record
 from octo_arm_model.bags.tensions import (
     TYPES,
-    TensionTopic,
     pick_displacements,
     pick_tensions,
+    read_tensions,
     read_topic,
 )
 from octo_arm_model.bags.topics import (
@@ -181,8 +182,8 @@ def read_tension_rows(
         raise BagError(f'{reader.path}: {count} messages measured, at most {MOST_MESSAGES}')
     times, rows = [], []
     if sensors.tensions:
-        raw = TensionTopic(reader, config, sensors.field, raw=True)
-        for record, reading in read_topic(reader, sensors.tensions, raw.read):
+        raw = partial(read_tensions, reader, config, sensors.field, raw=True)
+        for record, reading in read_topic(reader, sensors.tensions, raw):
             if reading.tensions is None:
                 refusals.count(record.topic, reading.reason)
             elif reason := _immeasurable(reading.tensions.ravel(), config.arm):

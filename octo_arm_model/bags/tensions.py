@@ -8,19 +8,18 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-from octo_arm_model.arm.errors import BagError, MessageError, TensionError
+from octo_arm_model.arm.errors import BagError, MessageError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.reader import BagReader, Record
 from octo_arm_model.bags.topics import pick_topic, pick_usual
-from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.config import Config
 from octo_arm_model.wire.stamp import Stamp, time_of
-from octo_arm_model.wire.tension_layout import TensionLayout
 from octo_arm_model.wire.tensions import (
     DISPLACEMENT_TYPE,
     DISPLACEMENTS,
     TENSION_TOPICS,
     FieldMessage,
+    TensionMessage,
     read_displacements,
 )
 
@@ -135,76 +134,31 @@ def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
     return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(found)}' if found else ''
 
 
-class TensionTopic:
-    """Reads the messages of one topic: those laid out like one before them many at once."""
+def read_tensions(
+    reader: BagReader,
+    config: Config,
+    field: str,
+    records: Sequence[Record],
+    *,
+    raw: bool = False,
+) -> list[Reading]:
+    """Tensions of each of ``records``, for the arm and load cells of ``config``, or why refused.
 
-    def __init__(
-        self, reader: BagReader, config: Config, field: str = '', raw: bool = False
-    ) -> None:
-        """Read from ``reader`` for the arm and the load cells of ``config``.
+    Readings are in ``field``, if that is given; ``raw`` ones may be below zero, as noise is.
+    """
+    cells, arm = config.load_cells, config.arm
+    calibrated = cells.scale_and_offset if raw else partial(cells.tensions, arm)
 
-        Tensions are in ``field``, if that is given; ``raw`` ones may be below zero, as noise is.
-        """
-        self._field = field
-        self._reader, self._arm, self._load_cells = reader, config.arm, config.load_cells
-        cells = config.load_cells
-        self._calibrated = cells.scale_and_offset if raw else partial(cells.tensions, config.arm)
-        self._layout: TensionLayout | None = None
+    def read(kind: TensionMessage | FieldMessage, message: Any) -> FloatArray:
+        if cells.names or isinstance(kind, FieldMessage):
+            return calibrated(kind.read_named(message, arm, cells.names))
+        return calibrated(kind.read(message, arm))
 
-    def read(self, records: Sequence[Record]) -> list[Reading]:
-        """Tensions of each of ``records``, or why it was refused."""
-        readings = self._read_alike(records)
-        return [
-            stampable(readings[number] if number in readings else self._read_alone(record))
-            for number, record in enumerate(records)
-        ]
-
-    def _read_alike(self, records: Sequence[Record]) -> dict[int, Reading]:
-        """Readings of those ``records`` that are of the layout, by their place."""
-        if self._layout is None:
-            return {}
-        places, tensions, given = self._layout.read_all([record.data for record in records])
-        stamps = [Stamp.from_ns(records[place].received_ns) for place in places]
-        if given is not None:
-            stamps = [one if any(one) else received for one, received in zip(given, stamps)]
-        try:
-            tensions = self._calibrated(tensions)
-        except TensionError:
-            readings = [self._checked(*pair) for pair in zip(stamps, tensions)]
-        else:
-            readings = [Reading(stamp, row, '') for stamp, row in zip(stamps, tensions)]
-        return dict(zip(places, readings))
-
-    def _read_alone(self, record: Record) -> Reading:
-        # The layout may be that of another message of the same batch by now.
-        if found := self._read_alike([record]):
-            return found[0]
-        return Reading(*self._reader.read(record, partial(self._read, record)))
-
-    def _read(self, record: Record, message: Any) -> FloatArray:
-        wanted = self._load_cells.names
-        if self._field:
-            given = FieldMessage(record.type_name, self._field)
-            return self._calibrated(given.read_named(message, self._arm, wanted))
-        kind = _KINDS[record.type_name]
-        if wanted:
-            return self._calibrated(kind.read_named(message, self._arm, wanted))
-        tensions = kind.read(message, self._arm)
-        if self._is_as_known(record.type_name):
-            layout = TensionLayout(kind, record.data, message, self._arm)
-            self._layout = layout if layout.read(record.data) else self._layout
-        return self._calibrated(tensions)
-
-    def _checked(self, stamp: Stamp, readings: FloatArray) -> Reading:
-        try:
-            return Reading(stamp, self._calibrated(readings), '')
-        except TensionError as error:
-            return Reading(stamp, None, str(error))
-
-    def _is_as_known(self, type_name: str) -> bool:
-        """Whether the bag defines a type as it is known here, so that it has the known layout."""
-        types, known = self._reader.types_of(type_name), known_types()
-        return types is known or types.hash_rihs01(type_name) == known.hash_rihs01(type_name)
+    readings = []
+    for record in records:
+        kind = FieldMessage(record.type_name, field) if field else _KINDS[record.type_name]
+        readings.append(stampable(Reading(*reader.read(record, partial(read, kind)))))
+    return readings
 
 
 def read_lengths(

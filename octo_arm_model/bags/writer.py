@@ -31,7 +31,7 @@ from octo_arm_model.bags.types import STRING, known_types
 
 STORAGES = tuple(plugin.name.lower() for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3))
 # A topic of the writer, when the message was received [ns], and the message.
-Message = tuple[Connection, int, 'bytes | memoryview']
+Message = tuple[Connection, int, bytes]
 
 VERSION: Final = 9  # of the metadata, that of Jazzy
 

@@ -14,10 +14,10 @@ from octo_arm_model.bags.arms import describe
 from octo_arm_model.bags.reader import BagReader, Record, stamp_of
 from octo_arm_model.bags.tensions import (
     Reading,
-    TensionTopic,
     pick_displacements,
     pick_tensions,
     read_lengths,
+    read_tensions,
     read_topic,
 )
 from octo_arm_model.bags.topics import namespace, pick_topic
@@ -216,7 +216,7 @@ class BagRecording:
         if self._tensions is None:
             return None
         topic, field = self._tensions
-        read = TensionTopic(self.reader, config, field).read
+        read = partial(read_tensions, self.reader, config, field)
         return self._read(topic, read, config, refusals, count)
 
     def displacements(self, config: Config, refusals: Refusals, count: Count) -> Stamped | None:

@@ -13,7 +13,6 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire.cdr import (
     ENCAPSULATION,
     POSE,
-    BatchTemplate,
     Layout,
     Template,
     aligned,
@@ -98,40 +97,6 @@ class BackboneWriter:
     def tensions(self, tensions: FloatArray, sec: int, nanosec: int) -> bytes:
         """Message octo_arm_msgs/TendonTensions of the ``tensions`` of all tendons [N]."""
         return self._tensions.write(sec, nanosec, tensions.ravel())
-
-
-class BackboneBatchWriter:
-    """Writes the messages of many solutions of one arm at once, the bytes of `BackboneWriter`."""
-
-    def __init__(self, frame_id: str, model: str, s: FloatArray, section: IntArray) -> None:
-        """Lay out the messages as `BackboneWriter` does."""
-        frame = text_field('frame_id', frame_id)
-        layouts = (
-            path(frame, s.size),
-            pose_array(frame, s.size),
-            _section_strains(frame, text_field('model', model), s, section),
-            pose_with_covariance(frame),
-        )
-        self._templates = [BatchTemplate(layout) for layout in layouts]
-
-    def write(
-        self, backbones: Backbone, stamps: IntArray, first: int
-    ) -> list[tuple[memoryview, ...]]:
-        """For each solution its path, poses, strains and tip pose, whose covariance is zero.
-
-        Args:
-            backbones: a batch (n, ...) of solutions of the arm, model and stations laid out for.
-            stamps: sec and nanosec, an int32 and a uint32, (n, 2).
-            first: which of the messages in memory to overwrite; they hold until they are again.
-        """
-        poses = [backbones.position, backbones.quaternion]
-        strains = [backbones.tau, backbones.xi, backbones.k, backbones.q]
-        tip = [*(values[:, -1:] for values in poses), np.zeros((len(stamps), 6, 6))]
-        columns = (
-            template.write(stamps, values, first)
-            for template, values in zip(self._templates, (poses, poses, strains, tip))
-        )
-        return list(zip(*columns))
 
 
 def pose_array(frame: bytes, stations: int) -> Layout:

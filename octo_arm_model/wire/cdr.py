@@ -1,4 +1,4 @@
-"""The layout of messages in CDR, from which they are written and read.
+"""The layout of messages in CDR, from which they are written.
 
 Messages of one arm differ in stamps and numbers alone. A `Layout` describes where these are and
 what all other bytes are, as ROS 2 sends them: plain little-endian CDR, every number at a multiple
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.arm.errors import ConfigError
-from octo_arm_model.arm.hints import FloatArray, IntArray
 
 ENCAPSULATION = bytes([0, 1, 0, 0])  # plain CDR, little-endian, no options
 POSE = 7  # numbers of a pose: x, y, z [m] and the quaternion x, y, z, w
@@ -38,15 +37,10 @@ class Slot(NamedTuple):
     shape: tuple[int, ...]
     step: int
 
-    def view(self, memory: Any, start: int, rows: int, row_size: int) -> NDArray[Any]:
-        """Its numbers (rows, *shape) in messages that lie ``row_size`` bytes apart.
-
-        The fields of the first begin at byte ``start`` of ``memory``.
-        """
-        if not rows:  # NumPy has no views of empty memory
-            return np.empty((0, *self.shape), self.kind)
-        strides = (row_size, self.step, np.dtype(self.kind).itemsize)[: 1 + len(self.shape)]
-        return np.ndarray((rows, *self.shape), self.kind, memory, start + self.place, strides)
+    def view(self, memory: Any, start: int) -> NDArray[Any]:
+        """Its numbers in a message whose fields begin at byte ``start`` of ``memory``."""
+        strides = (self.step, np.dtype(self.kind).itemsize)[: len(self.shape)]
+        return np.ndarray(self.shape, self.kind, memory, start + self.place, strides)
 
 
 class Layout:
@@ -54,8 +48,6 @@ class Layout:
 
     Attributes:
         fields: its bytes after the encapsulation header, zero where they vary.
-        mask: 255 for each of the ``fields`` that is the same in all messages, 0 for stamps, slots
-            and padding.
         stamps: places of its stamps in ``fields``.
         slots: its numbers that vary.
     """
@@ -63,7 +55,6 @@ class Layout:
     def __init__(self, frame: bytes | None = None) -> None:
         """Begin with a header in ``frame``, if one is given."""
         self.fields = bytearray()
-        self.mask = bytearray()
         self.stamps: list[int] = []
         self.slots: list[Slot] = []
         if frame is not None:
@@ -133,13 +124,11 @@ class Layout:
     def _constant(self, size: int, data: bytes) -> None:
         self._room(size, 0)
         self.fields += data
-        self.mask += b'\xff' * len(data)
 
     def _room(self, size: int, count: int) -> int:
         """Add zeros for ``count`` numbers of ``size`` bytes, aligned; returns their place."""
         place = aligned(len(self.fields), size)
         self.fields += bytes(place + size * count - len(self.fields))
-        self.mask += bytes(len(self.fields) - len(self.mask))
         return place
 
     def stamp_slots(self) -> list[Slot]:
@@ -156,39 +145,6 @@ class Layout:
         return [*slots, Slot(_STAMP, others[0], (len(others),), int(steps[0]))]
 
 
-class Comparison:
-    """Tells which messages are of a layout: all bytes equal but stamps, slots and padding.
-
-    A full parser reads such messages alike, but for stamps and slots.
-
-    Attributes:
-        size: bytes of such a message; -1 if there is none.
-    """
-
-    def __init__(self, layout: Layout, size: int) -> None:
-        """Compare messages of ``size`` bytes; those beyond the ``layout``, if any, are padding."""
-        message = ENCAPSULATION + layout.fields
-        mask = b'\xff' * len(ENCAPSULATION) + layout.mask
-        self.size = size if size >= len(message) else -1
-        # A message as one number is compared without its padding in two operations.
-        self._mask = int.from_bytes(mask, 'little')
-        self._constants = int.from_bytes(message, 'little') & self._mask
-        self._places = np.flatnonzero(np.frombuffer(mask, np.uint8))
-        self._bytes = np.frombuffer(message, np.uint8)[self._places]
-
-    def holds(self, data: bytes) -> bool:
-        """Whether ``data`` is a message of the layout."""
-        return (
-            len(data) == self.size
-            and int.from_bytes(data, 'little') & self._mask == self._constants
-        )
-
-    def hold(self, messages: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Which of ``messages`` (n, size) are of the layout."""
-        same: NDArray[np.bool_] = (messages[:, self._places] == self._bytes).all(axis=1)
-        return same
-
-
 def aligned(place: int, size: int) -> int:
     """The first multiple of ``size`` from ``place`` on."""
     return place + -place % size
@@ -202,7 +158,6 @@ def text_field(what: str, text: str) -> bytes:
         raise ConfigError(f'{what} is {text!r}, which UTF-8 cannot hold') from error
 
 
-_ALIGNMENT = 8  # bytes of the largest number
 _FIELDS = 8  # where the fields begin in memory, so that NumPy finds its numbers aligned
 _START = _FIELDS - len(ENCAPSULATION)
 
@@ -214,9 +169,8 @@ class Template:
         """Take the fields of ``layout``."""
         memory = bytearray(_START) + ENCAPSULATION + layout.fields
         self._message = memoryview(memory)[_START:]
-        size = len(memory)
-        self._slots = [slot.view(memory, _FIELDS, 1, size)[0] for slot in layout.slots]
-        self._stamps = [slot.view(memory, _FIELDS, 1, size)[0] for slot in layout.stamp_slots()]
+        self._slots = [slot.view(memory, _FIELDS) for slot in layout.slots]
+        self._stamps = [slot.view(memory, _FIELDS) for slot in layout.stamp_slots()]
 
     def write(self, sec: int, nanosec: int, *values: NDArray[Any]) -> bytes:
         """Copy of the message with a stamp and the ``values`` of its slots, in their order.
@@ -232,42 +186,3 @@ class Template:
         for slot, new in zip(self._slots, values):
             slot[...] = new
         return self._message.tobytes()
-
-
-class BatchTemplate:
-    """Many messages of one layout in one memory, written together."""
-
-    def __init__(self, layout: Layout) -> None:
-        """Take the fields of ``layout``."""
-        self._layout, self._stamp_slots = layout, layout.stamp_slots()
-        message = bytes(_START) + ENCAPSULATION + layout.fields
-        self._end = len(message)
-        self._row = np.frombuffer(message + bytes(-len(message) % _ALIGNMENT), np.uint8)
-        self._allocate(0)
-
-    def _allocate(self, count: int) -> None:
-        """Replace the memory by one of ``count`` messages."""
-        self._rows = np.tile(self._row, (count, 1))
-        flat, size = self._rows.reshape(-1).data, self._row.size
-        self._messages = [flat[i * size + _START : i * size + self._end] for i in range(count)]
-
-    def write(
-        self, stamps: IntArray, values: Sequence[FloatArray], first: int
-    ) -> list[memoryview]:
-        """Messages with ``stamps`` (n, 2) and ``values``, for each slot (n, ...) in their order.
-
-        Stamps are sec and nanosec, an int32 and a uint32. The messages are those from ``first`` on
-        in the memory, and hold until these are written again.
-        """
-        part = slice(first, first + len(stamps))
-        if part.stop > len(self._messages):
-            self._allocate(part.stop)  # messages written before keep the memory they are in
-        rows, size = self._rows[part], self._row.size
-        sec, nanosec = stamps.astype(np.uint64).T
-        packed = (nanosec << np.uint64(32)) | (sec & np.uint64(0xFFFFFFFF))
-        for slot in self._stamp_slots:
-            slot.view(rows, _FIELDS, len(rows), size)[...] = packed[:, np.newaxis]
-        for slot, new in zip(self._layout.slots, values, strict=True):
-            view = slot.view(rows, _FIELDS, len(rows), size)
-            view[...] = new.reshape(view.shape)
-        return self._messages[part]

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from octo_arm_model.arm.errors import TensionError, listed, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.build import EncoderCalibration
 from octo_arm_model.rod.displacements import check_displacements
-from octo_arm_model.wire.cdr import Layout
 
 NONE = '-'
 MAX_VALUES = 100_000  # of one message
@@ -136,61 +135,20 @@ def names_of(message: Any, count: int) -> list[str] | None:
     return None
 
 
-# Adds a field that has this value in one message to the layout of all that are like it.
-Field: TypeAlias = Callable[[Layout, Any], None]
-
-
-def header(layout: Layout, value: Any) -> None:
-    """A std_msgs/Header, whose stamp varies."""
-    layout.header(_utf8(value.frame_id))
-
-
-def strings(layout: Layout, value: Sequence[str]) -> None:
-    """A sequence of strings."""
-    layout.strings([_utf8(text) for text in value])
-
-
-def float64(layout: Layout, value: Sequence[float]) -> None:
-    """A sequence of float64 that vary."""
-    layout.sequence(len(value))
-
-
-def float32(layout: Layout, value: Sequence[float]) -> None:
-    """A sequence of float32 that vary."""
-    layout.sequence(len(value), kind='<f4')
-
-
-def array_layout(layout: Layout, value: Any) -> None:
-    """A std_msgs/MultiArrayLayout."""
-    layout.count(len(value.dim))
-    for dimension in value.dim:
-        layout.string(_utf8(dimension.label))
-        layout.count(dimension.size)
-        layout.count(dimension.stride)
-    layout.count(value.data_offset)
-
-
 @dataclass(frozen=True)
 class TensionMessage:
     """A type of message that carries the tensions of all tendons.
 
     Attributes:
         type_name: its name, such as 'sensor_msgs/msg/JointState'.
-        fields: all its fields in their order; with one called 'header' it has a stamp.
         tensions: the field of the tensions [N].
         names: the field of the tendons' names in their order; None where tensions are row-major
             and the field 'layout' says of which shape.
     """
 
     type_name: str
-    fields: Mapping[str, Field]
     tensions: str
     names: str | None = None
-
-    @property
-    def has_stamp(self) -> bool:
-        """Whether it has a stamp."""
-        return 'header' in self.fields
 
     def read_named(self, message: Any, arm: Arm, wanted: Sequence[str]) -> FloatArray:
         """As `read`, of the values ``wanted``, see `tensions_by_names`; others may be there.
@@ -239,25 +197,10 @@ class FieldMessage:
         return tensions_by_names(values, names_of(message, len(values)), wanted, arm)
 
 
-TENDON_TENSIONS = TensionMessage(
-    'octo_arm_msgs/msg/TendonTensions',
-    {'header': header, 'name': strings, 'tension': float64},
-    tensions='tension',
-    names='name',
-)
-FLOAT64_ARRAY = TensionMessage(
-    'std_msgs/msg/Float64MultiArray', {'layout': array_layout, 'data': float64}, tensions='data'
-)
-FLOAT32_ARRAY = TensionMessage(
-    'std_msgs/msg/Float32MultiArray', {'layout': array_layout, 'data': float32}, tensions='data'
-)
-JOINT_STATE = TensionMessage(
-    'sensor_msgs/msg/JointState',
-    {'header': header, 'name': strings, 'position': float64, 'velocity': float64,
-     'effort': float64},
-    tensions='effort',
-    names='name',
-)  # fmt: skip
+TENDON_TENSIONS = TensionMessage('octo_arm_msgs/msg/TendonTensions', 'tension', 'name')
+FLOAT64_ARRAY = TensionMessage('std_msgs/msg/Float64MultiArray', 'data')
+FLOAT32_ARRAY = TensionMessage('std_msgs/msg/Float32MultiArray', 'data')
+JOINT_STATE = TensionMessage('sensor_msgs/msg/JointState', 'effort', 'name')
 
 # Every topic of tensions, for the node, the simulator and the bag tools: one row adds one.
 TENSION_TOPICS: dict[str, TensionMessage] = {
@@ -266,11 +209,6 @@ TENSION_TOPICS: dict[str, TensionMessage] = {
     'tendon_tensions/float32_array': FLOAT32_ARRAY,
     'tendon_tensions/joint_state': JOINT_STATE,
 }
-
-
-def _utf8(text: str) -> bytes:
-    # A text that was decoded with losses gives a layout that its own message does not have.
-    return text.encode('utf-8', 'replace')
 
 
 def _row_major(values: Sequence[float], layout: Any, field: str, arm: Arm) -> FloatArray:

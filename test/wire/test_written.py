@@ -32,7 +32,6 @@ from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.ros.messages import pose_message
 from octo_arm_model.wire.backbone import (
-    BackboneBatchWriter,
     BackboneWriter,
     TensionProfilesWriter,
     read_poses,
@@ -98,7 +97,7 @@ def four(backbone, frame, stamp, covariance):
 @example('', '', 2, [(-(2**31), 2**32 - 1), (2**31 - 1, 0)], 0)
 @example('Arm/Basis-Süd', 'renda2012', 101, [(-1, 999_999_999)], 1)
 @example('触手😀', 'exact', 120, [(0, 0), (1, 2)], 2)
-def test_backbones_are_written_alone_and_in_batches(frame, model, stations, stamps, seed):
+def test_backbones_are_written(frame, model, stations, stamps, seed):
     some = [made_up(stations, model, seed + number) for number in range(len(stamps))]
     some = [dataclasses.replace(one, section=some[0].section) for one in some]
     writer, zero = writer_for(some[0], frame), np.zeros((6, 6))
@@ -107,13 +106,6 @@ def test_backbones_are_written_alone_and_in_batches(frame, model, stations, stam
     for ours, one, stamp in zip(alone, some, stamps, strict=True):
         for data, message in zip(ours, four(one, frame, stamp, zero), strict=True):
             assert_serialised(data, message)
-    varying = 'position', 'quaternion', 'tau', 'xi', 'k', 'q'
-    stacked = {name: np.stack([getattr(one, name) for one in some]) for name in varying}
-    batch = dataclasses.replace(some[0], **stacked)
-    together = BackboneBatchWriter(frame, model, batch.s, batch.section)
-    found = together.write(batch, np.array(stamps), 0)
-    together.write(batch, np.array(stamps)[::-1], len(stamps))  # others, kept apart
-    assert found == alone
 
 
 @given(TEXTS, st.lists(TEXTS, max_size=12), STAMPS, SEEDS)

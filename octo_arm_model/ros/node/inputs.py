@@ -18,7 +18,6 @@ from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.ros.work import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tension_layout import TensionLayout
 from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, TensionMessage
 
 # Called with a topic and why a message on it is refused.
@@ -140,34 +139,17 @@ class TensionSubscription(LatestSubscription):
         """
         self._message = TENSION_TOPICS[topic] if message is None else message
         self._arm, self._take, self._names = arm, take, names
-        self._layout: TensionLayout | None = None
         name = topic.replace('tendon_tensions', prefix, 1)
         kind = message_class(self._message.type_name)
         super().__init__(intake, kind, name, self._read_latest)
 
     def _read_latest(self, data: bytes) -> None:
-        tensions, stamp = self._read(data, self._arm())
-        self._take(self.topic, stamp, tensions)
-
-    def _read(self, data: bytes, arm: Arm) -> tuple[FloatArray, Stamp | None]:
-        """Tensions [N] and the stamp of a message, None where its type has none.
-
-        Raises:
-            MessageError: if it is no message of the type.
-            TensionError: if it is not one for ``arm``.
-        """
-        layout, wanted = self._layout, self._names()
-        if layout is not None and layout.arm is arm and not wanted:
-            found = layout.read(data)
-            if found is not None:
-                return found
-        message = decoded(data, self._kind)
+        message, arm, wanted = decoded(data, self._kind), self._arm(), self._names()
         if wanted or isinstance(self._message, FieldMessage):
             tensions = self._message.read_named(message, arm, wanted)
         else:
             tensions = self._message.read(message, arm)
-            self._layout = TensionLayout(self._message, data, message, arm)
-        return tensions, stamp_of(message)
+        self._take(self.topic, stamp_of(message), tensions)
 
 
 def stamp_of(message: Any) -> Stamp | None:
