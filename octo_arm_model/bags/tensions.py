@@ -150,9 +150,7 @@ def read_tensions(
     calibrated = cells.scale_and_offset if raw else partial(cells.tensions, arm)
 
     def read(kind: TensionMessage | FieldMessage, message: Any) -> FloatArray:
-        if cells.names or isinstance(kind, FieldMessage):
-            return calibrated(kind.read_named(message, arm, cells.names))
-        return calibrated(kind.read(message, arm))
+        return calibrated(kind.read(message, arm, cells.names))
 
     readings = []
     for record in records:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from rcl_interfaces.msg import ParameterType, SetParametersResult
+from rcl_interfaces.msg import Parameter, ParameterType, SetParametersResult
 from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
@@ -69,13 +69,9 @@ class CheckedNode(Node):
         *args: Any,
         **options: Any,
     ) -> Service:
-        """As `Node.create_service`; parameter types are checked first."""
-        if srv_type is SetParameters:
-            callback = partial(self._set_each, callback)
-        elif srv_type is SetParametersAtomically:
-            callback = partial(self._set_together, callback)
+        """As `Node.create_service`; requests of parameters are checked first."""
         if srv_type in _LISTS:
-            callback = partial(self._bounded, _LISTS[srv_type], callback)
+            callback = partial(self._answer_checked, _LISTS[srv_type], callback)
         return super().create_service(
             srv_type, srv_name, interruptible(callback), *args, **options
         )
@@ -91,49 +87,30 @@ class CheckedNode(Node):
             return
         take(message)
 
-    def _bounded(self, field: str, answer: Callable[..., Any], request: Any, response: Any) -> Any:
-        """Answer a ``request`` whose ``field`` is a list, if it is not too long."""
-        count, most = len(getattr(request, field)), len(self._parameters)
-        if count <= most:
+    def _answer_checked(
+        self, field: str, answer: Callable[..., Any], request: Any, response: Any
+    ) -> Any:
+        """Answer a ``request`` whose list ``field`` is not too long and of known types."""
+        given, most = getattr(request, field), len(self._parameters)
+        refused = 1
+        if len(given) > most:
+            reason = f'{len(given)} {field} in one request, expected at most {most}: no more exist'
+        elif reason := _wrong_type(given):
+            refused = len(given)
+        else:
             return answer(request, response)
-        reason = f'{count} {field} in one request, expected at most {most}: there are no more'
         self.get_logger().warning(f'refused: {reason}', throttle_duration_sec=WARNING_PERIOD)
         refusal = SetParametersResult(successful=False, reason=reason)
         if isinstance(response, SetParameters.Response):
-            response.results = [refusal]
+            response.results = refused * [refusal]
         elif isinstance(response, SetParametersAtomically.Response):
             response.result = refusal
         return response
 
-    def _set_each(
-        self,
-        set_all: Callable[..., SetParameters.Response],
-        request: SetParameters.Request,
-        response: SetParameters.Response,
-    ) -> SetParameters.Response:
-        """Set one parameter after the other; those of no known type are refused."""
-        results = [_check_type(parameter) for parameter in request.parameters]
-        request.parameters = [p for p, r in zip(request.parameters, results) if r.successful]
-        done = iter(set_all(request, response).results)
-        response.results = [next(done) if r.successful else r for r in results]
-        return response
 
-    def _set_together(
-        self,
-        set_all: Callable[..., SetParametersAtomically.Response],
-        request: SetParametersAtomically.Request,
-        response: SetParametersAtomically.Response,
-    ) -> SetParametersAtomically.Response:
-        """Set all parameters, or none if one is of no known type."""
-        for result in map(_check_type, request.parameters):
-            if not result.successful:
-                response.result = result
-                return response
-        return set_all(request, response)
-
-
-def _check_type(parameter: Any) -> SetParametersResult:
-    if parameter.value.type <= _HIGHEST_TYPE:
-        return SetParametersResult(successful=True)
-    reason = f'{parameter.name} is of type {parameter.value.type}, expected 0 to {_HIGHEST_TYPE}'
-    return SetParametersResult(successful=False, reason=reason)
+def _wrong_type(given: Sequence[Any]) -> str:
+    """Why one of the parameters ``given`` has no type that rclpy knows, '' where all have."""
+    for one in given:
+        if isinstance(one, Parameter) and one.value.type > _HIGHEST_TYPE:
+            return f'{one.name} is of type {one.value.type}, expected 0 to {_HIGHEST_TYPE}'
+    return ''

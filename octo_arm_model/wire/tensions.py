@@ -150,27 +150,24 @@ class TensionMessage:
     tensions: str
     names: str | None = None
 
-    def read_named(self, message: Any, arm: Arm, wanted: Sequence[str]) -> FloatArray:
-        """As `read`, of the values ``wanted``, see `tensions_by_names`; others may be there.
-
-        Raises:
-            TensionError: if a value is missing, or named more than once.
-        """
-        values = np.asarray(getattr(message, self.tensions), dtype=np.float64)
-        names = None if self.names is None else list(getattr(message, self.names))
-        return tensions_by_names(values, names, wanted, arm)
-
-    def read(self, message: Any, arm: Arm) -> FloatArray:
+    def read(self, message: Any, arm: Arm, wanted: Sequence[str] = ()) -> FloatArray:
         """Tensions [N], of `Arm.tension_shape`, of a ``message`` of this type.
+
+        Of the values ``wanted``, see `tensions_by_names`, among others; empty where the message
+        has those of all tendons and no others.
 
         Raises:
             TensionError: if names are unknown, repeated or missing, lengths differ, or the layout
                 is neither empty, flat nor that shape.
         """
         values = getattr(message, self.tensions)
-        if self.names is None:
+        names = None if self.names is None else getattr(message, self.names)
+        if wanted:
+            given = np.asarray(values, dtype=np.float64)
+            return tensions_by_names(given, None if names is None else list(names), wanted, arm)
+        if names is None:
             return _row_major(values, message.layout, self.tensions, arm)
-        return _by_name(getattr(message, self.names), values, self.tensions, arm)
+        return _by_name(names, values, self.tensions, arm)
 
 
 @dataclass(frozen=True)
@@ -186,8 +183,8 @@ class FieldMessage:
     type_name: str
     field: str
 
-    def read_named(self, message: Any, arm: Arm, wanted: Sequence[str]) -> FloatArray:
-        """As `TensionMessage.read_named`.
+    def read(self, message: Any, arm: Arm, wanted: Sequence[str] = ()) -> FloatArray:
+        """As `TensionMessage.read`, other values may always be there.
 
         Raises:
             TensionError: if there is no such field of numbers, a value is missing, or named more

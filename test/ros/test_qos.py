@@ -204,7 +204,7 @@ def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
         managed.on_configure(None)
         managed.on_activate(None)
         plain = OctoArmNode(**options)
-        look_for_a_frame(plain._server._tip_wrench._frames)
+        look_for_a_frame(plain._server._frames)
         return [plain, managed]
     if enclave == 'octo_arm_estimator':
         managed = ManagedEstimatorNode(**options)

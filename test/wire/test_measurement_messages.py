@@ -184,7 +184,7 @@ def test_readings_below_zero_are_measurements_as_calibrated() -> None:
     np.testing.assert_allclose(found.value, [2.0, 0.04, -0.2, 0.8])
     np.testing.assert_allclose(np.diag(found.covariance), 0.02**2)
     field = FieldMessage('sensor_msgs/msg/JointState', 'effort')
-    found = tensions_of(field.read_named(message, CONFIG.arm, ()), arm())
+    found = tensions_of(field.read(message, CONFIG.arm), arm())
     assert found.value.tolist() == [1.0, 0.02, -0.1, 0.4]
     message = joint_state(names, [0.4, np.nan, 0.02, 1.0], 'effort')
     with pytest.raises(OctoArmError, match='expected finite numbers'):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -16,11 +17,9 @@ from octo_arm_model.ros.estimator.estimate_status import EstimateStatus
 from octo_arm_model.ros.estimator.prepared import TABLE, PreparedEstimator
 from octo_arm_model.ros.estimator.publishers import EstimatePublishers
 from octo_arm_model.ros.estimator.stamps import Stamps
-from octo_arm_model.ros.messages import decoded, message_class
-from octo_arm_model.ros.node.inputs import LatestSubscription
-from octo_arm_model.ros.node.sensor_frames import SensorFrames
+from octo_arm_model.ros.messages import message_class
+from octo_arm_model.ros.node.inputs import stamp_of
 from octo_arm_model.ros.node.server import Server
-from octo_arm_model.ros.node.waiting_messages import WaitingMessages
 from octo_arm_model.wire.measurements import (
     MEASUREMENT_TOPICS,
     MeasuredArm,
@@ -47,41 +46,19 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._status = EstimateStatus(node)
         self._diagnostics.parts.append(self._status.report)
         self._stamps = Stamps(self._diagnostics.clock)
-        self._others: list[LatestSubscription] = []
-        self._frames = SensorFrames(node)
-        self._waiting = WaitingMessages(self._intake, self._frames)
 
     def _open(self) -> None:
         self._begin_anew()
-        self._frames.open()
-        self._waiting.open()
         for topic, message in MEASUREMENT_TOPICS.items():
-            # One by one: where the next cannot be, `_close` ends those before it.
-            self._others.append(self._subscribe(topic, message))
-        publishers = {one.topic: one.count_publishers for one in self._others}
-        self._diagnostics.publishers |= publishers
-        self._diagnostics.heard.apart = frozenset(publishers)
+            self._inputs.subscribe(
+                message_class(message.type_name), topic, partial(self._measure, message)
+            )
 
-    def _subscribe(self, topic: str, message: MeasurementMessage) -> LatestSubscription:
-        kind = message_class(message.type_name)
-
-        def read(data: bytes) -> None:
-            given = decoded(data, kind)
-            measurement = message.read(given, self._measured_arm())
-            self._take(made.topic, Stamp.of(given.header.stamp), measurement)
-
-        def take(data: bytes) -> None:
-            self._waiting.take(made.topic, data, read)
-
-        made = LatestSubscription(self._intake, kind, topic, take)
-        return made
+    def _measure(self, message: MeasurementMessage, topic: str, given: Any) -> None:
+        measurement = message.read(given, self._measured_arm())
+        self._take(topic, Stamp.of(given.header.stamp), measurement)
 
     def _close(self) -> None:
-        for subscription in self._others:
-            subscription.close()
-        self._others = []
-        self._waiting.close()
-        self._frames.close()
         self._estimator = None
         self._status.follow(None, None)
 
@@ -94,7 +71,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._measured = MeasuredArm(config, settings.noise, pose_of)
         self._stamps.ahead = config.diagnostic_limits.ahead_limit
         if before is None or not now.estimates_as(before):
-            self._waiting.forget()
+            self._inputs.forget()
             if self._estimator is not None:
                 self._begin_anew()
         self._node.get_logger().info(
@@ -119,16 +96,21 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         return self._measured
 
     def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
-        self._take(topic, stamp, tensions_of(readings, self._measured_arm()))
+        measurement = tensions_of(readings, self._measured_arm())
+        self._take(topic, stamp, measurement, is_tensions=True)
 
-    def _on_motors(self, topic: str, stamp: Stamp | None, message: Any, field: str) -> None:
-        self._take(topic, stamp, displacements_of(message, self._measured_arm(), field))
+    def _on_motors(self, field: str, topic: str, message: Any) -> None:
+        measurement = displacements_of(message, self._measured_arm(), field)
+        self._take(topic, stamp_of(message), measurement)
 
-    def _take(self, topic: str, stamp: Stamp | None, measurement: Measurement) -> None:
+    def _take(
+        self, topic: str, stamp: Stamp | None, measurement: Measurement, *,
+        is_tensions: bool = False,
+    ) -> None:  # fmt: skip
         """Correct the estimate by a ``measurement`` and publish it; OctoArmError if refused."""
         estimator = self._estimator
         assert estimator is not None
-        self._diagnostics.received(topic, stamp)
+        self._diagnostics.received(topic, stamp, is_tensions=is_tensions)
         at = self._stamps.resolve(stamp)
         if back := self._stamps.runs_back(topic, at, self._arm.settings.window):
             words = f'stamps run back by {back:.3g} s; the estimate begins anew'

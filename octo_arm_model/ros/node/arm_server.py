@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains
 from octo_arm_msgs.srv import FindTensions, Solve
@@ -28,12 +30,12 @@ from octo_arm_model.ros.messages import (
     tensions_message,
     wrench_values,
 )
-from octo_arm_model.ros.node.inputs import LatestSubscription
+from octo_arm_model.ros.node.inputs import LatestSubscription, stamp_of
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.node.tip_wrench import TipWrench
-from octo_arm_model.ros.work import SLICE, QueuedService, SlicedCall, Steps
+from octo_arm_model.ros.work import SLICE, QueuedService, Steps, sliced
 from octo_arm_model.wire.backbone import TIP_POSE, BackboneWriter
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENDON_TENSIONS, read_displacements
@@ -82,7 +84,7 @@ def answer_find_tensions(
         def search(pause: Callable[[], None]) -> Inverse:
             return find_tensions(solver, target, highest, stiffness=stiffness, pause=pause)
 
-        found = yield from SlicedCall(search, SLICE).steps()
+        found = yield from sliced(search, SLICE)
     except OctoArmError as error:
         response.success, response.message = False, str(error)
         return
@@ -128,41 +130,36 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         """
         super().__init__(node, PARAMETERS, Prepared.of, BackbonePublishers)
         self._services: list[QueuedService] = []
-        # Tensions are answered, not wrenches: of these none counts as skipped.
-        intake = self._intake._replace(skipped=lambda older: None)
-        self._tip_wrench = TipWrench(intake, lambda: self._arm, self._diagnostics.heard.note)
-        self._winches: LatestSubscription | None = None
+        self._tip_wrench = TipWrench(self._frames, lambda: self._arm)
+        self._wrench: LatestSubscription | None = None
         self._memory = self._diagnostics.memory = FrictionMemory()
         self._winding = DrivenArm(self._memory)
-        self._diagnostics.heard.is_used = self._is_used
+        self._diagnostics.is_used = self._is_used
 
     def _open(self) -> None:
-        node, diagnostics = self._node, self._diagnostics
-        wrench = self._tip_wrench.open()
-        self._winches = LatestSubscription(
-            self._intake, JointState, DISPLACEMENTS, self._on_displacements
+        node, work = self._node, self._inputs.work
+        self._inputs.subscribe(JointState, DISPLACEMENTS, partial(self._on_motors, ''))
+        # Tensions are answered, not wrenches: of these none counts as skipped.
+        self._wrench = self._inputs.subscribe(
+            WrenchStamped, 'tip_wrench', self._tip_wrench.take, is_answered=False
         )
-        diagnostics.publishers[self._winches.topic] = self._winches.count_publishers
-        diagnostics.heard.apart = frozenset({self._winches.topic, wrench})
-        diagnostics.heard.unanswered = frozenset({wrench})
         self._services = [
-            QueuedService(node, Solve, 'solve', self._on_solve, self._work),
-            QueuedService(node, FindTensions, 'find_tensions', self._on_find_tensions, self._work),
+            QueuedService(node, Solve, 'solve', self._on_solve, work),
+            QueuedService(node, FindTensions, 'find_tensions', self._on_find_tensions, work),
         ]
 
     def _close(self) -> None:
-        self._tip_wrench.close()
-        if self._winches is not None:
-            self._winches.close()
         for service in self._services:
             service.close()
-        self._services, self._winches = [], None
+        self._services, self._wrench, self._tip_wrench.value = [], None, None
         self._winding = DrivenArm(self._memory)
 
     def _change_arm(self, before: Prepared | None, now: Prepared) -> None:
-        self._tip_wrench.change_arm(before, now)
         config, logger = now.config, self._node.get_logger()
+        self._inputs.forget()
         if before is not None:
+            if problem := self._tip_wrench.change_arm(before, now):
+                logger.warning(f'tip_wrench dropped: {problem}')
             for dropped in self._winding.change_config(before.config, config):
                 logger.warning(dropped)
         how = ' (compiled)' if now.solver.is_compiled else ''
@@ -174,10 +171,10 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
 
     def _is_used(self, topic: str) -> bool:
         """Whether what came last on ``topic`` has an effect on the shape."""
-        heard, by_length = self._diagnostics.heard, len(self._winding.displacements)
-        if topic in heard.unanswered:
+        by_length = len(self._winding.displacements)
+        if self._wrench is not None and topic == self._wrench.topic:
             return self._tip_wrench.value is not None
-        if topic in heard.apart:
+        if self._inputs.is_apart(topic):
             return bool(by_length)
         return by_length < len(self._arm.config.arm.tendons)
 
@@ -194,8 +191,9 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         """Answer ``readings`` of load cells or ``displacements``; OctoArmError if refused."""
         config, outbox, winding = self._arm.config, self._publishers, self._winding
         assert outbox is not None
-        self._tip_wrench.update()
-        self._diagnostics.received(topic, stamp)
+        if self._wrench is not None:  # one that came before
+            self._wrench.answer_latest()
+        self._diagnostics.received(topic, stamp, is_tensions=readings is not None)
         at = self._diagnostics.clock.time_of(stamp)
         began = time.perf_counter()
         tensions = None
@@ -215,18 +213,11 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
             outbox.publish_tensions(answer.backbone, at)
         self._diagnostics.answered(answer.backbone, duration)
 
-    def _on_displacements(self, data: bytes) -> None:
+    def _on_motors(self, field: str, topic: str, message: Any) -> None:
         """Drive the named tendons by length from now on, and the others by tension."""
-        winches, message = self._winches, decoded(data, JointState)
-        assert winches is not None  # it called
-        config = self._arm.config
-        found = read_displacements(message, config.arm, config.encoders)
-        self._publish_shape(winches.topic, Stamp.of(message.header.stamp), displacements=found)
-
-    def _on_motors(self, topic: str, stamp: Stamp | None, message: Any, field: str) -> None:
         config = self._arm.config
         found = read_displacements(message, config.arm, config.encoders, field)
-        self._publish_shape(topic, stamp, displacements=found)
+        self._publish_shape(topic, stamp_of(message), displacements=found)
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:
         return answer_solve(request, response, self._arm.solver, self._arm.config.base_frame)

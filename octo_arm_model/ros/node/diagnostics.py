@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable
 
@@ -17,55 +16,11 @@ from octo_arm_model.arm.errors import ContinuationError, OctoArmError, SolveErro
 from octo_arm_model.config.parameters import DiagnosticLimits
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
+from octo_arm_model.ros.node.inputs import Inputs
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.ros.work import until_shutdown
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp, time_of
-
-
-class HeardInputs:
-    """When each input was heard last.
-
-    Attributes:
-        apart: whole names of topics that are no further source of tensions.
-        unanswered: those among them whose messages have no answer of their own.
-        is_used: whether what came last on a topic still counts.
-    """
-
-    def __init__(self) -> None:
-        """Begin to listen."""
-        self.apart: frozenset[str] = frozenset()
-        self.unanswered: frozenset[str] = frozenset()
-        self.is_used: Callable[[str], bool] = lambda topic: True
-        self.begin()
-
-    def begin(self) -> None:
-        """Listen from now on: nothing is heard yet."""
-        self._began = time.monotonic()
-        self._is_answered = False
-        self._last: dict[str, tuple[str, float]] = {}
-
-    def source(self, topic: str) -> str:
-        """Key of the input of ``topic``: one for all of tensions, which may replace each other."""
-        return topic if topic in self.apart else ''
-
-    def note(self, topic: str) -> None:
-        """Note a message on ``topic``."""
-        self._last[self.source(topic)] = topic, time.monotonic()
-        self._is_answered |= topic not in self.unanswered
-
-    def silent(self, limit: float) -> list[str]:
-        """A sentence for each used input without a message for more than ``limit`` [s]."""
-        now = time.monotonic()
-        silent = [
-            f'{topic} is silent for {now - heard:.1f} s'
-            for topic, heard in sorted(self._last.values())
-            if now - heard > limit and self.is_used(topic)
-        ]
-        if not self._is_answered and now - self._began > limit:
-            silent.append(f'silent for {now - self._began:.1f} s')
-        return silent
-
 
 # Tolerance in steps of /clock: a message may precede the next one, and one may be lost.
 _STEPS = 2.0
@@ -126,27 +81,25 @@ class Diagnostics:
     """Counts messages received, answered, skipped, refused and failed; reports once a period.
 
     Attributes:
-        publishers: counts the publishers of each input topic.
-        heard: when its inputs were.
+        is_used: whether what came last on a topic, by its whole name, still counts.
         clock: what stamps are compared with.
         memory: of tendons with friction, if they have any.
         parts: make further statuses, of what else the node does; called with the state of a node
             that is not subscribed, else with nothing.
     """
 
-    def __init__(self, node: Node) -> None:
-        """Report as part of ``node``."""
-        self._node = node
+    def __init__(self, node: Node, inputs: Inputs) -> None:
+        """Report as part of ``node``, whose ``inputs`` are given."""
+        self._node, self._inputs = node, inputs
         self._model, self._is_compiled = '', False
         self._limits = DiagnosticLimits(0.0, 0.0, 0.0)
-        self.publishers: dict[str, Callable[[], int]] = {}
         self._idle = ''
-        self.heard = HeardInputs()
+        self.is_used: Callable[[str], bool] = lambda topic: True
         self.parts: list[Callable[[str], DiagnosticStatus]] = []
         self.memory: FrictionMemory | None = None
         # Of messages, by what became of them: of all, and of those since the last report.
         self._totals, self._lately = Counter[str](), Counter[str]()
-        self._topics: dict[str, int] = {}
+        self._topics = set[tuple[str, bool]]()
         self._received = 0
         self._newest: dict[str, float] = {}
         self._last: float | None = None
@@ -167,29 +120,29 @@ class Diagnostics:
     def begin(self) -> None:
         """The node is subscribed to its inputs from now on."""
         self._idle = ''
-        self.heard.begin()
 
     def end(self, state: str) -> None:
         """The node is not subscribed, being in ``state``."""
-        self._idle, self.publishers = state, {}
-        self._newest, self._last = {}, None
+        self._idle, self._newest, self._last = state, {}, None
 
     def _count(self, what: str, number: int = 1) -> None:
         if number:
             self._totals[what] += number
             self._lately[what] += number
 
-    def received(self, topic: str, stamp: Stamp | None) -> None:
-        """Count a message with its ``stamp``, None where it has none."""
+    def received(self, topic: str, stamp: Stamp | None, *, is_tensions: bool = False) -> None:
+        """Count a message with its ``stamp``, None where it has none.
+
+        Of tensions only one topic should come.
+        """
         self._received += 1
-        self.heard.note(topic)
-        self._topics[topic] = self._topics.get(topic, 0) + 1
+        self._topics.add((topic, is_tensions))
         if stamp is None or not any(stamp):
             self._count('unstamped')
             return
         seconds = 1e-9 * stamp.ns
         # Topics apart may be as late as they like against each other.
-        source = self.heard.source(topic)
+        source = '' if is_tensions else topic
         if seconds < self._newest.get(source, seconds):
             self._count('backwards')
         self._newest[source] = self._last = seconds
@@ -218,7 +171,6 @@ class Diagnostics:
 
     def refused(self, topic: str, error: OctoArmError) -> None:
         """Count a message that was not answered because of ``error``."""
-        self.heard.note(topic)
         if isinstance(error, SolveError):
             self._count('failed')
             self._count('unaffordable', int(isinstance(error, ContinuationError)))
@@ -234,7 +186,8 @@ class Diagnostics:
         with until_shutdown(self._node.context):
             self._publisher.publish(diagnostics_message(self._node, *statuses))
         self._lately.clear()
-        self._topics, self._received, self._busy = {}, 0, 0.0
+        self._topics.clear()
+        self._received, self._busy = 0, 0.0
 
     def _solver(self) -> DiagnosticStatus:
         failed, answered = self._lately['failed'], self._lately['answered']
@@ -262,17 +215,18 @@ class Diagnostics:
         if self._idle:
             problems = [self._idle]
         else:
-            problems = self.heard.silent(self._limits.silence_limit)
+            problems = self._inputs.silent(self._limits.silence_limit, self.is_used)
         now = 1e-9 * self.clock.now_ns
         if not now:
             problems.append('no time: use_sim_time is set, but nothing is heard on /clock')
         if lately['refused']:
             problems.append(f'{lately["refused"]} refused: {self._reason}')
-        of_tensions = sorted(self._topics.keys() - self.heard.apart)
+        topics = sorted(topic for topic, _ in self._topics)
+        of_tensions = sorted(topic for topic, is_tensions in self._topics if is_tensions)
         if len(of_tensions) > 1:
             problems.append(f'several sources: {", ".join(of_tensions)}')
-        publishers = {topic: count() for topic, count in self.publishers.items()}
-        for topic in sorted(self._topics):
+        publishers = self._inputs.publishers()
+        for topic in topics:
             if publishers.get(topic, 0) > 1:
                 problems.append(f'several sources: {publishers[topic]} publishers on {topic}')
         for what, words in (
@@ -290,7 +244,7 @@ class Diagnostics:
         return make_status('input', DiagnosticStatus.WARN, '; '.join(problems), fine, {
             'rate [Hz]': f'{self._received / PERIOD:.1f}',
             'age of the newest stamp [s]': age,
-            'source': ', '.join(sorted(self._topics)),
+            'source': ', '.join(topics),
             'publishers': sum(publishers.values()),
             'refused': self._totals['refused'],
             'last refusal': self._reason,

@@ -1,49 +1,197 @@
-"""The inputs of a node, of which only the latest message counts: tensions and a wrench."""
+"""The inputs of a node, of each of which only the latest message counts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import collections
+import time
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.timer import Timer
 from std_msgs.msg import Header
 
-from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.errors import OctoArmError
-from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.config.config import Config
-from octo_arm_model.ros.messages import decoded, message_class
-from octo_arm_model.ros.node.diagnostics import Diagnostics
+from octo_arm_model.arm.errors import MeasurementError, OctoArmError
+from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.ros.work import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, TensionMessage
 
-# Called with a topic and why a message on it is refused.
-Refuse: TypeAlias = Callable[[str, OctoArmError], None]
+# Called with the whole name of a topic and a message on it, which an OctoArmError refuses.
+Read: TypeAlias = Callable[[str, Any], None]
 
 # A best-effort subscription receives from reliable publishers as well. All but the latest of the
 # messages in the queue are skipped; its depth limits how many of these are counted.
 INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-TOPICS = tuple(TENSION_TOPICS)
-FIELD_TOPIC, MOTORS_TOPIC = 'tendon_tensions/field', 'tendon_displacements/field'
+MOST_WAITING = 50  # messages, beyond which the oldest is refused
+LARGEST = 50_000  # bytes of a message that waits
+LONGEST = 2.0  # [s] that a message waits
+_PERIOD = 0.5  # [s] between looks for those that have waited for too long
 
 
-class Intake(NamedTuple):
-    """What the subscriptions of a node share.
+class NotKnownYet(MeasurementError):
+    """What a message needs is known later, as the transform of its time usually is.
 
     Attributes:
-        node: the node.
+        is_known: whether it is now.
+    """
+
+    def __init__(self, reason: str, is_known: Callable[[], bool]) -> None:
+        """Refuse a message for this ``reason``, unless it is known soon."""
+        super().__init__(reason)
+        self.is_known = is_known
+
+
+class _Waiting(NamedTuple):
+    topic: str
+    read: Callable[[], None]
+    error: NotKnownYet
+    until: float
+
+
+class Inputs:
+    """The subscriptions of a node, and its messages that wait for what they need.
+
+    Attributes:
         work: has the turns in which messages are read.
-        refuse: called with a topic and why a message on it is refused.
+        refuse: called with the whole name of a topic and why a message on it is refused.
         skipped: called with the number of messages left out for a newer one, before that is read.
     """
 
-    node: Node
-    work: WorkQueue
-    refuse: Refuse
-    skipped: Callable[[int], None] = lambda older: None
+    def __init__(
+        self,
+        node: Node,
+        refuse: Callable[[str, OctoArmError], None],
+        skipped: Callable[[int], None],
+    ) -> None:
+        """Subscribe ``node`` to nothing yet."""
+        self._node, self.refuse, self.skipped = node, refuse, skipped
+        self.work = WorkQueue(node)
+        self._open: dict[str, LatestSubscription] = {}
+        self._began = 0.0
+        self._waiting: collections.deque[_Waiting] = collections.deque()
+        self._timer: Timer | None = None
+        self._is_due = False
+
+    def subscribe(
+        self, kind: Any, topic: str, read: Read, *, is_apart: bool = True, is_answered: bool = True
+    ) -> LatestSubscription:
+        """Have messages of type ``kind`` on ``topic`` read from now on.
+
+        ``is_apart`` says that they are no further source of tensions, and ``is_answered`` that
+        each has an answer of its own.
+
+        Raises:
+            ConfigError: if an override of a QoS policy cannot be.
+        """
+        if not self._open:
+            self._began = time.monotonic()
+        made = LatestSubscription(self, self._node, kind, topic, read, is_apart, is_answered)
+        self._open[topic] = made
+        return made
+
+    def is_open(self, topic: str) -> bool:
+        """Whether ``topic`` is subscribed to, by the name that was given."""
+        return topic in self._open
+
+    def is_apart(self, topic: str) -> bool:
+        """Whether messages on ``topic``, by its whole name, are no source of tensions."""
+        return any(one.topic == topic and one.is_apart for one in self._open.values())
+
+    def unsubscribe(self, topic: str) -> None:
+        """Read no more messages on ``topic``, if any were."""
+        if (subscription := self._open.pop(topic, None)) is not None:
+            subscription.close()
+
+    def close(self) -> None:
+        """Unsubscribe from all, and forget what waits."""
+        for topic in list(self._open):
+            self.unsubscribe(topic)
+        self.work.clear()
+        self.forget()
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+        self._timer, self._is_due = None, False
+
+    def publishers(self) -> dict[str, int]:
+        """How many publishers each input has that is answered, by its whole name."""
+        return {
+            one.topic: one.count_publishers() for one in self._open.values() if one.is_answered
+        }
+
+    def silent(self, limit: float, is_used: Callable[[str], bool]) -> list[str]:
+        """A sentence for each used input without a message for more than ``limit`` [s].
+
+        Those of tensions are one, as they may replace each other.
+        """
+        now = time.monotonic()
+        heard = [(one.topic, one.heard_at) for one in self._open.values() if one.is_apart]
+        of_tensions = [one for one in self._open.values() if not one.is_apart]
+        if of_tensions:
+            heard.append(max((one.heard_at, one.topic) for one in of_tensions)[::-1])
+        silent = [
+            f'{topic} is silent for {now - heard_at:.1f} s'
+            for topic, heard_at in sorted(heard)
+            if heard_at and now - heard_at > limit and is_used(topic)
+        ]
+        is_answered = any(one.heard_at and one.is_answered for one in self._open.values())
+        if not is_answered and now - self._began > limit:
+            silent.append(f'silent for {now - self._began:.1f} s')
+        return silent
+
+    def attempt(self, topic: str, read: Callable[[], None], size: int) -> None:
+        """Call ``read`` for a message on ``topic`` of so many bytes, once what it needs is known.
+
+        It is refused by the OctoArmError that it raises then, or as it has waited for too long.
+        """
+        try:
+            read()
+        except NotKnownYet as error:
+            if size > LARGEST:
+                self.refuse(topic, error)
+                return
+            if len(self._waiting) >= MOST_WAITING:
+                self._refuse_oldest()
+            self._waiting.append(_Waiting(topic, read, error, time.monotonic() + LONGEST))
+            if self._timer is None:
+                # Steady: ROS time may stand still.
+                clock = Clock(clock_type=ClockType.STEADY_TIME)
+                self._timer = self._node.create_timer(_PERIOD, self._expire, clock=clock)
+        except OctoArmError as error:
+            self.refuse(topic, error)
+
+    def forget(self) -> None:
+        """Forget what waits; it is of another arm."""
+        self._waiting.clear()
+
+    def look_again(self) -> None:
+        """Read, in their turns, messages that wait for what is known by now."""
+        if self._waiting and not self._is_due:
+            self._is_due = True
+            self.work.add(self._read_next)
+
+    def _read_next(self) -> bool:
+        """Read the oldest message for which all is known; whether there was one."""
+        known = next((one for one in self._waiting if one.error.is_known()), None)
+        self._is_due = known is not None
+        if known is not None:
+            self._waiting.remove(known)
+            try:
+                known.read()
+            except OctoArmError as error:
+                self.refuse(known.topic, error)
+        return self._is_due
+
+    def _expire(self) -> None:
+        while self._waiting and self._waiting[0].until < time.monotonic():
+            self._refuse_oldest()
+
+    def _refuse_oldest(self) -> None:
+        oldest = self._waiting.popleft()
+        self.refuse(oldest.topic, oldest.error)
 
 
 class LatestSubscription:
@@ -55,29 +203,30 @@ class LatestSubscription:
 
     Attributes:
         topic: its whole name, as remapped.
+        is_apart: see `Inputs.subscribe`.
+        is_answered: see there.
+        heard_at: when the last message was read [s]; 0 where none was.
     """
 
     def __init__(
-        self, intake: Intake, kind: Any, topic: str, read: Callable[[bytes], None]
-    ) -> None:
-        """Subscribe to messages of type ``kind`` on ``topic``.
-
-        ``read`` is called with the bytes of the latest; a message is refused by the OctoArmError
-        that it raises.
-        """
-        self._intake, self._kind, self._read_data = intake, kind, read
+        self, inputs: Inputs, node: Node, kind: Any, topic: str, read: Read,
+        is_apart: bool, is_answered: bool,
+    ) -> None:  # fmt: skip
+        """Subscribe, see `Inputs.subscribe`."""
+        self._inputs, self._node, self._kind, self._read = inputs, node, kind, read
+        self.is_apart, self.is_answered, self.heard_at = is_apart, is_answered, 0.0
         self._latest: bytes | None = None
         self._older = 0
         self._is_due, self._is_open = False, True
         self._subscription = create_subscription(
-            intake.node, kind, topic, self._keep, INPUT_QOS, raw=True
+            node, kind, topic, self._keep, INPUT_QOS, raw=True
         )
         self.topic = self._subscription.topic_name
 
     def close(self) -> None:
         """Destroy the subscription."""
         self._is_open = False
-        self._intake.node.destroy_subscription(self._subscription)
+        self._node.destroy_subscription(self._subscription)
 
     def count_publishers(self) -> int:
         """How many publishers of the topic there are."""
@@ -88,7 +237,7 @@ class LatestSubscription:
         self._latest = message
         if not self._is_due:
             self._is_due = True
-            self._intake.work.add(self._answer_due)
+            self._inputs.work.add(self._answer_due)
 
     def _answer_due(self) -> bool:
         self._is_due = False
@@ -107,158 +256,16 @@ class LatestSubscription:
         self._latest, self._older = None, 0
         if latest is None:
             return
-        self._intake.skipped(older)
-        try:
-            self._read_data(latest)
-        except OctoArmError as error:
-            self._intake.refuse(self.topic, error)
+        if self.is_answered:
+            self._inputs.skipped(older)
+        self.heard_at = time.monotonic()
+        self._inputs.attempt(self.topic, partial(self._decode_and_read, latest), len(latest))
 
-
-class TensionSubscription(LatestSubscription):
-    """Subscription to one topic of tensions, which reads its messages."""
-
-    def __init__(
-        self,
-        intake: Intake,
-        topic: str,
-        arm: Callable[[], Arm],
-        take: Callable[[str, Stamp | None, FloatArray], None],
-        *,
-        prefix: str = 'tendon_tensions',
-        names: Callable[[], Sequence[str]] = tuple,
-        message: TensionMessage | FieldMessage | None = None,
-    ) -> None:
-        """Subscribe.
-
-        The ``topic`` is one of `TENSION_TOPICS`, which says of what type messages are, or another
-        with messages of the type ``message``; ``prefix`` replaces 'tendon_tensions' in its name.
-        ``arm`` returns the arm that they are for, and ``names`` what its tendons are called there,
-        empty for their own names. ``take`` is called with the whole name of the topic, the stamp,
-        None where the type has none, and the tensions, of `Arm.tension_shape` [N]; what it raises
-        is refused too.
-        """
-        self._message = TENSION_TOPICS[topic] if message is None else message
-        self._arm, self._take, self._names = arm, take, names
-        name = topic.replace('tendon_tensions', prefix, 1)
-        kind = message_class(self._message.type_name)
-        super().__init__(intake, kind, name, self._read_latest)
-
-    def _read_latest(self, data: bytes) -> None:
-        message, arm, wanted = decoded(data, self._kind), self._arm(), self._names()
-        if wanted or isinstance(self._message, FieldMessage):
-            tensions = self._message.read_named(message, arm, wanted)
-        else:
-            tensions = self._message.read(message, arm)
-        self._take(self.topic, stamp_of(message), tensions)
+    def _decode_and_read(self, data: bytes) -> None:
+        self._read(self.topic, decoded(data, self._kind))
 
 
 def stamp_of(message: Any) -> Stamp | None:
     """The stamp of a ``message``; None where its type has none."""
     header = getattr(message, 'header', None)
     return Stamp.of(header.stamp) if isinstance(header, Header) else None
-
-
-class FieldInput:
-    """A subscription to messages of a type that parameters name, while they name one."""
-
-    def __init__(
-        self,
-        intake: Intake,
-        diagnostics: Diagnostics,
-        topic: str,
-        wanted: Callable[[], FieldMessage],
-        subscribe: Callable[[str, FieldMessage], LatestSubscription],
-    ) -> None:
-        """Subscribe to nothing yet.
-
-        ``wanted`` returns the type of the messages, empty for none, and their field; ``subscribe``
-        subscribes to them on ``topic``.
-        """
-        self._intake, self._diagnostics, self._topic = intake, diagnostics, topic
-        self._wanted, self._make = wanted, subscribe
-        self._input: LatestSubscription | None = None
-        self._message = FieldMessage('', '')
-        self._is_active = False
-
-    def open(self) -> None:
-        """Subscribe, if the parameters name a type."""
-        self._is_active = True
-        self._subscribe()
-
-    def close(self) -> None:
-        """Unsubscribe."""
-        self._is_active = False
-        self._unsubscribe()
-
-    def update(self) -> None:
-        """Subscribe to messages of another type in the place of the last, where parameters do."""
-        if self._is_active and self._wanted() != self._message:
-            # A topic may have another type once the executor has let go of the subscription.
-            self._unsubscribe()
-            self._intake.work.add(self._subscribe)
-
-    def _subscribe(self) -> bool:
-        self._message = self._wanted()
-        if self._message.type_name and self._input is None and self._is_active:
-            try:
-                made = self._input = self._make(self._topic, self._message)
-                self._diagnostics.publishers[made.topic] = made.count_publishers
-            except OctoArmError as error:
-                logger = self._intake.node.get_logger()
-                logger.error(f'{self._topic} is not subscribed to: {error}')
-        return False
-
-    def _unsubscribe(self) -> None:
-        if self._input is not None:
-            self._input.close()
-            self._diagnostics.publishers.pop(self._input.topic, None)
-        self._input, self._message = None, FieldMessage('', '')
-
-
-class TensionInputs:
-    """The subscriptions of a node to tensions while it is active.
-
-    Attributes:
-        field: that to a field of any type of messages.
-    """
-
-    def __init__(
-        self,
-        intake: Intake,
-        diagnostics: Diagnostics,
-        current: Callable[[], Config],
-        take: Callable[[str, Stamp | None, FloatArray], None],
-    ) -> None:
-        """Subscribe to nothing yet; ``current`` returns the arm that tensions are for.
-
-        Others as in `TensionSubscription`.
-        """
-        self._intake, self._diagnostics = intake, diagnostics
-        self._current, self._take = current, take
-        self._inputs: list[TensionSubscription] = []
-        self.field = FieldInput(
-            intake, diagnostics, FIELD_TOPIC,
-            lambda: FieldMessage(current().tension_type, current().tension_field),
-            self._subscribe,
-        )  # fmt: skip
-
-    def open(self) -> None:
-        """Subscribe."""
-        for topic in TOPICS:
-            # One by one: where the next cannot be, `close` ends those before it.
-            self._inputs.append(made := self._subscribe(topic))
-            self._diagnostics.publishers[made.topic] = made.count_publishers
-        self.field.open()
-
-    def close(self) -> None:
-        """Unsubscribe from all."""
-        for subscription in self._inputs:
-            subscription.close()
-        self._inputs = []
-        self.field.close()
-
-    def _subscribe(self, topic: str, message: FieldMessage | None = None) -> TensionSubscription:
-        return TensionSubscription(
-            self._intake, topic, lambda: self._current().arm, self._take,
-            names=lambda: self._current().load_cells.names, message=message,
-        )  # fmt: skip

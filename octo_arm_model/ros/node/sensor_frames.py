@@ -15,6 +15,7 @@ from rclpy.subscription import Subscription
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError, in_short
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.experiment.transform_tree import TransformTree
+from octo_arm_model.ros.node.inputs import NotKnownYet
 from octo_arm_model.ros.node.outputs import TF_QOS, TF_TOPIC
 from octo_arm_model.ros.qos import create_subscription, is_overridden
 from octo_arm_model.ros.refusal_log import RefusalLog
@@ -27,32 +28,19 @@ _MOST = 1000  # frames
 _LARGEST = 1000  # transforms of one message
 
 
-class NotKnownYet(MeasurementError):
-    """The time of a wanted pose is after the last transform that leads to it."""
-
-    def __init__(self, reason: str, frame: str, target: str, stamp_ns: int) -> None:
-        """The wanted pose is that of ``frame`` in ``target`` at ``stamp_ns`` [ns]."""
-        super().__init__(reason)
-        self.frame, self.target, self.stamp_ns = frame, target, stamp_ns
-
-
 class SensorFrames:
     """Listens to transforms from the first message in another frame than the arm's on.
 
     To those that move no longer than until the static ones lead to every such frame: there are
     many of them, among them this node's own.
-
-    Attributes:
-        on_change: called when there are further transforms.
     """
 
-    def __init__(self, node: Node) -> None:
-        """Listen to nothing yet."""
-        self._node, self._log = node, RefusalLog(node)
+    def __init__(self, node: Node, on_change: Callable[[], None]) -> None:
+        """Listen to nothing yet; ``on_change`` is called when there are further transforms."""
+        self._node, self._log, self._on_change = node, RefusalLog(node), on_change
         self._subscriptions: dict[str, Subscription] = {}
         self._tree = TransformTree()
         self._moving = set[str]()  # frames that static transforms do not lead to
-        self.on_change: Callable[[], None] = lambda: None
 
     def open(self) -> None:
         """Check policies that are given of what may be listened to later.
@@ -85,7 +73,8 @@ class SensorFrames:
         except MeasurementError as error:
             reason = f'its frame is {frame[:99]!r}, and {error}'
             if self._known_until(frame, target) < stamp_ns:
-                raise NotKnownYet(reason, frame, target, stamp_ns) from None
+                is_known = partial(self._is_known, frame, target, stamp_ns)
+                raise NotKnownYet(reason, is_known) from None
             raise MeasurementError(reason) from None
 
     def are_fixed(self, frame: str, other: str) -> bool:
@@ -102,9 +91,9 @@ class SensorFrames:
         except MeasurementError:
             return False
 
-    def reaches(self, wanted: NotKnownYet) -> bool:
-        """Whether transforms now lead to what was ``wanted`` at its time."""
-        return wanted.stamp_ns <= self._known_until(wanted.frame, wanted.target, -math.inf)
+    def _is_known(self, frame: str, target: str, stamp_ns: int) -> bool:
+        """Whether transforms lead from ``frame`` to ``target`` at ``stamp_ns`` [ns]."""
+        return stamp_ns <= self._known_until(frame, target, -math.inf)
 
     def _known_until(self, frame: str, target: str, otherwise: float = math.inf) -> float:
         """The last stamp of known poses [ns]; ``otherwise`` where no transforms lead there."""
@@ -149,7 +138,7 @@ class SensorFrames:
                 frame = one.child_frame_id[:99]
                 self._log.warn(topic, MeasurementError(f'{frame!r}: {in_short(error)}'))
         self._tree.forget(_HISTORY)
-        self.on_change()
+        self._on_change()
 
     def _add(self, one: Any, is_static: bool) -> None:
         shift, turn = one.transform.translation, one.transform.rotation

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
@@ -12,24 +13,19 @@ from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.ros.live_parameters import LiveParameters
-from octo_arm_model.ros.messages import decoded, message_class
+from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.diagnostics import Diagnostics
-from octo_arm_model.ros.node.inputs import (
-    MOTORS_TOPIC,
-    FieldInput,
-    Intake,
-    LatestSubscription,
-    TensionInputs,
-    stamp_of,
-)
+from octo_arm_model.ros.node.inputs import Inputs, stamp_of
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
+from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.qos import check_overrides
 from octo_arm_model.ros.refusal_log import RefusalLog
-from octo_arm_model.ros.work import WorkQueue
 from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tensions import FieldMessage
+from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, TensionMessage
 
+# Topics of messages of any type.
+TENSIONS_FIELD, MOTORS_FIELD = 'tendon_tensions/field', 'tendon_displacements/field'
 ArmT = TypeVar('ArmT', bound=Prepared)
 PublishersT = TypeVar('PublishersT', bound=BackbonePublishers)
 
@@ -59,18 +55,13 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._live = LiveParameters(node, table, prepare, self._use)
         self._prepared: ArmT | None = None
         self._publishers: PublishersT | None = None
-        self._diagnostics = Diagnostics(node)
+        self._inputs = Inputs(node, self._refuse, self._skip)
+        self._frames = SensorFrames(node, self._inputs.look_again)
+        self._diagnostics = Diagnostics(node, self._inputs)
         self._diagnostics.end('unconfigured')
         self._refusal_log = RefusalLog(node)
-        self._work = WorkQueue(node)
-        self._intake = Intake(node, self._work, self._refuse, self._diagnostics.skipped)
-        self._tensions = TensionInputs(
-            self._intake, self._diagnostics, lambda: self._arm.config, self._on_readings
-        )
-        self._motors = FieldInput(
-            self._intake, self._diagnostics, MOTORS_TOPIC, self._field_of_motors,
-            self._subscribe_to_motors,
-        )  # fmt: skip
+        # Messages of types that parameters name, by topic, while it is active.
+        self._fields: dict[str, FieldMessage] | None = None
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -85,18 +76,22 @@ class Server(ABC, Generic[ArmT, PublishersT]):
 
     def activate(self) -> None:
         """Start answering; ConfigError if an override of a QoS policy cannot be."""
-        self._tensions.open()
+        for topic, message in TENSION_TOPICS.items():
+            self._subscribe_to_tensions(topic, message)
+        self._frames.open()
         self._open()
-        self._motors.open()
+        self._fields = self._wanted_fields()
+        for topic in self._fields:
+            self._open_field(topic)
         self._diagnostics.begin()
         check_overrides(self._node)
 
     def deactivate(self) -> None:
         """Stop answering."""
-        self._tensions.close()
-        self._motors.close()
         self._close()
-        self._work.clear()
+        self._inputs.close()
+        self._frames.close()
+        self._fields = None
         if self._publishers is not None:
             self._publishers.pause()
         self._diagnostics.end('inactive')
@@ -126,31 +121,57 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         """Answer readings of load cells [N], of `Arm.tension_shape`; OctoArmError if refused."""
 
     @abstractmethod
-    def _on_motors(self, topic: str, stamp: Stamp | None, message: Any, field: str) -> None:
+    def _on_motors(self, field: str, topic: str, message: Any) -> None:
         """Answer a ``field`` of what encoders of winches read; OctoArmError if refused."""
 
-    def _field_of_motors(self) -> FieldMessage:
-        config = self._arm.config
-        return FieldMessage(config.displacement_type, config.displacement_field)
+    def _subscribe_to_tensions(self, topic: str, message: TensionMessage | FieldMessage) -> None:
+        def take(name: str, given: Any) -> None:
+            config = self._arm.config
+            readings = message.read(given, config.arm, config.load_cells.names)
+            self._on_readings(name, stamp_of(given), readings)
 
-    def _subscribe_to_motors(self, topic: str, message: FieldMessage) -> LatestSubscription:
         kind = message_class(message.type_name)
+        self._inputs.subscribe(kind, topic, take, is_apart=False)
 
-        def read(data: bytes) -> None:
-            given = decoded(data, kind)
-            self._on_motors(made.topic, stamp_of(given), given, message.field)
+    def _wanted_fields(self) -> dict[str, FieldMessage]:
+        config = self._arm.config
+        return {
+            TENSIONS_FIELD: FieldMessage(config.tension_type, config.tension_field),
+            MOTORS_FIELD: FieldMessage(config.displacement_type, config.displacement_field),
+        }
 
-        made = LatestSubscription(self._intake, kind, topic, read)
-        self._diagnostics.heard.apart |= {made.topic}
-        return made
+    def _update_fields(self) -> None:
+        """Subscribe to messages of other types in the place of the last, where parameters do."""
+        if self._fields is None:
+            return
+        before, self._fields = self._fields, self._wanted_fields()
+        for topic, message in self._fields.items():
+            if message != before[topic]:
+                # A topic may have another type once the executor has let go of the subscription.
+                self._inputs.unsubscribe(topic)
+                self._inputs.work.add(partial(self._open_field, topic))
+
+    def _open_field(self, topic: str) -> bool:
+        """Subscribe to ``topic`` if parameters name a type, and it is not yet."""
+        message = FieldMessage('', '') if self._fields is None else self._fields[topic]
+        if not message.type_name or self._inputs.is_open(topic):
+            return False
+        try:
+            if topic == TENSIONS_FIELD:
+                self._subscribe_to_tensions(topic, message)
+            else:
+                kind = message_class(message.type_name)
+                self._inputs.subscribe(kind, topic, partial(self._on_motors, message.field))
+        except OctoArmError as error:
+            self._node.get_logger().error(f'{topic} is not subscribed to: {error}')
+        return False
 
     def _use(self, prepared: ArmT, names: set[str]) -> None:
         """Answer with the arm ``prepared`` from now on, between two messages."""
         assert self._publishers is not None
         config, solver = prepared.config, prepared.solver
         before, self._prepared = self._prepared, prepared
-        self._tensions.field.update()
-        self._motors.update()
+        self._update_fields()
         self._diagnostics.describe(solver, config.diagnostic_limits)
         self._publishers.describe(solver, config)
         self._publishers.announce(prepared.description)
@@ -161,6 +182,9 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         """The present arm, which there is while anything is answered."""
         assert self._prepared is not None
         return self._prepared
+
+    def _skip(self, older: int) -> None:
+        self._diagnostics.skipped(older)
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
         self._diagnostics.refused(topic, error)

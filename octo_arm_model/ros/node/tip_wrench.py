@@ -11,18 +11,16 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model.arm.errors import LoadError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.ros.messages import decoded, wrench_values
-from octo_arm_model.ros.node.inputs import Intake, LatestSubscription
+from octo_arm_model.ros.messages import wrench_values
 from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
-from octo_arm_model.ros.node.waiting_messages import WaitingMessages
 from octo_arm_model.wire.stamp import Stamp
 
 TIP_FRAME = 'tip'  # after the prefix of frames
 
 
 class TipWrench:
-    """Subscription to wrenches on the tip.
+    """The wrench on the tip that messages say.
 
     Those in base_frame keep their direction. Those in the frame of the tip, or in one that static
     transforms connect to it, turn with it, and act where that frame is. Of any other frame that
@@ -33,43 +31,11 @@ class TipWrench:
         is_following: whether it turns with the tip.
     """
 
-    def __init__(
-        self, intake: Intake, current: Callable[[], Prepared], heard: Callable[[str], None]
-    ) -> None:
-        """Subscribe to nothing yet; ``current`` returns the arm that wrenches act on.
-
-        ``heard`` is called with the topic of each that is not refused.
-        """
-        self._intake, self._current, self._heard = intake, current, heard
-        self._latest: LatestSubscription | None = None
-        self._frames = SensorFrames(intake.node)
-        self._waiting = WaitingMessages(intake, self._frames)
+    def __init__(self, frames: SensorFrames, current: Callable[[], Prepared]) -> None:
+        """Begin without a wrench; ``current`` returns the arm that wrenches act on."""
+        self._frames, self._current = frames, current
         self.value: FloatArray | None = None
         self.is_following = False
-
-    def open(self) -> str:
-        """Subscribe; returns the whole name of the topic."""
-        self._frames.open()
-        self._waiting.open()
-
-        def take(data: bytes) -> None:
-            self._waiting.take(made.topic, data, self._keep)
-
-        made = self._latest = LatestSubscription(self._intake, WrenchStamped, 'tip_wrench', take)
-        return made.topic
-
-    def close(self) -> None:
-        """Unsubscribe, and forget the wrench."""
-        if self._latest is not None:
-            self._latest.close()
-        self._waiting.close()
-        self._frames.close()
-        self._latest = self.value = None
-
-    def update(self) -> None:
-        """Read a wrench that came before what is answered next."""
-        if self._latest is not None:
-            self._latest.answer_latest()
 
     def acting(self) -> tuple[Solver, FloatArray | None]:
         """The solver of the arm under the wrench, and what is to be given to it.
@@ -84,11 +50,10 @@ class TipWrench:
         load.force, load.moment = tuple(self.value[:3].tolist()), tuple(self.value[3:].tolist())
         return solver, None
 
-    def change_arm(self, before: Prepared | None, now: Prepared) -> None:
-        """Drop the wrench, with a warning, where it does not go with another arm."""
-        self._waiting.forget()
-        if self.value is None or before is None:
-            return
+    def change_arm(self, before: Prepared, now: Prepared) -> str:
+        """Drop the wrench where it does not go with another arm; returns why, or ''."""
+        if self.value is None:
+            return ''
         try:
             now.solver.check_tip_wrench(self.value)
             problem = ''
@@ -99,16 +64,18 @@ class TipWrench:
             problem = f'it was given in {given!r}, and base_frame is {frame!r}'
         if problem:
             self.value = None
-            self._intake.node.get_logger().warning(f'tip_wrench dropped: {problem}')
+        return problem
 
-    def _keep(self, data: bytes) -> None:
-        """Keep the wrench for the tensions to come."""
-        prepared, message = self._current(), decoded(data, WrenchStamped)
+    def take(self, topic: str, message: WrenchStamped) -> None:
+        """Keep the wrench of a ``message`` for the tensions to come.
+
+        Raises:
+            OctoArmError: if it is none, or its frame is not known.
+        """
+        prepared = self._current()
         wrench, is_following = self._placed(message, prepared)
         prepared.solver.check_tip_wrench(wrench)
         self.value, self.is_following = wrench if wrench.any() else None, is_following
-        if self._latest is not None:
-            self._heard(self._latest.topic)
 
     def _placed(self, message: WrenchStamped, prepared: Prepared) -> tuple[FloatArray, bool]:
         """The wrench of a ``message`` about the tip, and whether it turns with it.

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +29,9 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
-from octo_arm_model.ros.messages import decoded, tensions_message
+from octo_arm_model.ros.messages import message_class, tensions_message
 from octo_arm_model.ros.node import diagnostics
-from octo_arm_model.ros.node.inputs import (
-    TOPICS,
-    Intake,
-    LatestSubscription,
-    TensionSubscription,
-)
+from octo_arm_model.ros.node.inputs import Inputs
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.qos import check_overrides, create_publisher
@@ -48,7 +44,7 @@ from octo_arm_model.ros.simulator.robot_description import COMMANDS as JOINT_COM
 from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
 from octo_arm_model.ros.simulator.services import offer_services
 from octo_arm_model.ros.simulator.simulation_clock import SimulationClock
-from octo_arm_model.ros.work import WorkQueue, until_shutdown
+from octo_arm_model.ros.work import until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.hardware import SimulatedHardware
 from octo_arm_model.simulation.length_control import LengthControl
@@ -56,10 +52,11 @@ from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.simulation.profiles.limits import check_command
 from octo_arm_model.simulation.pushed_arm import PushedArm
-from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tensions import (
     DISPLACEMENTS,
     NONE,
+    TENSION_TOPICS,
+    TensionMessage,
     read_displacements,
     read_joint_commands,
 )
@@ -94,19 +91,15 @@ class SimulatorNode(CheckedNode):
         self._live = LiveParameters(self, table, self._prepare, self._use)
         self._live.begin()
         offer_services(self, self._time, self._reset, self._save, self._restore)
-        intake = Intake(self, WorkQueue(self), self._diagnostics.refuse, self._count)
-        self._inputs = [
-            TensionSubscription(
-                intake, topic, lambda: self._config.arm, self._on_command, prefix=TOPIC
-            )
-            for topic in TOPICS
-            if topic.replace('tendon_tensions', TOPIC) != JOINT_COMMANDS
-        ]
-        self._joints = LatestSubscription(intake, JointState, JOINT_COMMANDS, self._on_joints)
-        self._lengths = LatestSubscription(
-            intake, JointState, f'{TOPIC}/displacements', self._on_lengths
-        )
-        self._pull = LatestSubscription(intake, Vector3Stamped, PUSH_TOPIC, self._on_push)
+        inputs = Inputs(self, self._diagnostics.refuse, self._count)
+        for topic, message in TENSION_TOPICS.items():
+            command = topic.replace('tendon_tensions', TOPIC, 1)
+            if command != JOINT_COMMANDS:
+                kind = message_class(message.type_name)
+                inputs.subscribe(kind, command, partial(self._on_command, message))
+        inputs.subscribe(JointState, JOINT_COMMANDS, self._on_joints)
+        self._lengths = inputs.subscribe(JointState, f'{TOPIC}/displacements', self._on_lengths)
+        inputs.subscribe(Vector3Stamped, PUSH_TOPIC, self._on_push)
         check_overrides(self)
         # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -179,10 +172,11 @@ class SimulatorNode(CheckedNode):
         """Count a command or push, and the ``older`` ones that it replaces."""
         self._diagnostics.counts['commands'] += 1 + older
 
-    def _on_command(self, topic: str, stamp: Stamp | None, tensions: FloatArray) -> None:
+    def _on_command(self, kind: TensionMessage, topic: str, message: Any) -> None:
         """Follow a command from now on, and no longer the profile."""
-        command = check_command(self._config.arm, tensions, self._config.limits)
-        self._follow(topic, command, dict(zip(self._config.arm.tendon_names, command)), {})
+        arm = self._config.arm
+        command = check_command(arm, kind.read(message, arm), self._config.limits)
+        self._follow(topic, command, dict(zip(arm.tendon_names, command)), {})
 
     def _follow(
         self, topic: str, command: FloatArray, tensions: Mapping[str, float],
@@ -194,29 +188,28 @@ class SimulatorNode(CheckedNode):
         pulled = {name: ('N', float(one)) for name, one in tensions.items() if name not in held}
         self._commanders.note(topic, pulled | {name: ('m', one) for name, one in lengths.items()})
 
-    def _on_joints(self, data: bytes) -> None:
+    def _on_joints(self, topic: str, message: JointState) -> None:
         """Pull, or reel in, the tendons that are named from now on; others go on as they do."""
         arm = self._config.arm
-        tensions, lengths = read_joint_commands(decoded(data, JointState), arm)
+        tensions, lengths = read_joint_commands(message, arm)
         wanted = [tensions.get(*named) for named in zip(arm.tendon_names, self._command)]
         command = check_command(arm, np.array(wanted), self._config.limits)
         left = {name: length for name, length in self._held.items() if name not in tensions}
         if lengths or left != self._held:
             self._length_control().command({**left, **lengths}, command)
-        self._follow(self._joints.topic, command, tensions, lengths)
+        self._follow(topic, command, tensions, lengths)
 
-    def _on_lengths(self, data: bytes) -> None:
+    def _on_lengths(self, topic: str, message: JointState) -> None:
         """Reel in the tendons that are named from now on; all others follow tensions."""
-        message = decoded(data, JointState)
         found = read_displacements(message, self._config.arm)
         self._length_control().command(found, self._command)
-        self._follow(self._lengths.topic, self._command, {}, found)
+        self._follow(topic, self._command, {}, found)
 
-    def _on_push(self, data: bytes) -> None:
+    def _on_push(self, topic: str, message: Vector3Stamped) -> None:
         """Push the moving arm with the force of a message."""
         if not isinstance(self._config.pushed_arm, DynamicArm):
             raise ConfigError('dynamics is false, expected true for an arm that messages push')
-        self._push.hold(decoded(data, Vector3Stamped), self._config.base_frame)
+        self._push.hold(message, self._config.base_frame)
 
     @property
     def _held(self) -> Mapping[str, float]:

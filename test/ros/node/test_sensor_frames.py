@@ -16,16 +16,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from octo_arm_model.arm.errors import ConfigError, MeasurementError
-from octo_arm_model.ros.node import waiting_messages
-from octo_arm_model.ros.node.inputs import Intake
-from octo_arm_model.ros.node.sensor_frames import NotKnownYet, SensorFrames
-from octo_arm_model.ros.node.waiting_messages import (
-    LARGEST,
-    LONGEST,
-    MOST_WAITING,
-    WaitingMessages,
-)
-from octo_arm_model.ros.work import WorkQueue
+from octo_arm_model.ros.node import inputs
+from octo_arm_model.ros.node.inputs import LARGEST, LONGEST, MOST_WAITING, Inputs
+from octo_arm_model.ros.node.sensor_frames import SensorFrames
 
 TOPIC = '/measured/tip_pose'
 
@@ -59,7 +52,7 @@ def asked(frames, frame, stamp_ns=0):
 
 
 def test_a_transform_that_is_none_does_not_hide_those_behind_it(node, wait, capfd):
-    frames = SensorFrames(node)
+    frames = SensorFrames(node, lambda: None)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publisher = node.create_publisher(tf2.TFMessage, '/tf_static', latched)
     message = tf2.TFMessage(transforms=[link('twisted', 0.1, w=7.0), link('lens', 0.3)])
@@ -79,36 +72,34 @@ def test_a_policy_of_transforms_that_cannot_be_is_refused_at_once(make_node):
     given = Parameter('qos_overrides./tf.subscription.depth', value=-1)
     node = make_node('overridden', parameter_overrides=[given])
     with pytest.raises(ConfigError, match='depth is -1'):
-        SensorFrames(node).open()
+        SensorFrames(node, lambda: None).open()
 
 
 @pytest.fixture
 def clock(monkeypatch):
     """A clock that stands still until its ``now`` [s] is set."""
     clock = types.SimpleNamespace(now=100.0)
-    monkeypatch.setattr(
-        waiting_messages, 'time', types.SimpleNamespace(monotonic=lambda: clock.now)
-    )
+    monkeypatch.setattr(inputs, 'time', types.SimpleNamespace(monotonic=lambda: clock.now))
     return clock
 
 
 @pytest.fixture
 def waiting(node, clock):
     """Messages that wait, and lists of those ``read`` and ``refused``."""
-    frames, refused, done = SensorFrames(node), [], []
-    intake = Intake(
-        node, WorkQueue(node), lambda topic, error: refused.append((topic, str(error)))
+    refused, done = [], []
+    made = Inputs(
+        node, lambda topic, error: refused.append((topic, str(error))), lambda older: None
     )
-    made = WaitingMessages(intake, frames)
+    frames = SensorFrames(node, made.look_again)
 
-    def read(data):
-        frames.pose_of('rail', 'base', int(data[:6]))
-        done.append(int(data[:6]))
+    def take(stamp_ns, size=6):
+        def read():
+            frames.pose_of('rail', 'base', stamp_ns)
+            done.append(stamp_ns)
 
-    made.open()
-    yield types.SimpleNamespace(
-        frames=frames, refused=refused, done=done, take=lambda data: made.take(TOPIC, data, read)
-    )
+        made.attempt(TOPIC, read, size)
+
+    yield types.SimpleNamespace(frames=frames, refused=refused, done=done, take=take)
     made.close()
     frames.close()
 
@@ -130,13 +121,13 @@ def rail(node, wait, waiting):
 def test_few_messages_wait_for_a_short_time(waiting, rail, wait, clock):
     rail(100)
     for number in range(MOST_WAITING + 2):
-        waiting.take(b'%06d' % (1000 + number))
+        waiting.take(1000 + number)
     assert [topic for topic, _ in waiting.refused] == [TOPIC] * 2
     assert "its frame is 'rail', and the transform from 'rail'" in waiting.refused[0][1]
-    with pytest.raises(NotKnownYet):
-        waiting.take(b'001000' + bytes(LARGEST))
+    waiting.take(1000, LARGEST + 1)
+    assert len(waiting.refused) == 3
     clock.now += 1.01 * LONGEST
-    wait(lambda: len(waiting.refused) == MOST_WAITING + 2)
+    wait(lambda: len(waiting.refused) == MOST_WAITING + 3)
     rail(5000)
     assert not waiting.done
     np.testing.assert_allclose(asked(waiting.frames, 'rail', 5000).position[0], 5e-6)
