@@ -35,7 +35,7 @@ from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 
 RATE = 1000.0  # [Hz]
-WANTED = 20.0  # times real time
+WANTED = 10.0  # times real time
 NOISE = 0.01  # of the tensions [N]
 PRESET = preset_path('renda2012_table4')
 
