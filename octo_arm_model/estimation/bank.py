@@ -215,7 +215,9 @@ class Judge:
             else:
                 found = exact[best][0].at
                 is_far = shape.distance(found.x) > _FAR * self._model.arm.length
-                if judged is None and not is_far:
+                if len(bank.doubts) == 1:
+                    judged = exact[best][1]
+                elif judged is None and not is_far:
                     judged = self._judge(bank, rows, found)
                 elif is_far:
                     judged = judged or self._judge(bank, rows, shape)

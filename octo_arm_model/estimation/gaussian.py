@@ -7,6 +7,7 @@ axes are those of several distributions.
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -82,13 +83,19 @@ def lower_root(array: FloatArray) -> FloatArray:
     """Lower triangular root of the product of ``array`` (..., n, k) and its transpose."""
     if array.ndim > 2 and len(array) == 1:
         return lower_root(array[0])[np.newaxis]
-    if array.ndim == 2:
-        upper: FloatArray = np.triu(dgeqrf(array.T)[0][: len(array)])
-    else:
-        upper = np.asarray(np.linalg.qr(array.swapaxes(-1, -2), mode='r'))
     # Columns of either sign are a root: make it that of Cholesky.
+    if array.ndim == 2:
+        factor = dgeqrf(array.T)[0][: len(array)].T
+        return np.asarray(_lower(len(array)) * factor * np.copysign(1.0, factor.diagonal()))
+    upper = np.asarray(np.linalg.qr(array.swapaxes(-1, -2), mode='r'))
     signs = np.copysign(1.0, np.einsum('...ii->...i', upper))
     return (upper * signs[..., np.newaxis]).swapaxes(-1, -2)
+
+
+@functools.lru_cache(maxsize=64)
+def _lower(size: int) -> FloatArray:
+    """Lower triangular matrix (``size``, ``size``) of ones."""
+    return np.tri(size)
 
 
 def square_of(residual: FloatArray, root: FloatArray) -> float:

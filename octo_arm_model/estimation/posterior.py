@@ -129,7 +129,10 @@ class Fit(NamedTuple):
 
 
 class _Local(NamedTuple):
-    """What measurements predict about a state to second order, in standard deviations."""
+    """What measurements predict about a state to second order, in standard deviations.
+
+    ``bent`` are the second derivatives that are known, and the gradient of the determinant.
+    """
 
     at: Prediction
     by: Gain
@@ -138,6 +141,7 @@ class _Local(NamedTuple):
     jacobian: FloatArray
     second: FloatArray | None
     slope: FloatArray
+    bent: tuple[FloatArray, FloatArray] | None
 
 
 class _Step(NamedTuple):
@@ -241,25 +245,30 @@ class Posterior:
         jacobian, second = rows.jacobian(at), rows.second(at)
         by = gain(root, jacobian, rows.noise_root)
         white = solve_lower(rows.noise_root, np.column_stack([left, jacobian @ root]))
-        slope = np.zeros(len(root))
+        slope, bent = np.zeros(len(root)), None
         if second is not None:
+            bent = second, gradient(by.gain, second)
             if self._agreement.weight:
-                slope = self._agreement.weight * (gradient(by.gain, second) @ root)
+                slope = self._agreement.weight * (bent[1] @ root)
                 away = float(np.linalg.norm(solve_lower(root, by.root).T @ slope))
                 slope *= min(1.0, _FARTHEST / away) if away else 1.0
-            bent = solve_lower(rows.noise_root, second.reshape(len(left), -1))
             # A step by some of the second derivatives is no better than one by none.
-            second = root.T @ bent.reshape(second.shape) @ root if rows.is_bend_known(at) else None
-        return _Local(at, by, self._away(at.x), white[:, 0], white[:, 1:], second, slope)
+            if rows.is_bend_known(at):
+                scaled = solve_lower(rows.noise_root, second.reshape(len(left), -1))
+                second = root.T @ scaled.reshape(second.shape) @ root
+            else:
+                second = None
+        return _Local(at, by, self._away(at.x), white[:, 0], white[:, 1:], second, slope, bent)
 
     def _step(self, local: _Local, x: FloatArray) -> _Step:
         """Newton's step from ``x`` to the mean by a ``local`` model."""
         z, left, jacobian = local.z, local.left, local.jacobian
         n = z.size
         if x is not local.at.x and local.second is not None:
-            bent = local.second @ (self._away(x) - z)
-            left = left - (jacobian + 0.5 * bent) @ (self._away(x) - z)
-            z, jacobian = self._away(x), jacobian + bent
+            z = self._away(x)
+            bent = local.second @ (z - local.z)
+            left = left - (jacobian + 0.5 * bent) @ (z - local.z)
+            jacobian = jacobian + bent
         root = lower_root(np.concatenate([jacobian.T, np.eye(n)], axis=1))
         change = solve_lower(root, jacobian.T @ left - z - local.slope)
         if local.second is not None:
@@ -342,11 +351,9 @@ class Posterior:
         )  # fmt: skip
 
     def _agreed(self, local: _Local, innovation: FloatArray, white: FloatArray) -> Agreement:
-        second = self._rows.second(local.at)
-        if second is None:
+        if local.bent is None:
             return self._agreement
-        by = local.by
-        slope = gradient(by.gain, second)
+        by, (second, slope) = local.by, local.bent
         shift = by.root.T @ slope
         # What it draws is a quadratic form of the innovation, whitened: of variance 2 |form|^2.
         form = solve_lower(
