@@ -1,9 +1,9 @@
 # make run        an arm without hardware, shown at http://localhost:8080, its tendons in your hand;
-#                 ARM=config/renda2012_table2.yaml chooses the arm, PORT=8081 the port; it moves with
-#                 its inertia in water, MOTION= without
+#                 ARM=config/renda2012_table2.yaml chooses the arm, PORT=8081 the port
 # make touch      the same arm, pushed again and again: from tensions, tip and markers with noise
 #                 an estimator finds the force, and says how well it knows the shape
 # make octopus    eight arms around a body, crawling
+#                 all three move with their inertia in water, MOTION= without
 # make test       what a change must pass; ARGS='-k name' passes options to pytest, -n 0 among
 #                 them for one process, as a debugger needs
 # make test-all   all tests, statistics and endurance too; once more with other rounding
@@ -35,10 +35,10 @@ run: prepare
 	@tools/with_ros octo_arm_demo $(ARM) $(MOTION) --port $(PORT)
 
 touch: prepare
-	@tools/with_ros octo_arm_demo $(ARM) --estimate --port $(PORT)
+	@tools/with_ros octo_arm_demo $(ARM) --estimate $(MOTION) --port $(PORT)
 
 octopus: prepare
-	@tools/with_ros octo_arm_octopus $(ARM) --port $(PORT)
+	@tools/with_ros octo_arm_octopus $(ARM) $(MOTION) --port $(PORT)
 
 test: prepare
 	@tools/with_ros python $(PYTEST) -m 'not endurance' $(ARGS)

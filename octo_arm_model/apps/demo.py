@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from octo_arm_model.apps.shared import add_optional_page, open_page, own_domain
+from octo_arm_model.apps.shared import TRUE_SHAPE, add_optional_page, open_page, own_domain
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.config.config import load_config
 from octo_arm_model.config.parameter_files import find_path
@@ -23,7 +23,6 @@ from octo_arm_model.simulation.profiles.profile import CommandProfile
 from octo_arm_model.simulation.touched_arm import touched
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
 from octo_arm_model.viewer.options import page_title
-from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 if TYPE_CHECKING:
     from octo_arm_model.ros.client.client import ArmClient
@@ -41,6 +40,7 @@ examples:
   octo_arm_demo renda2012_prototype --no-viewer
   octo_arm_demo renda2012_table4 --moving        # with inertia, in water
   octo_arm_demo renda2012_prototype --estimate   # it is pushed; who pushes it is found out
+  octo_arm_demo renda2012_prototype --estimate --moving
 
 The simulator moves the arm until a slider of the page, or `octo-arm play`, takes over.
 """
@@ -96,7 +96,8 @@ def build_parser() -> argparse.ArgumentParser:
         '--moving',
         action='store_true',
         help='the arm moves with its inertia, in water, and can be pulled in the page; without '
-        '--estimate the shape is the true one',
+        '--estimate the shape is the true one, with it forces along the arm are found, inertia '
+        'and drag among them',
     )
     add_optional_page(parser)
     return parser
@@ -119,17 +120,16 @@ def _show(options: argparse.Namespace) -> int:
     is_over = stop_signals()
     common = ['--ros-args', '--log-level', 'warn', '--params-file', path]
     playing: dict[str, Any] = {'rate': RATE, 'profile.name': movement, 'profile.loop': True}
-    shown: list[str] = []  # the true shape in the place of that of the tensions
+    shown, hidden = list[str](), list[str]()
     if options.moving:
         water = in_water(config)
         playing['dynamics'] = water.pop('dynamics')
         common += parameter_arguments(water)
         if not options.estimate:
-            shown = [w for name in BACKBONE_TOPICS for w in ('-r', f'ground_truth/{name}:={name}')]
-    hidden = [w for name in BACKBONE_TOPICS if shown for w in ('-r', f'{name}:=at_rest/{name}')]
+            shown, hidden = TRUE_SHAPE
     commands: list[Sequence[str]] = [('octo_arm_model.ros.node.main', *common, *hidden)]
     if options.estimate:
-        pushing, estimating = touched(config)
+        pushing, estimating = touched(config, is_moving=options.moving)
         profile = find_profile(movement, config.arm)
         speed = speed_within(profile, estimating['estimator.tension_rate'])
         playing |= {**pushing, 'profile.speed': speed}

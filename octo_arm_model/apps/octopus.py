@@ -11,16 +11,18 @@ import contextlib
 import sys
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from octo_arm_model.analysis.drawing import ARMS, base_pose
 from octo_arm_model.apps.demo import LINE_PERIOD, movement_of
-from octo_arm_model.apps.shared import add_optional_page, open_page, own_domain
+from octo_arm_model.apps.shared import TRUE_SHAPE, add_optional_page, open_page, own_domain
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import find_path
 from octo_arm_model.ros.processes import children, ended, parameter_arguments, stop_signals
+from octo_arm_model.simulation.parameters import in_water
+from octo_arm_model.simulation.profiles.commands import TOPIC as COMMANDS
 from octo_arm_model.simulation.profiles.commands import find_profile
 from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
@@ -34,10 +36,12 @@ if TYPE_CHECKING:
 RATE = 30.0  # [Hz] of the tensions of each arm
 PROCESSES = 2
 FRAME = 'octopus'
+_TENSIONS = 'tendon_tensions'
 _PROG = 'octo_arm_octopus'
 _EPILOG = """\
 examples:
   octo_arm_octopus
+  octo_arm_octopus --moving                      # with inertia, in water
   octo_arm_octopus renda2012_table2 --movement rotating --processes 8
 """
 
@@ -45,8 +49,8 @@ examples:
 class Crawl:
     """Plays one movement on all arms, each an eighth of a period ahead of the previous arm."""
 
-    def __init__(self, node: Node, config: Config, movement: str) -> None:
-        """Publish on ``node`` tensions for eight arms of ``config``.
+    def __init__(self, node: Node, config: Config, movement: str, topic: str) -> None:
+        """Publish on ``node`` tensions for eight arms of ``config``, on a ``topic`` of each.
 
         Raises:
             ProfileError: if there is no such ``movement`` of this arm, or it goes beyond the
@@ -58,7 +62,7 @@ class Crawl:
         self._profile = find_profile(movement, config.arm)
         check_profile(self._profile, config.arm, tendon_limits(config))
         self._publishers = [
-            CommandPublisher(node, f'arm_{number}/tendon_tensions', config)
+            CommandPublisher(node, f'arm_{number}/{topic}', config)
             for number in range(1, ARMS + 1)
         ]
         self._began = self._due = time.monotonic()
@@ -94,18 +98,23 @@ def describe(clients: Sequence[ArmClient]) -> str:
     )
 
 
-def host(config_file: str, numbers: Sequence[int]) -> None:
-    """Run the nodes of the arms ``numbers`` until a signal comes."""
+def host(config_file: str, numbers: Sequence[int], is_moving: bool) -> None:
+    """Run the nodes of the arms ``numbers``, and simulators of them, until a signal comes."""
     import rclpy
 
     from octo_arm_model.ros.node.main import OctoArmNode, make_executor
+    from octo_arm_model.ros.simulator.main import SimulatorNode
     from octo_arm_model.ros.start import start_ros
 
     is_over = stop_signals()
     # Errors only, as all nodes log the same lines.
     start_ros(['--ros-args', '--log-level', 'error'])
     executor = make_executor()
-    nodes = []
+    nodes: list[Node] = []
+    water = in_water(load_config(config_file)) if is_moving else {}
+    simulated = {'rate': RATE, 'dynamics': water.pop('dynamics', False)}
+    shown, hidden = TRUE_SHAPE
+    hidden = [*hidden, '-r', f'{_TENSIONS}:=at_rest/{_TENSIONS}']  # which would be solved in vain
     for number in numbers:
         position, quaternion = base_pose(number)
         settings = {
@@ -113,13 +122,18 @@ def host(config_file: str, numbers: Sequence[int]) -> None:
             'base.position': position,
             'base.quaternion': quaternion,
             'frame_prefix': f'arm_{number}_',
+            **water,
         }
         arguments = ['--ros-args', '--params-file', config_file, *parameter_arguments(settings)]
-        node = OctoArmNode(
-            namespace=f'arm_{number}', cli_args=arguments, use_global_arguments=False
-        )
+        of_all: dict[str, Any] = {'namespace': f'arm_{number}', 'use_global_arguments': False}
+        if is_moving:
+            nodes.append(OctoArmNode(cli_args=[*arguments, *hidden], **of_all))
+            arguments += [*parameter_arguments(simulated), *shown]
+            nodes.append(SimulatorNode(cli_args=arguments, **of_all))
+        else:
+            nodes.append(OctoArmNode(cli_args=arguments, **of_all))
+    for node in nodes:
         executor.add_node(node)
-        nodes.append(node)
     while not is_over():
         executor.spin_once(timeout_sec=0.1)
     for node in nodes:
@@ -148,6 +162,9 @@ def build_parser() -> argparse.ArgumentParser:
         default=PROCESSES,
         help=f'processes that the nodes share, 1 to {ARMS} (default: %(default)s)',
     )
+    parser.add_argument(
+        '--moving', action='store_true', help='the arms move with their inertia, in water'
+    )
     parser.add_argument('--host-arms', type=int, nargs='+', help=argparse.SUPPRESS)
     add_optional_page(parser)
     return parser
@@ -166,18 +183,20 @@ def _show(options: argparse.Namespace) -> int:
 
     path = str(find_path(options.config))
     if options.host_arms:
-        host(path, options.host_arms)
+        host(path, options.host_arms, options.moving)
         return 0
     config = load_config(path)
     is_over = stop_signals()
+    moving, topic = (['--moving'], COMMANDS) if options.moving else ([], _TENSIONS)
     groups = np.array_split(np.arange(1, ARMS + 1), options.processes)
     commands = [
-        ('octo_arm_model.apps.octopus', path, '--host-arms', *map(str, group)) for group in groups
+        ('octo_arm_model.apps.octopus', path, *moving, '--host-arms', *map(str, group))
+        for group in groups
     ]
     with contextlib.ExitStack() as stack:
         stack.enter_context(own_domain(_PROG, '/arm_1'))
         node = stack.enter_context(client_node(_PROG))
-        crawl = Crawl(node, config, options.movement or movement_of(config.arm))
+        crawl = Crawl(node, config, options.movement or movement_of(config.arm), topic)
         clients = [ArmClient(node, f'arm_{number}') for number in range(1, ARMS + 1)]
         for client in clients:
             client.listen({**POSES, 'strains': DETAILS['strains']})

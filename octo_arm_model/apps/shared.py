@@ -12,10 +12,17 @@ from typing import TYPE_CHECKING
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.terminal import missing
 from octo_arm_model.viewer.options import add_address
+from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 if TYPE_CHECKING:
     import viser
 
+# Arguments after --ros-args of a simulator whose arm moves and of a node of the same arm: the true
+# shape is in the place of that at rest under its tensions.
+TRUE_SHAPE = tuple(
+    [word for name in BACKBONE_TOPICS for word in ('-r', f'{before}{name}:={after}{name}')]
+    for before, after in (('ground_truth/', ''), ('', 'at_rest/'))
+)
 DOMAINS = 102  # beyond these the ports of DDS are among those that Linux hands out
 _VARIABLE = 'ROS_DOMAIN_ID'
 

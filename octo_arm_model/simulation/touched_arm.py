@@ -22,8 +22,12 @@ _CHANGE = 0.05  # of that: by how much tensions change in a second
 _MARKERS = (1 / 3, 2 / 3)  # of the length
 
 
-def touched(config: Config) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Parameters of `octo_arm_sim` and of `octo_arm_estimator`, besides those of the arm."""
+def touched(config: Config, is_moving: bool = False) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Parameters of `octo_arm_sim` and of `octo_arm_estimator`, besides those of the arm.
+
+    Inertia and drag of an arm that moves are taken for unknown forces at the tip and the markers,
+    as the estimator has the arm in balance; they change faster than a push.
+    """
     length = config.arm.length
     axes = axes_of(np.array(config.base.quaternion))
     force = bending_force(config.arm, _PUSHED) * axes @ np.array([0.0, 0.6, 0.8])
@@ -49,4 +53,10 @@ def touched(config: Config) -> tuple[dict[str, Any], dict[str, Any]]:
         'estimator.marker_stddev': _POSITION * length,
         'estimator.force_time': 0.5,
     }
+    if is_moving:
+        estimator |= {
+            'estimator.contact': 'at',
+            'estimator.contact_s': [length, *markers],
+            'estimator.force_time': 0.2,
+        }
     return simulator, estimator

@@ -118,7 +118,8 @@ def test_the_demonstration_moves_the_arm_says_where_to_look_and_leaves_nothing_b
     assert said[0] == port < said[1]
 
 
-def test_an_arm_that_moves_is_shown_and_not_the_one_at_rest(run_here):
+@pytest.mark.parametrize('more', [[], ['--estimate']])
+def test_an_arm_that_moves_is_shown_and_not_the_one_at_rest(run_here, more):
     tips = set()
 
     def watch(line, family):
@@ -128,7 +129,7 @@ def test_an_arm_that_moves_is_shown_and_not_the_one_at_rest(run_here):
         if len(tips) == 2:
             stop_here()
 
-    arguments = ['renda2012_prototype', '--moving', '--no-viewer']
+    arguments = ['renda2012_prototype', '--moving', '--no-viewer', *more]
     status, complaints = run_here(demo, arguments, watch)
     assert status == 0 and complaints == ''
 
@@ -145,14 +146,15 @@ def test_the_demonstration_ends_with_its_node(run_here):
     assert 'octo_arm_model.ros.node.main ended by itself with status -9' in complaints
 
 
-def test_eight_arms_crawl_and_leave_nothing_behind(run_here):
+@pytest.mark.parametrize('more', [[], pytest.param(['--moving'], marks=pytest.mark.endurance)])
+def test_eight_arms_crawl_and_leave_nothing_behind(run_here, more):
     def watch(line, family):
         found = re.search(r'(\d+) shapes/s of 8 arms', line)
-        if found and float(found[1]) >= 8.0:
+        if found and float(found[1]) >= (1.0 if more else 8.0):  # a busy machine moves few
             assert len(family) == 1  # hosts the nodes
             stop_here()
 
-    status, complaints = run_here(octopus, ['--no-viewer', '--processes', '1'], watch)
+    status, complaints = run_here(octopus, ['--no-viewer', '--processes', '1', *more], watch)
     assert status == 0, complaints
 
 
