@@ -9,7 +9,8 @@ import numpy as np
 
 from octo_arm_model.arm.hints import Number
 
-_ROUNDING = 1e-16  # of a residual
+# What is left of a residual: how many times as much is said, and the least that is.
+_MARGIN, _LEAST = 20.0, 1e-12
 
 
 def density(
@@ -97,10 +98,10 @@ def offset_stiffness(
 
 
 def residual_left(size: Number, last: Number) -> Number:
-    """About what a step of Newton's method leaves of a residual ``size``, from ``last`` before.
+    """What a step of Newton's method leaves of a residual ``size``, from ``last`` before.
 
-    By its quadratic convergence; never less than the square of ``size``, nor than rounding. All
-    of it where ``last`` is zero, as nothing is known.
+    At most, by its quadratic convergence with a `_MARGIN`, and by the square of ``size``. Where
+    ``last`` is zero nothing is known, and all of it is left.
     """
     ratio = np.minimum(size / np.maximum(last, 1e-300), 1.0)
-    return np.maximum(size * np.maximum(size, ratio * ratio), _ROUNDING)
+    return np.maximum(_MARGIN * size * np.maximum(size, ratio * ratio), _LEAST)

@@ -194,8 +194,12 @@ class Tendons:
 
 def _cross(kappa: FloatArray, r: FloatArray) -> FloatArray:
     """Cross products kappa x r of curvatures (..., 3, N, 1) and offsets (..., 2, N, J)."""
-    (t, n, b), (x, y) = np.moveaxis(kappa, -3, 0), np.moveaxis(r, -3, 0)
-    return np.stack([n * y - b * x, -t * y, t * x], axis=-3)
+    t, n, b = (kappa[..., c, :, :] for c in range(3))
+    x, y = r[..., 0, :, :], r[..., 1, :, :]
+    along = n * y - b * x
+    found = np.empty((*along.shape[:-2], 3, *along.shape[-2:]))
+    found[..., 0, :, :], found[..., 1, :, :], found[..., 2, :, :] = along, -t * y, t * x
+    return found
 
 
 def _cross_transposed(kappa: FloatArray, u: FloatArray) -> FloatArray:

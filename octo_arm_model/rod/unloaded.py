@@ -9,7 +9,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.tables import Tables, Work
 
-TOLERANCE = 1e-11
+TOLERANCE = 5e-11
 
 
 def balance_sections(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -11,13 +12,14 @@ import numpy as np
 import pytest
 from rods import CASES, TENSIONS, WRENCH, forms, rod_of, twists_at
 
-from octo_arm_model import Config
+from octo_arm_model import Config, ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.elements import build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.paper_equations import ClosedForm, Renda2012
 from octo_arm_model.rod.several import Several
-from octo_arm_model.rod.tables import places_at, work_arrays
+from octo_arm_model.rod.tables import AXIAL, force_scale, places_at, work_arrays
+from octo_arm_model.rod.unloaded import TOLERANCE, balance_sections
 
 CONDITION = Condition(TENSIONS, WRENCH)
 
@@ -47,6 +49,27 @@ def test_both_forms_compute_the_same(name: str, level: int) -> None:
     for name, one in first.items():
         scale = np.abs(one).max(initial=1e-300)
         np.testing.assert_allclose(second[name], one, rtol=0.0, atol=1e-12 * scale, err_msg=name)
+
+
+@pytest.mark.parametrize('name', ['linear', 'neo_hookean', 'neo_hookean in sheaths'])
+@pytest.mark.parametrize('compiled', [False, True])
+def test_sections_that_said_to_be_in_balance_are(name: str, compiled: bool) -> None:
+    # What their last step leaves is not looked at, but told by how they converged.
+    if compiled:
+        pytest.importorskip('numba')
+    problem, draw = rod_of(name, compiled=compiled).problem(0), np.random.default_rng(5)
+    tables, work, balanced = problem.tables, problem.work, 0
+    for most in (0.02, 0.1, 0.3, 1.0):
+        for _ in range(10):
+            tensions = most * tables.body[-1, AXIAL] * draw.random(tables.friction.size) ** 2
+            local, z = tables.reach * tensions, np.zeros((len(tables.reach), 4))
+            with contextlib.suppress(ConvergenceError), np.errstate(all='ignore'):
+                balance_sections(problem.form, tables, work, local, z)
+                balanced += 1
+                problem.form.sections(tables, z, local, work)
+                over = np.abs(work.gradient[:, :3]) / force_scale(tables, tensions)[:, :1]
+                assert over.max() <= TOLERANCE
+    assert balanced >= 20
 
 
 @pytest.mark.parametrize('model', [ClosedForm, Renda2012])
