@@ -23,9 +23,9 @@ from recordings import (
 from octo_arm_model import Arm
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path
-from octo_arm_model.experiment.alignment import Alignment
-from octo_arm_model.experiment.measured_shapes import MeasuredShape, mean_shape
+from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.midlines import resample
+from octo_arm_model.experiment.observations import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording import Recording
 from octo_arm_model.experiment.steady_windows import Window
 

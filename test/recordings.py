@@ -10,6 +10,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
+
+pytest.importorskip('rosbags', reason='needs rosbags')
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model import Arm, Config, load_config

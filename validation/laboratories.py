@@ -24,7 +24,7 @@ from scipy.interpolate import CubicSpline
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.experiment.alignment import Alignment
+from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.fit import LOSSES
 from octo_arm_model.experiment.identification import best_of, disagreements, envelope_of
 from octo_arm_model.experiment.identify import identify

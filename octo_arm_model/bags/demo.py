@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from rosbags.interfaces import Connection
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -17,8 +16,9 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_FRICTION
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.arm.validation import not_negative, positive, whole, within
+from octo_arm_model.bags.sensor_messages import TENSIONS, SensorMessages
 from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
-from octo_arm_model.bags.writer import BagWriter, Message
+from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.parameter_files import parameters_as_yaml, preset_path
@@ -26,16 +26,8 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of
 from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.rotations import axes_of
-from octo_arm_model.wire.backbone import (
-    path,
-    pose_array,
-    pose_with_covariance,
-    tendon_tensions,
-)
-from octo_arm_model.wire.cdr import Template, text_field
-from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS, TIP_POSE
-from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tensions import DISPLACEMENT_TYPE, DISPLACEMENTS, TENSION_TOPICS
+from octo_arm_model.wire.measurements import MARKERS, TIP_POSE
+from octo_arm_model.wire.tensions import DISPLACEMENTS
 
 PRESET = 'renda2012_prototype'
 # Pose of the camera's frame in base_frame: beside the arm, looking at it.
@@ -136,27 +128,15 @@ class Experiment:
         return np.outer(np.interp(time, at, [0.0, self.touch, self.touch, 0.0]), TOUCH_DIRECTION)
 
 
-def truth(experiment: Experiment) -> dict[str, Any]:
-    """The parameters of a demo, for its metadata."""
-    return {
-        'model': 'exact',
-        **asdict(experiment),
-        'camera_position': CAMERA_POSITION,
-        'camera_quaternion': CAMERA_QUATERNION,
-    }
-
-
 def custom_data(experiment: Experiment) -> dict[str, str]:
-    """Custom data for the metadata of a demo, with what it was made with."""
-    return {'note': note(experiment), 'truth': json.dumps(truth(experiment))}
-
-
-def note(experiment: Experiment) -> str:
-    """Text of the topic note: the data are synthetic, and their parameters."""
-    return (
+    """Custom data for the metadata of a demo: its parameters, and the text of the topic note."""
+    camera = {'camera_position': CAMERA_POSITION, 'camera_quaternion': CAMERA_QUATERNION}
+    truth = json.dumps({'model': 'exact', **asdict(experiment), **camera})
+    note = (
         'This recording is synthetic: nothing of it was measured. octo-arm record-demo made it '
-        f'with {json.dumps(truth(experiment))}.'
+        f'with {truth}.'
     )
+    return {'note': note, 'truth': truth}
 
 
 class TrueArm:
@@ -222,9 +202,6 @@ class TrueArm:
 
 
 START = 1_335_830_400 * 10**9  # 1 May 2012 [ns]
-TENSIONS = 'tendon_tensions'
-# Orientation of points: a camera does not see that of cross sections.
-LEVEL = (0.0, 0.0, 0.0, 1.0)
 _POINTS = 41  # of a midline
 
 
@@ -244,10 +221,10 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
         within('--markers', s, 0.0, config.arm.length, 'm')
     rng = np.random.default_rng(experiment.seed)
     times, pulls = experiment.schedule(config)
-    messages = DemoMessages(writer, config, _POINTS, len(experiment.markers))
+    messages = SensorMessages(writer, config, 'camera')
     true = TrueArm(parameters, experiment)
     writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(parameters), START)
-    writer.add_text('/note', note(experiment), START)
+    writer.add_text('/note', custom_data(experiment)['note'], START)
 
     sampled = np.arange(0.0, times[-1], 1.0 / experiment.tension_rate)
     measured = np.interp(sampled, times, pulls)
@@ -257,7 +234,7 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
     tensions = np.zeros((measured.size, len(config.arm.tendons)))
     tensions[:, 0] = measured
     for time, row in zip(sampled, tensions):
-        messages.add(TENSIONS, time, row)
+        messages.add(TENSIONS, _nanoseconds(time), row)
 
     if experiment.sheath or experiment.axial_stiffness:
         reeled_in = true.reeled_in(np.interp(sampled, times, pulls))
@@ -265,7 +242,7 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
         noise = np.random.default_rng([experiment.seed, 1]).standard_normal(reeled_in.shape)
         reeled_in += experiment.encoder_noise * noise
         for time, displacements in zip(sampled, reeled_in):
-            messages.add(DISPLACEMENTS, time, displacements)
+            messages.add(DISPLACEMENTS, _nanoseconds(time), displacements)
 
     seen = np.arange(0.0, times[-1], 1.0 / experiment.camera_rate)
     seen = seen[rng.random(seen.size) >= experiment.dropped]
@@ -277,7 +254,8 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
             # From a random point on the tracking is lost, as at a reflection.
             lost = slice(int(rng.integers(_POINTS // 4, _POINTS)), None)
             midline[lost] += rng.normal(0.0, 0.05 * config.arm.length, 3)
-        messages.add(MIDLINE, time, midline, LEVEL, ahead=experiment.clock_offset)
+        ahead = round(1e9 * experiment.clock_offset)
+        messages.add(MIDLINE, _nanoseconds(time), midline, ahead_ns=ahead)
     if experiment.touch or experiment.markers:
         seen = np.arange(0.0, times[-1], 1.0 / experiment.marker_rate)
         shapes = true.shapes(np.interp(seen, times, pulls), experiment.touches(seen, times))
@@ -295,7 +273,7 @@ def _seen_by_camera(shapes: Sequence[Backbone]) -> FloatArray:
 
 
 def _add_measured(
-    messages: DemoMessages, times: FloatArray, shapes: Sequence[Backbone], experiment: Experiment
+    messages: SensorMessages, times: FloatArray, shapes: Sequence[Backbone], experiment: Experiment
 ) -> None:
     """Add what is measured of ``shapes`` at ``times`` (n,) [s] besides midlines."""
     # Random numbers of their own: all else is the same with a touch and without.
@@ -305,53 +283,12 @@ def _add_measured(
         if experiment.touch:
             error = stddev * rng.standard_normal(6)
             turned = Rotation.from_rotvec(error[3:]) * Rotation.from_quat(shape.quaternion[-1])
-            position, covariance = shape.tip + error[:3], np.diag(stddev**2)
-            messages.add(TIP_POSE, time, position, turned.as_quat(), covariance)
+            pose = shape.tip + error[:3], turned.as_quat(), np.diag(stddev**2)
+            messages.add(TIP_POSE, _nanoseconds(time), pose[0][np.newaxis], *pose[1:])
         if experiment.markers:
             points = interpolated(np.array(experiment.markers), shape.s, shape.position)
             noise = experiment.marker_noise * rng.standard_normal(points.shape)
-            messages.add(MARKERS, time, points + noise, LEVEL)
-
-
-class DemoMessages:
-    """Collects messages and writes them in order of receipt."""
-
-    def __init__(self, writer: BagWriter, config: Config, points: int, markers: int) -> None:
-        """Lay out messages of the arm of ``config``, with so many ``points`` and ``markers``."""
-        frame, names = text_field('base_frame', config.base_frame), config.arm.tendon_names
-        lengths = tendon_tensions(frame, names)  # but that the numbers are positions
-        lengths.count(0)  # no velocities
-        lengths.count(0)  # no efforts
-        layouts = {
-            TENSIONS: (TENSION_TOPICS[TENSIONS].type_name, tendon_tensions(frame, names)),
-            DISPLACEMENTS: (DISPLACEMENT_TYPE, lengths),
-            MIDLINE: ('nav_msgs/msg/Path', path(b'camera', points)),
-            TIP_POSE: (MEASUREMENT_TOPICS[TIP_POSE].type_name, pose_with_covariance(frame)),
-        }
-        if markers:
-            layouts[MARKERS] = MEASUREMENT_TOPICS[MARKERS].type_name, pose_array(frame, markers)
-        self._layouts = {
-            topic: (type_name, Template(layout)) for topic, (type_name, layout) in layouts.items()
-        }
-        self._writer = writer
-        self._connections: dict[str, Connection] = {}
-        self._messages: list[Message] = []
-
-    def add(self, topic: str, time: float, *values: Any, ahead: float = 0.0) -> None:
-        """Add a message received at ``time`` [s] after the start.
-
-        It holds the ``values`` of the slots of its layout in their order, and a stamp of a clock
-        that is ``ahead`` [s].
-        """
-        type_name, template = self._layouts[topic]
-        if topic not in self._connections:
-            self._connections[topic] = self._writer.add(f'/{topic}', type_name)
-        data = template.write(*Stamp.from_ns(_nanoseconds(time + ahead)), *values)
-        self._messages.append((self._connections[topic], _nanoseconds(time), data))
-
-    def write(self) -> None:
-        """Write all of them."""
-        self._writer.write(sorted(self._messages, key=lambda message: message[1]))
+            messages.add(MARKERS, _nanoseconds(time), points + noise)
 
 
 def _nanoseconds(time: float) -> int:

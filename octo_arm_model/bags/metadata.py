@@ -12,7 +12,6 @@ import yaml
 from octo_arm_model.arm.errors import shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.bags.storages import check_file, checked_yaml
-from octo_arm_model.config.files import compose_yaml
 
 NAME = 'metadata.yaml'
 _ROOT = 'rosbag2_bagfile_information'
@@ -101,16 +100,8 @@ def _custom_data(about: Mapping[str, Any], text: str) -> dict[str, str]:
     """Custom data, each entry as it is written: the recorder puts no quotes around 007 or true."""
     if about.get('custom_data') is None:
         return {}
-    custom = _take(about, 'custom_data', dict)
-    node = compose_yaml(text)
-    for name in (_ROOT, 'custom_data'):
-        assert isinstance(node, yaml.MappingNode)  # as it was loaded
-        node = next(value for key, value in node.value if key.value == name)
-    assert isinstance(node, yaml.MappingNode)
-    written = {
-        key.value: value.value if isinstance(value, yaml.ScalarNode) else custom[key.value]
-        for key, value in node.value
-    }
+    _take(about, 'custom_data', dict)
+    written: dict[str, str] = yaml.load(text, yaml.BaseLoader)[_ROOT]['custom_data']
     for key in written:
         _take(written, key, str, 'custom_data')
     return written

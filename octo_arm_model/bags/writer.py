@@ -104,6 +104,7 @@ class BagWriter:
             BagError: if there is something at ``path``, or nowhere to write.
         """
         self.path = Path(path)
+        self._topics: dict[tuple[str, str], Connection] = {}
         if storage not in STORAGES:
             raise BagError(f'storage is {storage!r}, expected one of {", ".join(STORAGES)}')
         if self.path.exists() or self.path.is_symlink():
@@ -164,18 +165,21 @@ class BagWriter:
             raise BagError(f'{self.path}: cannot be written: {error}') from error
 
     def add(self, topic: str, type_name: str, latched: bool = False) -> Connection:
-        """A topic of a type known here, to write to.
+        """The topic of a type known here, to write to; it is added where it is new.
 
         ``latched`` ones are kept for those who come late.
 
         Raises:
             BagError: if the bag cannot be written.
         """
-        qos = _LATCHED if latched else _OUTPUT
-        with self._failures():
-            return self._writer.add_connection(
-                topic, type_name, typestore=known_types(), offered_qos_profiles=[qos]
-            )
+        key = topic, type_name
+        if key not in self._topics:
+            qos = [_LATCHED if latched else _OUTPUT]
+            with self._failures():
+                self._topics[key] = self._writer.add_connection(
+                    *key, typestore=known_types(), offered_qos_profiles=qos
+                )
+        return self._topics[key]
 
     def add_text(self, topic: str, text: str, received_ns: int) -> None:
         """A latched std_msgs/String on a topic of its own, received at a time [ns].

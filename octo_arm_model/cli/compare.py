@@ -71,8 +71,8 @@ def run(options: argparse.Namespace) -> int:
     comparisons = of_each(models, 'compared', notes, compared)
     result = as_dict(comparisons, observations, notes)
     if out is not None:
+        from octo_arm_model.experiment.compare import write_tables
         from octo_arm_model.experiment.pictures import pictures_of_comparison, save_all
-        from octo_arm_model.experiment.tables import write_tables
 
         pictures, whole = pictures_of_comparison(comparisons), json.dumps(result, indent=1)
         with writing(out, folder=True) as place, Bar('pictures') as bar:

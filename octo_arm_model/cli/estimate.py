@@ -32,6 +32,7 @@ from octo_arm_model.cli.options import (
 )
 from octo_arm_model.cli.recordings import add_columns, read_alignment, read_columns
 from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.estimation.estimator import Estimated
 from octo_arm_model.estimation.parameters import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.unknowns import Unknowns
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, MEASUREMENT_TOPICS, TIP_POSE
@@ -40,7 +41,7 @@ from octo_arm_model.wire.tensions import DISPLACEMENTS
 if TYPE_CHECKING:
     from octo_arm_model.arm.hints import FloatArray
     from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.experiment.estimates import Moment, Result, TimedEstimate, Touch
+    from octo_arm_model.experiment.estimates import Moment, Result, Touch
     from octo_arm_model.experiment.sensor_recording import Recorded, Sources
 
 
@@ -375,7 +376,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Estimate from the bag, and print and write what was found."""
-    from octo_arm_model.experiment.estimates import estimate
+    from octo_arm_model.experiment.estimates import EstimateTables, estimate
     from octo_arm_model.experiment.sensor_recording import read_recorded
     from octo_arm_model.experiment.table_bag import as_described
     from octo_arm_model.experiment.table_bag import opened as open_bag
@@ -411,13 +412,11 @@ def run(options: argparse.Namespace) -> int:
             opened.enter_context(unwritten(out))
             outputs.append(_bag_output(options, opened, reader, recorded))
         if options.csv is not None:
-            from octo_arm_model.experiment.estimates import EstimateTables
-
             place = opened.enter_context(writing(options.csv, folder=True))
             tables = opened.enter_context(EstimateTables(place, recorded.models))
             outputs.append(tables.write)
 
-        def write(moment: Moment, one: TimedEstimate) -> None:
+        def write(moment: Moment, one: Estimated) -> None:
             for output in outputs:
                 output(moment, one)
 
@@ -454,9 +453,9 @@ def _bag_output(
     opened: contextlib.ExitStack,
     reader: BagReader,
     recorded: Recorded,
-) -> Callable[[Moment, TimedEstimate], None]:
+) -> Callable[[Moment, Estimated], None]:
     """A function that writes estimates to the bag --out, at most --rate of them a second."""
-    from octo_arm_model.bags.estimate_output import EstimateOutput, copy_bag
+    from octo_arm_model.bags.outputs import EstimateOutput, copy_bag
     from octo_arm_model.bags.writer import BagWriter
 
     custom = {**reader.metadata, 'octo_arm_estimate': f'estimates for {options.bag.name}'}
@@ -469,12 +468,12 @@ def _bag_output(
     period = 1.0 / options.rate if options.rate else 0.0
     due = -math.inf
 
-    def write(moment: Moment, one: TimedEstimate) -> None:
+    def write(moment: Moment, one: Estimated) -> None:
         nonlocal due
         if moment.time < due - 1e-9:
             return
         due = max(due + period, moment.time) if math.isfinite(due) else moment.time + period
-        bag.write(one.hypothesis, one.estimate, one.stamp_ns, one.received_ns)
+        bag.write(one.hypothesis, one.estimate, moment.stamp_ns, moment.received_ns)
 
     return write
 

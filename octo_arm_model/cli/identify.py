@@ -11,7 +11,7 @@ from octo_arm_model.cli.files import Bar, check_out, refuse_inside, writing
 from octo_arm_model.cli.options import add_json, add_path
 from octo_arm_model.cli.recordings import ALL, RECORDINGS, add_recording, of_each, read_options
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.compare import compare
+from octo_arm_model.experiment.compare import compare, write_tables
 from octo_arm_model.experiment.fit import LOSSES
 from octo_arm_model.experiment.identification import (
     Identification,
@@ -23,9 +23,8 @@ from octo_arm_model.experiment.identification import (
     rank,
 )
 from octo_arm_model.experiment.identify import identify
-from octo_arm_model.experiment.motion_fit import identify_motion
+from octo_arm_model.experiment.motion import identify_motion
 from octo_arm_model.experiment.observations import Observations
-from octo_arm_model.experiment.tables import write_tables
 from octo_arm_model.experiment.uncertainty import AUTO, Misfit
 from octo_arm_model.experiment.unknowns import FITS, OF_MOTION, is_of_arm
 

@@ -83,16 +83,9 @@ def run(options: argparse.Namespace) -> None:
     parameters, stiffness = load_parameters(options.config), options.stiffness
     if stiffness is None:
         stiffness = 1.0 if options.touch else Experiment.stiffness
-    experiment = Experiment(
-        stiffness=stiffness,
-        clock_offset=options.clock_offset,
-        sheath=options.sheath,
-        axial_stiffness=options.axial_stiffness,
-        friction=options.friction,
-        touch=options.touch,
-        markers=tuple(options.markers),
-        seed=options.seed,
-    )
+    same = 'clock_offset', 'sheath', 'axial_stiffness', 'friction', 'touch', 'seed'
+    given = {name: getattr(options, name) for name in same}
+    experiment = Experiment(stiffness=stiffness, markers=tuple(options.markers), **given)
     custom = custom_data(experiment)
     with unwritten(options.out), BagWriter(options.out, options.storage, custom) as writer:
         add_demo(writer, parameters, experiment)

@@ -27,11 +27,11 @@ from octo_arm_model.cli.options import (
 )
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import load_yaml, read_text, reading
-from octo_arm_model.experiment.alignment import Alignment
+from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.csv_recording import DISPLACEMENT, CsvSources
-from octo_arm_model.experiment.measured_points import LENGTH_UNITS, Measured
-from octo_arm_model.experiment.motion import TensionTrajectory, observe_motion
+from octo_arm_model.experiment.motion import TensionTrajectory
 from octo_arm_model.experiment.observations import (
+    MOMENTS,
     POSES,
     RAMP,
     STEPS,
@@ -40,7 +40,7 @@ from octo_arm_model.experiment.observations import (
     observe,
 )
 from octo_arm_model.experiment.read_recording import read_recording
-from octo_arm_model.experiment.recording import Recording
+from octo_arm_model.experiment.recording import LENGTH_UNITS, Measured, Recording
 from octo_arm_model.experiment.steady_windows import SteadyRule
 from octo_arm_model.experiment.unknowns import OF_ENCODERS
 from octo_arm_model.rod.solver import MODELS
@@ -207,6 +207,30 @@ def read_files(options: argparse.Namespace) -> CsvSources:
     return CsvSources(pose, pose, None, columns, is_poses=True)
 
 
+def _read_pairing(options: argparse.Namespace) -> tuple[Pairing, float | None]:
+    """How frames are paired with tensions, and the step of a motion [s], None of equilibria.
+
+    OctoArmError if an option is wrong, or has no effect.
+    """
+    not_negative('--tolerance', options.tolerance, 'time', 's')
+    if options.clock_offset is not None:
+        finite('--clock-offset', options.clock_offset, 'a finite time [s]')
+    steady = SteadyRule(options.steady, options.hold, options.settle)
+    step = read_dynamic(options)
+    is_poses = options.poses or options.pose_csv is not None
+    kind = POSES if is_poses else RAMP if options.ramp is not None else STEPS
+    other = {POSES: 'poses', RAMP: 'ramp', STEPS: 'dynamic'}[kind]
+    if step is not None:
+        if kind != STEPS:
+            raise ConfigError(f'--dynamic, or a fit of a motion, does not go with --{other}')
+        kind = MOMENTS
+    if kind != STEPS:
+        refuse_without_effect(options, ('--steady', '--hold', '--settle'), f'with --{other}')
+    width = None if options.ramp is True else options.ramp
+    given = options.tolerance, options.clock_offset, options.base_end, kind, width
+    return Pairing(steady, *given), step
+
+
 T = TypeVar('T')
 
 
@@ -238,26 +262,14 @@ def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()
     Raises:
         OctoArmError: if the bag or an option is wrong, or the bag holds nothing to compare.
     """
-    tolerance, offset = options.tolerance, options.clock_offset
-    not_negative('--tolerance', tolerance, 'time', 's')
-    if offset is not None:
-        finite('--clock-offset', offset, 'a finite time [s]')
-    steady = SteadyRule(options.steady, options.hold, options.settle)
-    is_poses = options.poses or options.pose_csv is not None
-    kind = POSES if is_poses else STEPS if options.ramp is None else RAMP
-    step = read_dynamic(options)
-    other = 'poses' if is_poses else 'dynamic' if kind == STEPS else 'ramp'
-    if step is not None and other != 'dynamic':
-        raise ConfigError(f'--dynamic, or a fit of a motion, does not go with --{other}')
-    if step is not None or kind != STEPS:
-        refuse_without_effect(options, ('--steady', '--hold', '--settle'), f'with --{other}')
+    pairing, step = _read_pairing(options)
     alignment = None if options.align is None else read_alignment(options.align)
     measured = Measured(
         tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
         options.length_unit, tuple(options.marker_names),
     )  # fmt: skip
     files = read_files(options)
-    with Bar('messages, rows and values') as bar:
+    with Bar('messages') as bar:
         recording = read_recording(
             options.bag,
             options.config,
@@ -287,18 +299,13 @@ def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()
             f'midlines are in {recording.frame_id!r}, base_frame is {config.base_frame!r}: the '
             'alignment is fitted'
         )
-    width = None if options.ramp is True else options.ramp
-    pairing = Pairing(steady, tolerance, offset, options.base_end, kind, width)
-    trajectory = None
-    if step is None:
-        with Bar('clock offsets') as bar:
-            observations = observe(recording, pairing, alignment, bar.on_terminal)
-        models = _models(options.model or default_models, config)
-    else:
+    observations, trajectory = observe(recording, pairing, alignment), None
+    models = _models(options.model or default_models, config)
+    if step is not None:
+        trajectory = TensionTrajectory(recording.tension_time, recording.tensions, step)
         models = _models(options.model or ['exact'], config)
         if models != ['exact']:
             raise ConfigError(f'--model is {" ".join(models)}, of which only exact moves')
-        observations, trajectory = observe_motion(recording, pairing, alignment, step)
     found = [*observations.notes, *notes]
     return Experiment(recording, observations, models, alignment, found, trajectory)
 

@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> None:
         if options.out is None:
             made = list(moments)
         else:
-            from octo_arm_model.bags.motion import add_motion
+            from octo_arm_model.bags.outputs import add_motion
             from octo_arm_model.bags.writer import BagWriter
 
             custom = {'octo_arm_simulate': f'{options.config} {options.profile}'}

@@ -23,8 +23,7 @@ from octo_arm_model.bags.tensions import (
 from octo_arm_model.bags.topics import namespace, pick_topic
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.csv_recording import NO_READING, CsvSources
-from octo_arm_model.experiment.measured_points import Frame, Measured, MeasuredPoints
-from octo_arm_model.experiment.recording import Count, Stamped
+from octo_arm_model.experiment.recording import Count, Measured, MeasuredPoints, Stamped
 from octo_arm_model.experiment.transform_tree import TransformTree
 from octo_arm_model.wire.points import MIDLINES, ONE, POSITIONS, points_of
 from octo_arm_model.wire.refusals import Refusals
@@ -69,8 +68,8 @@ class MeasuredTopics:
             if len(set(self.topics)) < len(self.topics):
                 raise MeasurementError('--midlines names a topic twice, expected each once')
 
-    def read(self, refusals: Refusals, count: Count) -> Iterator[Frame]:
-        """Frames in the order of their stamps; ``refusals`` count those left out.
+    def read(self, refusals: Refusals, count: Count) -> Stamped:
+        """All frames; ``refusals`` count the messages left out.
 
         Markers of several topics, or of TF, with the same stamp are one frame. Each message
         is counted.
@@ -78,21 +77,16 @@ class MeasuredTopics:
         Raises:
             MeasurementError: if no transforms of TF lead to a marker, or there are too many.
         """
-        frames: dict[int, FloatArray] = {}
+        source, frames = ', '.join(self.topics), dict[int, FloatArray]()
         is_tf = bool(self._measured.marker_frames)
-        found = (
-            self._of_tf(refusals, count) if is_tf else self._messages(refusals, count, self._read)
-        )
-        for stamp, points in found:
-            if not is_tf and len(self.topics) == 1:
-                yield Frame(stamp, points)
-            elif stamp in frames:
-                seen = np.isfinite(points)
-                frames[stamp][seen] = points[seen]
-            else:
-                frames[stamp] = points
-        for stamp in sorted(frames):
-            yield Frame(stamp, frames[stamp])
+        if not is_tf and len(self.topics) == 1:
+            found = list(self._messages(refusals, count, self._read))
+            return Stamped(source, [stamp for stamp, _ in found], [points for _, points in found])
+        read = self._of_tf if is_tf else partial(self._messages, read=self._read)
+        for stamp, points in read(refusals, count):
+            seen = np.isfinite(points)
+            frames.setdefault(stamp, points)[seen] = points[seen]
+        return Stamped(source, sorted(frames), [frames[stamp] for stamp in sorted(frames)])
 
     def _messages(
         self, refusals: Refusals, count: Count, read: Callable[[Record, Any], T]
@@ -169,6 +163,7 @@ class BagRecording:
     Attributes:
         reader: the bag.
         notes: remarks on it.
+        count: of the messages that are read.
     """
 
     def __init__(
@@ -177,16 +172,15 @@ class BagRecording:
         tensions: str | None,
         displacements: str | None,
         files: CsvSources,
+        count: Count,
     ) -> None:
         """Choose the topics; ``tensions`` and ``displacements`` as in `read_recording`.
 
         Raises:
             BagError: if there is neither, or a topic is missing.
         """
-        self.reader = reader
-        self.notes = list(reader.notes)
-        if any('synthetic' in text for text in reader.metadata.values()):
-            self.notes.insert(0, 'the bag says that it is synthetic')
+        self.reader, self.count = reader, count
+        self.notes = notes_on(reader)
         # Topics, and the fields that they are in.
         self._encoders: tuple[str, str] | None = None
         self._tensions: tuple[str, str] | None = None
@@ -211,21 +205,33 @@ class BagRecording:
         topic, _ = self._tensions or self._encoders or ('/', '')
         return describe(self.reader, namespace(topic, (*TENSION_TOPICS, DISPLACEMENTS)))
 
-    def tensions(self, config: Config, refusals: Refusals, count: Count) -> Stamped | None:
+    def measured(
+        self, measured: Measured, points: MeasuredPoints, config: Config
+    ) -> MeasuredTopics:
+        """The topics of what was ``measured``.
+
+        Raises:
+            BagError: see `MeasuredTopics`.
+        """
+        topics = MeasuredTopics(self.reader, measured, points, config.base_frame)
+        self.count.expect(self.reader.count(list(dict.fromkeys(topics.topics))))
+        return topics
+
+    def tensions(self, config: Config, refusals: Refusals) -> Stamped | None:
         """Tensions of the arm of ``config``; None if there is no topic of them."""
         if self._tensions is None:
             return None
         topic, field = self._tensions
         read = partial(read_tensions, self.reader, config, field)
-        return self._read(topic, read, config, refusals, count)
+        return self._read(topic, read, config, refusals)
 
-    def displacements(self, config: Config, refusals: Refusals, count: Count) -> Stamped | None:
+    def displacements(self, config: Config, refusals: Refusals) -> Stamped | None:
         """Encoder readings likewise, NaN of tendons without an encoder."""
         if self._encoders is None:
             return None
         topic, field = self._encoders
         read = partial(read_lengths, self.reader, config, field)
-        return self._read(topic, read, config, refusals, count)
+        return self._read(topic, read, config, refusals)
 
     def _read(
         self,
@@ -233,12 +239,11 @@ class BagRecording:
         read: Callable[[Sequence[Record]], list[Reading]],
         config: Config,
         refusals: Refusals,
-        count: Count,
     ) -> Stamped:
         stamped, names = Stamped(topic, [], []), config.arm.tendon_names
-        count.expect(self.reader.count([topic]))
+        self.count.expect(self.reader.count([topic]))
         for _, one in read_topic(self.reader, topic, read):
-            count.add()
+            self.count.add()
             if one.is_refused or one.displacements == {}:
                 refusals.count(topic, one.reason or NO_READING)
                 continue
@@ -250,3 +255,9 @@ class BagRecording:
                 row = np.array([given.get(name, np.nan) for name in names])
             stamped.rows.append(row)
         return stamped
+
+
+def notes_on(reader: BagReader) -> list[str]:
+    """Remarks on the state of a bag, and on what it says of itself."""
+    synthetic = any('synthetic' in text for text in reader.metadata.values())
+    return [*(['the bag says that it is synthetic'] if synthetic else []), *reader.notes]

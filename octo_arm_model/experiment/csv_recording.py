@@ -12,9 +12,13 @@ import numpy as np
 from octo_arm_model.arm.errors import MeasurementError, TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.csv_table import FORCE, CsvTable
-from octo_arm_model.experiment.measured_points import LENGTH_UNITS, Frame, Measured, MeasuredPoints
-from octo_arm_model.experiment.recording import Stamped
+from octo_arm_model.experiment.csv_table import FORCE, CsvTable, read_csv
+from octo_arm_model.experiment.recording import (
+    LENGTH_UNITS,
+    Measured,
+    MeasuredPoints,
+    Stamped,
+)
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.tensions import NONE
 
@@ -50,6 +54,16 @@ class CsvSources:
         shared = {k: v for k, v in self.columns.items() if k.partition(':')[0] not in KINDS}
         return shared | {name: v for (prefix, _, name), v in own if prefix == kind and name}
 
+    def read(self, kind: str, path: Path | None, tables: dict[str, CsvTable]) -> CsvTable:
+        """The file of a ``kind`` at ``path``, which is added to the ``tables`` by kind.
+
+        Raises:
+            MeasurementError: see `read_csv`.
+        """
+        assert path is not None
+        tables[kind] = read_csv(path, self.columns_of(kind), has_time=not self.is_poses)
+        return tables[kind]
+
 
 def csv_readings(table: CsvTable, config: Config) -> tuple[list[int], FloatArray]:
     """Stamps [ns] of the rows of a table, and what load cells read (n, tendons).
@@ -80,9 +94,7 @@ def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> Stamped
     except TensionError:
         pass
     found = Stamped(str(table.path), [], [])
-    table.count.expect(len(stamps))
     for stamp, row in zip(stamps, rows):
-        table.count.add()
         try:
             found.rows.append(config.load_cells.tensions(arm, row).ravel())
             found.stamps.append(stamp)
@@ -139,7 +151,7 @@ def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> St
 
 def csv_frames(
     table: CsvTable, measured: Measured, points: MeasuredPoints, refusals: Refusals
-) -> list[Frame]:
+) -> Stamped:
     """Frames of a table: a row for each, or one for each point, those of one time together.
 
     A row for each frame has columns x1, y1, z1, x2 ... or x_1 ...; a row for each point x, y, z.
@@ -170,14 +182,13 @@ def csv_frames(
         parts = np.split(order, np.flatnonzero(np.diff(np.take(stamps, order))) + 1)
         grouped = [(stamps[part[0]], places[part, 0]) for part in parts]
     is_midline = max(len(one) for _, one in grouped) > 1
-    frames = []
-    table.count.expect(len(grouped))
+    frames = Stamped(str(table.path), [], [])
     for stamp, place in grouped:
-        table.count.add()
         try:
-            frames.append(Frame(stamp, points.check(place, is_midline)))
+            frames.rows.append(points.check(place, is_midline))
+            frames.stamps.append(stamp)
         except MeasurementError as error:
-            refusals.count(str(table.path), str(error))
+            refusals.count(frames.source, str(error))
     return frames
 
 

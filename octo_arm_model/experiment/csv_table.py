@@ -18,7 +18,6 @@ from octo_arm_model.arm.errors import MeasurementError, listed, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_CSV_BYTES, MAX_CSV_COLUMNS, MAX_CSV_ROWS
 from octo_arm_model.config.files import NUMBER, read_text, reading
-from octo_arm_model.experiment.recording import Count
 
 TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 FORCE = {
@@ -42,7 +41,6 @@ _IN_WORDS = {
     'Seconds': 's', 'seconds': 's', 'sec': 's', 'Meters': 'm', 'Centimeters': 'cm',
     'Millimeters': 'mm',
 }  # fmt: skip
-_TOGETHER = 4096  # rows counted at a time
 _MOST_HEADERS = 20  # lines
 
 
@@ -64,7 +62,6 @@ class CsvTable:
         given: name of the column of each quantity where it has another, or #N for the N-th
             column, or a number instead.
         has_time: whether rows have a time; without, they are poses a second apart.
-        count: progress of the conversion of its columns.
         wanted: names of all quantities that were looked for.
         taken: those of them that were found as ``given``.
     """
@@ -74,7 +71,6 @@ class CsvTable:
     rows: tuple[Sequence[str], ...]
     lines: tuple[int, ...]
     given: Mapping[str, str]
-    count: Count
     has_time: bool = True
     wanted: set[str] = field(default_factory=set)
     taken: set[str] = field(default_factory=set)
@@ -167,7 +163,6 @@ class CsvTable:
                     f'{self.path}, line {self.lines[place]}: {name} is {shown(text)}, expected a '
                     f'finite number [{unit}], or nothing'
                 )
-        self.count.add(len(self.rows))
         return units.get(unit, 1.0) * values
 
     def times(self) -> list[int]:
@@ -208,16 +203,13 @@ class CsvTable:
         return int(whole.timestamp()) * 10**9 + int((fraction or '0').ljust(9, '0'))
 
 
-def read_csv(
-    path: Path, given: Mapping[str, str], count: Count, has_time: bool = True
-) -> CsvTable:
+def read_csv(path: Path, given: Mapping[str, str], has_time: bool = True) -> CsvTable:
     """Read a file of headers and rows of numbers; ``given`` says which column is what.
 
     Fields are separated by commas, semicolons or tabs, whichever the header has. There may be no
     header, or several lines of it: names above each other are one, and the last line may be of
     units. Files of Motive and Vicon are known by their first line: their columns are
-    <marker>_x, <marker>_y and <marker>_z, and time. Of the progress ``count`` each row and each
-    value is one.
+    <marker>_x, <marker>_y and <marker>_z, and time.
 
     Raises:
         MeasurementError: if it cannot be read, is too large, or a row is too short or long.
@@ -229,7 +221,6 @@ def read_csv(
     rows: list[list[str]] = []
     lines: list[int] = []
     reader = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
-    count.expect(min(text.rstrip().count('\n'), MAX_CSV_ROWS))
     try:
         for cells in reader:
             if not any(cell.strip() for cell in cells):
@@ -243,8 +234,6 @@ def read_csv(
                 break
             rows.append(cells)
             lines.append(reader.line_num)
-            if len(rows) % _TOGETHER == 0:
-                count.add(_TOGETHER)
     except csv.Error as error:
         raise MeasurementError(f'{path}, line {reader.line_num}: no CSV: {error}') from error
     columns, first = _headers(rows) if rows else ((), 0)
@@ -260,8 +249,7 @@ def read_csv(
                 f'{path}, line {line}: {len(cells)} values, expected {len(columns)} as in the '
                 f'header{doubt}'
             )
-    count.expect(len(rows) * len(columns))
-    return CsvTable(path, columns, tuple(rows), tuple(lines), given, count, has_time)
+    return CsvTable(path, columns, tuple(rows), tuple(lines), given, has_time)
 
 
 def check_taken(tables: Sequence[CsvTable]) -> None:

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.sensor_topics import StampedMeasurement
@@ -20,93 +19,37 @@ from octo_arm_model.estimation.contact import Contact, contact_of
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.estimator import Estimated, Estimator
 from octo_arm_model.estimation.model import ArmModel
-from octo_arm_model.estimation.rules import Innovation
-from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.smoother import check_count, smooth_steps
 from octo_arm_model.estimation.step import Step
 from octo_arm_model.estimation.unknowns import State
-from octo_arm_model.experiment.camera_check import CameraErrors
+from octo_arm_model.experiment.camera import CameraErrors
 from octo_arm_model.experiment.sensor_recording import Recorded
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.wire.refusals import Refusals
 
-# Called with how many of the times are done, and of how many.
-Progress = Callable[[int, int], None]
-# Called with why the measurements of one time gave no estimate.
-Failed = Callable[[str], None]
+Group = Sequence[StampedMeasurement]  # what has the same stamp
 
 
-class TimedEstimate(NamedTuple):
-    """The estimate of one time.
+def _filtered(
+    recorded: Recorded, failures: Refusals, progress: Callable[[int, int], None]
+) -> Iterator[tuple[Group, Estimated]]:
+    """Estimates by the recursive filter, of what was measured up to each time.
 
-    Attributes:
-        stamp_ns: when [ns].
-        received_ns: when the recorder had received all that was measured then [ns].
-        hypothesis: by which it is.
-        probabilities: of all hypotheses.
-        innovations: of what was measured.
-        estimate: what is known.
-        begins_anew: whether what was known before was given up, see `Estimator`.
+    Where measurements of one time give no estimate they are left out, and are ``failures``.
     """
-
-    stamp_ns: int
-    received_ns: int
-    hypothesis: str
-    probabilities: Mapping[str, float]
-    innovations: tuple[Innovation, ...]
-    estimate: Estimate
-    begins_anew: bool
-
-
-def filtered(followed: Iterable[Followed]) -> Iterator[TimedEstimate]:
-    """Estimates by the recursive filter, of what was measured up to each time."""
-    for one in followed:
-        if (found := one.found) is not None:
-            yield TimedEstimate(
-                *_stamps_of(one.group), found.hypothesis, found.probabilities, found.innovations,
-                found.estimate, found.begins_anew,
-            )  # fmt: skip
-
-
-class Followed(NamedTuple):
-    """Measurements of one time, and the filter's result; None where there is none."""
-
-    group: Sequence[StampedMeasurement]
-    found: Estimated | None
-
-
-def follow(
-    groups: Sequence[Sequence[StampedMeasurement]],
-    settings: EstimatorSettings,
-    models: Mapping[str, ArmModel],
-    failed: Failed,
-    progress: Progress = lambda done, total: None,
-) -> Iterator[Followed]:
-    """Results of an `Estimator` for ``groups`` by ascending time, from its first estimate on.
-
-    Where measurements of one time give no estimate they are left out, and ``failed`` is called.
-    """
-    estimator = Estimator.from_settings(settings, models, 0.0)
-    for number, group in enumerate(groups):
-        progress(number, len(groups))
-        found = None
+    estimator = Estimator.from_settings(recorded.settings, recorded.models, 0.0)
+    for number, group in enumerate(recorded.groups):
+        progress(number, len(recorded.groups))
         try:
-            found = estimator.add(group[0].stamp_ns, [one.measurement for one in group])
+            yield group, estimator.add(group[0].stamp_ns, [one.measurement for one in group])
         except OctoArmError as error:
-            failed(str(error))
-        if estimator.origin_ns is not None:
-            yield Followed(group, found)
-    progress(len(groups), len(groups))
+            failures.count('', str(error))
+    progress(len(recorded.groups), len(recorded.groups))
 
 
-def _stamps_of(group: Sequence[StampedMeasurement]) -> tuple[int, int]:
-    """When a ``group`` was measured, and when the recorder had received all of it [ns]."""
-    return group[0].stamp_ns, max(one.received_ns for one in group)
-
-
-def smoothed(
-    followed: Iterable[Followed], models: Mapping[str, ArmModel]
-) -> Iterator[TimedEstimate]:
+def _smoothed(
+    filtered: Iterable[tuple[Group, Estimated]], models: Mapping[str, ArmModel]
+) -> Iterator[tuple[Group, Estimated]]:
     """Estimates by the smoother, each of all that the filter used.
 
     Where the filter begins anew so does the smoother: the measurements before belong to a state
@@ -121,21 +64,18 @@ def smoothed(
             '--smooth goes with one place of contact, not with --contact somewhere'
         )
     ((name, model),) = models.items()
-    parts: list[list[tuple[Sequence[StampedMeasurement], Step]]] = [[]]
-    for one in followed:
-        if one.found is None:
-            continue
-        if one.found.begins_anew:
+    parts: list[list[tuple[Group, Step]]] = [[]]
+    for group, one in filtered:
+        if one.begins_anew:
             parts.append([])
-        one.found.step.at.forget()
-        parts[-1].append((one.group, one.found.step))
+        one.step.at.forget()
+        parts[-1].append((group, one.step))
     for number, part in enumerate(parts):
         estimates = smooth_steps(model, [step for _, step in part])
-        for (group, _), estimate in zip(part, estimates, strict=True):
-            yield TimedEstimate(
-                *_stamps_of(group), name, {name: 1.0}, estimate.innovations, estimate,
-                number > 0 and estimate is estimates[0],
-            )  # fmt: skip
+        for (group, step), estimate in zip(part, estimates, strict=True):
+            begins = number > 0 and estimate is estimates[0]
+            found = estimate, step, name, {name: 1.0}, estimate.innovations, begins
+            yield group, Estimated(*found)
 
 
 SURE = 0.999  # probability of no false alarm at one time
@@ -149,7 +89,9 @@ class Moment(NamedTuple):
     """Tip, contact and their standard deviations at one time.
 
     Attributes:
-        time: [s].
+        stamp_ns: when [ns].
+        received_ns: when the recorder had received all that was measured then [ns].
+        time: when, from the start of the recording [s].
         tip: position (3,) [m].
         tip_stddev: (3,) [m].
         s: where the contact is [m]; NaN of a current, and of none.
@@ -159,6 +101,8 @@ class Moment(NamedTuple):
         is_significant: whether the force is more than its uncertainty explains.
     """
 
+    stamp_ns: int
+    received_ns: int
     time: float
     tip: FloatArray
     tip_stddev: FloatArray
@@ -169,13 +113,14 @@ class Moment(NamedTuple):
     is_significant: bool
 
 
-def moment_of(time: float, one: TimedEstimate, arm: Arm) -> Moment:
-    """Tip, contact and their deviations by ``one`` estimate of ``arm`` at a ``time`` [s]."""
-    estimate = one.estimate
+def _moment_of(group: Group, one: Estimated, recorded: Recorded) -> Moment:
+    """Tip, contact and their deviations by ``one`` estimate, of what a ``group`` measured."""
+    estimate, stamp = one.estimate, group[0].stamp_ns
     tip_stddev = np.sqrt(np.diag(estimate.pose_covariance[-1]))[:3]
-    contact = contact_of(estimate, arm) or _NONE
+    contact = contact_of(estimate, recorded.config.arm) or _NONE
     return Moment(
-        time, estimate.backbone.tip, tip_stddev, contact.s, contact.wrench,
+        stamp, max(part.received_ns for part in group), 1e-9 * (stamp - recorded.origin_ns),
+        estimate.backbone.tip, tip_stddev, contact.s, contact.wrench,
         np.sqrt(np.diag(contact.covariance)), one.hypothesis, is_touched(estimate),
     )  # fmt: skip
 
@@ -267,38 +212,35 @@ class Result:
 def estimate(
     recorded: Recorded,
     is_smooth: bool = False,
-    write: Callable[[Moment, TimedEstimate], None] = lambda moment, one: None,
-    progress: Progress = lambda done, total: None,
+    write: Callable[[Moment, Estimated], None] = lambda moment, one: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Result:
     """Estimates of all times, of which ``write`` is called with each.
 
+    ``progress`` is called with how many of the times are done, and of how many.
+
     Raises:
-        SolveError: if there is none; with ``is_smooth`` as `smoothed`.
+        SolveError: if there is none; with ``is_smooth`` as `_smoothed`.
         MeasurementError: with ``is_smooth`` also if there are too many times.
         OctoArmError: as ``write``.
     """
     failures = Refusals()
-    followed = follow(
-        recorded.groups, recorded.settings, recorded.models,
-        lambda reason: failures.count('', reason), progress,
-    )  # fmt: skip
-    found = filtered(followed)
+    found = _filtered(recorded, failures, progress)
     if is_smooth:
         check_count(len(recorded.groups))
-        found = smoothed(followed, recorded.models)
+        found = _smoothed(found, recorded.models)
     moments: list[Moment] = []
     consistency: dict[str, Consistency] = {}
     restarts: list[float] = []
     total: Counter[str] = Counter()
-    for one in found:
-        time = 1e-9 * (one.stamp_ns - recorded.origin_ns)
-        moments.append(moment_of(time, one, recorded.config.arm))
-        write(moments[-1], one)
+    for group, one in found:
+        moments.append(moment := _moment_of(group, one, recorded))
+        write(moment, one)
         if one.begins_anew:
-            restarts.append(time)
-        count_innovations(consistency, one.stamp_ns, one.innovations)
+            restarts.append(moment.time)
+        count_innovations(consistency, moment.stamp_ns, one.innovations)
         if recorded.camera is not None:
-            recorded.camera.add(time, one.estimate.backbone)
+            recorded.camera.add(moment.time, one.estimate.backbone)
         total.update(one.probabilities)
     if not moments:
         raise SolveError(f'no estimate at any time{failures.in_short}')
@@ -343,7 +285,7 @@ class EstimateTables(CsvFiles):
             *(f'probability {name}' for name in self._hypotheses),
         ])  # fmt: skip
 
-    def write(self, moment: Moment, one: TimedEstimate) -> None:
+    def write(self, moment: Moment, one: Estimated) -> None:
         """Write ``one`` estimate.
 
         Raises:
@@ -353,7 +295,7 @@ class EstimateTables(CsvFiles):
         at = _besides_contact(estimate.state)
         deviations = np.sqrt(np.diag(estimate.covariance))[at]
         self._estimates.writerow([
-            time, one.stamp_ns, moment.hypothesis, moment.s,
+            time, moment.stamp_ns, moment.hypothesis, moment.s,
             *moment.tip.tolist(), *moment.wrench.tolist(), *estimate.mean[at].tolist(),
             *moment.tip_stddev.tolist(), *moment.wrench_stddev.tolist(), *deviations.tolist(),
             *estimate.normalised_square,

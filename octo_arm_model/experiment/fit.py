@@ -27,9 +27,9 @@ from octo_arm_model.arm.errors import (
     TensionError,
 )
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.experiment.alignment import Alignment, align
-from octo_arm_model.experiment.measured_shapes import MeasuredShape
+from octo_arm_model.experiment.camera import Alignment, align
 from octo_arm_model.experiment.midlines import Curve
+from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.steady_windows import MAD, lengths_of
 from octo_arm_model.experiment.unknowns import ALIGNMENT, Readings, Unknowns
 from octo_arm_model.rod.backbone import Backbone

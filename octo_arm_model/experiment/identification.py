@@ -13,10 +13,10 @@ import numpy as np
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
-from octo_arm_model.experiment.alignment import Alignment
-from octo_arm_model.experiment.measured_shapes import MeasuredShape
+from octo_arm_model.experiment.camera import Alignment
+from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.uncertainty import Estimate, Misfit
-from octo_arm_model.experiment.unknowns import is_of_arm
+from octo_arm_model.experiment.unknowns import ALIGNMENT, Unknowns, is_of_arm
 
 
 @dataclass(frozen=True)
@@ -109,6 +109,30 @@ def in_words(estimate: Estimate) -> str:
         return f'{text}, no interval'
     low, high = estimate.interval95
     return f'{text}, stddev {estimate.stddev:.2g}, 95 % interval {low:.6g} to {high:.6g}'
+
+
+_STRONG = 0.95  # correlations above this are reported
+
+
+def strong_pairs(correlations: FloatArray, unknowns: Unknowns) -> list[str]:
+    """Pairs of strong correlation, but for those within the alignment, which always correlate."""
+    names = unknowns.names
+    return [
+        f'the data hardly tell {names[one]} and {names[other]} apart: their correlation is '
+        f'{correlations[one, other]:+.4f}'
+        for one, other in zip(*np.triu_indices(len(names), 1))
+        if abs(correlations[one, other]) > _STRONG
+        and not {names[one], names[other]} <= set(ALIGNMENT)
+    ]
+
+
+def at_ends(unknowns: Unknowns, x: FloatArray) -> list[str]:
+    """Remarks on unknowns at an end of their range."""
+    return [
+        f'{unknown.name} is at the end of its range, where its interval is not to be relied on'
+        for unknown, at in zip(unknowns.unknowns, x, strict=True)
+        if not math.isinf(unknown.high) and min(at - unknown.low, unknown.high - at) < 1e-3
+    ]
 
 
 # Misfits are near-equal where their mean squares over the loads left out differ by less than so

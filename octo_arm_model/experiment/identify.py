@@ -14,19 +14,21 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.experiment.alignment import Alignment, undetermined
 from octo_arm_model.experiment.branches import STILL, UNLOADING, directions, part_along, remarks
+from octo_arm_model.experiment.camera import Alignment, undetermined
 from octo_arm_model.experiment.fit import LOSSES, SOFT_L1, Problem, fit_alignment
-from octo_arm_model.experiment.identification import Identification
-from octo_arm_model.experiment.measured_shapes import MeasuredShape
+from octo_arm_model.experiment.identification import Identification, at_ends, strong_pairs
+from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.uncertainty import (
     AUTO,
     MOST_FOLDS,
     Estimate,
     HeldBackFit,
     Misfit,
+    OpenDirection,
     better,
     correlations_of,
+    determined,
     estimates_of,
     fit_by,
     floor_of,
@@ -35,20 +37,19 @@ from octo_arm_model.experiment.uncertainty import (
     loaded,
     misfit_of,
     noise_of,
+    open_direction,
     steps_by_load,
     tip_error,
     unexplained,
 )
 from octo_arm_model.experiment.unknowns import (
-    ALIGNMENT,
     AXIAL,
     Readings,
     Unknowns,
     is_of_arm,
-    open_direction,
 )
 
-_STRONG = 0.95  # correlations above this are reported
+Fits = dict[str, tuple[FloatArray, float | None]]  # x and the scale, by each loss
 # A misfit above so many times that of noise is not explained by noise.
 _BIASED = 2.0
 
@@ -145,27 +146,6 @@ def _of_loss(tried: Sequence[HeldBackFit], best: HeldBackFit) -> list[str]:
     return [f'loss {best.loss}, by the misfit at held-back loads: {words}']
 
 
-def strong_pairs(correlations: FloatArray, unknowns: Unknowns) -> list[str]:
-    """Pairs of strong correlation, but for those within the alignment, which always correlate."""
-    names = unknowns.names
-    return [
-        f'the data hardly tell {names[one]} and {names[other]} apart: their correlation is '
-        f'{correlations[one, other]:+.4f}'
-        for one, other in zip(*np.triu_indices(len(names), 1))
-        if abs(correlations[one, other]) > _STRONG
-        and not {names[one], names[other]} <= set(ALIGNMENT)
-    ]
-
-
-def at_ends(unknowns: Unknowns, x: FloatArray) -> list[str]:
-    """Remarks on unknowns at an end of their range."""
-    return [
-        f'{unknown.name} is at the end of its range, where its interval is not to be relied on'
-        for unknown, at in zip(unknowns.unknowns, x, strict=True)
-        if not math.isinf(unknown.high) and min(at - unknown.low, unknown.high - at) < 1e-3
-    ]
-
-
 def identify(
     shapes: Sequence[MeasuredShape],
     parameters: Mapping[str, Any],
@@ -236,14 +216,15 @@ class _Fit:
             if 'alignment' in self.fits
             else Alignment.none()
         )
-        self._every = self._unknowns(())
-        every = Problem(self.shapes, self._every)
+        every = self._problem(())
+        self._every = every.unknowns
         self._before = misfit_of(every.all_residuals(self._every.start), every.length)
 
-    def _unknowns(self, without: Collection[str]) -> Unknowns:
-        return Unknowns(
+    def _problem(self, without: Collection[str]) -> Problem:
+        unknowns = Unknowns(
             self.parameters, self.model, self.fits, self._readings, self._alignment, without
         )
+        return Problem(self.shapes, unknowns)
 
     def without(
         self, left_out: dict[str, str], progress: Callable[[int, int], None]
@@ -251,7 +232,7 @@ class _Fit:
         """The fit without those ``left_out``, and why; what else is open is added to them."""
         total = len(self._losses) * (len(self._folds) + 1)
         progress(0, total)
-        problem, fitted = self._determined(left_out)
+        found = determined(self._problem, self._fits, left_out)
         tensions = self._readings.tensions
         nothing = Identification(
             model=self.model,
@@ -263,9 +244,10 @@ class _Fit:
             alignment=self._alignment,
             tensions=tensions,
         )
-        if problem is None:
+        if found is None:
             progress(total, total)
             return nothing
+        problem, fitted = found
         first = next(iter(fitted.values()))[0]
         loose = _needed(problem, first, self._folds, self._loads, tensions)
         used = [] if loose else self._folds
@@ -280,31 +262,18 @@ class _Fit:
             tried.append(fit_by(problem, x, scale, name, used, tick))
         best = better(tried)
         progress(total, total)
-        found = _with_fit(nothing, problem, best, used)
-        notes = notes_on(problem, best, found, loose=loose, fits=self.fits, tried=tried)
-        return dataclasses.replace(found, notes=tuple(notes))
+        fit = _with_fit(nothing, problem, best, used)
+        notes = notes_on(problem, best, fit, loose=loose, fits=self.fits, tried=tried)
+        return dataclasses.replace(fit, notes=tuple(notes))
 
-    def _determined(
-        self, left_out: dict[str, str]
-    ) -> tuple[Problem | None, dict[str, tuple[FloatArray, float | None]]]:
-        """The fit of what the data determine, and what it comes to by each loss; None of nothing.
-
-        What else is open is added to ``left_out``.
-        """
-        while (unknowns := self._unknowns(tuple(left_out))).unknowns:
-            problem = Problem(self.shapes, unknowns)
-            start = unknowns.start
-            # Checked before: with an undetermined direction the minimisation does not converge.
-            found = open_direction(np.concatenate(problem.jacobian(start)), unknowns, start)
-            if found is None:
-                fitted = {name: problem.solve(name) for name in self._losses}
-                for x, _ in fitted.values():
-                    jacobian = np.concatenate(problem.jacobian(x))
-                    found = found or open_direction(jacobian, unknowns, x)
-            if found is None:
-                return problem, fitted
-            left_out[found.name] = f'{found.name} is left as it is: {found.reason}'
-        return None, {}
+    def _fits(self, problem: Problem) -> Fits | OpenDirection:
+        """What the fit comes to by each loss, or what one of them leaves open."""
+        fits = {name: problem.solve(name) for name in self._losses}
+        for x, _ in fits.values():
+            jacobian = np.concatenate(problem.jacobian(x))
+            if found := open_direction(jacobian, problem.unknowns, x):
+                return found
+        return fits
 
 
 def _with_fit(

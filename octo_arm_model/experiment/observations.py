@@ -1,21 +1,26 @@
-"""From a recording to the shapes of its steady steps."""
+"""From a recording to the shapes of its steps: what is held when, and what was seen meanwhile.
+
+Errors of the model and of a tension are shared by all frames of a step, those of the camera are
+not. So frames are averaged and fits count steps: more frames make a step's midline more accurate,
+but they are no independent observations. Markers are compared as points, never as a curve through
+them; one that a frame does not show is NaN there. Of an arm that moves each frame is a step.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.errors import ConfigError, MeasurementError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.alignment import Alignment
-from octo_arm_model.experiment.clock_offset import RANGE, clock_offset
-from octo_arm_model.experiment.measured_shapes import MeasuredShape, mean_markers, mean_shape
-from octo_arm_model.experiment.midlines import is_tip_first
+from octo_arm_model.experiment.camera import RANGE, Alignment, clock_offset
+from octo_arm_model.experiment.midlines import is_tip_first, resample
 from octo_arm_model.experiment.recording import Recording
 from octo_arm_model.experiment.steady_windows import (
     SteadyRule,
@@ -28,12 +33,114 @@ from octo_arm_model.experiment.steady_windows import (
 )
 from octo_arm_model.rod.interpolation import interpolated, nearest
 
+POINTS = 101  # of a step's midline
+_FINE = 401  # points by which its length is measured
+# A frame so many times as far from the median shape as the median frame is an outlier.
+OUTLYING = 3.0
+FLOOR = 1e-6  # [m]: rounding is no outlier
+# With fewer frames outliers cannot be identified: their median is taken.
+FEW = 5
+_TIP = 1e-3  # of the length: a marker so near to the tip is there
 _FEW_STEADY = 0.2  # of the time: steps of a staircase take more
-STEPS, RAMP, POSES = 'steady steps', 'windows of a ramp', 'poses'
+MOST_FRAMES = 5000  # of an arm that moves
+STEPS, RAMP, POSES, MOMENTS = 'steady steps', 'windows of a ramp', 'poses', 'moments of a motion'
 _ELSE = (
     'where it changes slowly instead of in steps, say --ramp; where each row is a static pose, '
     'as in a table of poses, say --poses'
 )
+
+
+@dataclass(frozen=True)
+class MeasuredShape:
+    """Measured shape of one steady step.
+
+    Attributes:
+        window: when, and its tensions.
+        points: mean midline from base to tip in the camera's frame, evenly along its length
+            (`POINTS`, 3), or the tip (1, 3) [m].
+        frames: how many frames it is the mean of.
+        outliers: number of frames left out.
+        noise: root mean square distance of a frame from the mean [m]; 0 for one frame.
+        lines: the midlines of all frames, outliers among them.
+        s: arc coordinate of each of ``points`` where these are markers [m]; None of a midline.
+    """
+
+    window: Window
+    points: FloatArray
+    frames: int
+    outliers: int
+    noise: float
+    lines: tuple[FloatArray, ...] = ()
+    s: FloatArray | None = None
+
+    @property
+    def tension(self) -> float:
+        """Sum of all tensions [N]."""
+        return float(self.window.tensions.sum())
+
+
+def mean_shape(window: Window, lines: Sequence[FloatArray]) -> MeasuredShape:
+    """Mean of ``lines`` (n, 3), from base to tip; those of one point are tips."""
+    is_tip = len(lines[0]) == 1
+    fraction = np.linspace(0.0, 1.0, POINTS)
+    stack = np.array([line if is_tip else resample(line, fraction) for line in lines])
+    median = np.median(stack, axis=0)
+    away = _frame_distances(stack, median)
+    kept = np.ones(len(stack), dtype=bool)
+    middle = median
+    if len(stack) >= FEW:
+        kept = away <= OUTLYING * np.median(away) + FLOOR
+        middle = stack[kept].mean(axis=0)
+    if not is_tip:
+        # Spaced anew: noise lengthens frames, most where points are dense, the mean hardly.
+        fine = resample(middle, np.linspace(0.0, 1.0, _FINE))
+        middle = resample(fine, fraction)
+    noise = float(np.sqrt((_frame_distances(stack[kept], middle) ** 2).mean()))
+    left_out = int((~kept).sum())
+    return MeasuredShape(window, middle, len(stack) - left_out, left_out, noise, tuple(lines))
+
+
+def _frame_distances(stack: FloatArray, middle: FloatArray) -> FloatArray:
+    """Root mean square distance of each midline of a stack (frames, n, 3) from one."""
+    return np.sqrt(((stack - middle) ** 2).sum(axis=-1).mean(axis=-1))
+
+
+def is_at_tip(s: FloatArray, length: float) -> bool:
+    """Whether the last of markers at ``s`` is at the tip."""
+    return bool(s[-1] >= (1.0 - _TIP) * length)
+
+
+def mean_markers(
+    window: Window, frames: Sequence[FloatArray], s: FloatArray
+) -> MeasuredShape | None:
+    """Mean of ``frames`` (markers, 3) of markers at ``s``; None where none is seen.
+
+    A marker farther from its median place than three times its median distance from it, and three
+    times that of all markers, is an outlier of its frame, and left out there.
+    """
+    stack = np.array(frames)
+    with warnings.catch_warnings():
+        # Of markers that no frame shows the mean is NaN.
+        warnings.simplefilter('ignore', RuntimeWarning)
+        median = np.nanmedian(stack, axis=0)
+        away = np.linalg.norm(stack - median, axis=-1)
+        seen = np.isfinite(away)
+        if not seen.any():
+            return None
+        # The tip moves more than the base; a base that does not move at all has rounding alone.
+        usual = np.maximum(np.nanmedian(away, axis=0), np.median(away[seen]))
+        outlying = seen & (away > OUTLYING * usual + FLOOR)
+        enough = seen.sum(axis=0) >= FEW
+        outlying &= enough
+        middle = median.copy()
+        kept = np.where((seen & ~outlying)[..., np.newaxis], stack, np.nan)
+        middle[enough] = np.nanmean(kept[:, enough], axis=0)
+        noise = float(np.sqrt(np.nanmean(((kept - middle) ** 2).sum(axis=-1))))
+    shown = seen.any(axis=0)
+    return MeasuredShape(
+        window, middle[shown], int(seen.any(axis=1).sum()), int(outlying.any(axis=1).sum()),
+        noise, tuple(frame[np.isfinite(frame).all(axis=1)] for frame in frames), s[shown],
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -47,7 +154,7 @@ class Pairing:
         offset: added to the stamps of frames [s]; None to find it from the motion.
         base_end: 'first' or 'last' point of the midlines; None for the one that moves less.
         kind: what is recorded: `STEPS`, a `RAMP` of tensions that change slowly, see
-            `ramp_windows`, or a table of `POSES`, see `pose_windows`.
+            `ramp_windows`, a table of `POSES`, see `pose_windows`, or `MOMENTS` of a motion.
         ramp_width: of the windows of a ramp [N]; None for the default.
     """
 
@@ -75,48 +182,37 @@ class Observations:
 
 
 def observe(
-    recording: Recording,
-    pairing: Pairing = Pairing(),
-    known: Alignment | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    recording: Recording, pairing: Pairing = Pairing(), known: Alignment | None = None
 ) -> Observations:
-    """Shapes of the steady steps of ``recording``; ``known`` is the alignment, where it is.
-
-    ``progress`` is called with the numbers of clock offsets tried and of all.
+    """Shapes of the steps of ``recording``; ``known`` is the alignment, where it is.
 
     Raises:
-        MeasurementError: if neither end of the midlines is clearly the base.
-        SolveError: if there is no steady step with a frame.
+        ConfigError: if there is no alignment of an arm that moves: it is fitted to equilibria.
+        MeasurementError: if neither end of the midlines is clearly the base; of an arm that moves
+            also if there are too many frames, or no load cells.
+        SolveError: if there is no step with a frame.
     """
     notes = list(recording.notes)
     config = Config.from_parameters(recording.parameters)
-    time, sampled = recording.held
-    what, unit = ('length', 'm') if recording.is_driven else ('tension', 'N')
-    rule, is_stepped = pairing.steady, pairing.kind == STEPS
-    if pairing.kind == POSES:
-        windows = pose_windows(time, sampled, pairing.tolerance)
-    elif pairing.kind == RAMP:
-        windows = ramp_windows(time, sampled, pairing.ramp_width)
-    else:
-        windows = steady_windows(time, sampled, rule)
-    if not windows:
-        raise SolveError(
-            f'nothing to compare: no {what} stays within {rule.tolerance_for(sampled):.3g} {unit} '
-            f'for {rule.duration:g} s, and beyond the first {rule.settle:g} s; {_ELSE}'
-        )
+    time, _ = recording.held
+    what, kind = 'length' if recording.is_driven else 'tension', pairing.kind
+    windows = _windows(recording, pairing, what)
+    if kind == MOMENTS:
+        _check_moving(recording, known)
     frames = base_first(recording, pairing, config, known, notes)
-    offset = camera_offset(recording, pairing, config, frames, notes, progress)
-    span = float(np.ptp(time))
-    share = sum(window.stop - window.start for window in windows) / max(span, 1e-9)
+    offset = camera_offset(recording, pairing, config, frames, notes)
     seen = recording.frame_time + offset
-    usable = _distance(seen, time) <= pairing.tolerance
-    steady = f'{len(windows)} {pairing.kind}'
+    usable = np.abs(seen - time[nearest(seen, time)]) <= pairing.tolerance
+    if kind == MOMENTS:
+        usable &= (seen >= time[0]) & (seen <= time[-1])
+        none = np.zeros(len(config.arm.tendons))
+        windows = [Window(at, at, none, none) for at in np.unique(seen[usable]).tolist()]
     paired: list[tuple[Window, list[FloatArray]]] = []
-    margin = pairing.tolerance if is_stepped else 0.0
+    margin = pairing.tolerance if kind == STEPS else 0.0
     for window in windows:
         inside = usable & (seen >= window.start + margin) & (seen <= window.stop - margin)
         if inside.any():
-            at = seen[inside] if pairing.kind == RAMP else None
+            at = seen[inside] if kind in (RAMP, MOMENTS) else None
             window = _read_in(window, at, recording)
             paired.append((window, list(itertools.compress(frames, inside))))
     if recording.is_driven:
@@ -126,28 +222,82 @@ def observe(
             'no load cells: tensions follow from the lengths that winches reeled in, by the arm '
             'as the config has it'
         )
+    shapes, used = _shapes(paired, recording.marker_s)
+    if not shapes:
+        within = '' if kind == MOMENTS else (
+            f' lies in one of {len(windows)} {kind} from {windows[0].start:.3f} to '
+            f'{windows[-1].stop:.3f} s with'
+        )  # fmt: skip
+        raise SolveError(
+            f'nothing to compare: none of {len(frames)} frames from {seen[0]:.3f} to '
+            f'{seen[-1]:.3f} s{within or " has"} {what}s within {pairing.tolerance:g} s'
+            + (f'; {_ELSE}' if kind == STEPS else '')
+        )
+    notes.append(
+        f'{len(windows)} {kind}, {len(shapes)} of them with frames: {used} of {len(frames)} used'
+    )
+    share = sum(window.stop - window.start for window in windows) / max(np.ptp(time), 1e-9)
+    if kind == STEPS and share < _FEW_STEADY:
+        notes.append(f'{what}s are steady in {100.0 * share:.0f} % of the time: {_ELSE}')
+    if kind == MOMENTS:
+        notes.append('the arm moves from rest at the first tensions on')
+    return Observations(
+        tuple(shapes), offset, (*notes, *recording.refusals.lines(), *_unseen(recording))
+    )
+
+
+def _windows(recording: Recording, pairing: Pairing, what: str) -> list[Window]:
+    """The windows of what is held; none of a motion, which has one for each frame.
+
+    SolveError if nothing is steady.
+    """
+    (time, sampled), rule = recording.held, pairing.steady
+    if pairing.kind == MOMENTS:
+        return []
+    if pairing.kind == POSES:
+        windows = pose_windows(time, sampled, pairing.tolerance)
+    elif pairing.kind == RAMP:
+        windows = ramp_windows(time, sampled, pairing.ramp_width)
+    else:
+        windows = steady_windows(time, sampled, rule)
+    if not windows:
+        unit = 'm' if recording.is_driven else 'N'
+        raise SolveError(
+            f'nothing to compare: no {what} stays within {rule.tolerance_for(sampled):.3g} {unit} '
+            f'for {rule.duration:g} s, and beyond the first {rule.settle:g} s; {_ELSE}'
+        )
+    return windows
+
+
+def _shapes(
+    paired: Sequence[tuple[Window, Sequence[FloatArray]]], marker_s: FloatArray | None
+) -> tuple[list[MeasuredShape], int]:
+    """The mean shape of each window where anything is seen, and of how many frames these are."""
     shapes, used = [], 0
     for window, shown in paired:
         shape = (
-            mean_shape(window, shown) if recording.marker_s is None
-            else mean_markers(window, shown, recording.marker_s)
+            mean_shape(window, shown) if marker_s is None
+            else mean_markers(window, shown, marker_s)
         )  # fmt: skip
         if shape is not None:
             shapes.append(shape)
             used += len(shown)
-    if not shapes:
-        raise SolveError(
-            f'nothing to compare: none of {len(frames)} frames from {seen[0]:.3f} to '
-            f'{seen[-1]:.3f} s lies in one of {steady} from {windows[0].start:.3f} to '
-            f'{windows[-1].stop:.3f} s with {what}s within {pairing.tolerance:g} s'
-            + (f'; {_ELSE}' if is_stepped else '')
+    return shapes, used
+
+
+def _check_moving(recording: Recording, known: Alignment | None) -> None:
+    """Check a recording of an arm that moves; ConfigError or MeasurementError if it is none."""
+    if known is None:
+        raise ConfigError(
+            "the alignment of an arm that moves is not fitted: --align is expected to be 'none' "
+            'or a pose, as compare or identify finds it where the arm is at rest'
         )
-    notes.append(f'{steady}, {len(shapes)} of them with frames: {used} of {len(frames)} used')
-    if share < _FEW_STEADY and is_stepped:
-        notes.append(f'{what}s are steady in {100.0 * share:.0f} % of the time: {_ELSE}')
-    notes += recording.refusals.lines()
-    notes += _unseen(recording)
-    return Observations(tuple(shapes), offset, tuple(notes))
+    if recording.is_driven:
+        raise MeasurementError('there are no tensions in this recording, expected load cells')
+    if len(recording.frames) > MOST_FRAMES:
+        raise MeasurementError(
+            f'{len(recording.frames)} frames of an arm that moves, expected at most {MOST_FRAMES}'
+        )
 
 
 def base_first(
@@ -174,36 +324,34 @@ def camera_offset(
     config: Config,
     frames: Sequence[FloatArray],
     notes: list[str],
-    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> float:
     """Offset of the camera's clock, given or estimated."""
     if pairing.offset is not None:
         return pairing.offset
+    why = None
     if pairing.kind == POSES:
-        notes.append('clock offset taken as 0 s: the stamps say which frames show which pose')
-        return 0.0
-    if recording.is_driven:
-        notes.append('clock offset taken as 0 s: without load cells it is not looked for')
-        return 0.0
-    tips = np.array([points[-1] for points in frames])
-    seen = np.isfinite(tips).all(axis=1)
-    found = None
-    if seen.any():
-        found = clock_offset(
-            config.arm, recording.tension_time, recording.tensions, recording.frame_time[seen],
-            tips[seen], progress,
-        )  # fmt: skip
-    if found is None:
-        notes.append(
-            f'clock offset taken as 0 s: the motion does not clearly tell one within {RANGE:g} s'
-        )
-        return 0.0
-    notes.append(f'clock offset {found:+.2f} s on the stamps of frames, found from the motion')
-    return found
+        why = 'the stamps say which frames show which pose'
+    elif pairing.kind == MOMENTS:
+        why = 'that of an arm that moves is not looked for'
+    elif recording.is_driven:
+        why = 'without load cells it is not looked for'
+    else:
+        tips = np.array([points[-1] for points in frames])
+        seen = np.isfinite(tips).all(axis=1)
+        if seen.any():
+            held, at = (recording.tension_time, recording.tensions), recording.frame_time[seen]
+            if (found := clock_offset(config.arm, *held, at, tips[seen])) is not None:
+                notes.append(
+                    f'clock offset {found:+.2f} s on the stamps of frames, found from the motion'
+                )
+                return found
+        why = f'the motion does not clearly tell one within {RANGE:g} s'
+    notes.append(f'clock offset taken as 0 s: {why}')
+    return 0.0
 
 
 def _read_in(window: Window, times: FloatArray | None, recording: Recording) -> Window:
-    """The ``window`` with encoder readings, and of a ramp means at the ``times`` of frames [s]."""
+    """The ``window`` with encoder readings, and means at the ``times`` of frames [s], if any."""
     if times is None:
         return with_displacements(window, recording)
     if not recording.is_driven:
@@ -229,8 +377,3 @@ def _unseen(recording: Recording) -> list[str]:
         for s, count in zip(recording.marker_s, missing)
         if count
     ]
-
-
-def _distance(times: FloatArray, samples: FloatArray) -> FloatArray:
-    """Time from each of ``times`` to the nearest of ascending ``samples`` [s]."""
-    return np.abs(times - samples[nearest(times, samples)])

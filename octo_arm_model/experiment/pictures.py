@@ -14,12 +14,12 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.branches import LOADING, REST, UNLOADING
-from octo_arm_model.experiment.camera_check import CameraErrors
+from octo_arm_model.experiment.camera import CameraErrors
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison, compare
 from octo_arm_model.experiment.fit import shape_residuals
 from octo_arm_model.experiment.identification import Identification
-from octo_arm_model.experiment.measured_shapes import MeasuredShape
 from octo_arm_model.experiment.motion import TensionTrajectory
+from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.unknowns import is_of_arm
 from octo_arm_model.reproduce.figures import LINES
 from octo_arm_model.rod.interpolation import interpolated
@@ -62,24 +62,18 @@ def save(figure: Any, path: Path) -> None:
     figure.savefig(path, format='png', dpi=120, bbox_inches='tight', pad_inches=0.1)
 
 
-class TensionColours:
-    """Colours of steps by the sum of their tensions."""
+def tension_colours(shapes: Sequence[MeasuredShape]) -> Any:
+    """Colours of steps by the sum of their tensions, from zero to the largest of ``shapes``."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
 
-    def __init__(self, shapes: Sequence[MeasuredShape]) -> None:
-        """Scale the colours from zero to the largest tension of ``shapes``."""
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
+    highest = max(shape.tension for shape in shapes)
+    return ScalarMappable(Normalize(0.0, max(highest, 1e-9)), 'viridis')
 
-        highest = max(shape.tension for shape in shapes)
-        self._scale: Any = ScalarMappable(Normalize(0.0, max(highest, 1e-9)), 'viridis')
 
-    def of(self, shape: MeasuredShape) -> Any:
-        """Colour of a step."""
-        return self._scale.to_rgba(shape.tension)
-
-    def add_bar(self, figure: Any, panels: Any) -> None:
-        """The scale of colours beside the ``panels`` of a ``figure``."""
-        figure.colorbar(self._scale, ax=panels, label='sum of tensions [N]', pad=0.01)
+def add_colour_bar(figure: Any, panels: Any, colours: Any) -> None:
+    """The scale of `tension_colours` beside the ``panels`` of a ``figure``."""
+    figure.colorbar(colours, ax=panels, label='sum of tensions [N]', pad=0.01)
 
 
 _MEASURED = '0.15'
@@ -230,14 +224,14 @@ def _draw_all(comparisons: Sequence[ModelComparison], axes: FloatArray, limits: 
     """Measured midlines over the model's in the arm's own frame: a column for each model."""
     figure, panels = _panels(len(comparisons), limits, 5.2)
     steps = [step for one in comparisons for step in one.steps]
-    colours = TensionColours([step.shape for step in steps])
+    colours = tension_colours([step.shape for step in steps])
     for column, comparison in enumerate(comparisons):
         is_line = True
         for view, panel in enumerate(panels[:, column]):
             for step in comparison.steps:
                 origin, plane = step.backbone.position[0], axes[[0, view + 1]]
                 model = _flatten(step.backbone.position, plane, origin)
-                panel.plot(*model.T, color=colours.of(step.shape))
+                panel.plot(*model.T, color=colours.to_rgba(step.shape.tension))
                 measured = _flatten(step.measured, plane, origin)
                 is_line = step.shape.s is None and len(measured) > 1
                 style = '--' if is_line else 's'
@@ -245,7 +239,7 @@ def _draw_all(comparisons: Sequence[ModelComparison], axes: FloatArray, limits: 
         what = 'dashes' if is_line else 'squares'
         title = f'{comparison.model} (colour) and measured ({what})'
         panels[0, column].set_title(title, fontsize='medium')
-    colours.add_bar(figure, panels)
+    add_colour_bar(figure, panels, colours)
     return figure
 
 
@@ -397,14 +391,14 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
     """A column for each model, a row for each axis of the base: residuals over s by tension."""
     figure = new_figure(4.4 * len(fitted) + 1.0, 6.6)
     panels = figure.subplots(3, len(fitted), squeeze=False, sharex=True, sharey=True)
-    colours = TensionColours(shapes)
+    colours = tension_colours(shapes)
     for column, one in enumerate(fitted):
         base = Config.from_parameters(one.parameters).base
         comparison = compare(one.with_tensions(shapes), one.parameters, one.model, one.alignment)
         for step in comparison.steps:
             away = _in_base(step, base)
             style = '-' if step.shape.s is None else 'o:'
-            colour = colours.of(step.shape)
+            colour = colours.to_rgba(step.shape.tension)
             for row in range(3):
                 panels[row, column].plot(1e3 * step.s, 1e3 * away[:, row], style, color=colour)
         for row, axis in enumerate(('t, along the base', 'n', 'b')):
@@ -414,7 +408,7 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
                 panels[row, column].set_ylabel(f'{axis} [mm]')
         panels[0, column].set_title(one.model, fontsize='medium')
         panels[-1, column].set_xlabel('s [mm]')
-    colours.add_bar(figure, panels)
+    add_colour_bar(figure, panels, colours)
     figure.suptitle('Measured less fitted midline, in the frame of the base')
     return figure
 

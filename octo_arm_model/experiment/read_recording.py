@@ -18,9 +18,15 @@ from octo_arm_model.experiment.csv_recording import (
     csv_tensions,
     has_tensions,
 )
-from octo_arm_model.experiment.csv_table import CsvTable, check_taken, read_csv
-from octo_arm_model.experiment.measured_points import Measured, MeasuredPoints
-from octo_arm_model.experiment.recording import Count, Recording, assemble
+from octo_arm_model.experiment.csv_table import CsvTable, check_taken
+from octo_arm_model.experiment.recording import (
+    Count,
+    Measured,
+    MeasuredPoints,
+    Recording,
+    Stamped,
+    assemble,
+)
 from octo_arm_model.wire.refusals import Refusals
 
 if TYPE_CHECKING:
@@ -51,7 +57,7 @@ def read_recording(
         calibration: parameters of load cells and encoders in place of the arm's.
         displacements: topic of the encoder readings, or TOPIC:FIELD; None for
             tendon_displacements, if there.
-        progress: called with the numbers of messages, rows and values read and of all known of.
+        progress: called with the numbers of messages read and of all known of.
 
     Raises:
         BagError: if the bag cannot be read or a topic is missing.
@@ -64,14 +70,14 @@ def read_recording(
     if path is None:
         if given is None:
             raise ConfigError('no arm: without a bag it has to be given by --config')
-        return _gather(None, given, measured, files, calibration, Count(progress))
+        return _gather(None, given, measured, files, calibration)
     # They need rosbags.
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.experiment.bag_recording import BagRecording
 
     with BagReader(path) as reader:
-        bag = BagRecording(reader, tensions, displacements, files)
-        return _gather(bag, bag.parameters(given), measured, files, calibration, Count(progress))
+        bag = BagRecording(reader, tensions, displacements, files, Count(progress))
+        return _gather(bag, bag.parameters(given), measured, files, calibration)
 
 
 def _check_sources(
@@ -110,49 +116,55 @@ def _gather(
     measured: Measured,
     files: CsvSources,
     calibration: Mapping[str, Any],
-    count: Count,
 ) -> Recording:
     """Readings and frames, each from a file or from the ``bag``."""
     refusals, notes = Refusals(), [] if bag is None else bag.notes
     parameters.update(calibration)
     config = Config.from_parameters(parameters)
     points = MeasuredPoints(measured, config.arm.length)
-    topics = None
-    if files.midlines is None:
-        from octo_arm_model.experiment.bag_recording import MeasuredTopics
-
-        assert bag is not None
-        topics = MeasuredTopics(bag.reader, measured, points, config.base_frame)
-        count.expect(bag.reader.count(list(dict.fromkeys(topics.topics))))
-    pulled = reeled_in = None
+    # Before anything is read: the topics of what was measured may not be there.
+    topics = None if bag is None or files.midlines else bag.measured(measured, points, config)
     tables: dict[str, CsvTable] = {}
-
-    def table_of(kind: str, path: Path) -> CsvTable:
-        columns = files.columns_of(kind)
-        return tables.setdefault(kind, read_csv(path, columns, count, not files.is_poses))
-
-    if files.tensions is not None:
-        table = table_of('tension', files.tensions)
-        if files.is_poses and not has_tensions(table, config):
-            reeled_in = csv_displacements(table, config, refusals)
-        else:
-            pulled = csv_tensions(table, config, refusals)
-    elif bag is not None:
-        pulled = bag.tensions(config, refusals, count)
-    if files.displacements is not None:
-        table = table_of('displacement', files.displacements)
-        reeled_in = csv_displacements(table, config, refusals)
-    elif bag is not None:
-        reeled_in = bag.displacements(config, refusals, count)
-    for what, stamped in (('tensions', pulled), ('encoder readings', reeled_in)):
+    tensions, encoders = _readings(bag, config, files, tables, refusals)
+    for what, stamped in (('tensions', tensions), ('encoder readings', encoders)):
         if stamped is not None and not stamped.rows:
             raise BagError(f'no {what} for this arm on {stamped.source}{refusals.in_short}')
-    if topics is not None:
-        source, frames = ', '.join(topics.topics), list(topics.read(refusals, count))
+    if topics is not None and bag is not None:
+        frames = topics.read(refusals, bag.count)
     else:
-        assert files.midlines is not None
-        source = str(files.midlines)
-        frames = csv_frames(table_of('midline', files.midlines), measured, points, refusals)
+        table = files.read('midline', files.midlines, tables)
+        frames = csv_frames(table, measured, points, refusals)
+    _check_read(files, tables)
+    return assemble(parameters, tensions, encoders, frames, points, refusals, notes)
+
+
+def _readings(
+    bag: BagRecording | None,
+    config: Config,
+    files: CsvSources,
+    tables: dict[str, CsvTable],
+    refusals: Refusals,
+) -> tuple[Stamped | None, Stamped | None]:
+    """Tensions and encoder readings; of a table of poses the latter where it has no tensions."""
+    tensions = encoders = None
+    if files.tensions is not None:
+        table = files.read('tension', files.tensions, tables)
+        if files.is_poses and not has_tensions(table, config):
+            encoders = csv_displacements(table, config, refusals)
+        else:
+            tensions = csv_tensions(table, config, refusals)
+    elif bag is not None:
+        tensions = bag.tensions(config, refusals)
+    if files.displacements is not None:
+        table = files.read('displacement', files.displacements, tables)
+        encoders = csv_displacements(table, config, refusals)
+    elif bag is not None:
+        encoders = bag.displacements(config, refusals)
+    return tensions, encoders
+
+
+def _check_read(files: CsvSources, tables: Mapping[str, CsvTable]) -> None:
+    """Check that each column that is named was looked for; MeasurementError if not."""
     check_taken(list(tables.values()))
     wanted = {name for table in tables.values() for name in table.wanted}
     wanted |= {f'{kind}:{name}' for kind, table in tables.items() for name in table.wanted}
@@ -162,7 +174,3 @@ def _gather(
             f'--columns names {listed(unread)}, which is not read here; expected names of '
             f'{listed(plain)}, of one file as {", ".join(f"{kind}:NAME" for kind in KINDS)}'
         )
-    count.add(count.total - count.done)  # columns that were not used
-    return assemble(
-        parameters, pulled, reeled_in, frames, source, measured, points, refusals, notes
-    )

@@ -1,7 +1,11 @@
-"""A recording: tensions or encoder readings, and measured midlines, tips or markers."""
+"""What was recorded, checked as it comes: tensions or encoder readings, and measured points.
+
+Points are midlines, tips, or markers at known arc coordinates.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -9,9 +13,177 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from octo_arm_model.arm.errors import MeasurementError
-from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.experiment.measured_points import Frame, Measured, MeasuredPoints
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.wire.refusals import Refusals
+
+MOST_MARKERS = 1000
+LENGTH_UNITS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
+# A midline is taken to be in metres if its extent is so many times the length of the arm.
+_LENGTHS = (0.02, 2.0)
+_OF_TIPS = 4.0  # so many times the length tips and markers may be apart, in all of a recording
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Sources and unit of measured points, and the markers that they are.
+
+    Attributes:
+        sources: topics, or TOPIC:FIELD, or none for the only one there is; several are of one
+            marker each, or, with ``marker_frames``, of TF, by default all of that type.
+        marker_s: arc coordinate of each marker, increasing [m]; none for midlines and tips.
+        marker_frames: names of the frames of the markers in TF, in the order of ``marker_s``.
+        unit: of all lengths, of `LENGTH_UNITS`.
+        marker_names: names of the markers among those of a message or a table, or their numbers
+            from 0 on in a message, in the order of ``marker_s``; none for all as they are.
+    """
+
+    sources: tuple[str, ...] = ()
+    marker_s: tuple[float, ...] = ()
+    marker_frames: tuple[str, ...] = ()
+    unit: str = 'm'
+    marker_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            MeasurementError: if the numbers of markers differ.
+        """
+        name, names = '--marker-frames', self.marker_frames
+        if self.marker_names:
+            name, names = '--marker-names', self.marker_names
+            if self.marker_frames or len(self.sources) > 1:
+                raise MeasurementError(
+                    '--marker-names is of one message or table, expected neither --marker-frames '
+                    'nor several --midlines with it'
+                )
+        elif not names and len(self.sources) > 1:
+            name, names = '--midlines', self.sources
+        if names and len(names) != len(self.marker_s):
+            raise MeasurementError(
+                f'{name} names {len(names)}, --marker-s has {len(self.marker_s)} values; expected '
+                'one for each marker'
+            )
+        if len(set(names)) < len(names):
+            raise MeasurementError(f'{name} names {" ".join(names)}, expected each once')
+
+
+class MeasuredPoints:
+    """Checks points as they come, of whatever source.
+
+    Attributes:
+        frame_id: frame of the first ones; None before.
+        marker_s: arc coordinates of the markers [m]; None of midlines and tips.
+    """
+
+    def __init__(self, measured: Measured, length: float) -> None:
+        """Check points of an arm of ``length`` [m].
+
+        Raises:
+            MeasurementError: if arc coordinates of markers are not increasing, or not on the arm.
+        """
+        self.frame_id: str | None = None
+        self.marker_s = check_marker_s(measured.marker_s, length) if measured.marker_s else None
+        self._count, self._length = len(measured.marker_s), length
+        self._unit, self._factor = measured.unit, LENGTH_UNITS[measured.unit]
+
+    def check_frame(self, frame_id: str) -> None:
+        """Have all points be in one frame.
+
+        Raises:
+            MeasurementError: if they are not.
+        """
+        if self.frame_id is None:
+            self.frame_id = frame_id
+        elif frame_id != self.frame_id:
+            raise MeasurementError(f'its frame is {frame_id!r}, expected {self.frame_id!r}')
+
+    def check(self, points: FloatArray, is_midline: bool) -> FloatArray:
+        """The ``points`` (m, 3), given in the unit, in metres.
+
+        Raises:
+            MeasurementError: if they cannot be points of this arm.
+        """
+        if self._count:
+            return self._check_markers(points)
+        if is_midline and len(points) < 2:
+            raise MeasurementError(f'it has {len(points)} point(s), expected at least 2')
+        if not np.isfinite(points).all():
+            number = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+            raise MeasurementError(
+                f'point {number + 1} is {points[number].tolist()}, expected finite numbers'
+            )
+        points = self._factor * points
+        if is_midline:
+            # The diagonal of the bounding box, to which noise adds little.
+            size = float(np.linalg.norm(np.ptp(points, axis=0)))
+            low, high = (factor * self._length for factor in _LENGTHS)
+            if not low <= size <= high:
+                raise MeasurementError(
+                    f'it extends over {size:.4g} m, expected {low:.3g} to {high:.3g} m for an arm '
+                    f'of {self._length:.4g} m{self.hint(size, low, high)}'
+                )
+        return points
+
+    def _check_markers(self, points: FloatArray) -> FloatArray:
+        if len(points) != self._count:
+            raise MeasurementError(
+                f'it has {len(points)} point(s), expected {self._count}, one for each of '
+                '--marker-s'
+            )
+        if np.isinf(points).any():
+            raise MeasurementError(
+                'a point is infinite, expected finite numbers, or NaN if unseen'
+            )
+        seen = np.asarray(np.isfinite(points).all(axis=1))
+        if not seen.any():
+            raise MeasurementError('it shows no marker')
+        return np.where(seen[:, np.newaxis], self._factor * points, np.nan)
+
+    def check_together(self, frames: Sequence[FloatArray]) -> None:
+        """Check how far apart tips or markers are in all ``frames``, each (m, 3) [m].
+
+        Raises:
+            MeasurementError: if no arm of this length reaches so far, or has markers so near.
+        """
+        points = np.concatenate(frames)
+        size = float(np.linalg.norm(np.nanmax(points, axis=0) - np.nanmin(points, axis=0)))
+        low, high = 0.0, _OF_TIPS * self._length
+        if self.marker_s is not None:
+            low = _LENGTHS[0] * float(np.ptp(self.marker_s))
+        if not low <= size <= high:
+            raise MeasurementError(
+                f'measured points are up to {size:.4g} m apart, expected {low:.3g} to {high:.3g} '
+                f'm for an arm of {self._length:.4g} m{self.hint(size, low, high)}'
+            )
+
+    def hint(self, size: float, low: float, high: float) -> str:
+        """A unit in which a ``size`` [m] would be from ``low`` to ``high``, as a question."""
+        for unit, factor in LENGTH_UNITS.items():
+            if unit != self._unit and low <= size / self._factor * factor <= high:
+                return f'; are they in {unit}? then say --length-unit {unit}'
+        return ''
+
+
+def check_marker_s(s: Sequence[float], length: float) -> FloatArray:
+    """Arc coordinates of markers on an arm of ``length`` [m].
+
+    Raises:
+        MeasurementError: if one is not on the arm, they are not increasing, or too many.
+    """
+    if len(s) > MOST_MARKERS:
+        raise MeasurementError(f'--marker-s has {len(s)} values, expected at most {MOST_MARKERS}')
+    for before, one in zip([-math.inf, *s], s):
+        if not (math.isfinite(one) and 0.0 <= one <= length * (1.0 + 1e-9)):
+            hint = ': in metres?' if 0.0 <= 1e-3 * one <= length else ''
+            raise MeasurementError(
+                f'--marker-s has {one:g}, expected arc coordinates from 0 to {length:g} m{hint}'
+            )
+        if min(one, length) <= before:
+            raise MeasurementError(
+                f'--marker-s has {one:g} after {before:g}, expected increasing arc coordinates [m]'
+            )
+    return np.minimum(np.array(s, dtype=np.float64), length)
 
 
 class Count:
@@ -93,70 +265,58 @@ class Recording:
 
 
 class Stamped(NamedTuple):
-    """Sets of tensions or of encoder readings, and their stamps.
+    """Sets of tensions or of encoder readings, or frames of measured points, and their stamps.
 
     Attributes:
         source: topic or file.
         stamps: [ns].
-        rows: of each tendon (tendons,) [N] or [m].
+        rows: of each tendon (tendons,) [N] or [m]; or points (m, 3) [m], NaN for markers that were
+            not seen.
     """
 
     source: str
     stamps: list[int]
     rows: list[FloatArray]
 
+    def in_order(self, origin: int, notes: list[str]) -> tuple[FloatArray, list[FloatArray]]:
+        """Stamps in order, from ``origin`` on (n,) [s], and rows; a note where they were not."""
+        given = np.array(self.stamps, dtype=np.int64)
+        if back := int((np.diff(given) < 0).sum()):
+            notes.append(
+                f'{back} of {given.size} stamps on {self.source} run backwards; they are sorted'
+            )
+        order = np.argsort(given, kind='stable')
+        time: FloatArray = np.asarray(1e-9 * (given[order] - origin))
+        return time, [self.rows[place] for place in order]
+
 
 def assemble(
     parameters: dict[str, Any],
     tensions: Stamped | None,
     encoders: Stamped | None,
-    frames: Sequence[Frame],
-    source: str,
-    measured: Measured,
+    frames: Stamped,
     points: MeasuredPoints,
     refusals: Refusals,
     notes: list[str],
 ) -> Recording:
     """A recording of ``tensions``, ``encoders``, one of which there is, and ``frames``.
 
-    Frames come from ``source``.
+    These were checked by ``points``.
 
     Raises:
         MeasurementError: if there are no frames, or they are not of this arm.
     """
-    if not frames:
-        raise MeasurementError(f'nothing measured on {source}{refusals.in_short}')
-    if measured.marker_s or all(len(frame.points) == 1 for frame in frames):
-        points.check_together(frames)
-    origin = min(min(one.stamps) for one in (tensions, encoders) if one is not None)
-    tension_time, table = _table(tensions, origin, notes)
-    displacement_time, displacements = _table(encoders, origin, notes)
-    stamps = [frame.stamp_ns for frame in frames]
-    frame_time, order = _in_order(stamps, origin, source, notes)
+    if not frames.rows:
+        raise MeasurementError(f'nothing measured on {frames.source}{refusals.in_short}')
+    if points.marker_s is not None or all(len(one) == 1 for one in frames.rows):
+        points.check_together(frames.rows)
+    read = [one for one in (tensions, encoders) if one is not None]
+    origin = min(min(one.stamps) for one in read)
+    nothing = np.zeros(0), np.zeros((0, 0))
+    tension_time, pulled = nothing if tensions is None else tensions.in_order(origin, notes)
+    encoder_time, reeled_in = nothing if encoders is None else encoders.in_order(origin, notes)
+    frame_time, seen = frames.in_order(origin, notes)
     return Recording(
-        parameters, tension_time, table, frame_time, tuple(frames[i].points for i in order),
-        points.frame_id or '', tuple(notes), points.marker_s, refusals, displacement_time,
-        displacements,
+        parameters, tension_time, np.array(pulled), frame_time, tuple(seen), points.frame_id or '',
+        tuple(notes), points.marker_s, refusals, encoder_time, np.array(reeled_in),
     )  # fmt: skip
-
-
-def _table(
-    stamped: Stamped | None, origin: int, notes: list[str]
-) -> tuple[FloatArray, FloatArray]:
-    """Stamps from ``origin`` on (n,) [s], and rows in their order (n, tendons)."""
-    if stamped is None:
-        return np.zeros(0), np.zeros((0, 0))
-    time, order = _in_order(stamped.stamps, origin, stamped.source, notes)
-    return time, np.array(stamped.rows)[order]
-
-
-def _in_order(
-    stamps: list[int], origin: int, topic: str, notes: list[str]
-) -> tuple[FloatArray, IntArray]:
-    """Stamps from ``origin`` on in seconds, ascending, and the order that makes them so."""
-    given = np.array(stamps, dtype=np.int64)
-    back = int((np.diff(given) < 0).sum())
-    if back:
-        notes.append(f'{back} of {given.size} stamps on {topic} run backwards; they are sorted')
-    order = np.argsort(given, kind='stable')
-    return np.asarray(1e-9 * (given[order] - origin)), np.asarray(order)

@@ -26,13 +26,11 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.model import PATIENT, ArmModel
 from octo_arm_model.estimation.parameters import PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
-from octo_arm_model.experiment.alignment import Alignment
-from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics
-from octo_arm_model.experiment.camera_check import CameraCheck, CameraFrames
-from octo_arm_model.experiment.measured_points import Measured, MeasuredPoints
+from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics, notes_on
+from octo_arm_model.experiment.camera import Alignment, CameraCheck
 from octo_arm_model.experiment.midlines import without_spikes
 from octo_arm_model.experiment.observations import Pairing, base_first, camera_offset
-from octo_arm_model.experiment.recording import Count, Stamped, assemble
+from octo_arm_model.experiment.recording import Count, Measured, MeasuredPoints, Stamped, assemble
 from octo_arm_model.experiment.steady_windows import reading_noise
 from octo_arm_model.wire.measurements import MeasuredArm, PoseOf
 from octo_arm_model.wire.refusals import Refusals
@@ -117,9 +115,7 @@ def read_recorded(
     given.update(sources.calibration)
     own = {name: given.pop(name) for name in list(given) if name.startswith(PREFIX)}
     config = Config.from_parameters(given)
-    refusals, notes = Refusals(), list(reader.notes)
-    if any('synthetic' in text for text in reader.metadata.values()):
-        notes.append('the bag says that it is synthetic')
+    refusals, notes = Refusals(), notes_on(reader)
     count = Count(progress)
     count.expect(reader.count(sensors.all))
     tensions = read_tension_rows(reader, sensors, config, refusals, count.add)
@@ -217,8 +213,8 @@ def _camera(
     measured = Measured((topic,))
     points = MeasuredPoints(measured, config.arm.length)
     topics = MeasuredTopics(reader, measured, points, config.base_frame)
-    seen = list(topics.read(refusals, Count()))
-    recording = assemble({}, stamped, None, seen, topic, measured, points, refusals, notes)
+    seen = topics.read(refusals, Count())
+    recording = assemble({}, stamped, None, seen, points, refusals, notes)
     alignment = sources.alignment
     if alignment is None and recording.frame_id == config.base_frame:
         alignment = Alignment.none()
@@ -227,6 +223,4 @@ def _camera(
     pairing = Pairing(offset=sources.clock_offset)
     lines = base_first(recording, pairing, config, alignment, notes)
     ahead = camera_offset(recording, pairing, config, lines, notes)
-    frames = CameraFrames(recording.frame_time + ahead, lines, alignment)
-    solver = config.solver('exact')
-    return CameraCheck(frames, solver, recording.tension_time, recording.tensions)
+    return CameraCheck(recording, ahead, lines, alignment, config.solver('exact'))

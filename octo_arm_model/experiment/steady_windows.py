@@ -7,6 +7,7 @@ What was not read at the time of a row is NaN: encoders may publish in messages 
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -293,15 +294,9 @@ def with_displacements(window: Window, recording: Recording) -> Window:
     inside = (time >= window.start) & (time <= window.stop)
     if not inside.any():
         return window
-    return dataclasses.replace(window, displacements=mean_of(read[inside]))
-
-
-def mean_of(rows: FloatArray) -> FloatArray:
-    """Mean of each column of ``rows`` (n, tendons) without NaN, NaN of those without any other."""
-    known = np.isfinite(rows)
-    count = known.sum(axis=0)
-    total = np.where(known, rows, 0.0).sum(axis=0)
-    return np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', RuntimeWarning)  # of columns without a reading
+        return dataclasses.replace(window, displacements=np.nanmean(read[inside], axis=0))
 
 
 def by_length(windows: Sequence[Window], config: Config) -> list[Window]:

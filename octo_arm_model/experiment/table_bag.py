@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.interfaces import Connection
 
 from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError
-from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.sensor_messages import LEVEL, TENSIONS, SensorMessages
 from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
-from octo_arm_model.bags.types import known_types
-from octo_arm_model.bags.writer import BagWriter, Message
+from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.estimation.parameters import PREFIX
@@ -30,14 +28,10 @@ from octo_arm_model.experiment.csv_recording import (
     has_tensions,
 )
 from octo_arm_model.experiment.csv_table import check_taken, read_csv
-from octo_arm_model.experiment.measured_points import Measured, MeasuredPoints
-from octo_arm_model.experiment.recording import Count
-from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS, TIP_POSE
+from octo_arm_model.experiment.recording import Measured, MeasuredPoints
+from octo_arm_model.wire.measurements import MARKERS, TIP_POSE
 from octo_arm_model.wire.refusals import Refusals
-from octo_arm_model.wire.stamp import Stamp
-from octo_arm_model.wire.tensions import DISPLACEMENT_TYPE, DISPLACEMENTS, TENDON_TENSIONS
-
-_TENSIONS = 'tendon_tensions'
+from octo_arm_model.wire.tensions import DISPLACEMENTS
 
 
 @contextlib.contextmanager
@@ -97,42 +91,37 @@ def _write(
     """Write the bag of a table; returns remarks on rows that were left out."""
     own = {name: value for name, value in parameters.items() if not name.startswith(PREFIX)}
     config, refusals = Config.from_parameters(own), Refusals()
-    given = CsvSources(columns=columns, is_poses=True).columns_of('')
-    table = read_csv(path, given, Count(), has_time=False)
+    table = read_csv(path, CsvSources(columns=columns).columns_of(''), has_time=False)
     marker_s = tuple(parameters.get(f'{PREFIX}marker_s', ()))
     measured = Measured(marker_s=marker_s, marker_names=marker_names)
-    rows: list[tuple[int, str, str, dict[str, Any]]] = []
-    tendons = list(config.arm.tendon_names)
-    if has_tensions(table, config):
-        stamps, readings = csv_readings(table, config)
-        rows += [
-            (stamp, _TENSIONS, TENDON_TENSIONS.type_name, {'name': tendons, 'tension': row})
-            for stamp, row in zip(stamps, readings)
-        ]
-    if has_displacements(table, config):
-        found = csv_displacements(table, config, refusals)
-        nothing: FloatArray = np.zeros(0)
-        for stamp, row in zip(found.stamps, found.rows):
-            known = np.isfinite(row)
-            names = [name for name, has in zip(tendons, known) if has]
-            fields = {'name': names, 'position': row[known], 'velocity': nothing}
-            rows.append((stamp, DISPLACEMENTS, DISPLACEMENT_TYPE, {**fields, 'effort': nothing}))
-    if not rows:
+    has_cells, has_encoders = has_tensions(table, config), has_displacements(table, config)
+    if not (has_cells or has_encoders):
         raise MeasurementError(
             f'{path}: no column of the tension or displacement of a tendon; {table.listing}'
         )
-    if has_points(table, measured):
-        points = MeasuredPoints(measured, config.arm.length)
-        for frame in csv_frames(table, measured, points, refusals):
-            rows.append((frame.stamp_ns, *_measured(frame.points, bool(marker_s))))
-    check_taken([table])
-    _check_read(columns, table.wanted, path)
-    if (first := min(rows)[0] if rows else 0) < 0:
+    if (first := min(table.times())) < 0:
         raise MeasurementError(f'{path}: time is {1e-9 * first} s, expected none below 0')
-    described = as_described(own)
     with BagWriter(written) as writer:
-        writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(described), first)
-        writer.write(_messages(writer, config.base_frame, sorted(rows, key=lambda row: row[0])))
+        writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(as_described(own)), first)
+        messages = SensorMessages(writer, config)
+        if has_cells:
+            for stamp, row in zip(*csv_readings(table, config)):
+                messages.add(TENSIONS, stamp, row)
+        if has_encoders:
+            found = csv_displacements(table, config, refusals)
+            for stamp, row in zip(found.stamps, found.rows):
+                messages.add(DISPLACEMENTS, stamp, row)
+        if has_points(table, measured):
+            points = MeasuredPoints(measured, config.arm.length)
+            frames = csv_frames(table, measured, points, refusals)
+            for stamp, seen in zip(frames.stamps, frames.rows):
+                if marker_s or len(seen) > 1:
+                    messages.add(MARKERS if marker_s else MIDLINE, stamp, seen)
+                else:
+                    messages.add(TIP_POSE, stamp, seen, LEVEL, np.zeros((6, 6)))
+        check_taken([table])
+        _check_read(columns, table.wanted, path)
+        messages.write()
     return refusals.lines()
 
 
@@ -142,35 +131,3 @@ def _check_read(columns: Mapping[str, str], wanted: set[str], path: Path) -> Non
             f'{path}: --columns names {", ".join(unread)}, which is not read here; expected names '
             f'of {", ".join(sorted(wanted))}'
         )
-
-
-def _measured(points: FloatArray, are_markers: bool) -> tuple[str, str, dict[str, Any]]:
-    """Topic, type and fields of the message of measured ``points`` (m, 3) [m]."""
-    types = known_types().types
-    poses = [
-        types['geometry_msgs/msg/Pose'](
-            position=types['geometry_msgs/msg/Point'](*point),
-            orientation=types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0),
-        )
-        for point in points.tolist()
-    ]
-    if are_markers:
-        return MARKERS, MEASUREMENT_TOPICS[MARKERS].type_name, {'poses': poses}
-    if len(points) > 1:
-        return MIDLINE, 'geometry_msgs/msg/PoseArray', {'poses': poses}
-    whole = types['geometry_msgs/msg/PoseWithCovariance'](poses[0], np.zeros(36))
-    return TIP_POSE, MEASUREMENT_TOPICS[TIP_POSE].type_name, {'pose': whole}
-
-
-def _messages(
-    writer: BagWriter, frame: str, rows: list[tuple[int, str, str, dict[str, Any]]]
-) -> Iterator[Message]:
-    store = known_types()
-    connections: dict[str, Connection] = {}
-    for stamp_ns, topic, kind, fields in rows:
-        if topic not in connections:
-            connections[topic] = writer.add(f'/{topic}', kind)
-        stamp = store.types['builtin_interfaces/msg/Time'](*Stamp.from_ns(stamp_ns))
-        header = store.types['std_msgs/msg/Header'](stamp=stamp, frame_id=frame)
-        data = store.serialize_cdr(store.types[kind](header=header, **fields), kind)
-        yield connections[topic], stamp_ns, bytes(data)

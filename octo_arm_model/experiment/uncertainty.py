@@ -22,26 +22,30 @@ does not lower them.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fit import Problem
-from octo_arm_model.experiment.measured_shapes import MeasuredShape
-from octo_arm_model.experiment.unknowns import Unknown, Unknowns, normalised
+from octo_arm_model.experiment.observations import MeasuredShape
+from octo_arm_model.experiment.unknowns import Unknown, Unknowns
+
+P = TypeVar('P', bound=Problem)
+T = TypeVar('T')
 
 # Loads are one if no tension differs by more than this part of the highest.
-_PART = 0.02
+_SAME = 0.02
 # Fits at most: of more loads several are left out together.
 MOST_FOLDS = 20
 
 
 def steps_by_load(tensions: FloatArray) -> list[list[int]]:
     """Numbers of the steps, from 0, of each load among ``tensions`` (steps, tendons) [N]."""
-    band = _PART * float(tensions.max(initial=0.0))
+    band = _SAME * float(tensions.max(initial=0.0))
     loads: list[list[int]] = []
     for step, pulled in enumerate(tensions):
         for load in loads:
@@ -61,7 +65,7 @@ def folds_of(loads: list[list[int]]) -> list[list[int]]:
 
 def loaded(tensions: FloatArray, load: list[int]) -> bool:
     """Whether any tendon is pulled in a ``load`` of `steps_by_load`."""
-    return bool(tensions[load[0]].max() > _PART * float(tensions.max(initial=0.0)))
+    return bool(tensions[load[0]].max() > _SAME * float(tensions.max(initial=0.0)))
 
 
 AUTO = 'auto'
@@ -271,3 +275,91 @@ def correlations_of(jacobian: FloatArray) -> FloatArray:
     covariance = np.linalg.inv(flat.T @ flat)
     deviation = np.sqrt(np.diag(covariance))
     return covariance / np.outer(deviation, deviation)
+
+
+# Singular values of the Jacobian below this part of the largest count as zero.
+_SINGULAR = 1e-4
+# Without effect: a change of an unknown by its `scale` moves no point by this part of the length.
+_NO_EFFECT = 1e-6
+# An unknown takes part in a direction with at least this share of that which moves most.
+_PART = 0.1
+
+
+class OpenDirection(NamedTuple):
+    """A direction that the data leave open.
+
+    Attributes:
+        name: the unknown to leave out, so that the others are determined.
+        reason: the direction in words.
+    """
+
+    name: str
+    reason: str
+
+
+def open_direction(
+    jacobian: FloatArray, unknowns: Unknowns, x: FloatArray
+) -> OpenDirection | None:
+    """The first direction from ``x`` that changes no residual, from derivatives (points, 3, n).
+
+    An unknown without any effect comes first. Of several that only together change nothing, that
+    which is last in the order of `unknown.FITS` is to be left out.
+    """
+    scales = np.array([unknown.scale for unknown in unknowns.unknowns])
+    moves = np.linalg.norm(jacobian * scales, axis=1).max(axis=0)
+    for name, move in zip(unknowns.names, moves, strict=True):
+        if move < _NO_EFFECT * unknowns.arm.length:
+            return OpenDirection(name, f'{name} changes nothing that was measured')
+    flat, norms = normalised(jacobian)
+    _, singular, directions = np.linalg.svd(flat, full_matrices=False)
+    if singular[-1] >= _SINGULAR * singular[0]:
+        return None
+    move = directions[-1] / norms
+    share = np.abs(directions[-1])
+    last = int(np.flatnonzero(share >= _PART * share.max())[-1])
+    return OpenDirection(unknowns.names[last], _in_words(unknowns.unknowns, x, move, scales))
+
+
+def normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (3 points, n) as columns of length 1, and their lengths."""
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    norms = np.linalg.norm(flat, axis=0)
+    return flat / norms, norms
+
+
+def _in_words(
+    unknowns: Sequence[Unknown], x: FloatArray, move: FloatArray, scales: FloatArray
+) -> str:
+    """A direction of x in words, without its small components."""
+    share = np.abs(move / scales)
+    largest = np.abs(move[share > 0.01 * share.max()]).max()
+    words = []
+    columns = zip(unknowns, x.tolist(), move / largest, share / share.max(), strict=True)
+    for unknown, at, step, part in columns:
+        if part > 0.01:
+            relative = unknown.relative_change(at, step)
+            change = f'{step:+.3g} {unknown.unit}'
+            if relative is not None:
+                change = f'{100.0 * relative:+.3g} %'
+            words.append(f'{unknown.name} {change}')
+    return f'changed together in this proportion nothing measured changes: {", ".join(words)}'
+
+
+def determined(
+    problem_without: Callable[[Collection[str]], P],
+    fit: Callable[[P], T | OpenDirection],
+    left_out: dict[str, str],
+) -> tuple[P, T] | None:
+    """The problem of what the data determine, and its ``fit``; None where that is nothing.
+
+    What else is open is added to ``left_out``, with the reason: it is looked for at the start,
+    since with an undetermined direction no minimisation converges, and by ``fit``.
+    """
+    while (problem := problem_without(tuple(left_out))).unknowns.unknowns:
+        start = problem.unknowns.start
+        jacobian = np.concatenate(problem.jacobian(start))
+        found = open_direction(jacobian, problem.unknowns, start) or fit(problem)
+        if not isinstance(found, OpenDirection):
+            return problem, found
+        left_out[found.name] = f'{found.name} is left as it is: {found.reason}'
+    return None

@@ -21,6 +21,7 @@ import yaml
 pytest.importorskip('rosbags', reason='needs rosbags')
 
 import lz4.frame
+from command_line import Cli
 from recordings import (
     START,
     TENDON_TENSIONS,
@@ -38,7 +39,6 @@ from octo_arm_model.bags import storages
 from octo_arm_model.bags.demo import Experiment, add_demo
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.writer import STORAGES, BagWriter
-from octo_arm_model.cli.main import main
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path
 
 if sys.version_info >= (3, 14):
@@ -382,21 +382,14 @@ def test_metadata_of_another_type_is_refused_by_name(tmp_path: Path, step: int) 
 )
 @pytest.mark.parametrize('command', ['replay', 'compare', 'identify'])
 def test_every_command_names_the_field(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    command: str,
-    old: str,
-    new: str,
-    expected: str,
+    tmp_path: Path, cli: Cli, command: str, old: str, new: str, expected: str
 ) -> None:
     path = bag(tmp_path / 'bag')
     text = (path / 'metadata.yaml').read_text()
     assert old in text
     (path / 'metadata.yaml').write_text(text.replace(old, new))
     options = {'replay': [], 'compare': ['--out'], 'identify': ['--out']}[command]
-    assert main([command, str(path), *options, str(tmp_path / 'out')]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert expected in line
+    assert expected in cli.refused(command, path, *options, tmp_path / 'out')
     assert command == 'compare' or not (tmp_path / 'out').exists()  # a folder, and empty
 
 
@@ -422,21 +415,17 @@ def test_counts_of_the_metadata_are_held_against_the_file(tmp_path: Path) -> Non
     assert notes == ['/tendon_tensions: 50 messages, more than the 0 it says']
 
 
-def test_rows_that_are_not_there_are_counted_by_every_command(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rows_that_are_not_there_are_counted_by_every_command(tmp_path: Path, cli: Cli) -> None:
     experiment = Experiment(hold=1.0, ramp=0.5, tension_rate=20.0, camera_rate=5.0)
     with BagWriter(tmp_path / 'demo', 'sqlite3') as writer:
         add_demo(writer, load_parameters(PRESET), experiment)
     path = change(file_of(tmp_path / 'demo'), 'DELETE FROM messages WHERE id IN (100, 101)')
     total = 2 + len(found_in(path)[0])
     for command in ('replay', 'compare'):
-        out = str(tmp_path / command)
-        more = ['--hold', '0.5', '--clock-offset', '0']
-        arguments = ['--out', out, *more] if command == 'compare' else [out]
-        arguments += ['--model', 'closed_form']
-        assert main([command, str(path), *arguments]) == 0
-        said = capsys.readouterr().out
+        more = '--out --hold 0.5 --clock-offset 0'.split() if command == 'compare' else []
+        given = *more[1:], *more[:1], tmp_path / command, '--model', 'closed_form'
+        status, said, _ = cli(command, path, *given)
+        assert status == 0
         assert f'demo_0.db3: 2 message(s) of {total} are not there, by their numbers' in said
 
 
@@ -501,9 +490,7 @@ def test_no_flipped_bit_loses_a_message_unsaid(tmp_path: Path, storage: str, cou
 
 @pytest.mark.parametrize('count', [12, pytest.param(100, marks=pytest.mark.endurance)])
 @pytest.mark.parametrize('storage', STORAGES)
-def test_every_command_survives_damage(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], storage: str, count: int
-) -> None:
+def test_every_command_survives_damage(tmp_path: Path, cli: Cli, storage: str, count: int) -> None:
     rng = random.Random(1)
     path = bag(tmp_path / 'bag', storage)
     file = file_of(path)
@@ -520,14 +507,10 @@ def test_every_command_survives_damage(
             damaged[start] ^= 1 << rng.randrange(8)
         file.write_bytes(damaged)
         command = ('replay', 'compare', 'identify')[number // 3 % 3]
-        options = ['--model', 'closed_form'] if command == 'replay' else ['--out']
         out = tmp_path / f'out{number}'
-        status = main([command, str(path), *options, str(out)]) if command != 'replay' else main(
-            [command, str(path), str(out), *options]
-        )  # fmt: skip
-        errors = [
-            line for line in capsys.readouterr().err.splitlines() if line.startswith('octo-arm: e')
-        ]
+        given = (out, '--model', 'closed_form') if command == 'replay' else ('--out', out)
+        status, _, err = cli(command, path, *given)
+        errors = [line for line in err.splitlines() if line.startswith('octo-arm: e')]
         assert len(errors) == (status != 0)
         statuses.add(status)
     assert statuses <= {0, 1, 2}
@@ -536,12 +519,12 @@ def test_every_command_survives_damage(
     assert not [one for one in tmp_path.iterdir() if one.name.startswith('.')]
 
 
-def test_a_time_that_no_stamp_can_hold_is_refused(tmp_path: Path) -> None:
+def test_a_time_that_no_stamp_can_hold_is_refused(tmp_path: Path, cli: Cli) -> None:
     (sample,) = samples(
         ARM, np.ones((1, 4)), '/tendon_tensions/array', 'std_msgs/msg/Float64MultiArray'
     )
     late = sample._replace(received_ns=2**31 * 10**9)
     path = write_bag(tmp_path / 'bag', [*CONTENT, sample, late])
-    assert main(['replay', str(path), str(tmp_path / 'out')]) == 0
+    assert cli('replay', path, tmp_path / 'out')[0] == 0
     with BagReader(tmp_path / 'out') as reader:
         assert reader.count(['/backbone/path']) == 51

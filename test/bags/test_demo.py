@@ -10,12 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import Cli
-
-pytest.importorskip('rosbags', reason='needs rosbags')
-
 from recordings import tensions_in
 
-from octo_arm_model import Config, displacements_of, load_config
+from octo_arm_model import Config, Solver, displacements_of, load_config
 from octo_arm_model.bags.demo import (
     CAMERA_POSITION,
     CAMERA_QUATERNION,
@@ -39,29 +36,44 @@ CLEAN = Experiment(
 )  # fmt: skip
 
 
-def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / 'bag', custom=custom_data(CLEAN)) as writer:
-        add_demo(writer, PROTOTYPE, CLEAN)
-    stiffer = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
-    config = Config.from_parameters({**PROTOTYPE, **stiffer})
-    solver = config.solver()
-    rotation = axes_of(CAMERA_QUATERNION)
-    seen = 0
-    with BagReader(tmp_path / 'bag') as reader:
+Seen = dict[int, Any]
+
+
+def written(path: Path, experiment: Experiment, *topics: str) -> tuple[Seen, list[Seen]]:
+    """Tensions of a demo by their stamps [ns], and the messages of ``topics`` by receipt."""
+    with BagWriter(path, custom=custom_data(experiment)) as writer:
+        add_demo(writer, PROTOTYPE, experiment)
+    with BagReader(path) as reader:
+        config = Config.from_parameters(PROTOTYPE)
         tensions = {one.stamp_ns: one.tensions for one in tensions_in(reader, config)}
-        highest = max(float(np.max(row)) for row in tensions.values())
-        assert highest == max(PROTOTYPE_ERRORS)
-        for record in reader.messages(['/camera/midline']):
-            message = reader.decode(record)
-            stamp = stamp_of(message, 0)
-            assert stamp.ns == record.received_ns + 250_000_000
-            points = [one.pose.position for one in message.poses]
-            points = np.array([[p.x, p.y, p.z] for p in points]) @ rotation.T + CAMERA_POSITION
-            expected = solver.solve(tensions[record.received_ns])
-            np.testing.assert_allclose(points[-1], expected.tip, atol=1e-9)
-            np.testing.assert_allclose(points[0], expected.position[0], atol=1e-12)
-            seen += 1
-    assert seen > 40
+        found = [{one.received_ns: reader.decode(one) for one in reader.messages([topic])}
+                 for topic in topics]  # fmt: skip
+    return tensions, found
+
+
+def solver_of(experiment: Experiment, **changes: Any) -> Solver:
+    """Of the true arm."""
+    young = experiment.stiffness * 110000.0
+    values = {**PROTOTYPE, 'model': 'exact', 'material.youngs_modulus': young, **changes}
+    return Config.from_parameters(values).solver()
+
+
+def place(point: Any) -> np.ndarray:
+    return np.array([point.x, point.y, point.z])
+
+
+def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path: Path) -> None:
+    tensions, (midlines,) = written(tmp_path / 'bag', CLEAN, '/camera/midline')
+    solver, rotation = solver_of(CLEAN), axes_of(CAMERA_QUATERNION)
+    assert max(float(np.max(row)) for row in tensions.values()) == max(PROTOTYPE_ERRORS)
+    assert len(midlines) > 40
+    for received, message in midlines.items():
+        assert stamp_of(message, 0).ns == received + 250_000_000
+        points = np.array([place(one.pose.position) for one in message.poses])
+        points = points @ rotation.T + CAMERA_POSITION
+        expected = solver.solve(tensions[received])
+        np.testing.assert_allclose(points[-1], expected.tip, atol=1e-9)
+        np.testing.assert_allclose(points[0], expected.position[0], atol=1e-12)
 
 
 @pytest.mark.parametrize('softer', [{'sheath': 2.5e5}, {'axial_stiffness': 300.0}])
@@ -69,24 +81,16 @@ def test_a_demo_with_softer_tendons_has_what_encoders_read(
     tmp_path: Path, softer: dict[str, float]
 ) -> None:
     experiment = dataclasses.replace(CLEAN, tension_rate=5.0, **softer)
-    with BagWriter(tmp_path / 'bag') as writer:
-        add_demo(writer, PROTOTYPE, experiment)
-    true: dict[str, Any] = {'model': 'exact', 'material.youngs_modulus': 1.1 * 110000.0}
-    for name, value in softer.items():
-        true[f'tendons.{name.removesuffix("_stiffness")}_stiffness'] = [value]
-    solver = Config.from_parameters({**PROTOTYPE, **true}).solver()
-    with BagReader(tmp_path / 'bag') as reader:
-        config = Config.from_parameters(PROTOTYPE)
-        tensions = {one.stamp_ns: one.tensions for one in tensions_in(reader, config)}
-        read = list(reader.messages(['/tendon_displacements']))
-        assert len(read) == len(tensions)
-        for record in read:
-            message = reader.decode(record)
-            expected = displacements_of(solver, solver.solve(tensions[record.received_ns]))
-            assert read_displacements(message, solver.arm) == pytest.approx(
-                dict(zip(solver.arm.tendon_names, expected.ravel().tolist(), strict=True)),
-                abs=1e-7,
-            )
+    tensions, (read,) = written(tmp_path / 'bag', experiment, '/tendon_displacements')
+    solver = solver_of(experiment, **{
+        f'tendons.{name.removesuffix("_stiffness")}_stiffness': [value]
+        for name, value in softer.items()
+    })  # fmt: skip
+    assert len(read) == len(tensions)
+    for received, message in read.items():
+        expected = displacements_of(solver, solver.solve(tensions[received])).ravel().tolist()
+        named = dict(zip(solver.arm.tendon_names, expected, strict=True))
+        assert read_displacements(message, solver.arm) == pytest.approx(named, abs=1e-7)
 
 
 def test_the_demo_says_everywhere_that_it_is_synthetic(cli: Cli, tmp_path: Path) -> None:
@@ -134,6 +138,8 @@ def test_the_demo_refuses_nonsense(tmp_path: Path, cli: Cli) -> None:
         (['--axial-stiffness', '-1'], '--axial-stiffness is -1.0, expected a finite stiffn'),
         (['--config', 'octopus'], "no preset arm 'octopus'"),
         (['--friction', '-0.1'], '--friction is -0.1, expected a finite coefficient >= 0'),
+        (['--touch', '-1'], '--touch is -1.0, expected a finite force >= 0 [N]'),
+        (['--touch', '0.02', '--sheath', '1e5'], '--touch does not go with --sheath'),
         (['--friction', '1e9'], 'expected a finite coefficient >= 0 [-] of at most 10'),
     ):
         assert expected in cli.refused('record-demo', tmp_path / 'bag', *options)
@@ -142,21 +148,13 @@ def test_the_demo_refuses_nonsense(tmp_path: Path, cli: Cli) -> None:
 
 def test_with_friction_tensions_rise_and_fall_and_the_arm_remembers(tmp_path: Path) -> None:
     rough = dataclasses.replace(CLEAN, friction=0.2, clock_offset=0.0)
-    with BagWriter(tmp_path / 'bag', custom=custom_data(rough)) as writer:
-        add_demo(writer, PROTOTYPE, rough)
+    tensions, (midlines,) = written(tmp_path / 'bag', rough, '/camera/midline')
     at: dict[float, list[np.ndarray]] = {}
-    with BagReader(tmp_path / 'bag') as reader:
-        config = Config.from_parameters(PROTOTYPE)
-        tensions = {
-            one.stamp_ns: float(np.max(one.tensions)) for one in tensions_in(reader, config)
-        }
-        for record in reader.messages(['/camera/midline']):
-            message = reader.decode(record)
-            tip = message.poses[-1].pose.position
-            pulled = tensions.get(stamp_of(message, 0).ns)
-            at.setdefault(pulled, []).append(np.array([tip.x, tip.y, tip.z]))
-    (level, *_, top) = sorted(level for level in PROTOTYPE_ERRORS)
-    assert max(tensions.values()) == top
+    for received, message in midlines.items():
+        tip = place(message.poses[-1].pose.position)
+        at.setdefault(float(np.max(tensions[received])), []).append(tip)
+    level, *_, top = sorted(PROTOTYPE_ERRORS)
+    assert max(at) == top
     # The same tension, on the way up and on the way down.
     assert np.linalg.norm(at[level][0] - at[level][-1]) > 1e-3
     np.testing.assert_array_equal(at[top][0], at[top][-1])
@@ -167,32 +165,22 @@ def test_a_touch_moves_tip_and_markers_as_the_exact_arm(tmp_path: Path) -> None:
         CLEAN, stiffness=1.0, touch=0.02, markers=(0.135,), marker_noise=1e-9, turn_noise=1e-9,
         marker_rate=5.0, clock_offset=0.0,
     )  # fmt: skip
-    with BagWriter(tmp_path / 'bag') as writer:
-        add_demo(writer, PROTOTYPE, quiet)
-    config = Config.from_parameters({**PROTOTYPE, 'model': 'exact'})
-    solver, touched = config.solver(), 0
-    with BagReader(tmp_path / 'bag') as reader:
-        tensions = {one.stamp_ns: one.tensions
-                    for one in tensions_in(reader, config)}  # fmt: skip
-        tips = {one.received_ns: reader.decode(one)
-                for one in reader.messages(['/measured/tip_pose'])}  # fmt: skip
-        markers = {one.received_ns: reader.decode(one)
-                   for one in reader.messages(['/measured/markers'])}  # fmt: skip
+    topics = '/measured/tip_pose', '/measured/markers'
+    tensions, (tips, markers) = written(tmp_path / 'bag', quiet, *topics)
+    solver, touched = solver_of(quiet), 0
+    corners, _ = quiet.schedule(Config.from_parameters(PROTOTYPE))
     for stamp, message in tips.items():
-        tip, alone = message.pose.pose, solver.solve(tensions[stamp])
-        at = np.array([tip.position.x, tip.position.y, tip.position.z])
-        if np.linalg.norm(at - alone.tip) < 1e-3:
+        tip, at = message.pose.pose, place(message.pose.pose.position)
+        if np.linalg.norm(at - solver.solve(tensions[stamp]).tip) < 1e-3:
             continue
         touched += 1
         time = 1e-9 * (stamp - min(tips))
         assert 4 * 1.5 < time < 4 * 1.5 + 1.0  # while the middle tension is held
-        force = quiet.touches(np.array([time]), quiet.schedule(config)[0])[0]
+        force = quiet.touches(np.array([time]), corners)[0]
         expected = solver.solve(tensions[stamp], [*force, 0.0, 0.0, 0.0])
         np.testing.assert_allclose(at, expected.tip, atol=1e-7)
         orientation = [getattr(tip.orientation, name) for name in 'xyzw']
         assert abs(np.dot(orientation, expected.quaternion[-1])) == pytest.approx(1.0, abs=1e-9)
-        marker = markers[stamp].poses[0].position
-        np.testing.assert_allclose(
-            [marker.x, marker.y, marker.z], expected.position[50], atol=1e-6
-        )
+        marker = place(markers[stamp].poses[0].position)
+        np.testing.assert_allclose(marker, expected.position[50], atol=1e-6)
     assert touched >= 3

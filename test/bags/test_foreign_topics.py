@@ -7,17 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import printed
-
-pytest.importorskip('rosbags', reason='needs rosbags')
-
+from command_line import Cli
 from experiments import ARM, bag_of, description, nanoseconds
 from labs import MARKER_S, TIP_ERRORS, pose_array, seen, staircase_of
 from recordings import Sample, header, make, message
 
 from octo_arm_model.arm.errors import TensionError
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.cli.main import main
 from octo_arm_model.wire.tensions import field_values, tensions_by_names
 
 S = ['--marker-s', *map(str, MARKER_S)]
@@ -83,16 +79,16 @@ WAYS = {
 
 @pytest.mark.parametrize('way', WAYS)
 def test_any_numbers_are_tensions_where_it_is_said_whose(
-    way: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    way: str, tmp_path: Path, cli: Cli
 ) -> None:
     cell, topic, tendons = WAYS[way]
     path = bag(tmp_path / 'bag', cell)
-    said = printed(capsys, 'compare', path, *topic, '--tendons', *tendons, *S, *STILL)
+    said = cli.json('compare', path, *topic, '--tendons', *tendons, *S, *STILL)
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
     topics = ['--topics', *topic[1:]] if topic else []
     out = str(tmp_path / 'out')
-    replayed = printed(capsys, 'replay', path, out, *topics, '--tendons', *tendons, '--json')
+    replayed = cli.json('replay', path, out, *topics, '--tendons', *tendons, '--json')
     (report,) = replayed['topics'].values()
     assert report['answered'] == len(staircase_of()[0])
     with BagReader(out) as reader:
@@ -132,12 +128,9 @@ def test_any_numbers_are_tensions_where_it_is_said_whose(
 )
 def test_what_fits_no_tendon_is_refused_and_says_what_there_is(
     cell: Any, options: list[str], message: str, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    cli: Cli,
 ) -> None:  # fmt: skip
-    assert main(['compare', bag(tmp_path / 'bag', cell), *options, *S, *STILL]) == 2
-    err = capsys.readouterr().err
-    assert message in err
-    assert err.count('\n') == 1
+    assert message in cli.refused('compare', bag(tmp_path / 'bag', cell), *options, *S, *STILL)
 
 
 def test_fields_of_messages_hold_numbers_or_are_refused() -> None:

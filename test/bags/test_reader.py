@@ -9,9 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-
-pytest.importorskip('rosbags', reason='needs rosbags')
-
 from recordings import (
     ARM,
     ARRAY,
@@ -174,18 +171,6 @@ def test_what_is_no_bag_is_refused_in_one_line(tmp_path: Path) -> None:
             BagReader(path)
         assert expected in str(caught.value)
         assert '\n' not in str(caught.value)
-
-
-@pytest.mark.parametrize('storage', STORAGES)
-@pytest.mark.parametrize('kept', [0.03, 0.3, 0.6, 0.97])
-def test_a_bag_cut_short_is_an_error(tmp_path: Path, storage: str, kept: float) -> None:
-    path = write_bag(tmp_path / 'bag', samples(ARM, random_tensions(ARM, 2000)), storage)
-    (file,) = (one for one in path.iterdir() if one.suffix in ('.mcap', '.db3'))
-    whole = file.read_bytes()
-    file.write_bytes(whole[: int(kept * len(whole))])
-    with pytest.raises(BagError, match=r'cut short or damaged|messages found of') as caught:
-        readings_of(path)
-    assert '\n' not in str(caught.value)
 
 
 def test_a_type_that_nothing_defines_is_an_error(tmp_path: Path) -> None:

@@ -7,11 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from command_line import Cli
-
-pytest.importorskip('rosbags', reason='needs rosbags')
-
 from recordings import (
     ARM,
     TENDON_TENSIONS,

@@ -6,9 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip('rosbags', reason='needs rosbags')
-
 from recordings import (
     ARM,
     ARRAY,

@@ -6,9 +6,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-
-pytest.importorskip('rosbags', reason='needs rosbags')
-
 from recordings import (
     ARM,
     START,

@@ -106,19 +106,6 @@ def test_the_command_line_replaces_the_wrench_of_a_file(cli: Cli, tmp_path: Path
     assert np.abs(np.subtract(dead, turning)).max() > 1e-3
 
 
-def test_the_wrench_on_a_moving_tip_turns_with_it(cli: Cli, tmp_path: Path) -> None:
-    profile = tmp_path / 'pull.yaml'
-    profile.write_text('times: [0.0, 0.1]\ntensions: [[0, 0, 0, 0], [0.5, 0, 0, 0]]\n')
-    given = '--density 1080 --viscosity 300 --tip-force 0 0.05 0'.split()
-    ends = []
-    for frame in ('base', 'tip'):
-        command = 'simulate', 'renda2012_prototype', profile, *given, '--tip-frame', frame
-        status, out, _ = cli(*command)
-        assert status == 0
-        ends.append(out.split('tip at the end at')[1])
-    assert ends[0] != ends[1]
-
-
 def test_lengths_that_winches_reel_in_give_the_tensions(cli: Cli) -> None:
     """One tendon by length, one by tension, and one that is paid out too far to be taut."""
     asked = '{"tendon_1_1": 0.02, "tendon_2_1": -0.01}'

@@ -11,21 +11,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import Cli
-from experiments import PARAMETERS, midline, one_tendon, path_sample, pose_sample, staircase_bag
-from recordings import Sample
-
-from octo_arm_model.config.parameter_files import parameters_as_yaml
-
-pytest.importorskip('rosbags', reason='needs rosbags')
-pytest.importorskip('matplotlib', reason='needs matplotlib')
-
-from experiments import ARM
+from experiments import (
+    ARM,
+    PARAMETERS,
+    midline,
+    one_tendon,
+    path_sample,
+    pose_sample,
+    staircase_bag,
+)
 from labs import MARKER_S, TENSIONS, TIP_ERRORS, marker_bag, seen
-from recordings import START, STEP, samples, text_sample, write_bag
+from recordings import START, STEP, Sample, samples, text_sample, write_bag
 
 from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.simulation.profiles.profile_files import read_profile
 
+pytest.importorskip('matplotlib', reason='needs matplotlib')
 STEPS = (0.0, 1.09, 3.06)
 Write = Callable[..., Path]
 

@@ -14,8 +14,6 @@ from octo_arm_model import Config
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path
 
-pytest.importorskip('rosbags', reason='needs rosbags')
-
 ARM = load_parameters(preset_path('renda2012_prototype')) | {
     'model': 'exact', 'stations': 11, 'material.density': 1080.0, 'motion.viscosity': 300.0,
     'motion.normal_drag': 2.5, 'motion.added_mass': 1.5, 'loads.fluid_density': 1000.0,

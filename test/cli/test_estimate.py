@@ -6,12 +6,9 @@ import csv
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
-
-pytest.importorskip('rosbags', reason='needs rosbags')
 from command_line import Cli
-from touched_demo import MARKERS, PUSH, TOUCHED, record, touched_bag
+from touched_demo import TOUCHED, record, touched_bag
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.types import known_types
@@ -179,17 +176,3 @@ def test_wrong_options_are_one_line(
     assert (status, out) == (2, '')
     (line,) = [one for one in errors.splitlines() if 'compiling' not in one]
     assert line.startswith('octo-arm: ') and words in line
-
-
-def test_a_demo_of_a_touch_has_what_it_takes(tmp_path: Path, cli: Cli) -> None:
-    given = ['--touch', '0.02', '--sheath', '1e5']
-    status, _, errors = cli('record-demo', str(tmp_path / 'no'), *given)
-    assert status == 2 and '--touch does not go with --sheath' in errors
-    status, _, errors = cli('record-demo', str(tmp_path / 'no'), '--touch', '-1')
-    assert status == 2 and '--touch is -1.0, expected a finite force >= 0 [N]' in errors
-    with BagReader(touched_bag()) as reader:
-        truth = json.loads(reader.metadata['truth'])
-        assert truth['markers'] == list(MARKERS) and truth['stiffness'] == 1.0
-        np.testing.assert_allclose(np.linalg.norm(PUSH), truth['touch'])
-        for topic in ('/measured/tip_pose', '/measured/markers'):
-            assert abs(reader.count([topic]) - truth['marker_rate'] * reader.duration) <= 2

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import Cli
 
 from octo_arm_model import Config, MotionProperties
-from octo_arm_model.cli.main import main
 
 ARM = ('renda2012_table4', '--density', '1080', '--viscosity', '300', '--stations', '11')
 WATER = ('--fluid-density', '1000', '--water', 'renda2018')
@@ -30,25 +29,20 @@ def profile(tmp_path: Path) -> str:
     return str(path)
 
 
-def simulate(*arguments: str) -> int:
-    return main(['simulate', *ARM, *WATER, *arguments])
+SIMULATE = ('simulate', *ARM, *WATER)
 
 
-def test_a_simulation_is_the_same_in_bag_and_table(
-    profile: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_simulation_is_the_same_in_bag_and_table(profile: str, tmp_path: Path, cli: Cli) -> None:
     pytest.importorskip('rosbags')
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.wire.backbone import read_poses
 
-    bag, table = tmp_path / 'bag', tmp_path / 'table.csv'
-    assert simulate(profile, '--hold', '0.1', '--out', str(bag), '--csv', str(table)) == 0
-    out, err = capsys.readouterr()
-    assert out.startswith('0.4 s simulated in')
-    assert '20 moments in' in err
+    bag, table, again = (tmp_path / name for name in ('bag', 'table.csv', 'again.csv'))
+    held = *SIMULATE, profile, '--hold', '0.1', '--csv'
+    status, out, err = cli(*held, table, '--out', bag)
+    assert status == 0 and out.startswith('0.4 s simulated in') and '20 moments in' in err
     names = table.read_text().partition('\n')[0].split(',')
-    assert names[:3] == ['time', 'tip_x', 'tip_y']
-    assert names[-1] == 'tendon_3_4'
+    assert names[:3] == ['time', 'tip_x', 'tip_y'] and names[-1] == 'tendon_3_4'
     rows = np.loadtxt(table, delimiter=',', skiprows=1)
     np.testing.assert_allclose(rows[:, 0], 0.02 * np.arange(21), atol=1e-12)
     np.testing.assert_allclose(rows[5:, names.index('tendon_3_1')], 0.2)
@@ -60,61 +54,48 @@ def test_a_simulation_is_the_same_in_bag_and_table(
     np.testing.assert_allclose(last[-1, :3], rows[-1, 1:4], rtol=1e-6)
     # It lags behind its equilibrium, and the same options give the same numbers.
     assert np.abs(rows[-1, 4:7]).max() > 1e-3
-    again = tmp_path / 'again.csv'
-    assert simulate(profile, '--hold', '0.1', '--csv', str(again)) == 0
+    assert cli(*held, again)[0] == 0
     assert again.read_bytes() == table.read_bytes()
 
 
-def test_pictures_of_a_simulation(profile: str, tmp_path: Path) -> None:
+def test_pictures_of_a_simulation(profile: str, tmp_path: Path, cli: Cli) -> None:
     matplotlib = pytest.importorskip('matplotlib.image')
     plot, gif = tmp_path / 'motion.png', tmp_path / 'motion.gif'
-    assert simulate(profile, '--rate', '10', '--plot', str(plot), '--animate', str(gif)) == 0
+    assert cli(*SIMULATE, profile, '--rate', '10', '--plot', plot, '--animate', gif)[0] == 0
     assert np.ptp(matplotlib.imread(plot)) > 0.5
     assert gif.read_bytes().startswith(b'GIF8')
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'status', 'message'),
+    ('arguments', 'message'),
     [
-        (('--model', 'renda2012'), 2, 'does not move: expected exact'),
-        (('--rate', '1e4'), 2, 'at most one moment for each step'),
-        (('--step', '0'), 2, 'step is 0'),
-        (('--hold', '1e9'), 2, 'moments, expected at most'),
-        (('--csv', 'one', '--plot', 'one'), 2, 'different files'),
+        ((*SIMULATE, 'PROFILE', '--model', 'renda2012'), 'does not move: expected exact'),
+        ((*SIMULATE, 'PROFILE', '--rate', '1e4'), 'at most one moment for each step'),
+        ((*SIMULATE, 'PROFILE', '--step', '0'), 'step is 0'),
+        ((*SIMULATE, 'PROFILE', '--hold', '1e9'), 'moments, expected at most'),
+        ((*SIMULATE, 'PROFILE', '--csv', 'one', '--plot', 'one'), 'different files'),
+        (('simulate', 'renda2012_table4', 'PROFILE'), 'material.density is 0.0'),
+        (('modes', *ARM, '--count', '0'), 'number of modes is 0'),
     ],
 )
 def test_wrong_options_are_one_line(
-    arguments: tuple[str, ...], status: int, message: str, profile: str,
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
+    arguments: tuple[str, ...], message: str, profile: str, cli: Cli,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    assert simulate(profile, *arguments) == status
-    err = capsys.readouterr().err
-    assert message in err
-    assert err.count('\n') == 1
+    given = (profile if word == 'PROFILE' else word for word in arguments)
+    assert message in cli.refused(*given)
 
 
-def test_an_arm_without_density_is_refused(
-    profile: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(['simulate', 'renda2012_table4', profile]) == 2
-    assert 'material.density is 0.0' in capsys.readouterr().err
-
-
-def test_modes_are_printed_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['modes', *ARM, *WATER, '--count', '5', '--json']) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_modes_are_printed_and_drawn(tmp_path: Path, cli: Cli) -> None:
+    found = cli.json('modes', *ARM, *WATER, '--count', '5', '--json')
     np.testing.assert_allclose(found['frequencies'][::2], [0.2625, 0.7105, 1.4588], atol=6e-5)
     assert np.shape(found['shapes']) == (5, 11, 3)
-    assert main(['modes', *ARM, '--count', '2']) == 0
-    assert '0.4056' in capsys.readouterr().out
+    assert '0.4056' in cli('modes', *ARM, '--count', '2')[1]
     pytest.importorskip('matplotlib')
-    picture = tmp_path / 'modes.png'
-    tensions = '[[0,0,0.02,0],[0,0,0,0],[0.2,0,0,0]]'
-    assert main(['modes', *ARM, '--tensions', tensions, '--plot', str(picture)]) == 0
+    picture, tensions = tmp_path / 'modes.png', '[[0,0,0.02,0],[0,0,0,0],[0.2,0,0,0]]'
+    assert cli('modes', *ARM, '--tensions', tensions, '--plot', picture)[0] == 0
     assert picture.stat().st_size > 10_000
-    assert main(['modes', *ARM, '--count', '0']) == 2
-    assert 'number of modes is 0' in capsys.readouterr().err
 
 
 def test_the_file_of_an_arm_says_how_it_moves() -> None:

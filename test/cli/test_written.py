@@ -9,14 +9,12 @@ from pathlib import Path
 
 import pytest
 from command_line import Cli, Terminal
+from experiments import midline, one_tendon, path_sample, staircase_bag
+from recordings import Sample
 
 from octo_arm_model.cli.files import Bar, writing
 
-pytest.importorskip('rosbags', reason='needs rosbags')
-pytest.importorskip('matplotlib')
-
-from experiments import midline, one_tendon, path_sample, staircase_bag
-from recordings import Sample
+pytest.importorskip('matplotlib', reason='needs matplotlib')
 
 
 def test_links_are_followed_and_devices_are_written_to(tmp_path: Path) -> None:

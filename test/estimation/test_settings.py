@@ -14,7 +14,7 @@ from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.estimation.parameters import BENT, PREFIX
 from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
 from octo_arm_model.estimation.unknowns import State
-from octo_arm_model.experiment.measured_points import check_marker_s
+from octo_arm_model.experiment.recording import check_marker_s
 
 VALUES = load_parameters(preset_path('renda2012_prototype'))
 CONFIG = Config.from_parameters(VALUES)

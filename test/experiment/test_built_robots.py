@@ -6,11 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import printed
-from experiments import PARAMETERS, bag_of, nanoseconds, tension_samples
-from recordings import header, make, message
-
-pytest.importorskip('rosbags', reason='needs rosbags')
 from built_robots import (
     BENDING,
     COUNTS,
@@ -33,14 +28,16 @@ from built_robots import (
     tube_csv,
     tube_parameters,
 )
+from command_line import Cli
+from experiments import PARAMETERS, bag_of, nanoseconds, tension_samples
+from recordings import header, make, message
 
 from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.cli.main import main
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.experiment.csv_recording import CsvSources
-from octo_arm_model.experiment.measured_points import Measured
 from octo_arm_model.experiment.read_recording import read_recording
+from octo_arm_model.experiment.recording import Measured
 
 TURNS = ((0.0,) * 6, (0.4, 0.0, 0.2, 0.3, -0.3, 0.2), (-0.3, 0.4, 0.3, -0.2, 0.2, 0.4))
 PER_COUNT = 2.0 * np.pi * SPOOL / COUNTS
@@ -53,7 +50,7 @@ def poses() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_trunk_of_motors_that_reel_two_tendons_tells_the_radius_of_its_spools(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, cli: Cli
 ) -> None:
     bag = trunk_bag(tmp_path / 'trunk', TURNS, np.random.default_rng(0))
     config = tmp_path / 'trunk.yaml'
@@ -65,15 +62,15 @@ def test_a_trunk_of_motors_that_reel_two_tendons_tells_the_radius_of_its_spools(
         '--spools', *guess, '--midlines', '/mocap:markers', '--marker-names', *MARKERS,
         '--marker-s', *map(str, MARKER_S), '--model', 'exact', '--steady', '1e-4',
     ]  # fmt: skip
-    fitted = printed(capsys, 'identify', str(bag), *options, '--fit', 'displacement_scale',
-                     '--out', str(tmp_path / 'fitted.yaml'))  # fmt: skip
+    out = '--out', tmp_path / 'fitted.yaml'
+    fitted = cli.json('identify', bag, *options, '--fit', 'displacement_scale', *out)
     assert fitted['estimates']['displacement_scale']['value'] == pytest.approx(SPOOL, rel=5e-3)
     scale = load_parameters(str(tmp_path / 'fitted.yaml'))['displacement_scale']
     assert scale == pytest.approx([way * SPOOL for way in WAYS], rel=5e-3)
 
 
 def test_counts_of_servos_and_a_table_of_motive_tell_radius_and_zero(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], poses: tuple[np.ndarray, np.ndarray]
+    tmp_path: Path, cli: Cli, poses: tuple[np.ndarray, np.ndarray]
 ) -> None:
     counts, tips = (one[::2] for one in poses)
     times = 10.0 * np.arange(len(counts))
@@ -93,12 +90,12 @@ def test_counts_of_servos_and_a_table_of_motive_tell_radius_and_zero(
         'x=Tip_x', 'y=Tip_y', 'z=Tip_z', '--poses', '--align', 'none', '--model', 'exact',
         '--fit', 'displacement_scale', 'displacement_offset',
     ]  # fmt: skip
-    fitted = printed(capsys, 'identify', *options)['estimates']
+    fitted = cli.json('identify', *options)['estimates']
     assert fitted['displacement_scale']['value'] == pytest.approx(PER_COUNT, rel=0.02)
 
 
 def test_a_table_of_poses_without_time_or_header_is_compared_and_replayed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], poses: tuple[np.ndarray, np.ndarray]
+    tmp_path: Path, cli: Cli, poses: tuple[np.ndarray, np.ndarray]
 ) -> None:
     _, tips = poses
     table = tmp_path / 'poses.csv'
@@ -112,17 +109,17 @@ def test_a_table_of_poses_without_time_or_header_is_compared_and_replayed(
     columns = ['--columns', 'tendon_1_1=#1', *slack]
     tip = ['x=#2', 'y=#3', 'z=#4', '--length-unit', 'mm', '--align', 'none', '--model', 'exact']
     files = ['--config', str(config), '--pose-csv', str(table)]
-    compared = printed(capsys, 'compare', '--json', *files, *columns, *tip)
+    compared = cli.json('compare', '--json', *files, *columns, *tip)
     errors = [step['tip_error_percent'] for step in compared['steps']]
     assert len(errors) == len(PULLS) and max(errors) < 0.2
     out = tmp_path / 'shapes'
-    assert main(['replay', str(table), str(out), '--config', str(config), *columns]) == 0
+    assert cli('replay', table, out, '--config', config, *columns)[0] == 0
     with BagReader(out) as reader:
         assert reader.count(['/backbone/path']) == len(PULLS)
 
 
 def test_a_table_of_a_tube_of_nitinol_tells_how_it_is_bent_at_rest(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, cli: Cli
 ) -> None:
     table = tube_csv(tmp_path / 'poses.csv', np.random.default_rng(5))
     config = tmp_path / 'tube.yaml'
@@ -135,7 +132,7 @@ def test_a_table_of_a_tube_of_nitinol_tells_how_it_is_bent_at_rest(
     ]  # fmt: skip
     fits = ['--fit', 'bending_stiffness', 'rest_curvature', '--loss', 'linear']
     out = ['--out', str(tmp_path / 'fitted.yaml')]
-    fitted = printed(capsys, 'identify', '--json', *options, *fits, *out)
+    fitted = cli.json('identify', '--json', *options, *fits, *out)
     left = fitted['residuals']
     assert left['before']['rms'] > 5e-3 and left['after']['rms'] < 5e-4
     names = 'bending_stiffness', 'rest_curvature_n', 'rest_curvature_b'
@@ -144,12 +141,12 @@ def test_a_table_of_a_tube_of_nitinol_tells_how_it_is_bent_at_rest(
         assert low < true < high
         assert high - low < (0.002 if name == 'bending_stiffness' else 0.1)
     files = ['--config', str(tmp_path / 'fitted.yaml'), *options[2:]]
-    compared = printed(capsys, 'compare', '--json', *files)
+    compared = cli.json('compare', '--json', *files)
     assert max(step['tip_error_percent'] for step in compared['steps']) < 0.3
 
 
 def test_a_table_of_a_robot_of_discs_tells_its_modulus_and_friction(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, cli: Cli
 ) -> None:
     table = disc_csv(tmp_path / 'poses.csv', np.random.default_rng(6))
     config = tmp_path / 'discs.yaml'
@@ -161,18 +158,18 @@ def test_a_table_of_a_robot_of_discs_tells_its_modulus_and_friction(
     ]  # fmt: skip
     fits = ['--fit', 'youngs_modulus', 'friction', '--loss', 'linear']
     out = ['--out', str(tmp_path / 'fitted.yaml')]
-    fitted = printed(capsys, 'identify', '--json', *options, *fits, *out)
+    fitted = cli.json('identify', '--json', *options, *fits, *out)
     for name, true in (('youngs_modulus', DISC_YOUNG), ('friction', DISC_FRICTION)):
         low, high = fitted['estimates'][name]['interval95']
         assert low < true < high and high - low < 0.4 * true
-    compared = printed(
-        capsys, 'compare', '--json', '--config', str(tmp_path / 'fitted.yaml'), *options[2:]
+    compared = cli.json(
+        'compare', '--json', '--config', str(tmp_path / 'fitted.yaml'), *options[2:]
     )
     assert max(step['tip_error_percent'] for step in compared['steps']) < 0.4
     # Without its discs it is another robot.
     fitted_file = load_parameters(str(tmp_path / 'fitted.yaml'))
     config.write_text(parameters_as_yaml({**fitted_file, 'tendons.disc_count': 0}))
-    compared = printed(capsys, 'compare', '--json', *options)
+    compared = cli.json('compare', '--json', *options)
     assert max(step['tip_error_percent'] for step in compared['steps']) > 2.0
 
 
@@ -189,20 +186,20 @@ def test_a_table_of_a_robot_of_discs_tells_its_modulus_and_friction(
 )  # fmt: skip
 def test_what_varies_along_the_arm_is_not_fitted_as_one_number(
     changes: dict[str, object], fit: str, message: str, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    cli: Cli,
 ) -> None:  # fmt: skip
     table, config = tmp_path / 'poses.csv', tmp_path / 'tube.yaml'
     table.write_text('tendon_1_1,tendon_1_2,tendon_1_3,x,y,z\n1,0,0,0.2,0.1,0\n')
     config.write_text(parameters_as_yaml({**tube_parameters(), **changes}))
     words = ['identify', '--config', str(config), '--pose-csv', str(table), '--align', 'none']
-    assert main([*words, '--model', 'exact', '--fit', fit]) == 2
-    assert message in capsys.readouterr().err
-    assert main([*words, '--model', 'renda2012', '--fit', fit]) == 2
-    assert f'the model renda2012 has no {fit}' in capsys.readouterr().err
+    assert message in cli.refused(*words, '--model', 'exact', '--fit', fit)
+    assert f'the model renda2012 has no {fit}' in cli.refused(
+        *words, '--model', 'renda2012', '--fit', fit
+    )
 
 
 def test_a_table_is_estimated_as_a_bag_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], poses: tuple[np.ndarray, np.ndarray]
+    tmp_path: Path, cli: Cli, poses: tuple[np.ndarray, np.ndarray]
 ) -> None:
     _, tips = poses
     table = tmp_path / 'poses.csv'
@@ -212,25 +209,23 @@ def test_a_table_is_estimated_as_a_bag_is(
     config = tmp_path / 'arm.yaml'
     config.write_text(parameters_as_yaml({**PARAMETERS, 'model': 'exact'}))
     words = ['--config', str(config), '--tip-position-stddev', '1e-3', '--tension-stddev', '0.05']
-    found = printed(
-        capsys, 'estimate', str(table), '--json', *words, '--csv', str(tmp_path / 'out')
-    )
+    found = cli.json('estimate', table, '--json', *words, '--csv', tmp_path / 'out')
     assert found['touches'] == []
     lines = (tmp_path / 'out' / 'estimate.csv').read_text().splitlines()
     assert len(lines) == 1 + len(PULLS)
-    assert main(['estimate', str(table), *words, '--columns', 'tme=x']) == 2
-    assert 'tme, which is not read here; expected names of' in capsys.readouterr().err
+    assert 'tme, which is not read here; expected names of' in cli.refused(
+        'estimate', str(table), *words, '--columns', 'tme=x'
+    )
 
 
-def test_a_column_of_encoders_that_cannot_be_read_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_column_of_encoders_that_cannot_be_read_is_refused(tmp_path: Path, cli: Cli) -> None:
     table, config = tmp_path / 'table.csv', tmp_path / 'arm.yaml'
     names = ','.join(f'tendon_1_{number}' for number in (1, 2, 3, 4))
     table.write_text(f'{names},displacement_tendon_1_1\n1,0,0,0,0.001\n1,0,0,0,a lot\n')
     config.write_text(parameters_as_yaml(PARAMETERS))
-    assert main(['replay', str(table), str(tmp_path / 'out'), '--config', str(config)]) == 2
-    assert 'a lot' in capsys.readouterr().err
+    assert 'a lot' in cli.refused(
+        'replay', str(table), str(tmp_path / 'out'), '--config', str(config)
+    )
 
 
 PLACES = np.array([[0.0, 0.0, 0.1], [0.01, 0.0, 0.19], [0.03, 0.01, 0.25]])
@@ -284,7 +279,7 @@ def test_a_cloud_of_points_is_markers_by_their_numbers(tmp_path: Path) -> None:
 
 
 def test_an_estimator_takes_motors_and_markers_of_foreign_messages(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, cli: Cli
 ) -> None:
     bag = trunk_bag(tmp_path / 'trunk', TURNS[:2], np.random.default_rng(0))
     config = tmp_path / 'trunk.yaml'
@@ -296,7 +291,7 @@ def test_an_estimator_takes_motors_and_markers_of_foreign_messages(
         *map(str, MARKER_S), '--marker-stddev', '1e-3', '--displacement-stddev', '4e-3',
         '--tendon-displacements', '/motors:angle', '--contact', 'none',
     ]  # fmt: skip
-    found = printed(capsys, 'estimate', str(bag), *words, '--marker-names', *MARKERS)
+    found = cli.json('estimate', bag, *words, '--marker-names', *MARKERS)
     found = found['innovations']
     assert found['markers']['accepted'] == 60
     assert found['tendon displacements']['accepted'] == 120

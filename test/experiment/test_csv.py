@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import printed
+from command_line import Cli
 from labs import MARKER_S, TIP_ERRORS, marker_bag, seen, staircase_of
 
 from octo_arm_model.arm import limits
-from octo_arm_model.cli.main import main
 
 STILL = ['--clock-offset', '0', '--json', '--align', 'none']
 ARM = ['--config', 'renda2012_prototype', '--model', 'exact']
@@ -64,20 +63,20 @@ def assert_tip_errors(said: dict[str, Any]) -> None:
 
 
 def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, cli: Cli
 ) -> None:
     files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
     files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv'))]
-    said = printed(capsys, 'compare', *files, *ARM, *STILL)
+    said = cli.json('compare', *files, *ARM, *STILL)
     assert_tip_errors(said)
-    fitted = printed(capsys, 'identify', *files, *ARM, *STILL)
+    fitted = cli.json('identify', *files, *ARM, *STILL)
     # Least squares spread the error of the model over all steps.
     assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
 
 
 @pytest.mark.parametrize('is_yaml', [False, True])
 def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(
-    is_yaml: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    is_yaml: bool, tmp_path: Path, cli: Cli
 ) -> None:
     loads = loads_csv(
         tmp_path / 'loads.csv', 'Zeit\tLC 1 [mN]\tnote',
@@ -92,17 +91,15 @@ def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(
         (tmp_path / 'columns.yaml').write_text(text)
     track = wide_csv(tmp_path / 'track.csv', hidden=True)
     files = ['--tension-csv', str(loads), '--midline-csv', str(track), '--columns', *told]
-    said = printed(capsys, 'compare', *files, *S, *ARM, *STILL)
+    said = cli.json('compare', *files, *S, *ARM, *STILL)
     assert_tip_errors(said)
     assert any('the marker at 0.09 m is not seen in 42 of 84' in note for note in said['notes'])
 
 
-def test_a_file_of_loads_goes_with_a_bag_of_markers(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_of_loads_goes_with_a_bag_of_markers(tmp_path: Path, cli: Cli) -> None:
     loads = loads_csv(tmp_path / 'loads.csv')
     bag = str(marker_bag(tmp_path / 'bag'))
-    said = printed(capsys, 'compare', bag, '--tension-csv', str(loads), *S, *STILL)
+    said = cli.json('compare', bag, '--tension-csv', loads, *S, *STILL)
     assert_tip_errors(said)
 
 
@@ -136,36 +133,30 @@ TRACK = 'time,x,y,z\n0,0,0,0\n'
 )  # fmt: skip
 def test_files_that_are_wrong_are_refused_by_line(
     loads: str | bytes, track: str, message: str, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    cli: Cli,
 ) -> None:  # fmt: skip
     data = loads if isinstance(loads, bytes) else loads.encode()
     (tmp_path / 'loads.csv').write_bytes(data)
     (tmp_path / 'track.csv').write_text(track)
     files = ['--tension-csv', str(tmp_path / 'loads.csv')]
     files += ['--midline-csv', str(tmp_path / 'track.csv')]
-    assert main(['compare', *files, *ARM]) == 2
-    err = capsys.readouterr().err
-    assert message in err
-    assert err.count('\n') == 1
+    assert message in cli.refused('compare', *files, *ARM)
 
 
 def test_what_is_read_has_bounds(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from octo_arm_model.experiment import csv_table
 
     loads = tmp_path / 'loads.csv'
     files = ['--tension-csv', str(loads), '--midline-csv', str(loads), *ARM]
     loads.write_text(','.join(f'a{n}' for n in range(limits.MAX_CSV_COLUMNS + 1)) + '\n')
-    assert main(['compare', *files]) == 2
-    assert '4001 columns, expected at most 4000' in capsys.readouterr().err
+    assert '4001 columns, expected at most 4000' in cli.refused('compare', *files)
     monkeypatch.setattr(csv_table, 'MAX_CSV_ROWS', 1)
     loads.write_text(LOADS + '1,1,0,0,0\n')
-    assert main(['compare', *files]) == 2
-    assert 'loads.csv, line 3: more than 1 rows' in capsys.readouterr().err
+    assert 'loads.csv, line 3: more than 1 rows' in cli.refused('compare', *files)
     monkeypatch.setattr(csv_table, 'MAX_CSV_BYTES', 10)
-    assert main(['compare', *files]) == 2
-    assert 'larger than 10 bytes' in capsys.readouterr().err
+    assert 'larger than 10 bytes' in cli.refused('compare', *files)
 
 
 @pytest.mark.parametrize(
@@ -183,15 +174,12 @@ def test_what_is_read_has_bounds(
         (['bag', '--columns', 'time=t'], '--columns is given, and no CSV file'),
     ],
 )  # fmt: skip
-def test_what_is_not_said_is_asked_for(
-    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(['compare', *words]) == 2
-    assert message in capsys.readouterr().err
+def test_what_is_not_said_is_asked_for(words: list[str], message: str, cli: Cli) -> None:
+    assert message in cli.refused('compare', *words)
 
 
 def test_markers_are_named_by_columns_and_one_of_two_files_has_another_name_for_time(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, cli: Cli
 ) -> None:
     """Also in a file that has columns x and x1 of other things."""
     track = wide_csv(tmp_path / 'track.csv')
@@ -205,10 +193,11 @@ def test_markers_are_named_by_columns_and_one_of_two_files_has_another_name_for_
     told = ['time=Zeit', *(f'x_{n}={m}-X' for n, m in enumerate('ABCD', 1))]
     told += [f'y_{n}={m}-Y' for n, m in enumerate('ABCD', 1)]
     told += [f'z_{n}=0' for n in (1, 2, 3, 4)]
-    assert_tip_errors(printed(capsys, 'compare', *files, '--columns', *told))
+    assert_tip_errors(cli.json('compare', *files, '--columns', *told))
     loads.write_text(loads.read_text().replace('Zeit', 'time', 1))
-    assert main(['compare', *files, '--columns', *told]) == 2
-    assert "loads.csv: no column 'Zeit' for time; it has time, " in capsys.readouterr().err
+    assert "loads.csv: no column 'Zeit' for time; it has time, " in cli.refused(
+        'compare', *files, '--columns', *told
+    )
 
 
 @pytest.mark.parametrize(
@@ -223,19 +212,16 @@ def test_markers_are_named_by_columns_and_one_of_two_files_has_another_name_for_
     ],
 )  # fmt: skip
 def test_columns_that_are_not_read_are_refused(
-    told: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    told: list[str], message: str, tmp_path: Path, cli: Cli
 ) -> None:
     files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
     files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv')), '--columns', *told]
-    assert main(['compare', *files, *ARM]) == 2
-    err = capsys.readouterr().err
-    assert message in err and err.count('\n') == 1
+    assert message in cli.refused('compare', *files, *ARM)
 
 
-def test_options_that_files_leave_without_effect_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_options_that_files_leave_without_effect_are_refused(tmp_path: Path, cli: Cli) -> None:
     files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
     files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv')), *ARM]
-    assert main(['compare', *files, '--length-unit', 'cm']) == 2
-    assert '--length-unit has no effect on' in capsys.readouterr().err
+    assert '--length-unit has no effect on' in cli.refused(
+        'compare', *files, '--length-unit', 'cm'
+    )

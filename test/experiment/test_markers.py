@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import printed
+from command_line import Cli
 from experiments import one_tendon
 from labs import MARKER_S, TENSIONS, TIP_ERRORS, WAYS, marker_bag, pose_array, seen
 
 from octo_arm_model.arm.errors import MeasurementError
-from octo_arm_model.cli.main import main
-from octo_arm_model.experiment.measured_points import check_marker_s
-from octo_arm_model.experiment.measured_shapes import mean_markers
+from octo_arm_model.experiment.observations import mean_markers
+from octo_arm_model.experiment.recording import check_marker_s
 from octo_arm_model.experiment.steady_windows import Window
 
 S = ['--marker-s', *map(str, MARKER_S)]
@@ -21,12 +20,10 @@ STILL = ['--clock-offset', '0', '--json']
 
 
 @pytest.mark.parametrize('way', WAYS)
-def test_four_points_have_the_errors_of_points(
-    way: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_four_points_have_the_errors_of_points(way: str, tmp_path: Path, cli: Cli) -> None:
     see, options = WAYS[way]
     bag = str(marker_bag(tmp_path / 'bag', see))
-    said = printed(capsys, 'compare', bag, *S, *options, *STILL)
+    said = cli.json('compare', bag, *S, *options, *STILL)
     assert [step['tension'] for step in said['steps']] == pytest.approx(TENSIONS, abs=2e-3)
     for step, expected in zip(said['steps'], TIP_ERRORS):
         assert step['tip_error_percent'] == pytest.approx(expected, abs=0.03)
@@ -34,14 +31,12 @@ def test_four_points_have_the_errors_of_points(
         assert step['hausdorff_percent'] is None
     if way != next(iter(WAYS)):
         return
-    fitted = printed(capsys, 'identify', bag, *S, *options, *STILL, '--model', 'exact')
+    fitted = cli.json('identify', bag, *S, *options, *STILL, '--model', 'exact')
     # The error of the model at the highest tensions, of which a marker at the tip sees all.
     assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
 
 
-def test_hidden_markers_are_left_out_and_their_frames_are_not(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_hidden_markers_are_left_out_and_their_frames_are_not(tmp_path: Path, cli: Cli) -> None:
     def hide(points: np.ndarray, number: int) -> np.ndarray:
         points = points.copy()
         points[1 + number % 3] = np.nan
@@ -50,8 +45,8 @@ def test_hidden_markers_are_left_out_and_their_frames_are_not(
         return points
 
     bag = str(marker_bag(tmp_path / 'bag', pose_array, change=hide))
-    said = printed(capsys, 'compare', bag, *S, *STILL)
-    whole = printed(capsys, 'compare', str(marker_bag(tmp_path / 'whole')), *S, *STILL)
+    said = cli.json('compare', bag, *S, *STILL)
+    whole = cli.json('compare', marker_bag(tmp_path / 'whole'), *S, *STILL)
     assert said['steps'][0]['tip_error_percent'] is None
     assert said['steps'][0]['mean_error_percent'] < 0.1
     average = np.mean(TIP_ERRORS[1:])
@@ -62,33 +57,28 @@ def test_hidden_markers_are_left_out_and_their_frames_are_not(
     assert any('the marker at 0.27 m is not seen in 36 of 84' in note for note in said['notes'])
 
 
-def test_millimetres_are_asked_about_and_not_guessed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_millimetres_are_asked_about_and_not_guessed(tmp_path: Path, cli: Cli) -> None:
     bag = str(marker_bag(tmp_path / 'bag', change=lambda points, number: 1e3 * points))
-    assert main(['compare', bag, *S, *STILL]) == 2
-    assert 'are they in mm? then say --length-unit mm' in capsys.readouterr().err
-    said = printed(capsys, 'compare', bag, *S, *STILL, '--length-unit', 'mm')
+    assert 'are they in mm? then say --length-unit mm' in cli.refused('compare', bag, *S, *STILL)
+    said = cli.json('compare', bag, *S, *STILL, '--length-unit', 'mm')
     average = np.mean(TIP_ERRORS)
     assert said['models']['exact']['average_tip_error_percent'] == pytest.approx(average, abs=0.03)
     # The other way round, a bag in metres that is said to be in millimetres.
-    assert main(['compare', str(marker_bag(tmp_path / 'metres')), *S, '--length-unit', 'mm']) == 2
-    assert 'are they in m? then say --length-unit m' in capsys.readouterr().err
+    assert 'are they in m? then say --length-unit m' in cli.refused(
+        'compare', str(marker_bag(tmp_path / 'metres')), *S, '--length-unit', 'mm'
+    )
     # Midlines likewise.
-    assert main(['compare', bag, *STILL]) == 2
-    assert 'are they in mm? then say --length-unit mm' in capsys.readouterr().err
+    assert 'are they in mm? then say --length-unit mm' in cli.refused('compare', bag, *STILL)
 
 
-def test_a_camera_somewhere_else_is_aligned_by_markers(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_camera_somewhere_else_is_aligned_by_markers(tmp_path: Path, cli: Cli) -> None:
     turned = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
     def elsewhere(points: np.ndarray, number: int) -> np.ndarray:
         return points @ turned.T + [0.3, -0.2, 0.9]
 
     bag = str(marker_bag(tmp_path / 'bag', change=elsewhere))
-    said = printed(capsys, 'compare', bag, *S, *STILL, '--align', 'fit')
+    said = cli.json('compare', bag, *S, *STILL, '--align', 'fit')
     assert said['models']['exact']['average_tip_error_percent'] < np.mean(TIP_ERRORS)
 
 
@@ -105,13 +95,10 @@ def test_a_camera_somewhere_else_is_aligned_by_markers(
     ],
 )  # fmt: skip
 def test_markers_that_cannot_be_are_refused_in_one_line(
-    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    options: list[str], message: str, tmp_path: Path, cli: Cli
 ) -> None:
     bag = str(marker_bag(tmp_path / 'bag', held=TENSIONS[:2]))
-    assert main(['compare', bag, *options]) == 2
-    err = capsys.readouterr().err
-    assert message in err
-    assert err.count('\n') == 1
+    assert message in cli.refused('compare', bag, *options)
 
 
 def test_an_outlier_of_one_marker_leaves_the_others_of_its_frame() -> None:

@@ -9,8 +9,7 @@ import pytest
 from experiments import FAR, HELD, midline, recording
 
 from octo_arm_model.arm.errors import SolveError
-from octo_arm_model.experiment.measured_shapes import POINTS
-from octo_arm_model.experiment.observations import Pairing, observe
+from octo_arm_model.experiment.observations import POINTS, Pairing, observe
 from octo_arm_model.experiment.steady_windows import SteadyRule
 
 

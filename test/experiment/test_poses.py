@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import printed, run
+from command_line import Cli
 from experiments import PARAMETERS
 
 from octo_arm_model.config.config import Config
@@ -40,27 +40,23 @@ def random_poses(seed: int, count: int = COUNT) -> np.ndarray:
     return tensions
 
 
-def test_poses_are_refused_as_steps_and_read_as_poses(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_poses_are_refused_as_steps_and_read_as_poses(tmp_path: Path, cli: Cli) -> None:
     given = files(tmp_path, random_poses(0), 2.3 * np.arange(COUNT))
     for command in ('compare', 'identify'):
-        status, out, err = run(capsys, command, *given, *ARM)
+        status, out, err = cli(command, *given, *ARM)
         assert (status, out) == (1, '')
         assert 'no tension stays within 0.0' in err and err.count('\n') == 1
         assert 'each row is a static pose, as in a table of poses, say --poses' in err
         assert 'changes slowly instead of in steps, say --ramp' in err
-    said = printed(capsys, 'compare', *given, *ARM, '--poses', '--json')
+    said = cli.json('compare', *given, *ARM, '--poses', '--json')
     assert len(said['steps']) == COUNT and said['clock_offset'] == 0.0
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
     assert any('40 poses, 40 of them with frames: 40 of 40 used' in one for one in said['notes'])
 
 
-def test_the_modulus_is_fitted_to_poses(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_modulus_is_fitted_to_poses(tmp_path: Path, cli: Cli) -> None:
     given = files(tmp_path, random_poses(1, 8), 2.3 * np.arange(8))
-    said = printed(capsys, 'identify', *given, *ARM, '--poses', '--json')
+    said = cli.json('identify', *given, *ARM, '--poses', '--json')
     assert said['steps'] == 8
     assert said['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=1e-6)
 
@@ -69,15 +65,15 @@ def test_the_modulus_is_fitted_to_poses(
     ('spacing', 'late'), [(1.0, 0.0), (0.05, 0.0), (1.0, 0.08), (1.0, -0.08), (3600.0, 0.0)]
 )
 def test_each_frame_is_that_of_the_pose_of_its_stamp(
-    spacing: float, late: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    spacing: float, late: float, tmp_path: Path, cli: Cli
 ) -> None:
     given = files(tmp_path, random_poses(2, 12), spacing * np.arange(12), late)
-    said = printed(capsys, 'compare', *given, *ARM, '--poses', '--json')
+    said = cli.json('compare', *given, *ARM, '--poses', '--json')
     assert [step['frames'] for step in said['steps']] == 12 * [1]
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
 
 
-def test_few_frames_set_no_clock(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_few_frames_set_no_clock(tmp_path: Path, cli: Cli) -> None:
     """A function of ten numbers passes through few tips at any offset of the clock."""
     held = np.repeat(random_poses(3, 4), 20, axis=0)
     given = files(tmp_path, held, 0.2 * np.arange(80), every=20)
@@ -85,7 +81,7 @@ def test_few_frames_set_no_clock(tmp_path: Path, capsys: pytest.CaptureFixture[s
         line for number, line in enumerate((tmp_path / 'midline-csv.csv').read_text().splitlines())
         if number % 10 in (0, 9)
     ) + '\n')  # fmt: skip
-    said = printed(capsys, 'compare', *given, *ARM, '--json')
+    said = cli.json('compare', *given, *ARM, '--json')
     assert said['clock_offset'] == 0.0
     assert any('clock offset taken as 0 s' in note for note in said['notes'])
     assert len(said['steps']) == 4
@@ -103,8 +99,8 @@ def test_few_frames_set_no_clock(tmp_path: Path, capsys: pytest.CaptureFixture[s
     ],
 )
 def test_options_of_steps_have_no_effect_on_others(
-    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], message: str, tmp_path: Path, cli: Cli
 ) -> None:
     given = files(tmp_path, random_poses(4, 3), np.arange(3.0))
-    status, out, err = run(capsys, 'compare', *given, *ARM, *words)
+    status, out, err = cli('compare', *given, *ARM, *words)
     assert (status, out) == (2, '') and message in err

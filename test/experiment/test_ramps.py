@@ -6,14 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import printed
-
-pytest.importorskip('rosbags', reason='needs rosbags')
-
+from command_line import Cli
 from experiments import bag_of, description, nanoseconds, path_sample, tension_samples
 from labs import MARKER_S, STATIONS, TENSIONS, TIP_ERRORS, at_any, pose_array
-
-from octo_arm_model.cli.main import main
 
 STILL = ['--clock-offset', '0', '--json']
 
@@ -30,24 +25,19 @@ def ramp(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(bag_of(tmp_path_factory.mktemp('ramp') / 'bag', samples))
 
 
-def test_what_has_no_steps_is_refused_with_the_way_to_read_it(
-    ramp: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_has_no_steps_is_refused_with_the_way_to_read_it(ramp: str, cli: Cli) -> None:
     # At the defaults the turn at the top counts as a step, of a fraction of the time.
-    said = printed(capsys, 'compare', ramp, *STILL)
+    said = cli.json('compare', ramp, *STILL)
     assert len(said['steps']) == 1
     assert any('tensions are steady in' in note and 'say --ramp' in note for note in said['notes'])
-    assert main(['compare', ramp, '--steady', '0.02', *STILL]) == 1
-    err = capsys.readouterr().err
-    assert 'no tension stays within' in err
-    assert 'where it changes slowly instead of in steps, say --ramp' in err
+    line = cli.refused('compare', ramp, '--steady', '0.02', *STILL, status=1)
+    assert 'no tension stays within' in line
+    assert 'where it changes slowly instead of in steps, say --ramp' in line
 
 
 @pytest.mark.parametrize('width', [[], ['0.3']])
-def test_a_ramp_has_the_errors_of_its_tensions(
-    width: list[str], ramp: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    said = printed(capsys, 'compare', ramp, '--ramp', *width, *STILL)
+def test_a_ramp_has_the_errors_of_its_tensions(width: list[str], ramp: str, cli: Cli) -> None:
+    said = cli.json('compare', ramp, '--ramp', *width, *STILL)
     assert len(said['steps']) > 20
     for step in said['steps']:
         expected = np.interp(step['tension'], TENSIONS, TIP_ERRORS)
@@ -56,7 +46,7 @@ def test_a_ramp_has_the_errors_of_its_tensions(
 
 
 def test_markers_of_a_ramp_are_no_outliers_for_moving_more_towards_the_tip(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, cli: Cli
 ) -> None:
     time = np.arange(0.0, 30.0, 0.02)
     pulled = np.interp(time, [0.0, 30.0], [TENSIONS[0], TENSIONS[-1]])
@@ -66,7 +56,7 @@ def test_markers_of_a_ramp_are_no_outliers_for_moving_more_towards_the_tip(
         samples += pose_array(points, nanoseconds(at))
     bag = str(bag_of(tmp_path / 'bag', samples))
     given = ['--marker-s', *map(str, MARKER_S), '--ramp']
-    said = printed(capsys, 'compare', bag, *given, *STILL)
+    said = cli.json('compare', bag, *given, *STILL)
     assert [step['outliers'] for step in said['steps']] == [0] * len(said['steps'])
     assert any('298 of 298 used' in note for note in said['notes'])
     for step in said['steps']:
@@ -74,19 +64,20 @@ def test_markers_of_a_ramp_are_no_outliers_for_moving_more_towards_the_tip(
         assert step['tip_error_percent'] == pytest.approx(expected, abs=0.12)
 
 
-def test_an_arm_is_fitted_to_a_ramp(ramp: str, capsys: pytest.CaptureFixture[str]) -> None:
-    fitted = printed(capsys, 'identify', ramp, '--ramp', '1.2', *STILL, '--model', 'exact')
+def test_an_arm_is_fitted_to_a_ramp(ramp: str, cli: Cli) -> None:
+    fitted = cli.json('identify', ramp, '--ramp', '1.2', *STILL, '--model', 'exact')
     assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
 
 
-def test_windows_that_are_too_many_are_refused(
-    ramp: str, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ('width', 'message'),
+    [
+        ('1e-4', 'more than 1000 windows of 0.0001 N, expected a wider'),
+        ('nan', '--ramp is '),
+        ('0', '--ramp is '),
+    ],
+)
+def test_widths_that_make_too_many_windows_or_none_are_refused(
+    width: str, message: str, ramp: str, cli: Cli
 ) -> None:
-    assert main(['compare', ramp, '--ramp', '1e-4', *STILL]) == 2
-    assert 'more than 1000 windows of 0.0001 N, expected a wider' in capsys.readouterr().err
-
-
-def test_a_width_that_is_none_is_refused(ramp: str, capsys: pytest.CaptureFixture[str]) -> None:
-    for width in ('nan', '0'):
-        assert main(['compare', ramp, '--ramp', width, *STILL]) == 2
-        assert '--ramp is ' in capsys.readouterr().err
+    assert message in cli.refused('compare', ramp, '--ramp', width, *STILL)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import printed
+from command_line import Cli
 from experiments import (
     HELD,
     PARAMETERS,
@@ -24,7 +24,7 @@ from recordings import Sample, displacement_sample
 from octo_arm_model.arm.errors import BagError, MeasurementError
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
-from octo_arm_model.experiment.alignment import Alignment
+from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.csv_recording import CsvSources
 from octo_arm_model.experiment.observations import RAMP, Pairing, observe
 from octo_arm_model.experiment.read_recording import read_recording
@@ -78,7 +78,7 @@ def seen() -> list[Sample]:
 
 
 def test_encoders_are_read_beside_load_cells(tmp_path: Path, seen: list[Sample]) -> None:
-    loads = tension_samples(TIME, PULLED)
+    loads = [one._replace(topic='/daq/cells') for one in tension_samples(TIME, PULLED)]
     encoders = encoder_samples(NAMES[1::-1])
     wrong = encoder_samples(('somebody',))[:3]
     bag = bag_of(tmp_path / 'bag', [description(), *seen, *loads, *encoders, *wrong])
@@ -97,14 +97,6 @@ def test_encoders_are_read_beside_load_cells(tmp_path: Path, seen: list[Sample])
         assert not shape.window.is_driven
 
 
-def test_encoders_are_not_taken_for_tensions(tmp_path: Path, seen: list[Sample]) -> None:
-    loads = [one._replace(topic='/daq/cells') for one in tension_samples(TIME, PULLED)]
-    bag = bag_of(tmp_path / 'bag', [description(), *seen, *loads, *encoder_samples()])
-    recording = read_recording(bag)
-    np.testing.assert_allclose(recording.tensions[:, 0], PULLED)
-    assert np.isfinite(recording.displacements).all()
-
-
 def check_driven(recording: Recording) -> None:
     """Tensions of steps follow from lengths."""
     assert recording.is_driven
@@ -117,28 +109,16 @@ def check_driven(recording: Recording) -> None:
 
 
 def test_without_load_cells_tensions_follow_from_lengths(
-    tmp_path: Path, seen: list[Sample], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, seen: list[Sample], cli: Cli
 ) -> None:
     encoders = encoder_samples(topic='/winches')
     bag = bag_of(tmp_path / 'bag', [description(**STRETCHING), *seen, *encoders])
     check_driven(read_recording(bag, displacements='/winches'))
     out = tmp_path / 'out'
     arguments = ['compare', str(bag), '--displacements', 'winches', '--out', str(out), '--json']
-    said = printed(capsys, *arguments)
+    said = cli.json(*arguments)
     assert [step['tensions'][0] for step in said['steps']] == pytest.approx(HELD[:4], abs=2e-3)
     assert max(step['tip_error_percent'] for step in said['steps']) < 0.05
-
-
-@pytest.mark.endurance
-def test_the_stiffness_of_tendons_is_fitted_without_load_cells(
-    tmp_path: Path, seen: list[Sample], capsys: pytest.CaptureFixture[str]
-) -> None:
-    encoders = encoder_samples(topic='/winches')
-    bag = bag_of(tmp_path / 'bag', [description(**STRETCHING), *seen, *encoders])
-    arguments = ['identify', str(bag), '--displacements', '/winches', '--fit', 'axial_stiffness']
-    found = printed(capsys, *arguments, '--model', 'exact', '--json')
-    found = found['estimates']['axial_stiffness']
-    assert found['value'] == pytest.approx(500.0, rel=0.02)
 
 
 def test_encoders_may_publish_in_messages_of_their_own(tmp_path: Path, seen: list[Sample]) -> None:

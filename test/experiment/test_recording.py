@@ -19,10 +19,10 @@ from experiments import (
 )
 
 from octo_arm_model.arm.errors import BagError, ConfigError
-from octo_arm_model.experiment.alignment import Alignment
-from octo_arm_model.experiment.measured_points import Measured
+from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.observations import observe
 from octo_arm_model.experiment.read_recording import read_recording
+from octo_arm_model.experiment.recording import Measured
 
 
 def lab(seconds: float = 4.0) -> list:

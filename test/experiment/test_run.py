@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip('rosbags', reason='needs rosbags')
 from recordings import TYPES, Sample, write_bag
 from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touched, touched_bag
 
-from octo_arm_model.arm.errors import MeasurementError, SolveError
+from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.bags.demo import TrueArm
-from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.reader import BagReader, Record
 from octo_arm_model.cli.estimate import summary
 from octo_arm_model.estimation.measurements import Tensions
 from octo_arm_model.experiment.estimates import Result, estimate
@@ -26,39 +25,40 @@ MARKED = {'estimator.marker_s': list(MARKERS)}
 TIP_ALONE = {'measured/markers': '-'}
 
 
-def run(path: Path, is_smooth: bool = False, write: Any = None, **sources: Any) -> Result:
+def read(path: Path, start: float = -np.inf, stop: float = np.inf, **sources: Any) -> Recorded:
+    """What was measured between ``start`` and ``stop`` [s]."""
     with BagReader(path) as reader:
         recorded = read_recorded(reader, Sources(**sources))
-        return estimate(recorded, is_smooth, write or (lambda moment, one: None))
+    some = [
+        group for group in recorded.groups
+        if start < 1e-9 * (group[0].stamp_ns - recorded.origin_ns) < stop
+    ]  # fmt: skip
+    return dataclasses.replace(recorded, groups=some)
 
 
 @functools.cache
 def result(is_smooth: bool = False) -> Result:
     """Of the whole recording; of that around the touch by the smoother."""
-    if not is_smooth:
-        return run(touched_bag(), values=MARKED)
-    with BagReader(touched_bag()) as reader:
-        recorded = read_recorded(reader, Sources(values=MARKED))
-    return estimate(dataclasses.replace(recorded, groups=around_touch(recorded)), is_smooth=True)
-
-
-def around_touch(recorded: Recorded) -> list[Any]:
-    """What was measured in the seconds about it."""
-    first, last = TOUCHED + [-3.0, 1.5]
-    return [
-        group for group in recorded.groups
-        if first < 1e-9 * (group[0].stamp_ns - recorded.origin_ns) < last
-    ]  # fmt: skip
+    around = TOUCHED + [-3.0, 1.5] if is_smooth else ()
+    return estimate(read(touched_bag(), *around, values=MARKED), is_smooth)
 
 
 def forces(found: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, forces and standard deviations."""
-    moments = found.moments
-    return (
-        np.array([one.time for one in moments]),
-        np.array([one.wrench[:3] for one in moments]),
-        np.array([one.wrench_stddev[:3] for one in moments]),
-    )
+    rows = [(one.time, one.wrench[:3], one.wrench_stddev[:3]) for one in found.moments]
+    time, force, stddev = map(np.array, zip(*rows))
+    return time, force, stddev
+
+
+def changed(path: Path, change: Callable[[Record, float], Record | None]) -> Path:
+    """The recording with each message as ``change`` makes it, given its time [s], or without."""
+    with BagReader(touched_bag()) as reader:
+        content = [
+            Sample(*one)
+            for record in reader.messages()
+            if (one := change(record, 1e-9 * (record.received_ns - reader.start_ns)))
+        ]
+    return write_bag(path, content)
 
 
 @pytest.mark.parametrize('is_smooth', [False, True])
@@ -105,7 +105,8 @@ def test_the_tip_is_where_the_true_one_is() -> None:
 
 def test_without_a_touch_none_is_found(tmp_path: Path) -> None:
     path = record(tmp_path / 'bag', touch=0.0, markers=(0.27,), camera_rate=0.1)
-    found = run(path, values={'estimator.marker_s': [0.27], 'estimator.marker_stddev': 5e-4})
+    values = {'estimator.marker_s': [0.27], 'estimator.marker_stddev': 5e-4}
+    found = estimate(read(path, values=values))
     assert not found.touches and found.consistency['markers'].accepted > 60
 
 
@@ -121,18 +122,15 @@ def test_against_the_camera_the_estimator_knows_of_the_touch() -> None:
 
 def test_a_sensor_that_lies_is_thrown_out_and_told(tmp_path: Path) -> None:
     """For a second the tip is said to be 3 cm off, which the markers do not bear out."""
-    name, content = 'geometry_msgs/msg/PoseWithCovarianceStamped', []
-    with BagReader(touched_bag()) as reader:
-        for record_ in reader.messages():
-            data = record_.data
-            at = 1e-9 * (record_.received_ns - reader.start_ns)
-            if record_.topic == '/measured/tip_pose' and 17.0 <= at < 18.0:
-                message = TYPES.deserialize_cdr(data, name)
-                message.pose.pose.position.z += 0.03
-                data = bytes(TYPES.serialize_cdr(message, name))
-            content.append(Sample(record_.topic, record_.type_name, record_.received_ns, data))
-    path = write_bag(tmp_path / 'bag', content)
-    found = run(path, values=MARKED)
+
+    def lie(one: Record, at: float) -> Record:
+        if one.topic != '/measured/tip_pose' or not 17.0 <= at < 18.0:
+            return one
+        message = TYPES.deserialize_cdr(one.data, one.type_name)
+        message.pose.pose.position.z += 0.03
+        return one._replace(data=bytes(TYPES.serialize_cdr(message, one.type_name)))
+
+    found = estimate(read(changed(tmp_path / 'bag', lie), values=MARKED))
     kind = found.consistency['tip pose']
     assert kind.refused >= 4
     assert kind.refused_from is not None and kind.refused_to is not None
@@ -146,16 +144,8 @@ def test_a_sensor_that_lies_is_thrown_out_and_told(tmp_path: Path) -> None:
 @functools.cache
 def lost(is_smooth: bool, recover_after: float = 1.0) -> Result:
     """An arm whose tensions change by more than 0.01 N in a second, which is what is told."""
-    values = {
-        **MARKED, 'estimator.tension_rate': 0.01, 'estimator.recover_after': recover_after
-    }  # fmt: skip
-    with BagReader(touched_bag()) as reader:
-        recorded = read_recorded(reader, Sources(values=values))
-    some = [
-        group for group in recorded.groups
-        if 1e-9 * (group[0].stamp_ns - recorded.origin_ns) < 4.0
-    ]  # fmt: skip
-    return estimate(dataclasses.replace(recorded, groups=some), is_smooth)
+    own = {'estimator.tension_rate': 0.01, 'estimator.recover_after': recover_after}
+    return estimate(read(touched_bag(), stop=4.0, values={**MARKED, **own}), is_smooth)
 
 
 @pytest.mark.parametrize('is_smooth', [False, pytest.param(True, marks=pytest.mark.endurance)])
@@ -181,22 +171,17 @@ def test_the_smoother_begins_anew_with_what_the_filter_does() -> None:
     ]
     # At the end, where nothing comes after, both are linearised about means that differ a little.
     assert (np.array(widths[0]) <= 1.01 * np.array(widths[1])).all()
-    assert smoothed.camera is not None
     own = lost(is_smooth=True, recover_after=0.0).camera
-    assert own is not None
+    assert own is not None and smoothed.camera is not None
     last = (own.time > begun) & (own.time < 4.0)
     assert last.any() and own.tip[0][last].min() > 3.0 * smoothed.camera.tip[0][last].max()
 
 
 def test_a_sensor_may_be_silent_for_seconds(tmp_path: Path) -> None:
-    with BagReader(touched_bag()) as reader:
-        content = [
-            Sample(one.topic, one.type_name, one.received_ns, one.data)
-            for one in reader.messages()
-            if not (one.topic.startswith('/measured') and
-                    5.0 < 1e-9 * (one.received_ns - reader.start_ns) < 9.0)
-        ]  # fmt: skip
-    found = run(write_bag(tmp_path / 'bag', content), others=TIP_ALONE)
+    def silence(one: Record, at: float) -> Record | None:
+        return None if one.topic.startswith('/measured') and 5.0 < at < 9.0 else one
+
+    found = estimate(read(changed(tmp_path / 'bag', silence), others=TIP_ALONE))
     time, _, stddev = forces(found)
     blind, seeing = stddev[(time > 6.5) & (time < 9.0)], stddev[(time > 9.5) & (time < 10.0)]
     assert np.median(blind[:, 2]) > 3.0 * np.median(seeing[:, 2])
@@ -214,7 +199,7 @@ def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path: Path) -> Non
         ratios.append((float(one.estimate.mean[state][0]), float(deviation)))
 
     values = {**MARKED, 'material.youngs_modulus_stddev': 0.2}
-    found = run(path, write=write, values=values)
+    found = estimate(read(path, values=values), write=write)
     mean, deviation = ratios[-1]
     assert abs(mean - np.log(1.15)) < 3.0 * deviation < 0.06
     assert any(
@@ -225,7 +210,7 @@ def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path: Path) -> Non
 
 
 def test_of_tensions_alone_it_is_the_model_and_says_what_is_not_observable() -> None:
-    found = run(touched_bag(), others={'measured/tip_pose': '-', **TIP_ALONE})
+    found = estimate(read(touched_bag(), others={'measured/tip_pose': '-', **TIP_ALONE}))
     assert not found.touches
     assert {f'tip_force {axis} keeps its prior' for axis in 'xyz'} <= set(found.unlearnt)
     assert found.camera is not None
@@ -234,13 +219,8 @@ def test_of_tensions_alone_it_is_the_model_and_says_what_is_not_observable() -> 
 
 def test_the_place_of_a_touch_is_told_by_probabilities() -> None:
     values = {**MARKED, 'estimator.contact': 'somewhere', 'estimator.contact_s': [0.12, 0.27]}
-    with BagReader(touched_bag()) as reader:
-        recorded = read_recorded(reader, Sources(values=values))
-    some = [
-        group for group in recorded.groups
-        if TOUCHED[0] - 3.0 < 1e-9 * (group[0].stamp_ns - recorded.origin_ns) < TOUCHED[1]
-    ]  # fmt: skip
-    found = estimate(dataclasses.replace(recorded, groups=some, camera=None))
+    some = read(touched_bag(), TOUCHED[0] - 3.0, TOUCHED[1], values=values)
+    found = estimate(dataclasses.replace(some, camera=None))
     assert set(found.hypotheses) == {'none', '0.12 m', '0.27 m'}
     touch = max(found.touches, key=lambda one: one.stop - one.start)
     assert touch.hypothesis == '0.27 m'
@@ -251,16 +231,8 @@ def test_the_place_of_a_touch_is_told_by_probabilities() -> None:
     assert (names[free] == 'none').mean() > 0.8
 
 
-def test_a_smoother_needs_one_place_of_contact() -> None:
-    with pytest.raises(MeasurementError, match='--smooth goes with one place of contact'):
-        run(touched_bag(), True, values={**MARKED, 'estimator.contact': 'somewhere'})
-
-
 def test_where_no_time_has_a_shape_the_reason_is_the_error() -> None:
-    values = {**MARKED, 'estimator.tension_rate': 1e6}
-    with BagReader(touched_bag()) as reader:
-        recorded = read_recorded(reader, Sources(values=values))
-    one = recorded.groups[0][0]
-    crushed = one._replace(measurement=Tensions([3e4, 0.0, 0.0, 0.0], 0.1))
+    recorded = read(touched_bag(), values={**MARKED, 'estimator.tension_rate': 1e6})
+    crushed = recorded.groups[0][0]._replace(measurement=Tensions([3e4, 0.0, 0.0, 0.0], 0.1))
     with pytest.raises(SolveError, match=r'no estimate at any time; 1 left out, as tensions '):
         estimate(dataclasses.replace(recorded, groups=[[crushed]]))

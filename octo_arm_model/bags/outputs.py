@@ -1,22 +1,27 @@
-"""Estimates written into a bag, on the topics on which the estimator's node publishes them."""
+"""Estimates and simulated motions written into bags, on the topics of the nodes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from rosbags.interfaces import Connection
+import numpy as np
 
+from octo_arm_model.bags.demo import START
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.replay import open_copies
+from octo_arm_model.bags.sensor_messages import TENSIONS
 from octo_arm_model.bags.topics import DESCRIPTION
-from octo_arm_model.bags.writer import BagWriter
+from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.model import ArmModel
+from octo_arm_model.simulation.moving_arm import Moment
+from octo_arm_model.wire.backbone import BACKBONE_TOPICS, BackboneWriter
 from octo_arm_model.wire.estimate import ESTIMATES, EstimateMessages
 from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 
 class EstimateOutput:
@@ -41,7 +46,6 @@ class EstimateOutput:
         self._writer, self._prefix = writer, prefix
         frame = Config.from_parameters(parameters).base_frame
         self._messages = {name: EstimateMessages(frame, one) for name, one in models.items()}
-        self._connections: dict[str, Connection] = {}
         writer.add_text(prefix + DESCRIPTION, parameters_as_yaml(parameters), start_ns)
 
     def write(self, hypothesis: str, estimate: Estimate, stamp_ns: int, received_ns: int) -> None:
@@ -52,10 +56,10 @@ class EstimateOutput:
             BagError: if the bag cannot be written.
         """
         found = self._messages[hypothesis].write(estimate, *Stamp.from_ns(stamp_ns))
-        for topic, data in found.items():
-            if topic not in self._connections:
-                self._connections[topic] = self._writer.add(self._prefix + topic, ESTIMATES[topic])
-            self._writer.write([(self._connections[topic], received_ns, data)])
+        self._writer.write(
+            (self._writer.add(self._prefix + topic, ESTIMATES[topic]), received_ns, data)
+            for topic, data in found.items()
+        )
 
 
 def copy_bag(reader: BagReader, writer: BagWriter, prefix: str) -> dict[str, str]:
@@ -75,3 +79,35 @@ def copy_bag(reader: BagReader, writer: BagWriter, prefix: str) -> dict[str, str
         if (connection := copies.get((record.topic, record.type_name)))
     )
     return left_out
+
+
+def add_motion(
+    writer: BagWriter, config: Config, parameters: Mapping[str, Any], moments: Iterable[Moment]
+) -> list[Moment]:
+    """Write ``moments`` of the arm of ``config``, and return them.
+
+    ``parameters`` are those of its file.
+
+    Raises:
+        OctoArmError: if the bag cannot be written, or the motion ends.
+    """
+    writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(parameters), START)
+    made, known = list[Moment](), np.zeros((6, 6))
+
+    def messages() -> Iterator[Message]:
+        layout: BackboneWriter | None = None
+        for moment in moments:
+            made.append(moment)
+            shape, received = moment.backbone, START + round(moment.time * 1e9)
+            if layout is None:
+                described = config.base_frame, shape.model, shape.s, shape.section
+                layout = BackboneWriter(*described, config.arm.tendon_names)
+            stamp = Stamp.from_ns(received)
+            tensions = writer.add(f'/{TENSIONS}', TENSION_TOPICS[TENSIONS].type_name)
+            yield tensions, received, layout.tensions(shape.tensions, *stamp)
+            answers = layout.all(shape, known, *stamp)
+            for (topic, kind), data in zip(BACKBONE_TOPICS.items(), answers, strict=True):
+                yield writer.add(f'/{topic}', kind), received, data
+
+    writer.write(messages())
+    return made
