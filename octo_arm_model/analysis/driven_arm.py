@@ -30,43 +30,6 @@ class Answer(NamedTuple):
     unknown: OctoArmError | None = None
 
 
-class FrictionMemory:
-    """Discards the friction history of a sequence after gaps in time.
-
-    Attributes:
-        forgotten: how many times the history was discarded because of a gap.
-    """
-
-    def __init__(self) -> None:
-        """Begin without any time stamp."""
-        self._newest_ns: dict[str, int] = {}
-        self.forgotten = 0
-
-    def recall(
-        self, last: Backbone | None, time_ns: int, seconds: float, source: str = ''
-    ) -> Backbone | None:
-        """Solution to continue from at ``time_ns`` [ns]: the ``last`` one, as far as it is valid.
-
-        None where the time of a ``source`` goes back, as when a sequence starts over; stamps of
-        different sources, such as load cells and encoders, need not be ordered. After a gap of
-        more than ``seconds`` [s] without stamps (0: no limit) the motion of the tendons in between
-        is unknown: the solution is returned without its history, as if pulled from slack.
-        """
-        newest = self._newest_ns
-        if time_ns < newest.get(source, time_ns):
-            self._newest_ns = {source: time_ns}
-            return None
-        gap = time_ns - max(newest.values(), default=time_ns)
-        newest[source] = time_ns
-        if not 0.0 < seconds < 1e-9 * gap:
-            return last
-        if last is None or last.point_tensions is None:
-            return last
-        self.forgotten += 1
-        # Still the start of the continuation of a loaded arm.
-        return dataclasses.replace(last, point_tensions=None)
-
-
 class DrivenArm:
     """Follows an arm of which winches drive some tendons by length, the others by tension.
 
@@ -74,11 +37,17 @@ class DrivenArm:
         displacements: length reeled in [m] by name of the tendons driven by length; empty for
             none.
         tensions: the last ones of all tendons [N]; None before there were any.
+        forgotten: how many times the history of friction was discarded because of a gap in time.
     """
 
-    def __init__(self, memory: FrictionMemory) -> None:
-        """Drive all tendons by tension; ``memory`` says what of their history counts."""
-        self._memory = memory
+    def __init__(self) -> None:
+        """Drive all tendons by tension, without any so far."""
+        self._newest_ns: dict[str, int] = {}  # of tensions and of displacements
+        self.forgotten = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew, but for the stamps that have come."""
         self.displacements: dict[str, float] = {}
         self.tensions: FloatArray | None = None
         self._last: Backbone | Wound | None = None
@@ -131,7 +100,7 @@ class DrivenArm:
         """
         before = self.tensions, self.displacements
         source = 'tensions' if displacements is None else 'displacements'
-        self._last = self._recalled(time_ns, config.friction_memory, source)
+        self._recall(time_ns, config.friction_memory, source)
         if tensions is not None:
             self.tensions = tensions
         if displacements is not None:
@@ -147,13 +116,30 @@ class DrivenArm:
         """The last shape, however it was driven."""
         return self._last.backbone if isinstance(self._last, Wound) else self._last
 
-    def _recalled(self, time_ns: int, seconds: float, source: str) -> Backbone | Wound | None:
-        """What to continue from; see `FrictionMemory.recall`."""
-        last = self._last
-        if not isinstance(last, Wound):
-            return self._memory.recall(last, time_ns, seconds, source)
-        backbone = self._memory.recall(last.backbone, time_ns, seconds, source)
-        return backbone and dataclasses.replace(last, backbone=backbone)
+    def _recall(self, time_ns: int, seconds: float, source: str) -> None:
+        """Keep of the last shape what is valid at ``time_ns`` [ns].
+
+        Nothing where the time of a ``source`` goes back, as when a sequence starts over; stamps of
+        tensions and displacements need not be ordered. After a gap of more than ``seconds`` [s]
+        without stamps (0: no limit) the motion of the tendons in between is unknown: the shape is
+        kept without its history, as if pulled from slack.
+        """
+        newest = self._newest_ns
+        if time_ns < newest.get(source, time_ns):
+            self._newest_ns, self._last = {source: time_ns}, None
+            return
+        gap = time_ns - max(newest.values(), default=time_ns)
+        newest[source] = time_ns
+        shape = self._shape
+        if not 0.0 < seconds < 1e-9 * gap or shape is None or shape.point_tensions is None:
+            return
+        self.forgotten += 1
+        # Still the start of the continuation of a loaded arm.
+        rested = dataclasses.replace(shape, point_tensions=None)
+        wound = self._last
+        self._last = (
+            dataclasses.replace(wound, backbone=rested) if isinstance(wound, Wound) else rested
+        )
 
     def _answer(
         self, solver: Solver, config: Config, tip_wrench: FloatArray | None, has_covariance: bool

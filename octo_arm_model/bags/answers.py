@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.analysis.driven_arm import Answer as DrivenShape
-from octo_arm_model.analysis.driven_arm import DrivenArm, FrictionMemory
+from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.analysis.worker_pool import solve_parts
 from octo_arm_model.arm.errors import ConfigError, OctoArmError, SolveError
 from octo_arm_model.arm.hints import FloatArray
@@ -73,7 +73,7 @@ class Answers:
         self._solver = config.solver() if self._motion is None else self._motion.dynamics.solver
         wanted = {TENDON_LENGTHS: lengths, TENSION_ESTIMATES: displacements}
         self.topics = tuple(topic for topic in ANSWERS if wanted.get(topic, True))
-        self._winding = DrivenArm(FrictionMemory())
+        self._winding = DrivenArm()
         grid = self._solver.grid
         self._writer = BackboneWriter(
             config.base_frame, self._solver.model, grid.s, grid.section, config.arm.tendon_names

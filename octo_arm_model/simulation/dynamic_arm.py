@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 
-from octo_arm_model.arm.errors import SolveError
+from octo_arm_model.arm.errors import ConfigError, SolveError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads, PointLoad, ScaledLoads
 from octo_arm_model.arm.pose import Pose
@@ -18,7 +22,11 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.motion_state import Inputs, MotionState
 from octo_arm_model.simulation.sensors import Noise, Push, Sensors
-from octo_arm_model.simulation.state_file import read_state, write_state
+
+SUFFIX = '.npz'  # of files of a state
+_PART = 'simulator.json'  # in them, beside the arrays of `Dynamics.save`
+_VERSION = 1
+_MOST_BYTES = 2**20
 
 _STEP = 5e-3  # of the integration, at most [s]
 
@@ -83,13 +91,26 @@ class DynamicArm:
             self._state = self._dynamics.go_on(state, inputs, elapsed, _STEP)
 
     def save(self, path: Path, values: Mapping[str, FloatArray | float]) -> None:
-        """Write the state, and ``values`` of what pulls the arm, to the file ``path``.
+        """Write the state, and ``values`` of what pulls the arm, to a file, whole or not at all.
 
         Raises:
             SolveError: if there is none yet.
-            ConfigError: if it cannot be written.
+            ConfigError: if it cannot be written, or ``path`` does not end with .npz.
         """
-        write_state(path, self._dynamics, self.state, values)
+        if path.suffix != SUFFIX:
+            raise ConfigError(
+                f'{path} is no file of a state, expected a name that ends with {SUFFIX}'
+            )
+        part = path.with_name(f'{path.name}.part')
+        plain = {name: np.asarray(value).tolist() for name, value in values.items()}
+        try:
+            self._dynamics.save(self.state, part)
+            with ZipFile(part, 'a') as file:
+                file.writestr(_PART, json.dumps({'version': _VERSION, **plain}))
+            os.replace(part, path)
+        except OSError as error:
+            part.unlink(missing_ok=True)
+            raise ConfigError(f'{path} cannot be written: {error.strerror}') from error
 
     def read(
         self, path: Path, shapes: Mapping[str, tuple[int, ...]]
@@ -97,9 +118,25 @@ class DynamicArm:
         """A state in the file ``path``, for `restore`, and the values of these ``shapes``.
 
         Raises:
-            ConfigError: if it is none of this arm.
+            ConfigError: if it cannot be read, or is none of this arm or version.
         """
-        return read_state(path, self._dynamics, shapes)
+        try:
+            with ZipFile(path) as file:
+                if file.getinfo(_PART).file_size > _MOST_BYTES:
+                    raise ValueError(f'{_PART} has more than {_MOST_BYTES} bytes')
+                given = json.loads(file.read(_PART))
+        except KeyError:
+            raise ConfigError(
+                f'{path} is the state of an arm alone, without its winches'
+            ) from None
+        except Exception as error:
+            # Damaged files make zipfile and json raise errors of many types.
+            raise ConfigError(f'{path} cannot be read as a state: {error}') from None
+        if not isinstance(given, dict) or given.get('version') != _VERSION:
+            found = given.get('version') if isinstance(given, dict) else given
+            raise ConfigError(f'{path} is of version {shown(found)}, expected {_VERSION}')
+        values = {name: _array(path, name, given.get(name), one) for name, one in shapes.items()}
+        return self._dynamics.load(path), values
 
     def restore(self, state: MotionState) -> None:
         """Go on from a ``state``."""
@@ -141,3 +178,13 @@ class DynamicArm:
         Inertia and water are among the loads.
         """
         return self._noise.base_wrench(self.state.base_wrench)
+
+
+def _array(path: Path, name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        array = np.full(1, np.nan)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ConfigError(f'{path}: {name} is {shown(value)}, expected numbers {shape}')
+    return array

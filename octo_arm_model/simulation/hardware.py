@@ -2,16 +2,137 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import not_negative, positive
 from octo_arm_model.config.build import LoadCellCalibration
-from octo_arm_model.simulation.load_cells import LoadCells, SimulatedLoadCells
-from octo_arm_model.simulation.relaxation import Relaxation, SimulatedRelaxation
-from octo_arm_model.simulation.winches import SimulatedWinches, Winches
+from octo_arm_model.config.parameter import ParameterGroup, stated
+
+
+@dataclass(frozen=True)
+class Winches(ParameterGroup):
+    """Parameters of the winches of an arm, the same for all, applied in the order listed here.
+
+    By default all are off.
+    """
+
+    GROUP = 'winches'
+
+    slack_floor: float = stated('least tension the winches keep [N]', 0.0, '>= 0', 'tension')
+    force_limit: float = stated(
+        'largest tension of the winches [N]; 0 for no limit', 0.0,
+        '0, or at least winches.slack_floor',
+    )  # fmt: skip
+    rate_limit: float = stated(
+        'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0, '>= 0', 'rate'
+    )
+    lag: float = stated(
+        'time constant with which tensions follow the set point [s]; 0 for at once', 0.0, '>= 0',
+        'time',
+    )  # fmt: skip
+    encoders: bool = stated(
+        'whether lengths that the winches have reeled in are published, on '
+        'tendon_displacements; an octo_arm_node that hears them is driven by them',
+        False,
+    )
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        super().__post_init__()
+        not_negative('winches.force_limit', self.force_limit, 'tension', 'N')
+        if 0.0 < self.force_limit < self.slack_floor:
+            expected = f'0, or at least winches.slack_floor, {self.slack_floor} [N]'
+            raise ArmDefinitionError('winches.force_limit', self.force_limit, expected)
+
+    def step(
+        self, tension: FloatArray, set_point: FloatArray, command: FloatArray, dt: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Tensions and set points after ``command`` has been given for ``dt`` [s], all in [N].
+
+        The set point at the end of the step is used for the whole step, and the lag is integrated
+        exactly: stable for any step.
+        """
+        wanted = np.maximum(command, self.slack_floor)
+        if self.force_limit:
+            wanted = np.minimum(wanted, self.force_limit)
+        if self.rate_limit:
+            most = self.rate_limit * dt
+            wanted = np.clip(wanted, set_point - most, set_point + most)
+        left = math.exp(-dt / self.lag) if self.lag else 0.0
+        return (1.0 - left) * wanted + left * tension, wanted
+
+
+@dataclass(frozen=True)
+class Relaxation(ParameterGroup):
+    """Parameters of a viscoelastic material. Not in the paper, whose arm is elastic.
+
+    Standard linear solid: under a step of strain its modulus is E (1 + ratio exp(-t / time)),
+    where E, that of the arm's definition, is the relaxed one. In every model the shape under
+    tendons alone depends on tensions over modulus, so that without inertia the viscoelastic arm
+    under tensions T(t) has the shape of the elastic arm under *effective* tensions, which satisfy
+
+        T + time dT/dt = T_effective + (1 + ratio) time dT_effective/dt
+
+    Of a step of T, the part 1 / (1 + ratio) is effective at once, and the rest with the time
+    constant (1 + ratio) time. This is exact initially and at rest, and in between to first order
+    in the strains. Weight and other loads act on the relaxed arm.
+    """
+
+    GROUP = 'relaxation'
+
+    ratio: float = stated(
+        'instantaneous over relaxed modulus, less one [-]; 0 for an elastic arm, as in the paper',
+        0.0, '>= 0', 'ratio',
+    )  # fmt: skip
+    time: float = stated(
+        'time constant of the relaxing modulus at constant strain [s]', 1.0, '> 0'
+    )
+
+    def step(self, crept: FloatArray, tension: FloatArray, dt: float) -> FloatArray:
+        """Tension that the material has given way to after ``tension`` has acted for ``dt`` [s].
+
+        ``crept`` is that before; all (tendons,) [N].
+        """
+        left = math.exp(-dt / ((1.0 + self.ratio) * self.time)) if self.ratio else 0.0
+        return (1.0 - left) * tension + left * crept
+
+
+@dataclass(frozen=True)
+class LoadCells(ParameterGroup):
+    """Parameters of the load cells of an arm, the same for all, applied in the order listed here.
+
+    By default all are off.
+    """
+
+    GROUP = 'load_cells'
+
+    gain_stddev: float = stated(
+        'standard deviation of the gain of each load cell, drawn once [-]', 0.0, '>= 0',
+        'standard deviation',
+    )  # fmt: skip
+    noise_stddev: float = stated(
+        'standard deviation of the noise of each reading [N]; readings of slack tendons go '
+        'below 0', 0.0, '>= 0', 'standard deviation',
+    )  # fmt: skip
+    resolution: float = stated(
+        'what readings are multiples of [N]; 0 for all digits', 0.0, '>= 0', 'tension'
+    )
+    drop_probability: float = stated(
+        'probability that a message of readings is lost [-]', 0.0, 'in [0, 1]'
+    )
+    seed: int = stated('seed of gains, noise and losses', 0, '>= 0')
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        super().__post_init__()
+        if self.resolution:
+            positive('load_cells.resolution', self.resolution, 'N')
 
 
 @dataclass(frozen=True)
@@ -45,35 +166,46 @@ class Moment(NamedTuple):
 
 
 class SimulatedHardware:
-    """The hardware over time, initially with slack tendons."""
+    """The hardware over time, initially with slack tendons.
+
+    Attributes:
+        state: tensions, set points and crept tensions (3, tendons) [N]; noise is none of it.
+    """
 
     def __init__(self, hardware: Hardware, tendons: int) -> None:
         """Begin with ``tendons`` slack tendons."""
-        self._winches = SimulatedWinches(hardware.winches, tendons)
-        self._calibration = hardware.calibration
-        self._load_cells = SimulatedLoadCells(hardware.load_cells, tendons)
-        self._relaxation = SimulatedRelaxation(hardware.relaxation, tendons)
+        self._own = hardware
+        self.state: FloatArray = np.zeros((3, tendons))
+        self._draw()
 
     def change(self, hardware: Hardware) -> None:
-        """Replace the parameters; the tensions stay."""
-        self._winches.winches = hardware.winches
-        self._calibration = hardware.calibration
-        self._load_cells.change(hardware.load_cells)
-        self._relaxation.relaxation = hardware.relaxation
-
-    @property
-    def state(self) -> FloatArray:
-        """Tensions, set points and crept tensions (3, tendons) [N]; noise is none of it."""
-        winches = self._winches
-        return np.array([winches.tension, winches.set_point, self._relaxation.crept])
-
-    @state.setter
-    def state(self, state: FloatArray) -> None:
-        winches = self._winches
-        winches.tension, winches.set_point, self._relaxation.crept = state.copy()
+        """Replace the parameters; the tensions stay. Another seed gives new gains and noise."""
+        before, self._own = self._own, hardware
+        if hardware.load_cells.seed != before.load_cells.seed:
+            self._draw()
 
     def step(self, command: FloatArray, dt: float) -> Moment:
         """Tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s]."""
-        tension = self._winches.step(command, dt)
-        effective = self._relaxation.step(tension, dt)
-        return Moment(self._load_cells.read(self._calibration.readings(tension)), effective)
+        tension, set_point, crept = self.state
+        tension, set_point = self._own.winches.step(tension, set_point, command, dt)
+        crept = self._own.relaxation.step(crept, tension, dt)
+        self.state = np.array([tension, set_point, crept])
+        ratio = self._own.relaxation.ratio
+        effective = (tension + ratio * crept) / (1.0 + ratio)
+        return Moment(self._read(self._own.calibration.readings(tension)), effective)
+
+    def _draw(self) -> None:
+        # A stream for each, so that switching one on does not change the others.
+        seeds = np.random.SeedSequence(self._own.load_cells.seed).spawn(3)
+        gains, self._noise, self._losses = map(np.random.default_rng, seeds)
+        self._deviation = gains.standard_normal(self.state.shape[1])
+
+    def _read(self, tension: FloatArray) -> FloatArray | None:
+        """Readings for the errorless readings ``tension`` (tendons,) [N]; None where lost."""
+        own = self._own.load_cells
+        noise = self._noise.standard_normal(tension.size)
+        is_lost = self._losses.random() < own.drop_probability
+        reading = (1.0 + own.gain_stddev * self._deviation) * tension + own.noise_stddev * noise
+        if own.resolution:
+            reading = own.resolution * np.rint(reading / own.resolution)
+        return None if is_lost else reading

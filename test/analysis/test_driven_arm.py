@@ -11,7 +11,7 @@ import pytest
 from differences import jacobian
 
 from octo_arm_model import Config, Solver, Uncertainty, solve_displacements
-from octo_arm_model.analysis.driven_arm import DrivenArm, FrictionMemory
+from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.arm.errors import TensionError
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of
@@ -29,27 +29,26 @@ def rubbing(prototype: Config) -> Config:
     )
 
 
-def following(config: Config, seconds: float = 0.0) -> tuple[Solver, Follow, FrictionMemory]:
-    """A solver of ``config``, what answers it message by message, and what that remembers."""
+def following(config: Config, seconds: float = 0.0) -> tuple[Solver, Follow, DrivenArm]:
+    """A solver of ``config``, what answers it message by message, and the arm that is driven."""
     config = dataclasses.replace(config, model='exact', friction_memory=seconds)
-    solver, memory = config.solver(), FrictionMemory()
-    winding = DrivenArm(memory)
+    solver, winding = config.solver(), DrivenArm()
 
     def follow(time_ns: int, **given: Any) -> Backbone:
         return winding.answer(solver, config, None, time_ns, **given).backbone
 
-    return solver, follow, memory
+    return solver, follow, winding
 
 
 def test_a_sequence_goes_on_from_the_last_shape(rubbing: Config) -> None:
-    solver, follow, memory = following(rubbing, 2.0)
+    solver, follow, arm = following(rubbing, 2.0)
     pulled = follow(5 * SECOND, tensions=HIGH)
     np.testing.assert_allclose(pulled.position, solver.solve(HIGH).position, rtol=0.0, atol=1e-12)
     released = follow(7 * SECOND, tensions=LOW)
     expected = solver.follow(LOW, pulled)
     np.testing.assert_allclose(released.position, expected.position, rtol=0.0, atol=1e-12)
     assert np.linalg.norm(released.tip - solver.solve(LOW).tip) > 1e-3
-    assert memory.forgotten == 0
+    assert arm.forgotten == 0
 
 
 @pytest.mark.parametrize(
@@ -59,19 +58,19 @@ def test_a_sequence_goes_on_from_the_last_shape(rubbing: Config) -> None:
 def test_after_a_gap_the_history_is_forgotten(
     rubbing: Config, seconds: float, gap: float, forgets: bool
 ) -> None:
-    solver, follow, memory = following(rubbing, seconds)
+    solver, follow, arm = following(rubbing, seconds)
     pulled = follow(SECOND, tensions=HIGH)
     found = follow(SECOND + round(gap * SECOND), tensions=LOW)
     expected = solver.solve(LOW) if forgets else solver.follow(LOW, pulled)
     np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-12)
-    assert memory.forgotten == forgets
+    assert arm.forgotten == forgets
 
 
 def test_encoders_whose_stamps_come_behind_those_of_load_cells_start_nothing_over(
     rubbing: Config,
 ) -> None:
     """Each of two sources has its order; 2 ms between them are neither a return nor a gap."""
-    solver, follow, memory = following(rubbing, 2.0)
+    solver, follow, arm = following(rubbing, 2.0)
     driven, millisecond = rubbing.arm.tendon_names[0], SECOND // 1000
     pulled = follow(SECOND, tensions=HIGH)
     held = float(displacements_of(solver, pulled).ravel()[0])
@@ -86,7 +85,7 @@ def test_encoders_whose_stamps_come_behind_those_of_load_cells_start_nothing_ove
     np.testing.assert_allclose(
         released.position, solver.follow(LOW, pulled).position, rtol=0.0, atol=1e-6
     )
-    assert memory.forgotten == 0
+    assert arm.forgotten == 0
     # Where either goes back by itself, all begins anew.
     anew = follow(3 * SECOND, tensions=LOW)
     np.testing.assert_allclose(anew.position, solver.solve(LOW).position, rtol=0.0, atol=1e-9)
@@ -123,7 +122,7 @@ def test_lengths_have_a_history_that_a_gap_ends(rubbing: Config) -> None:
     )
     name = rubbing.arm.tendon_names[0]
     for gap, remembers in ((SECOND, True), (3 * SECOND, False)):
-        solver, follow, memory = following(stretching, 2.0)
+        solver, follow, arm = following(stretching, 2.0)
         follow(0, displacements={name: 0.01})
         found = follow(gap, displacements={name: 0.006})
         fresh = solve_displacements(solver, {name: 0.006}).backbone
@@ -131,7 +130,7 @@ def test_lengths_have_a_history_that_a_gap_ends(rubbing: Config) -> None:
         released = solve_displacements(solver, {name: 0.006}, start=pulled).backbone
         expected = released if remembers else fresh
         np.testing.assert_allclose(found.tensions, expected.tensions, rtol=1e-7, atol=1e-9)
-        assert memory.forgotten == (not remembers)
+        assert arm.forgotten == (not remembers)
         # Let out by length the tendon holds far less.
         assert released.tensions[0, 0] < 0.9 * fresh.tensions[0, 0]
 
@@ -140,7 +139,7 @@ def test_the_accuracy_of_encoders_is_in_the_covariance_of_the_tip(prototype: Con
     config = dataclasses.replace(
         prototype, model='exact', uncertainty=Uncertainty(displacement=2e-4)
     )
-    solver, winding = config.solver(), DrivenArm(FrictionMemory())
+    solver, winding = config.solver(), DrivenArm()
     names, lengths = prototype.arm.tendon_names[:2], np.array([0.010, 0.004])
 
     def tip(x: np.ndarray) -> np.ndarray:
@@ -163,7 +162,7 @@ def test_where_a_tendon_sticks_the_shape_is_known_and_its_covariance_is_not(
     rubbing: Config, given: str
 ) -> None:
     config = dataclasses.replace(rubbing, uncertainty=Uncertainty(tension=0.02, displacement=1e-4))
-    solver, winding = config.solver(), DrivenArm(FrictionMemory())
+    solver, winding = config.solver(), DrivenArm()
     found = winding.answer(solver, config, None, 0, tensions=HIGH)
     assert found.covariance.any() and found.unknown is None
     # One is let go a little, the other stays as it is.
@@ -171,7 +170,7 @@ def test_where_a_tendon_sticks_the_shape_is_known_and_its_covariance_is_not(
     if given == 'displacements':
         first, reeled = config.arm.tendon_names[0], displacements_of(solver, found.backbone)[0, 0]
         wanted = {'displacements': {first: reeled - 1e-6}}
-    expected = DrivenArm(FrictionMemory())
+    expected = DrivenArm()
     expected.answer(solver, config, None, 0, tensions=HIGH)
     alone = expected.answer(solver, config, None, 1, **wanted, has_covariance=False)
     found = winding.answer(solver, config, None, 1, **wanted)
@@ -181,7 +180,7 @@ def test_where_a_tendon_sticks_the_shape_is_known_and_its_covariance_is_not(
 
 
 def test_what_leaves_the_balance_as_it_is_forgets_nothing(rubbing: Config) -> None:
-    winding = DrivenArm(FrictionMemory())
+    winding = DrivenArm()
     first = rubbing.arm.tendon_names[0]
     pulled = winding.answer(rubbing.solver(), rubbing, None, 0, tensions=HIGH).backbone
     now = dataclasses.replace(rubbing, markers_rate=10.0, friction_memory=5.0)
@@ -201,7 +200,7 @@ def test_what_leaves_the_balance_as_it_is_forgets_nothing(rubbing: Config) -> No
 
 
 def test_another_balance_has_another_history_and_the_same_tensions(rubbing: Config) -> None:
-    winding = DrivenArm(FrictionMemory())
+    winding = DrivenArm()
     first = rubbing.arm.tendon_names[0]
     winding.answer(rubbing.solver(), rubbing, None, 0, tensions=HIGH)
     now = dataclasses.replace(rubbing, arm=dataclasses.replace(rubbing.arm, friction=4 * (0.2,)))
@@ -221,7 +220,7 @@ def test_tensions_of_other_tendons_are_dropped(prototype: Config) -> None:
         ((first, 'a', 'b', 'c'), 'tensions dropped: this arm has other tendons'),
         (('d', *rest), f'displacements dropped: this arm has no tendon {first}'),
     ):
-        winding = DrivenArm(FrictionMemory())
+        winding = DrivenArm()
         winding.answer(config.solver(), config, None, 0, tensions=HIGH)
         winding.answer(config.solver(), config, None, 1, displacements={first: 0.01})
         arm = dataclasses.replace(config.arm, tendon_names=names)

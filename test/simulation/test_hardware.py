@@ -1,17 +1,41 @@
-"""Winches, relaxation and load cells in series."""
+"""Winches, relaxation and load cells in series: lag, limits, creep, noise and losses."""
 
 from __future__ import annotations
 
+import copy
 import subprocess
 import sys
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import commands
+from strategies import commands, tensions, times
 
-from octo_arm_model.simulation.hardware import Hardware, SimulatedHardware
-from octo_arm_model.simulation.relaxation import Relaxation
+from octo_arm_model import ArmDefinitionError, Config
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.simulation.hardware import (
+    Hardware,
+    LoadCells,
+    Relaxation,
+    SimulatedHardware,
+    Winches,
+)
+
+ARM = load_parameters(preset_path('renda2012_prototype'))
+
+
+def winches(tendons=3, **parameters):
+    """Steps winches by a command and a time; returns the tensions."""
+    hardware = SimulatedHardware(Hardware(Winches(**parameters)), tendons)
+    return lambda command, dt: hardware.step(command, dt).measured
+
+
+def readings(tension: float, count: int, **parameters: float) -> np.ndarray:
+    """What four load cells read of a ``tension``, (count, 4) [N]; NaN where it is lost."""
+    cells = SimulatedHardware(Hardware(load_cells=LoadCells(**parameters)), 4)
+    read = [cells.step(np.full(4, tension), 0.01).measured for _ in range(count)]
+    return np.array([np.full(4, np.nan) if one is None else one for one in read])
 
 
 @given(commands, st.floats(0.0, 10.0))
@@ -23,15 +47,125 @@ def test_perfect_hardware_measures_what_was_commanded(given_commands, dt) -> Non
         np.testing.assert_array_equal(effective, command)
 
 
-def test_the_shape_at_rest_is_that_of_the_elastic_arm_and_a_pull_shows_in_part_at_once() -> None:
-    hardware = SimulatedHardware(Hardware(relaxation=Relaxation(0.25, 1.0)), 2)
-    pull = np.array([1.0, 3.0])
-    measured, effective = hardware.step(pull, 0.0)
-    np.testing.assert_array_equal(measured, pull)
-    np.testing.assert_allclose(effective, pull / 1.25, rtol=1e-12)
-    for _ in range(100):
-        measured, effective = hardware.step(pull, 1.0)
-    np.testing.assert_allclose(effective, pull, rtol=1e-12)
+@given(tensions, times, st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20))
+def test_lag_is_the_exponential_whatever_the_steps(command, lag, parts) -> None:
+    step, elapsed = winches(lag=lag), 0.0
+    for part in parts:
+        elapsed += part * lag
+        expected = command * -np.expm1(-elapsed / lag)
+        np.testing.assert_allclose(step(command, part * lag), expected, rtol=1e-12, atol=1e-12)
+
+
+@given(commands, st.floats(1e-9, 1e9), st.floats(1e-3, 1e6))
+def test_lag_is_stable_and_never_overshoots_however_long_a_step(given_commands, lag, dt) -> None:
+    step, before = winches(lag=lag), np.zeros(3)
+    for command in given_commands:
+        tension = step(command, dt)
+        assert (tension >= np.minimum(before, command) * (1.0 - 1e-12)).all()
+        assert (tension <= np.maximum(before, command) * (1.0 + 1e-12)).all()
+        before = tension
+
+
+@given(
+    commands, st.floats(0.1, 100.0), st.floats(1e-3, 1.0), st.floats(0.0, 1.0),
+    st.floats(0.0, 5.0), st.floats(5.0, 20.0),
+)  # fmt: skip
+def test_limits_of_rate_and_force_are_kept(given_commands, rate, dt, lag, floor, limit) -> None:
+    step, before = winches(rate_limit=rate, lag=lag), np.zeros(3)
+    bounded = winches(slack_floor=floor, force_limit=limit)
+    for command in given_commands:
+        tension = step(command, dt)
+        assert (np.abs(tension - before) <= rate * dt * (1.0 + 1e-9) + 1e-12).all()
+        before = tension
+        np.testing.assert_array_equal(bounded(command, dt), np.clip(command, floor, limit))
+
+
+def test_the_force_limit_comes_before_the_rate_limit_and_that_before_the_lag() -> None:
+    step = winches(1, force_limit=3.0, rate_limit=20.0, lag=0.1)
+    # The set point is at its limit of 3 N after two steps, not on its way to 100 N.
+    tension, set_point = 0.0, 0.0
+    for _ in range(5):
+        set_point = min(3.0, set_point + 2.0)
+        tension = set_point + np.exp(-1.0) * (tension - set_point)
+        assert step(np.array([100.0]), 0.1) == pytest.approx(tension, rel=1e-12)
+    assert step(np.zeros(1), 0.1) < tension  # no winding down from beyond the limit
+    with pytest.raises(ArmDefinitionError, match=r'at least winches\.slack_floor, 2\.0'):
+        Winches(slack_floor=2.0, force_limit=1.0)
+
+
+@given(st.floats(0.0, 5.0), times, st.floats(0.0, 5.0))
+def test_creep_under_a_steady_pull_is_that_of_the_standard_linear_solid(ratio, time, t) -> None:
+    relaxing = SimulatedHardware(Hardware(relaxation=Relaxation(ratio, time)), 1)
+    measured, effective = relaxing.step(np.ones(1), t * time)
+    expected = 1.0 - ratio / (1.0 + ratio) * np.exp(-t / (1.0 + ratio))
+    assert effective[0] == pytest.approx(expected, rel=1e-12) and measured[0] == 1.0
+
+
+def test_held_at_a_strain_the_pull_relaxes_like_the_modulus() -> None:
+    # The tension that keeps the effective one at 1 N, step by step, is E(t) / E.
+    ratio, time, dt = 0.5, 2.0, 1e-3
+    relaxing = SimulatedHardware(Hardware(relaxation=Relaxation(ratio, time)), 1)
+    for step in range(1000):
+        # Effective is affine in the tension of the step: two trials tell which one it takes.
+        low, high = (
+            copy.deepcopy(relaxing).step(np.full(1, t), dt).effective[0] for t in (0.0, 1.0)
+        )
+        pull = (1.0 - low) / (high - low)
+        assert relaxing.step(np.full(1, pull), dt).effective[0] == pytest.approx(1.0)
+        expected = 1.0 + ratio * np.exp(-step * dt / time)
+        assert pull == pytest.approx(expected, abs=2.0 * ratio * dt / time)
+
+
+def test_at_once_the_shape_is_that_of_the_stiffer_arm_at_any_strain(model: str) -> None:
+    ratio, pull = 0.4, np.array([[3.0, 0.0, 0.0, 1.0]])
+    relaxing = SimulatedHardware(Hardware(relaxation=Relaxation(ratio)), 4)
+    effective = relaxing.step(pull.ravel(), 0.0).effective
+    shape = Config.from_parameters(ARM).solver(model).solve(effective.reshape(1, 4))
+    stiff = Config.from_parameters(ARM | {'material.youngs_modulus': 1.1e5 * (1.0 + ratio)})
+    np.testing.assert_allclose(shape.tip, stiff.solver(model).solve(pull).tip, atol=1e-9)
+    assert np.linalg.norm(shape.tip - [0.27, 0.0, 0.0]) > 0.1
+
+
+def test_noise_has_its_standard_deviation_and_no_bias_and_slack_tendons_read_below_zero() -> None:
+    for tension in (5.0, 0.0):
+        noise = readings(tension, 5000, noise_stddev=0.1) - tension
+        # Four standard errors of 20000 values.
+        assert abs(noise.mean()) < 4.0 * 0.1 / np.sqrt(noise.size)
+        assert abs(noise.std() - 0.1) < 4.0 * 0.1 / np.sqrt(2 * noise.size)
+
+
+def test_a_gain_stays_what_it_was_drawn_and_is_in_proportion() -> None:
+    low, high = (readings(tension, 5, gain_stddev=0.1) for tension in (1.0, 10.0))
+    assert (low == low[0]).all()
+    assert len(set(low[0])) == 4
+    np.testing.assert_allclose(high, 10.0 * low, rtol=1e-12)
+
+
+@given(st.floats(0.0, 50.0), st.floats(1e-3, 5.0), st.sampled_from([0.0, 0.3]))
+def test_readings_are_multiples_of_the_resolution(tension, resolution, noise) -> None:
+    reading = readings(tension, 1, resolution=resolution, noise_stddev=noise)[0, 0]
+    assert reading / resolution == pytest.approx(round(reading / resolution), abs=1e-9)
+    if not noise:
+        assert abs(reading - tension) <= 0.5 * resolution * (1.0 + 1e-9)
+
+
+def test_as_many_readings_are_lost_as_the_probability_says_and_the_noise_stays() -> None:
+    read = readings(1.0, 5000, drop_probability=0.3, noise_stddev=0.1)
+    lost = np.isnan(read[:, 0])
+    assert abs(lost.mean() - 0.3) < 4.0 * np.sqrt(0.3 * 0.7 / lost.size)
+    np.testing.assert_array_equal(read[~lost], readings(1.0, 5000, noise_stddev=0.1)[~lost])
+
+
+def test_a_seed_draws_the_same_again_and_another_something_else() -> None:
+    own = {'gain_stddev': 0.1, 'noise_stddev': 0.1, 'drop_probability': 0.3, 'seed': 7}
+    first = readings(1.0, 100, **own)
+    np.testing.assert_array_equal(first, readings(1.0, 100, **own))
+    again = SimulatedHardware(Hardware(load_cells=LoadCells(seed=3)), 4)
+    again.step(np.ones(4), 0.01)
+    again.change(Hardware(load_cells=LoadCells(**own)))
+    is_lost = [again.step(np.ones(4), 0.01).measured is None for _ in range(100)]
+    assert is_lost == np.isnan(first[:, 0]).tolist()
+    assert not np.isin(readings(1.0, 100, **(own | {'seed': 8})), first).any()
 
 
 def test_the_simulation_needs_neither_ros_nor_matplotlib() -> None:

@@ -8,16 +8,13 @@ import pytest
 from octo_arm_model import ArmDefinitionError, ConfigError
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.simulation.hardware import Hardware
-from octo_arm_model.simulation.load_cells import LoadCells
+from octo_arm_model.simulation.hardware import Hardware, LoadCells, Relaxation, Winches
 from octo_arm_model.simulation.parameters import (
     PARAMETERS,
     SimulatorConfig,
     for_arm_node,
     for_true_arm,
 )
-from octo_arm_model.simulation.relaxation import Relaxation
-from octo_arm_model.simulation.winches import Winches
 
 ARM = load_parameters(preset_path('renda2012_prototype'))
 

@@ -16,7 +16,7 @@ from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from octo_arm_model.analysis.driven_arm import DrivenArm, FrictionMemory
+from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
 from octo_arm_model.arm.errors import OctoArmError, TargetError, in_short
@@ -132,8 +132,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         self._services: list[QueuedService] = []
         self._tip_wrench = TipWrench(self._frames, lambda: self._arm)
         self._wrench: LatestSubscription | None = None
-        self._memory = self._diagnostics.memory = FrictionMemory()
-        self._winding = DrivenArm(self._memory)
+        self._winding = self._diagnostics.arm = DrivenArm()
         self._diagnostics.is_used = self._is_used
 
     def _open(self) -> None:
@@ -152,7 +151,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         for service in self._services:
             service.close()
         self._services, self._wrench, self._tip_wrench.value = [], None, None
-        self._winding = DrivenArm(self._memory)
+        self._winding.reset()
 
     def _change_arm(self, before: Prepared | None, now: Prepared) -> None:
         config, logger = now.config, self._node.get_logger()

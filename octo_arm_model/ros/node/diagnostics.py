@@ -11,7 +11,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from octo_arm_model.analysis.driven_arm import FrictionMemory
+from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.arm.errors import ContinuationError, OctoArmError, SolveError, in_short
 from octo_arm_model.config.parameters import DiagnosticLimits
 from octo_arm_model.rod.backbone import Backbone
@@ -83,7 +83,7 @@ class Diagnostics:
     Attributes:
         is_used: whether what came last on a topic, by its whole name, still counts.
         clock: what stamps are compared with.
-        memory: of tendons with friction, if they have any.
+        arm: what remembers the friction of tendons, if anything does.
         parts: make further statuses, of what else the node does; called with the state of a node
             that is not subscribed, else with nothing.
     """
@@ -96,7 +96,7 @@ class Diagnostics:
         self._idle = ''
         self.is_used: Callable[[str], bool] = lambda topic: True
         self.parts: list[Callable[[str], DiagnosticStatus]] = []
-        self.memory: FrictionMemory | None = None
+        self.arm: DrivenArm | None = None
         # Of messages, by what became of them: of all, and of those since the last report.
         self._totals, self._lately = Counter[str](), Counter[str]()
         self._topics = set[tuple[str, bool]]()
@@ -207,7 +207,7 @@ class Diagnostics:
             'last failure': self._failure,
             'shapes without tip_pose': self._totals['tip unknown'],
             'friction history kept': self._has_history,
-            'friction history forgotten after a gap': self.memory.forgotten if self.memory else 0,
+            'friction history forgotten after a gap': self.arm.forgotten if self.arm else 0,
         })  # fmt: skip
 
     def _input(self) -> DiagnosticStatus:

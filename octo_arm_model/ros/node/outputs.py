@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
@@ -82,12 +83,6 @@ class Output:
 MARKERS_TOPIC = 'markers'
 
 
-class _StampedBackbone(NamedTuple):
-    backbone: Backbone
-    stamp: Stamp
-    more: Callable[[], bytes] | None
-
-
 class MarkerPublisher:
     """Publishes markers of the newest backbone at a limited rate, while somebody subscribes."""
 
@@ -96,7 +91,7 @@ class MarkerPublisher:
         self._node, self._output = node, output
         self._writer: MarkersWriter | None = None
         self._timer: Timer | None = None
-        self._waiting: _StampedBackbone | None = None
+        self._waiting: Callable[[], None] | None = None
         self._is_clean, self._largest = False, 0.0
         self._arm: Arm | None = None
         self._rate = 0.0
@@ -145,26 +140,24 @@ class MarkerPublisher:
         if not self._output.is_heard:
             self.forget()
             return
-        stamped = _StampedBackbone(backbone, stamp, more)
-        if self._timer is None:
-            self._draw(stamped)
-        elif self._timer.is_canceled():
-            self._draw(stamped)
+        draw = partial(self._draw, backbone, stamp, more)
+        if self._timer is not None and not self._timer.is_canceled():
+            self._waiting = draw
+            return
+        draw()
+        if self._timer is not None:
             self._timer.reset()
-        else:
-            self._waiting = stamped
 
     def _on_time(self) -> None:
         """Publish the backbone that waits; if none does, the next is published at once."""
-        stamped, self._waiting = self._waiting, None
-        if stamped is None:
-            if self._timer is not None:
-                self._timer.cancel()
-            return
-        with until_shutdown(self._node.context):
-            self._draw(stamped)
+        draw, self._waiting = self._waiting, None
+        if draw is not None:
+            with until_shutdown(self._node.context):
+                draw()
+        elif self._timer is not None:
+            self._timer.cancel()
 
-    def _draw(self, stamped: _StampedBackbone) -> None:
+    def _draw(self, backbone: Backbone, stamp: Stamp, more: Callable[[], bytes] | None) -> None:
         if self._writer is None:
             return
         if not self._is_clean:
@@ -172,11 +165,11 @@ class MarkerPublisher:
             self._output.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
             self._is_clean = True
         # Red is the largest tension so far: colours stay comparable over time.
-        self._largest = max(self._largest, float(stamped.backbone.tensions.max()))
-        data = self._writer.write(stamped.backbone, *stamped.stamp, self._largest or None)
+        self._largest = max(self._largest, float(backbone.tensions.max()))
+        data = self._writer.write(backbone, *stamp, self._largest or None)
         self._output.publish(data)
-        if stamped.more is not None:
-            self._output.publish(stamped.more())
+        if more is not None:
+            self._output.publish(more())
 
 
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
@@ -242,8 +235,17 @@ class BackbonePublishers:
         arm, grid, frame = solver.arm, solver.grid, config.base_frame
         self._solver = solver
         self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
-        self._profiles_writer = TensionProfilesWriter(frame, grid.s, arm.tendon_names)
-        self._frames = FramesWriter(arm, grid.s, frame, config.frame_prefix)
+        profiles = TensionProfilesWriter(frame, grid.s, arm.tendon_names)
+        frames = FramesWriter(arm, grid.s, frame, config.frame_prefix)
+        self._written = [
+            (self._path, self._writer.path),
+            (self._poses, self._writer.poses),
+            (self._strains, self._writer.strains),
+            (self._lengths, self._write_lengths),
+            (self._profiles, profiles.write),
+        ]
+        if self._transforms is not None:
+            self._written.append((self._transforms, frames.write))
         markers = MarkersWriter(arm, grid.s, frame, widen=solver.law.widens)
         self._drawing.describe(markers, config.markers_rate, config.arm)
 
@@ -268,25 +270,18 @@ class BackbonePublishers:
         ``covariance`` (6, 6) is that of the tip; None where `is_tip_heard` has said that it need
         not be known. ``more`` makes a message of further markers.
         """
-        assert self._solver is not None
-        writer = self._writer
-        # Published before the next one is written, for the least latency of each.
-        if self._path.is_heard:
-            self._path.publish(writer.path(backbone, *stamp))
-        if self._poses.is_heard:
-            self._poses.publish(writer.poses(backbone, *stamp))
-        if self._strains.is_heard:
-            self._strains.publish(writer.strains(backbone, *stamp))
         if covariance is not None:
-            self._tip.publish(writer.tip_pose(backbone, covariance, *stamp))
-        if self._transforms is not None and self._transforms.is_heard:
-            self._transforms.publish(self._frames.write(backbone, *stamp))
-        if self._lengths.is_heard:
-            lengths = self._solver.tendon_lengths(backbone)
-            self._lengths.publish(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
-        if self._profiles.is_heard:
-            self._profiles.publish(self._profiles_writer.write(backbone, *stamp))
+            self._tip.publish(self._writer.tip_pose(backbone, covariance, *stamp))
+        # Published before the next one is written, for the least latency of each.
+        for output, write in self._written:
+            if output.is_heard:
+                output.publish(write(backbone, *stamp))
         self._drawing.publish(backbone, stamp, more)
+
+    def _write_lengths(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
+        assert self._solver is not None
+        lengths = self._solver.tendon_lengths(backbone)
+        return self._writer.tendon_lengths(lengths, backbone.tensions, sec, nanosec)
 
     def publish_tensions(self, backbone: Backbone, stamp: Stamp) -> None:
         """Publish the tensions that hold the tendons driven by length, and those of the others."""

@@ -22,22 +22,33 @@ from octo_arm_model.wire.estimate import CONTACT, COVARIANCE
 TOPICS = {**POSES, 'strains': DETAILS['strains']}
 
 
+class Reading(RosClient):
+    """A node of the arm of table 4, and a ``reader`` of its topics in the same domain."""
+
+    def __init__(self, topics):
+        super().__init__(new_domain())
+        self.reader = ArmClient(rclpy.create_node('reading', context=self.context))
+        self.reader.listen(topics)
+
+    def publisher(self, kind, name):
+        """A publisher that is heard, once the reader knows the arm."""
+        description = self.node.create_publisher(String, 'arm_description', LATCHED_QOS)
+        description.publish(String(data=CONFIG_FILE.read_text()))
+        made = self.node.create_publisher(kind, name, OUTPUT_QOS)
+        self.read(lambda: self.reader.config and made.get_subscription_count(), 'a subscription')
+        return made
+
+    def read(self, condition, what):
+        self.wait(lambda: self.reader.poll() or condition(), what)
+
+
 @pytest.mark.parametrize('name', TOPICS)
 @pytest.mark.parametrize('data', [b'', b'\0\1\0\0', b'\0\1\0\0' + b'\xff' * 40], ids=len)
 def test_bytes_that_are_no_message_are_a_problem_until_the_next_one(name, data):
-    with contextlib.closing(RosClient(new_domain())) as ros:
-        client = ArmClient(rclpy.create_node('reading', context=ros.context))
-        client.listen(TOPICS)
-
-        def wait(condition, what):
-            ros.wait(lambda: client.poll() or condition(), what)
-
-        description = ros.node.create_publisher(String, 'arm_description', LATCHED_QOS)
-        description.publish(String(data=CONFIG_FILE.read_text()))
-        publisher = ros.node.create_publisher(TOPICS[name], name, OUTPUT_QOS)
-        wait(lambda: client.config and publisher.get_subscription_count(), 'a subscription')
+    with contextlib.closing(Reading(TOPICS)) as ros:
+        client, publisher = ros.reader, ros.publisher(TOPICS[name], name)
         publisher.publish(data)
-        wait(lambda: client.problem, 'a problem')
+        ros.read(lambda: client.problem, 'a problem')
         kind = TOPICS[name].__name__
         assert client.problem == f'{name}: {len(data)} bytes that are no {kind}'
         solver = client.config.solver()
@@ -45,14 +56,13 @@ def test_bytes_that_are_no_message_are_a_problem_until_the_next_one(name, data):
         stamp, frame = ros.node.get_clock().now().to_msg(), client.config.base_frame
         _, poses, strains = messages_of(backbone, stamp, frame)
         publisher.publish(poses if name in POSES else strains)
-        wait(lambda: not client.problem, 'a message')
+        ros.read(lambda: not client.problem, 'a message')
         assert (client.shape if name in POSES else client.strains) is not None
 
 
 def test_of_two_nodes_no_rate_is_told_but_that_they_are_two():
-    with contextlib.closing(RosClient(new_domain())) as ros:
-        client = ArmClient(rclpy.create_node('reading', context=ros.context))
-        client.listen(TOPICS)
+    with contextlib.closing(Reading(TOPICS)) as ros:
+        client = ros.reader
         kind, nodes = POSES['backbone/poses'], []
         for count, rate in ((1, 0.0), (2, np.nan)):
             nodes.append(ros.node.create_publisher(kind, 'backbone/poses', OUTPUT_QOS))
@@ -114,28 +124,18 @@ SPOILED = {
 @pytest.mark.parametrize('case', SPOILED, ids=lambda case: f'{case[0]}: {case[1]}')
 def test_numbers_that_nothing_can_be_drawn_of_are_a_problem(case):
     name, path, value = case
-    with contextlib.closing(RosClient(new_domain())) as ros:
-        client = ArmClient(rclpy.create_node('reading', context=ros.context))
-        client.listen({**POSES, **DETAILS})
-        description = ros.node.create_publisher(String, 'arm_description', LATCHED_QOS)
-        description.publish(String(data=CONFIG_FILE.read_text()))
-        kind = {**POSES, **DETAILS}[name]
-        publisher = ros.node.create_publisher(kind, name, OUTPUT_QOS)
-
-        def wait(condition, what):
-            ros.wait(lambda: client.poll() or condition(), what)
-
-        wait(lambda: client.config and publisher.get_subscription_count(), 'a subscription')
+    with contextlib.closing(Reading({**POSES, **DETAILS})) as ros:
+        client, publisher = ros.reader, ros.publisher({**POSES, **DETAILS}[name], name)
         publisher.publish(_spoiled(name, _set(path, value)))
-        wait(lambda: client.problem, 'a problem')
+        ros.read(lambda: client.problem, 'a problem')
         assert client.problem.startswith(f'{name}: ') and SPOILED[case] in client.problem
         assert client.shape is client.strains is client.covariance is client.force is None
         assert not client.tip_deviation.any()
 
 
 def test_problems_are_bounded():
-    with contextlib.closing(RosClient(new_domain())) as ros:
-        client = ArmClient(rclpy.create_node('reading', context=ros.context))
+    with contextlib.closing(Reading({})) as ros:
+        client = ros.reader
         publisher = ros.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         status = [
             DiagnosticStatus(name=f'a: {number}', level=b'\x02', message='x' * 2000,

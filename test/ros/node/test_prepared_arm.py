@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from octo_arm_model.analysis.driven_arm import DrivenArm, FrictionMemory
+from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
@@ -43,7 +43,7 @@ def test_an_arm_answers_in_numbers_or_is_refused(parameter: Parameter) -> None:
         try:
             arm = Prepared.of(with_extreme(parameter, value))
             tensions = np.full(arm.config.arm.tension_shape, 0.3)
-            answer = DrivenArm(FrictionMemory()).answer(arm.solver, arm.config, None, 0, tensions)
+            answer = DrivenArm().answer(arm.solver, arm.config, None, 0, tensions)
         except OctoArmError as error:
             assert str(error)
         else:

@@ -24,7 +24,6 @@ from live_nodes import (
     tensions_message,
 )
 from octo_arm_msgs.msg import TendonTensions
-from rcl_interfaces.srv import DescribeParameters
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -184,51 +183,34 @@ def test_encoders_read_an_arm_that_a_new_budget_suffices_for() -> None:
         controller.wait(lambda: encoders, 'encoders')
 
 
-def test_lag_is_seen_and_is_the_exponential_between_stamps(controller) -> None:
+def test_the_hardware_that_parameters_describe_is_between_command_and_reading(controller) -> None:
+    """What each part does is tested without ROS; here that it is there, by the stamps' time."""
     lag = 0.3
-    assert controller.change(winches__lag=lag) == (True, '')
-    controller.reach(PLANE, tolerance=0.01)
-    seen = np.array([m.tension[10] for m in controller.measured])
+    assert controller.change(winches__lag=lag, winches__force_limit=5.0) == (True, '')
+    seen = controller.reach(np.minimum(PLANE, 5.0), tolerance=0.01)[:, 10]
     at = list(map(seconds, controller.measured))
-    rising = np.flatnonzero((seen[:-1] > 0.0) & (seen[:-1] < 12.0))
+    rising = np.flatnonzero((seen[:-1] > 0.0) & (seen[:-1] < 4.5))
     assert rising.size > 5
-    left = (13.0 - seen[rising + 1]) / (13.0 - seen[rising])
+    left = (5.0 - seen[rising + 1]) / (5.0 - seen[rising])
     np.testing.assert_allclose(left, np.exp(-np.diff(at)[rising] / lag), rtol=1e-4)
-
-
-def test_limits_are_kept_and_the_rate_is_that_between_stamps(controller) -> None:
-    limits = {
-        'winches__slack_floor': 0.1,
-        'winches__force_limit': 5.0,
-        'winches__rate_limit': 10.0,
-    }
-    assert controller.change(**limits) == (True, '')
-    seen = controller.reach(np.clip(PLANE, 0.1, 5.0))
-    at = list(map(seconds, controller.measured))
-    assert (np.abs(np.diff(seen, axis=0)) <= 10.0 * np.diff(at)[:, np.newaxis] + 1e-4).all()
-    assert seen.max() == 5.0
-    assert len(seen) > 10
-
-
-def test_noise_and_resolution_are_of_the_readings_not_of_the_truth(controller) -> None:
+    quick = {'winches__lag': 0.0, 'winches__force_limit': 0.0, 'relaxation__ratio': 0.5}
     noisy = {'load_cells__noise_stddev': 0.2, 'load_cells__resolution': 0.25}
-    assert controller.change(**noisy) == (True, '')
+    assert controller.change(**quick, **noisy, relaxation__time=0.2) == (True, '')
 
-    def is_pulled():
+    def has_crept():
         controller.command(PLANE)
-        return np.array_equal(controller.effective[-1].tension, PLANE)
+        return np.allclose(controller.effective[-1].tension, PLANE, rtol=1e-3)
 
-    controller.wait(is_pulled, 'the truth')
+    controller.effective.clear()
+    controller.wait(lambda: controller.effective, 'the truth')
+    controller.wait(has_crept, 'the creep')
+    force = np.array([message.tension[10] for message in controller.effective])
+    assert np.unique(force).size > 5 and (force < 13.0).all()  # later than it is measured
     controller.measured.clear()
     controller.wait(lambda: len(controller.measured) > 50, 'readings')
-    read = np.array([message.tension for message in controller.measured[10:]])
-    assert (read < 0.0).any()
-    assert len(np.unique(read[:, 10])) > 2
+    read = np.array([message.tension for message in controller.measured])
+    assert (read < 0.0).any() and len(np.unique(read[:, 10])) > 2
     np.testing.assert_array_equal(read, 0.25 * np.round(read / 0.25))
-    np.testing.assert_array_equal(controller.effective[-1].tension, PLANE)
-
-
-def test_lost_readings_are_not_published_but_the_truth_is(controller) -> None:
     assert controller.change(load_cells__drop_probability=1.0) == (True, '')
     controller.effective.clear()
     controller.wait(lambda: len(controller.effective) > 1, 'the truth')
@@ -237,26 +219,6 @@ def test_lost_readings_are_not_published_but_the_truth_is(controller) -> None:
     controller.effective.clear()
     controller.wait(lambda: len(controller.effective) > 20, 'more of it')
     assert all(seconds(message) < since for message in controller.measured)
-
-
-def test_a_relaxing_arm_follows_later_than_its_tensions_are_measured(controller) -> None:
-    assert controller.change(relaxation__ratio=0.5, relaxation__time=0.2) == (True, '')
-    controller.effective.clear()
-    controller.wait(lambda: len(controller.effective) > 1, 'the truth of a slack arm')
-
-    def has_crept():
-        controller.command(PLANE)
-        return np.allclose(controller.effective[-1].tension, PLANE, rtol=1e-3)
-
-    controller.wait(has_crept, 'the creep')
-    force = [message.tension[10] for message in controller.effective]
-    first = np.flatnonzero(force)[0]
-    at, before = seconds(controller.effective[first]), seconds(controller.effective[first - 1])
-    left = np.exp(-(at - before) / (1.5 * 0.2))
-    assert force[first] == pytest.approx(13.0 * (1.0 + 0.5 * (1.0 - left)) / 1.5, rel=1e-5)
-    controller.wait(lambda: seconds(controller.measured[-1]) > at, 'its reading')
-    (reading,) = [m for m in controller.measured if seconds(m) == at]
-    assert reading.tension[10] == 13.0
 
 
 BAD = {
@@ -289,21 +251,6 @@ def test_a_bad_command_is_refused_with_a_reason_and_the_one_before_is_kept(
     controller.wait(lambda: len(controller.measured) > 3, 'readings')
     np.testing.assert_array_equal(controller.measured[-1].tension, SPACE)
     controller.reach(PLANE)
-
-
-def test_bytes_that_are_no_message_are_refused(controller) -> None:
-    controller.reach(SPACE)
-    for data in (b'', b'\x00\x01', bytes(range(80))):
-        controller.publishers['tendon_commands'].publish(data)
-    controller.reach(PLANE, 'tendon_commands/array')
-
-
-def test_parameters_are_described_with_their_unit_and_range(controller) -> None:
-    request = DescribeParameters.Request(names=[parameter.name for parameter in PARAMETERS])
-    answer = controller.call(DescribeParameters, 'octo_arm_sim/describe_parameters', request)
-    for parameter, descriptor in zip(PARAMETERS, answer.descriptors, strict=True):
-        assert descriptor.description == parameter.description
-        assert descriptor.additional_constraints == parameter.range
 
 
 @pytest.mark.parametrize(
