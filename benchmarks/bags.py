@@ -28,7 +28,7 @@ from octo_arm_model import Config, load_config
 from octo_arm_model.bags.arms import find_arms
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.replay import replay
-from octo_arm_model.bags.tensions import TYPES, read_tensions, read_topic
+from octo_arm_model.bags.tensions import TYPES, read_tensions
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
@@ -79,10 +79,8 @@ def replay_all(source: Path, out: Path, storage: str, model: str) -> None:
 def read_all(source: Path, config: Config) -> None:
     """Read all tensions."""
     with BagReader(source) as reader:
-        for _ in read_topic(
-            reader, '/tendon_tensions', functools.partial(read_tensions, reader, config, '')
-        ):
-            pass
+        for record in reader.messages(['/tendon_tensions']):
+            read_tensions(reader, config, '', record)
 
 
 def main() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import tempfile
 from collections.abc import Iterable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model import Arm, Config, load_config
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.tensions import Reading, read_tensions, read_topic
+from octo_arm_model.bags.tensions import Reading, read_tensions
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.wire.tensions import TENSION_TOPICS
@@ -169,8 +168,7 @@ def tensions_in(
     reader: BagReader, config: Config, topic: str = '/tendon_tensions'
 ) -> list[Reading]:
     """Tensions in the messages of a topic."""
-    found = read_topic(reader, topic, partial(read_tensions, reader, config, ''))
-    return [reading for _, reading in found]
+    return [read_tensions(reader, config, '', record) for record in reader.messages([topic])]
 
 
 def assert_alike(found: Sequence[bytes], expected: Sequence[bytes]) -> None:

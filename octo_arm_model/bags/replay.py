@@ -275,13 +275,13 @@ class _Output:
         self, records: Sequence[Record], report: Report, table: CsvAnswers | None
     ) -> dict[int, Answer]:
         """Answers to those of ``records`` that are of this arm, by their places."""
-        readings: dict[int, Reading] = {}
-        for topic, read in self._inputs.items():
-            places = [i for i, record in enumerate(records) if record.topic == topic]
-            readings.update(zip(places, read([records[i] for i in places])))
-        places = sorted(readings)
-        answers = self.answers.answer([readings[place] for place in places])
-        for place, answer in zip(places, answers):
+        readings = {
+            place: self._inputs[record.topic](record)
+            for place, record in enumerate(records)
+            if record.topic in self._inputs
+        }
+        answers = self.answers.answer(list(readings.values()))
+        for place, answer in zip(readings, answers):
             topic, stamp = records[place].topic, readings[place].stamp_ns
             report.topics[topic].count(stamp, answer)
             if table is not None:
@@ -289,7 +289,7 @@ class _Output:
                 table.write(topic, readings[place], answer, names, self._tendons)
             report.topics[topic].unsorted += stamp < self._newest.get(topic, stamp)
             self._newest[topic] = stamp
-        return dict(zip(places, answers))
+        return dict(zip(readings, answers))
 
 
 def open_copies(

@@ -21,7 +21,6 @@ from octo_arm_model.bags.tensions import (
     pick_displacements,
     pick_tensions,
     read_tensions,
-    read_topic,
 )
 from octo_arm_model.bags.topics import (
     measured_topics,
@@ -183,7 +182,8 @@ def read_tension_rows(
     times, rows = [], []
     if sensors.tensions:
         raw = partial(read_tensions, reader, config, sensors.field, raw=True)
-        for record, reading in read_topic(reader, sensors.tensions, raw):
+        for record in reader.messages([sensors.tensions]):
+            reading = raw(record)
             if reading.tensions is None:
                 refusals.count(record.topic, reading.reason)
             elif reason := _immeasurable(reading.tensions.ravel(), config.arm):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from octo_arm_model.arm.errors import BagError, MessageError
 from octo_arm_model.arm.hints import FloatArray
@@ -19,13 +18,11 @@ from octo_arm_model.wire.tensions import (
     DISPLACEMENTS,
     TENSION_TOPICS,
     FieldMessage,
-    TensionMessage,
     read_displacements,
 )
 
 TYPES = tuple(kind.type_name for kind in TENSION_TOPICS.values())
 _KINDS = {kind.type_name: kind for kind in TENSION_TOPICS.values()}
-_TOGETHER = 128  # messages read at once
 _LISTED = 20
 
 
@@ -54,19 +51,6 @@ class Reading(NamedTuple):
     def stamp_ns(self) -> int:
         """Its stamp [ns]."""
         return self.stamp.ns
-
-
-def read_topic(
-    reader: BagReader, topic: str, read: Callable[[Sequence[Record]], list[Reading]]
-) -> Iterator[tuple[Record, Reading]]:
-    """Every message of ``topic`` and what ``read``, that of its type, makes of it.
-
-    Raises:
-        BagError: if there is no such topic, or the bag is damaged.
-    """
-    records = reader.messages([topic])
-    while some := list(itertools.islice(records, _TOGETHER)):
-        yield from zip(some, read(some), strict=True)
 
 
 def pick_tensions(
@@ -135,43 +119,27 @@ def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
 
 
 def read_tensions(
-    reader: BagReader,
-    config: Config,
-    field: str,
-    records: Sequence[Record],
-    *,
-    raw: bool = False,
-) -> list[Reading]:
-    """Tensions of each of ``records``, for the arm and load cells of ``config``, or why refused.
+    reader: BagReader, config: Config, field: str, record: Record, *, raw: bool = False
+) -> Reading:
+    """Tensions of a ``record``, for the arm and load cells of ``config``, or why it was refused.
 
     Readings are in ``field``, if that is given; ``raw`` ones may be below zero, as noise is.
     """
     cells, arm = config.load_cells, config.arm
     calibrated = cells.scale_and_offset if raw else partial(cells.tensions, arm)
-
-    def read(kind: TensionMessage | FieldMessage, message: Any) -> FloatArray:
-        return calibrated(kind.read(message, arm, cells.names))
-
-    readings = []
-    for record in records:
-        kind = FieldMessage(record.type_name, field) if field else _KINDS[record.type_name]
-        readings.append(stampable(Reading(*reader.read(record, partial(read, kind)))))
-    return readings
+    kind = FieldMessage(record.type_name, field) if field else _KINDS[record.type_name]
+    found = reader.read(record, lambda message: calibrated(kind.read(message, arm, cells.names)))
+    return stampable(Reading(*found))
 
 
-def read_lengths(
-    reader: BagReader, config: Config, field: str, records: Sequence[Record]
-) -> list[Reading]:
-    """Displacements of each of ``records``, as the node reads them, or why it was refused.
+def read_lengths(reader: BagReader, config: Config, field: str, record: Record) -> Reading:
+    """Displacements of a ``record``, as the node reads them, or why it was refused.
 
     Readings are in ``field``, if that is given.
     """
     read = partial(read_displacements, arm=config.arm, encoders=config.encoders, field=field)
-    readings = []
-    for record in records:
-        stamp, found, reason = reader.read(record, read)
-        readings.append(stampable(Reading(stamp, None, reason, found)))
-    return readings
+    stamp, found, reason = reader.read(record, read)
+    return stampable(Reading(stamp, None, reason, found))
 
 
 def stampable(reading: Reading) -> Reading:

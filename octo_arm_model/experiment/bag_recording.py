@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any, TypeVar
 
@@ -18,7 +18,6 @@ from octo_arm_model.bags.tensions import (
     pick_tensions,
     read_lengths,
     read_tensions,
-    read_topic,
 )
 from octo_arm_model.bags.topics import namespace, pick_topic
 from octo_arm_model.config.config import Config
@@ -236,13 +235,13 @@ class BagRecording:
     def _read(
         self,
         topic: str,
-        read: Callable[[Sequence[Record]], list[Reading]],
+        read: Callable[[Record], Reading],
         config: Config,
         refusals: Refusals,
     ) -> Stamped:
         stamped, names = Stamped(topic, [], []), config.arm.tendon_names
         self.count.expect(self.reader.count([topic]))
-        for _, one in read_topic(self.reader, topic, read):
+        for one in map(read, self.reader.messages([topic])):
             self.count.add()
             if one.is_refused or one.displacements == {}:
                 refusals.count(topic, one.reason or NO_READING)
