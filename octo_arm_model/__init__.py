@@ -25,12 +25,14 @@ from octo_arm_model.arm.errors import (
 from octo_arm_model.arm.loads import DistributedLoad, FollowingWrench, Loads, PointLoad
 from octo_arm_model.arm.material import Material
 from octo_arm_model.arm.motion_properties import MotionProperties
+from octo_arm_model.arm.obstacles import Cylinder, Plane, Sphere
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.profile import Constant, Function, Linear, Profile, Table
 from octo_arm_model.arm.stiffness import estimate_sheath_stiffness
 from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.contact import Contacts
 from octo_arm_model.rod.displacements import (
     Wound,
     WoundSensitivity,
@@ -56,7 +58,9 @@ __all__ = [
     'Config',
     'ConfigError',
     'Constant',
+    'Contacts',
     'ConvergenceError',
+    'Cylinder',
     'Discs',
     'DistributedLoad',
     'Dynamics',
@@ -74,6 +78,7 @@ __all__ = [
     'MotionProperties',
     'MotionState',
     'OctoArmError',
+    'Plane',
     'PointLoad',
     'Pose',
     'Profile',
@@ -85,6 +90,7 @@ __all__ = [
     'Sensitivity',
     'SolveError',
     'Solver',
+    'Sphere',
     'Stiffness',
     'Table',
     'TargetError',

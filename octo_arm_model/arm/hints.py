@@ -11,6 +11,7 @@ FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 ComplexArray: TypeAlias = NDArray[np.complex128]
+Vector: TypeAlias = tuple[float, float, float]
 # Argument and result of a formula: a number or an array, real, or complex where the imaginary
 # part is a derivative.
 Number: TypeAlias = Any

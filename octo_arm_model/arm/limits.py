@@ -14,6 +14,7 @@ MAX_SECTIONS = 64
 MAX_TENDONS = 256
 MAX_DISCS = 256
 MAX_POINT_LOADS = 256
+MAX_OBSTACLES = 32
 MAX_TABLE_POINTS = 1_000  # of each table along s: radius, modulus, path, distributed force
 MAX_TENDON_TABLE = 20_000  # values of a table of paths, over all tendons
 MAX_FRICTION = 10.0  # Coulomb's coefficient; rubber on rubber has some 3

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from octo_arm_model.arm.errors import ArmDefinitionError
-from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.limits import MAX_POINT_LOADS, MAX_TABLE_POINTS
+from octo_arm_model.arm.hints import FloatArray, Vector
+from octo_arm_model.arm.limits import MAX_OBSTACLES, MAX_POINT_LOADS, MAX_TABLE_POINTS
+from octo_arm_model.arm.obstacles import Obstacle
 from octo_arm_model.arm.validation import not_negative, set_fields, vector
 
-Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 BASE, TIP = TIP_FRAMES = 'base', 'tip'  # whose axes a wrench on the tip has
 
@@ -220,6 +220,7 @@ class Loads:
         distributed: loads along the arm.
         others: loads of other kinds, see `Load`.
         scaled: further dead loads, whose magnitudes change from one solution to the next.
+        obstacles: what pushes the arm where it touches them.
 
     Raises:
         ArmDefinitionError: if a value is not finite or outside its range.
@@ -233,6 +234,7 @@ class Loads:
     distributed: tuple[DistributedLoad, ...] = ()
     others: tuple[Load, ...] = ()
     scaled: ScaledLoads | None = None
+    obstacles: tuple[Obstacle, ...] = ()
 
     def __post_init__(self) -> None:
         density = self.fluid_density
@@ -245,6 +247,7 @@ class Loads:
             points=_list_of(PointLoad, 'points', self.points),
             distributed=_list_of(DistributedLoad, 'distributed', self.distributed),
             others=_list_of(Load, 'others', self.others),
+            obstacles=_list_of(Obstacle, 'obstacles', self.obstacles, MAX_OBSTACLES),
         )
         if not isinstance(self.scaled, (ScaledLoads, NoneType)):
             raise ArmDefinitionError('loads.scaled', self.scaled, 'ScaledLoads or None')
@@ -253,7 +256,7 @@ class Loads:
     def any(self) -> bool:
         """Whether any load may differ from zero."""
         vectors = (self.gravity, self.tip_force, self.tip_moment)
-        more = self.points, self.distributed, self.others, self.scaled
+        more = self.points, self.distributed, self.others, self.scaled, self.obstacles
         return bool(np.any(vectors) or any(more))
 
     @property
@@ -269,6 +272,20 @@ class Loads:
         tip = FollowingWrench(length, self.tip_force, self.tip_moment)
         others = (*self.others, tip) if self.tip_wrench.any() else self.others
         return replace(self, tip_force=ZERO, tip_moment=ZERO, others=others)
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether an obstacle has."""
+        return any(one.friction for one in self.obstacles)
+
+    def without_friction(self) -> Loads:
+        """The same, with obstacles that have none."""
+        smooth = tuple(replace(one, friction=0.0) for one in self.obstacles)
+        return replace(self, obstacles=smooth)
+
+    def moved(self, by: FloatArray) -> Loads:
+        """The same, with obstacles moved ``by`` (3,) [m]."""
+        return replace(self, obstacles=tuple(one.moved(by) for one in self.obstacles))
 
     def check_inside(self, length: float) -> None:
         """Check that all loads lie on an arm of ``length`` [m].
@@ -299,12 +316,14 @@ class Loads:
         return (*self.others, *(self.scaled.loads if self.scaled is not None else ()))
 
 
-def _list_of(kind: type[Any], name: str, given: object) -> tuple[Any, ...]:
+def _list_of(
+    kind: type[Any], name: str, given: object, most: int = MAX_POINT_LOADS
+) -> tuple[Any, ...]:
     loads = tuple(given) if isinstance(given, Iterable) else (None,)
     if not all(isinstance(load, kind) for load in loads):
         raise ArmDefinitionError(f'loads.{name}', given, f'a list of {kind.__name__}')
-    if len(loads) > MAX_POINT_LOADS:
-        expected = f'at most {MAX_POINT_LOADS}'
+    if len(loads) > most:
+        expected = f'at most {most}'
         raise ArmDefinitionError(f'number of loads.{name}', len(loads), expected)
     return loads
 
@@ -325,6 +344,12 @@ class ScaledLoads:
         """
         self.loads = tuple(loads)
         for load in self.loads:
-            if not isinstance(load, Loads) or load.tip_wrench.any() or load.others or load.scaled:
+            if (
+                not isinstance(load, Loads)
+                or load.tip_wrench.any()
+                or load.others
+                or load.scaled
+                or load.obstacles
+            ):
                 raise ArmDefinitionError('scaled loads', load, 'dead Loads without a tip wrench')
         self.magnitudes = np.zeros(len(self.loads))

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from octo_arm_model.arm.errors import ArmDefinitionError
-from octo_arm_model.arm.loads import ZERO, Vector
+from octo_arm_model.arm.hints import Vector
+from octo_arm_model.arm.loads import ZERO
 from octo_arm_model.arm.validation import not_negative, set_fields, vector
 
 

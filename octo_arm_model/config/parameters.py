@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from octo_arm_model.arm.errors import ConfigError, shown
+from octo_arm_model.arm.hints import Vector
 from octo_arm_model.arm.limits import (
     MAX_DISCS,
     MAX_FRICTION,
@@ -20,7 +21,7 @@ from octo_arm_model.arm.limits import (
     MAX_TENDONS,
     MIN_RATE,
 )
-from octo_arm_model.arm.loads import TIP, TIP_FRAMES, DistributedLoad, Loads, PointLoad, Vector
+from octo_arm_model.arm.loads import TIP, TIP_FRAMES, DistributedLoad, Loads, PointLoad
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.config.motion import MOTION_PARAMETERS
 from octo_arm_model.config.parameter import (

@@ -32,10 +32,18 @@ def check_solution(problem: Problem, state: State, is_loaded: bool) -> None:
         SolveError: if there is a place for that; the message states its arc coordinate.
     """
     check_stretches(problem, state.z)
+    check_contact(problem, state)
     if problem.tables.compliance.any():
         check_tendons(problem, state)
         if not is_loaded:
             check_stable(problem, state)
+
+
+def check_contact(problem: Problem, state: State) -> None:
+    """Refuse a midline inside an obstacle."""
+    if problem.contact is not None:
+        problem.load_work(state)
+        problem.contact.check_depths(problem.places())
 
 
 def explain(problem: Problem, tensions: FloatArray, error: ConvergenceError) -> SolveError:

@@ -21,6 +21,7 @@ from octo_arm_model.rod.factors import Deferred, Stability, Variation, factorise
 from octo_arm_model.rod.newton import Found, settle
 
 TOLERANCE = 1e-11
+_TOUCHING = 1e-9  # the same of an arm beside obstacles, as rounding leaves more where they press
 ON_THE_WAY = 3e-3  # residual of equilibria on the way
 _CLOSER = 1e-7  # the same where these are not stable by a margin
 # Where the steps after the first turn the arm by more [rad] they may have left its branch.
@@ -76,9 +77,14 @@ def judge(problem: Problem, state: State) -> Judged:
     return Judged(state, Deferred(problem.work.jacobian.copy()), stability, variation)
 
 
+def tolerance_of(problem: Problem) -> float:
+    """The residual that may be left of an equilibrium of ``problem``."""
+    return TOLERANCE if problem.contact is None else _TOUCHING
+
+
 def follow(
     problem: Problem, known: Condition, z: FloatArray, wanted: Condition, spending: Spending,
-    tolerance: float = TOLERANCE, step: float = 1.0, descends: bool = True,
+    tolerance: float | None = None, step: float = 1.0, descends: bool = True,
 ) -> Judged:  # fmt: skip
     """Follow the equilibrium of twists ``z`` (N, m) under ``known`` to the condition ``wanted``.
 
@@ -86,13 +92,14 @@ def follow(
     fraction ``step`` of the way. Unless it ``descends`` it stops where the branch ends.
 
     Returns:
-        A stable equilibrium whose residual is at most ``tolerance``; where it stopped, the last
-        one on the branch.
+        A stable equilibrium whose residual is at most ``tolerance``, or `tolerance_of`; where it
+        stopped, the last one on the branch.
 
     Raises:
         ConvergenceError: if none was found.
         ContinuationError: if it would take more than the budget of ``spending``.
     """
+    tolerance = tolerance or tolerance_of(problem)
     done = 0.0
     last: tuple[FloatArray, float] | None = None
     reached: Judged | None = None
@@ -105,7 +112,7 @@ def follow(
             guess = z + (target - done) / last[1] * (z - last[0])
         found = settle(problem, problem.evaluate(acting, guess), limit)
         spending.add(found.iterations, done, found.state.residual)
-        is_found = found.state.residual <= limit
+        is_found = found.state.residual <= limit and not problem.passes(z, found.state.z)
         judged = None
         is_last = step <= _SMALLEST_STEP and not problem.others.without_tangent
         if is_found and (found.corrected <= MOST_CORRECTED or is_last):
@@ -179,7 +186,7 @@ def descend(
     fraction of the way followed so far, for the error.
 
     Returns:
-        A stable equilibrium whose residual is at most `TOLERANCE`, or `_LEVEL`.
+        A stable equilibrium whose residual is at most `tolerance_of`, or `_LEVEL`.
 
     Raises:
         ConvergenceError: if none is found.
@@ -189,7 +196,7 @@ def descend(
     damping, perturbed = _FIRST_DAMPING, 0
     for _ in range(_MOST_DESCENT):
         spending.add(1, part, state.residual)
-        if state.residual <= TOLERANCE:
+        if state.residual <= tolerance_of(problem):
             judged = judge(problem, state)
             if judged.stability.is_stable:
                 return judged
@@ -232,7 +239,7 @@ def _newton_step(problem: Problem, state: State) -> State | None:
         step = problem.linearise(state).solve(-state.imbalance.ravel()).reshape(state.z.shape)
     except ConvergenceError:
         return None
-    if not problem.power(state, step) > 0.0:
+    if not problem.power(state, step) > 0.0 or problem.passes(state.z, state.z + step):
         return None
     return problem.evaluate(state.acting, state.z + step)
 
@@ -256,6 +263,8 @@ def _descent_step(problem: Problem, state: State, damping: float) -> tuple[State
     except ConvergenceError:
         return state, raised
     step = factors.solve(-state.imbalance.ravel()).reshape(state.z.shape)
+    if problem.passes(state.z, state.z + step):
+        return state, raised
     new = problem.evaluate(state.acting, state.z + step)
     down = problem.power(state, step)
     left = problem.power(new, step)

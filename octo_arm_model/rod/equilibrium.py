@@ -15,6 +15,7 @@ from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Linear, Variation, factorise
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
+from octo_arm_model.rod.local_loads import AlongArm
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
 from octo_arm_model.rod.section_arrays import relative_residual
 from octo_arm_model.rod.tables import LEVER, Tables, force_scale, places_at, work_arrays
@@ -103,6 +104,9 @@ class Problem:
         work: what they computed last.
         loads: dead ones, all but the wrench on the tip.
         others: loads of other kinds.
+        contact: with obstacles; None where there are none.
+        touching: force and moment per length by these, where they are known from other nodes,
+            (2, N, 3) [N/m, N].
         strains: 4, or 6 with shear.
         friction: of the tendons; None where they have none.
         discs: that hold the tendons; None where the body does.
@@ -119,6 +123,12 @@ class Problem:
         self.elements, self.tables, self.loads = elements, tables, loads
         self.form, self.strains = form, strains
         self.others = OtherLoads(loads.others, elements, tables.base)
+        self.contact = loads.contact
+        self.others.has_obstacles = self.contact is not None
+        if self.contact is not None:
+            least = tables.least_scale + self.contact.rounding
+            self.tables = tables = tables._replace(least_scale=least)
+        self.touching: FloatArray | None = None
         self.work = work_arrays(tables, strains, has_jacobian=has_jacobian)
         self._tip = places_at(elements, elements.edges[-1:])
         self._current: FloatArray | None = None
@@ -190,7 +200,9 @@ class Problem:
     def _following(self, acting: Acting, z: FloatArray) -> Acting:
         """What is ``acting`` at twists ``z`` (N, m), where some of it follows them."""
         acting = self._with_friction(acting, z)
-        return self._with_others(acting, z) if self.others.loads else acting
+        if not (self.others.loads or self.contact):
+            return acting
+        return self._with_shape(acting, z)
 
     def in_sections(self, tensions: FloatArray) -> FloatArray:
         """Those of the local ``tensions`` (N, J) that are in the energy of the cross sections."""
@@ -258,13 +270,39 @@ class Problem:
         angle = np.log1p(mu * local.angle) / mu
         return self.friction.hold(condition.tensions, condition.before, angle).tensions
 
-    def _with_others(self, acting: Acting, z: FloatArray) -> Acting:
+    def _with_shape(self, acting: Acting, z: FloatArray) -> Acting:
         """What is ``acting`` on a rod of twists ``z`` (N, m), loads that follow its shape too."""
         self.form.orientations(self.tables, z, self.work)
         factor, tip_wrench = acting.condition.factor, acting.condition.tip_wrench
-        more = self.others.resultants(NodeRod(self.others, self.work.quaternion, z))
-        force, couple = self.loads.at(factor, tip_wrench) + factor * more
-        return acting._replace(force=force, couple=couple)
+        total = self.loads.at(factor, tip_wrench)
+        if self.others.loads:
+            rod = NodeRod(self.others, self.work.quaternion, z)
+            total += factor * self.others.resultants(rod)
+        if self.contact is not None:
+            # Whole from the first: an obstacle is there before other loads act.
+            known = self.touching
+            density = self.contact.densities(self.places()) if known is None else known
+            total += self.along.to_tip @ density
+        return acting._replace(force=total[0], couple=total[1])
+
+    @functools.cached_property
+    def along(self) -> AlongArm:
+        """Integrals between the nodes."""
+        from_base = self.elements.integration(self.elements.s)
+        return AlongArm(np.asfortranarray(from_base), self.elements.weights - from_base)
+
+    def places(self) -> FloatArray:
+        """Where the nodes are whose orientations are in `work`, from the base, (N, 3) [m]."""
+        return np.asarray(self.along.from_base @ self.work.slope)
+
+    def passes(self, before: FloatArray, after: FloatArray) -> bool:
+        """Whether an arm goes through an obstacle from twists ``before`` to ``after``, (N, m)."""
+        if self.contact is None:
+            return False
+        self.orient(before)
+        start = self.places()
+        self.orient(after)
+        return self.contact.has_passed(start, self.places())
 
     def orient(self, z: FloatArray) -> None:
         """Have the orientations and r' of twists ``z`` (N, m) in `work`."""
@@ -306,6 +344,7 @@ class Problem:
             self.discs.add_tangent(self.tables, state.z, acting.tensions, self.work)
         if self.others.loads:
             self.others.add_tangents(acting.condition.factor, state.z, self.work)
+        self._add_contact()
         if damping:
             nodes, strains = state.z.shape
             blocks = self.work.jacobian.reshape(nodes, strains, nodes, strains)
@@ -315,6 +354,11 @@ class Problem:
             derivatives = self.tension_derivatives(state)
             if derivatives is not None:
                 derivatives.add_to(self.work.jacobian)
+
+    def _add_contact(self) -> None:
+        """Add to the Jacobian what obstacles do."""
+        if self.contact is not None and (tangents := self.contact.tangents(self.places())):
+            self.along.add_tangents(self.work, self.strains, tangents)
 
     def tension_derivatives(self, state: State) -> TensionDerivatives | None:
         """Derivatives of local tensions at ``state``; None without friction, or of given ones."""

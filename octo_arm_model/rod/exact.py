@@ -44,7 +44,9 @@ class Exact(Statics):
         super().__init__(setup)
         self.law, self.strains = setup.law, 6 if setup.shear else 4
         setting = Setting(setup.law == 'neo_hookean', setup.shear, setup.accuracy, setup.compiled)
-        self.rod = Rod(setup.arm, setup.loads, setup.base[1], setting)
+        # The rod begins at the origin.
+        loads = setup.loads.moved(-setup.base[0])
+        self.rod = Rod(setup.arm, loads, setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
         self._winches = Winches(self.rod)
         self._recent = RecentFactors(_SHAPES_WITH_FACTORS)

@@ -28,6 +28,7 @@ from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.rod import arrays, inertia_arrays
+from octo_arm_model.rod.contact import Sliding
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.discs import chord_model
 from octo_arm_model.rod.elements import Elements
@@ -45,6 +46,7 @@ from octo_arm_model.rod.inertia_arrays import (
     TimeRule,
     dot,
 )
+from octo_arm_model.rod.local_loads import LocalTangents
 from octo_arm_model.rod.other_loads import NodeRod
 from octo_arm_model.rod.rotations import skew
 from octo_arm_model.rod.section_arrays import cross
@@ -120,11 +122,9 @@ class MovingProblem(Problem):
             more = arm.discs.mass / arm.discs.thickness * arm.discs.cover(elements.s)
             rotary = 0.25 * arm.body.disc_radius**2
             section[:, : ROTARY_B + 1] += np.outer(more, [1.0, rotary, rotary])
-        from_base = elements.integration(elements.s)
         self.moving = MotionTables(
-            np.asfortranarray(from_base), np.asfortranarray(elements.weights - from_base),
-            section, bool(section[:, DISPLACED:].any()),
-            _viscosities(arm, elements.s, strains, properties),
+            self.along.from_base, np.asfortranarray(self.along.to_tip), section,
+            bool(section[:, DISPLACED:].any()), _viscosities(arm, elements.s, strains, properties),
         )  # fmt: skip
         self._is_viscous = bool(self.moving.viscous.any())
         self._functions = choose_functions(form)
@@ -156,6 +156,9 @@ class MovingProblem(Problem):
         if self._dead is None or self._dead[0] is not condition:
             self._dead = condition, self.loads.at(condition.factor, condition.tip_wrench)
         total = self._dead[1] + self.motion.load
+        if self.contact is not None:
+            place = self.motion.place[:, POSITION]
+            total += self.along.to_tip @ self.contact.densities(place, self._sliding())
         if self.others.loads:
             rod = NodeRod(self.others, work.quaternion, z)
             total += condition.factor * self.others.resultants(rod)
@@ -183,52 +186,35 @@ class MovingProblem(Problem):
 
         Where velocities change by ``c1`` and accelerations by ``c0`` times what the places do.
         """
-        work, (nodes, strains) = self.work, z.shape
+        work = self.work
         if self._is_viscous:
             diagonal = np.einsum('ii->i', work.jacobian)
             diagonal += c1 * self.moving.viscous.ravel()
-        by_place, by_turn, moment_by_place, moment_by_turn = self._tangents(c1, c0)
-        turn, slope = self.kinematics(strains)
-        move = self._along_arm(self.moving.from_base, slope)
-        force, moment = by_place @ move, moment_by_turn @ turn
-        if self.moving.in_water:
-            force += by_turn @ turn
-            moment += moment_by_place @ move
-        force = self._along_arm(self.moving.to_tip, force)
-        moment += skew(work.slope) @ force
-        moment = self._along_arm(self.moving.to_tip, moment)
-        axes, rows = work.rotation.swapaxes(1, 2), work.jacobian.reshape(nodes, strains, -1)
-        rows[:, :3] -= axes @ moment
-        rows[:, 3:] -= axes[:, : strains - 3] @ force
+        tangents = [self._tangents(c1, c0)]
+        if self.contact is not None:
+            place = self.motion.place[:, POSITION]
+            tangents += self.contact.tangents(place, self._sliding(), c1)
+        self.along.add_tangents(work, z.shape[1], tangents)
 
-    def kinematics(self, strains: int) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of the turns of sections and of r' by the twists in `work`, (N, 3, N m)."""
-        work, nodes = self.work, len(self.work.slope)
-        columns = np.zeros((nodes, 3, nodes, strains))
-        part, axes = self.moving.from_base[:, np.newaxis, :, np.newaxis], work.rotation
-        np.multiply(part, axes.transpose(1, 0, 2), out=columns[..., :3])
-        turn = columns.reshape(nodes, 3, -1)
-        slope, number = -(skew(work.slope) @ turn), np.arange(nodes)
-        own = slope.reshape(nodes, 3, nodes, strains)
-        own[number, :, number, 3:] += work.rotation[:, :, : strains - 3]
-        return turn, slope
+    def _add_contact(self) -> None:
+        """See `Problem`: with the motion."""
+
+    def _sliding(self) -> Sliding | None:
+        """How the nodes move, for friction on obstacles; None where there is none."""
+        if self.contact is None or not self.contact.has_friction:
+            return None
+        return sliding_of(self.motion.place, self.motion.velocity)
 
     def velocities(self, place: FloatArray, twist_rate: FloatArray) -> FloatArray:
         """Of ``place`` (N, 12) for rates of the twists in `work` (N, m), on a base at rest."""
-        turn, slope = self.kinematics(twist_rate.shape[1])
+        turn, slope = self.along.kinematics(self.work, twist_rate.shape[1])
         spin = (turn @ twist_rate.ravel())[:, np.newaxis]
         found = np.empty((len(place), 4, 3))
         found[:, 0] = self.moving.from_base @ (slope @ twist_rate.ravel())
         found[:, 1:] = np.cross(spin, place[:, 3:].reshape(-1, 3, 3))
         return found.reshape(place.shape)
 
-    def _along_arm(self, matrix: FloatArray, values: FloatArray) -> FloatArray:
-        """Integrals of ``values`` (N, 3, n) by a ``matrix`` (N, N)."""
-        return (matrix @ values.reshape(len(values), -1)).reshape(values.shape)
-
-    def _tangents(
-        self, c1: float, c0: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def _tangents(self, c1: float, c0: float) -> LocalTangents:
         """Derivatives of (1), and of (2), by displacement and turn of a node, (N, 3, 3) each."""
         place, velocity, acceleration, _ = self.motion
         section = self.moving.section
@@ -244,7 +230,7 @@ class MovingProblem(Problem):
         moment_by_turn = weighed @ (c0 * axes - spun) + trace[:, np.newaxis, np.newaxis] * one
         by_place = -c0 * mass * one
         if not self.moving.in_water:
-            return by_place, by_turn, moment_by_place, moment_by_turn
+            return LocalTangents(by_place, moment_by_turn=moment_by_turn)
         (u, rate), dt = self.rule.water, velocity[:, TANGENT]
         w, a = velocity[:, POSITION] - u, acceleration[:, POSITION] - rate
         tw, size = dot(t, w)[..., np.newaxis], np.sqrt(dot(w, w))[..., np.newaxis]
@@ -265,7 +251,13 @@ class MovingProblem(Problem):
         across_flow = cross(t, w)
         moment_by_place = -c1 * added * (_outer(across_flow, t) + tw * skew(t))
         moment_by_turn -= added * (_outer(across_flow, w) - tw * skew(w)) @ turns
-        return by_place, by_turn, moment_by_place, moment_by_turn
+        return LocalTangents(by_place, by_turn, moment_by_place, moment_by_turn)
+
+
+def sliding_of(place: FloatArray, velocity: FloatArray) -> Sliding:
+    """How nodes at ``place`` (N, 12) move with ``velocity`` (N, 12)."""
+    axes, rates = (x[:, 3:].reshape(-1, 3, 3) for x in (place, velocity))
+    return Sliding(velocity[:, POSITION], rates.swapaxes(1, 2) @ axes)
 
 
 def _viscosities(

@@ -133,7 +133,7 @@ def _linearised(dynamics: Dynamics, state: MotionState, count: int) -> _Linearis
         raise SolveError('the equilibrium is not stable: it has no modes') from None
     shapes = shapes[:, ::-1] / np.sqrt(squares[::-1])
     rows = shapes.T * weights
-    _, slope = problem.kinematics(z.shape[1])
+    _, slope = problem.along.kinematics(problem.work, z.shape[1])
     places = dynamics.places.integration
     by_stations = (places @ slope.reshape(len(z), -1)).reshape(len(places), 3, size)
     by_tensions = problem.tendons(known).stretch_by_twist * problem.tables.reach[..., np.newaxis]

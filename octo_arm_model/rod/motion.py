@@ -28,12 +28,13 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import vector, within
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.checks import check_stretches
+from octo_arm_model.rod.contact import NONE, Contacts
 from octo_arm_model.rod.displacements import check_displacements
 from octo_arm_model.rod.elements import LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Acting, Condition, State
 from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
-from octo_arm_model.rod.inertia import MovingProblem
+from octo_arm_model.rod.inertia import MovingProblem, sliding_of
 from octo_arm_model.rod.inertia_arrays import POSITION, TimeRule
 from octo_arm_model.rod.inputs import check_tensions
 from octo_arm_model.rod.motion_state import Driven, Inputs, MotionState, load_state, save_state
@@ -127,6 +128,8 @@ class Dynamics:
         )
         self.problem.place_base(base)
         self._base, self.places = base, places_at(elements, solver.grid.s)
+        # At rest obstacles have no friction: it grows with the speed.
+        self._still = solver.with_loads(loads.without_friction()) if loads.has_friction else solver
         self._to_base = elements.interpolation(np.zeros(1))[0]
         self._numbers = {name: number for number, name in enumerate(arm.tendon_names)}
 
@@ -149,7 +152,7 @@ class Dynamics:
             OctoArmError: as `Solver.solve`.
             ConfigError: if another base is given.
         """
-        given, solver = self.driven(inputs), self.solver
+        given, solver = self.driven(inputs), self._still
         if not (given.base == self._base).all():
             raise ConfigError('inputs.base is another than that of the solver, expected None')
         wrench, start = given.tip_wrench - solver.loads.tip_wrench, None
@@ -346,6 +349,7 @@ class Dynamics:
         tolerance = TOLERANCE * max(1.0, (_ROUNDED / dt) ** 2)
         found, next_factors, iterations = self._balance(state, given, guess, factors, tolerance)
         self._require(found, tolerance, iterations)
+        self._check_contact(state)
         rule, (place, velocity, acceleration, _) = problem.rule, problem.motion
         rate = rule.by_velocity * found.z - rule.twist_rate
         twist = np.array([found.z, rate, c * found.z - a_z, bend])
@@ -376,6 +380,16 @@ class Dynamics:
             raise ConvergenceError('the balance of a time step', state.residual, iterations)
         check_stretches(self.problem, state.z)
         self.problem.load_work(state)
+
+    def _check_contact(self, before: MotionState) -> None:
+        """Refuse the step to where `problem` is that goes into an obstacle, or through it."""
+        contact = self.problem.contact
+        if contact is None:
+            return
+        place = self.problem.motion.place[:, POSITION]
+        contact.check_depths(place)
+        if contact.has_passed(before.place[0, :, POSITION], place):
+            raise SolveError('the arm went through an obstacle')
 
     def save(self, state: MotionState, path: Path) -> None:
         """Write a ``state`` to the file ``path``, see `save_state`."""
@@ -420,6 +434,13 @@ class Dynamics:
             position[0] + state.base[:3], quaternion[0], strains, state.tensions,
             state.tip_wrench, (state.residual, state.iterations),
         )  # fmt: skip
+
+    def contacts(self, state: MotionState) -> Contacts:
+        """How obstacles act on the arm."""
+        if self.problem.contact is None:
+            return NONE
+        place, velocity = state.place[:2]
+        return self.problem.contact.report(place[:, POSITION], sliding_of(place, velocity))
 
     def velocities(self, state: MotionState) -> FloatArray:
         """Of the stations in base_frame [m/s], (S, 3)."""

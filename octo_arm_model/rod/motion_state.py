@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from octo_arm_model.arm.errors import ConfigError
-from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.loads import Vector
+from octo_arm_model.arm.hints import FloatArray, Vector
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.rod.factors import Factors, Linear
 from octo_arm_model.rod.inertia import MovingProblem

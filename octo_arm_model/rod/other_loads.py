@@ -58,6 +58,7 @@ class OtherLoads:
 
     def __init__(self, loads: tuple[Load, ...], elements: Elements, base: FloatArray) -> None:
         """Ask ``loads`` on the straight rod whether they state tangents."""
+        self.has_obstacles = False
         self.loads, self.elements, self.base, self.without_tangent = loads, elements, base, ''
         if not loads:
             return  # Most rods have none, and make no matrices for them.

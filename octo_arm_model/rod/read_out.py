@@ -56,6 +56,10 @@ class Finer:
         if tensions.ndim == 1:
             tensions = np.empty((len(z), tensions.size))
             tensions[:] = condition.tensions
+        if (contact := self.problem.contact) is not None:
+            # Depths differ too much between nodes and points for obstacles as stiff as they are.
+            self.problem.orient(state.z)
+            own.touching = contact.densities(self.problem.places(), to=own.contact)
         force, couple = own.loads.at(condition.factor, condition.tip_wrench)
         acting = state.acting._replace(
             condition=condition, tensions=tensions, force=force, couple=couple

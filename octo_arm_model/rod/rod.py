@@ -19,10 +19,10 @@ from octo_arm_model.rod.checks import check_solution, explain, explain_discs
 from octo_arm_model.rod.continuation import (
     MOST_CORRECTED,
     ON_THE_WAY,
-    TOLERANCE,
     Judged,
     follow,
     judge_stable,
+    tolerance_of,
 )
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.discs import chord_model
@@ -41,6 +41,7 @@ from octo_arm_model.rod.unloaded import balance_sections
 
 _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
 WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
+_DEPTH, _WORST_DEPTH = 1e-5, 1e-4  # likewise of depths in obstacles, over the length
 _WORST_TENSION = 1e-2  # likewise of tensions with friction, in parts of them
 _GENTLE = 0.1  # part of tensions with friction to begin with, where all of them are too much
 # The estimated error of positions is too small with friction: strains have kinks where tendons
@@ -141,7 +142,9 @@ class Rod:
             straight = own.straight_resultants()
         places = np.concatenate([own.elements.edges, s])
         LoadLimits(arm, places).check_loads(loads, straight)
-        self.is_loaded = bool(straight.any() or loads.others or loads.scaled or arm.discs.s)
+        self.is_loaded = bool(
+            straight.any() or loads.others or loads.scaled or loads.obstacles or arm.discs.s
+        )
 
     def _problem(self, level: int, added: int = 0) -> Problem:
         """The equations on elements of a ``level``, with so many points ``added`` to each."""
@@ -301,6 +304,8 @@ class Rod:
         state, total = found.state, spending.iterations
         if not (state.residual <= spending.residual and found.corrected <= MOST_CORRECTED):
             return None
+        if problem.passes(start.state.z, state.z):
+            return None
         firm = start.judged
         if firm is not None and self.is_near(problem, firm, state):
             return Equilibrium(state, start.level, found.factors or start.factors, firm, total)
@@ -313,8 +318,8 @@ class Rod:
 
     def is_near(self, problem: Problem, judged: State, state: State) -> bool:
         """Whether ``state`` is stable as surely as what was ``judged`` stable by a margin."""
-        if not problem.has_energy(state.acting.condition):
-            return False
+        if problem.contact is not None or not problem.has_energy(state.acting.condition):
+            return False  # A contact that opens holds the arm no more.
         if self._per_square is not None:
             squares = state.acting.tensions.max(axis=0) ** 2
             if float(squares @ self._per_square) > _SOFT:
@@ -347,6 +352,8 @@ class Rod:
         crushing the arm.
         """
         known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
+        if problem.contact is not None:
+            return self._straight(problem, known)
         if problem.friction is None and problem.discs is None:
             return known, self.unloaded(problem, known)[0]
         for part in (1.0, _GENTLE):
@@ -363,18 +370,31 @@ class Rod:
             return known._replace(tensions=np.zeros_like(wanted.tensions)), z
         return known, self.unloaded(problem, known)[0]
 
+    def _straight(self, problem: Problem, known: Condition) -> tuple[Condition, FloatArray]:
+        """A ``known`` condition without tensions, beside obstacles as they find the arm at rest.
+
+        And twists (N, m) in it, nearly.
+        """
+        known = known._replace(tensions=np.zeros_like(known.tensions))
+        z = np.zeros((len(problem.elements.s), problem.strains))
+        z[:, :4] = unloaded_twists(problem.tables)
+        found = settle(problem, problem.evaluate(problem.acting(known), z), ON_THE_WAY).state
+        return known, found.z if found.residual <= ON_THE_WAY else z
+
     def _cold(self, wanted: Condition, level: int, spending: Spending) -> Judged:
         """From the unloaded shape: by Newton's method, or followed on few nodes, or on all."""
         fine, coarse = self.problem(level), self.problem(COARSE)
         given, wanted = wanted, self.at_level(wanted, level)
         known, z = self._known(fine, wanted)
-        found = settle(fine, fine.evaluate(fine.acting(wanted), z), TOLERANCE)
+        tolerance = tolerance_of(fine)
+        found = settle(fine, fine.evaluate(fine.acting(wanted), z), tolerance)
         spending.add(found.iterations, 0.0, found.state.residual)
-        if found.state.residual <= TOLERANCE and found.corrected <= MOST_CORRECTED:
+        is_near = found.corrected <= MOST_CORRECTED and not fine.passes(z, found.state.z)
+        if found.state.residual <= tolerance and is_near:
             judged = judge_stable(fine, found.state)
             if judged is not None:
                 return judged
-        if coarse.elements.s.size < fine.elements.s.size:
+        if fine.contact is None and coarse.elements.s.size < fine.elements.s.size:
             try:
                 roughly = self.at_level(given, COARSE)
                 start, rough = self._known(coarse, roughly)
@@ -387,12 +407,12 @@ class Rod:
                     # A branch of few nodes may end where that of the arm does not.
                     reached = near.acting.condition._replace(before=wanted.before)
                     step = _FIRST_STEP
-                return follow(fine, reached, guess, wanted, spending, TOLERANCE, step)
+                return follow(fine, reached, guess, wanted, spending, tolerance, step)
             except ContinuationError:
                 raise  # Its budget is spent.
             except ConvergenceError:
                 pass  # Too few nodes, perhaps.
-        return follow(fine, known, z, wanted, spending, TOLERANCE, _FIRST_STEP)
+        return follow(fine, known, z, wanted, spending, tolerance, _FIRST_STEP)
 
     def _resolved(self, found: Equilibrium, wanted: Condition, spending: Spending) -> Equilibrium:
         """What was ``found``, on as many nodes as it takes."""
@@ -413,6 +433,16 @@ class Rod:
         """
         error = problem.position_error(state.z)
         allowed = self.setting.accuracy
+        if problem.contact is not None:
+            allowed = max(allowed, WORST)
+            depth = problem.contact.error(problem.places()) / self.arm.length
+            if not depth <= (_WORST_DEPTH if self.is_last(level) else _DEPTH):
+                if self.is_last(level):
+                    raise SolveError(
+                        f'{problem.elements.s.size} nodes do not resolve contact: error of '
+                        f'depths of about {depth:.1e} of the length'
+                    )
+                return False
         # Between discs tensions do not change.
         slides = problem.friction is not None and problem.discs is None
         if slides:

@@ -26,6 +26,7 @@ from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.contact import Contacts
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.exact import Exact
@@ -165,10 +166,21 @@ class Solver:
             np.array(residual), np.array(iterations), None,
         )  # fmt: skip
 
+    def with_loads(self, loads: Loads) -> Solver:
+        """The same under other ``loads``; errors are those of `Solver`."""
+        return functools.partial(self._anew, loads=loads)()
+
     def _require_loads(self) -> None:
         if not self._statics.takes_loads:
             raise ConfigError(
                 f'model is {self.model!r}, which has no loads but the tendons: choose exact'
+            )
+
+    def _require_frictionless(self) -> None:
+        if self.loads.has_friction:
+            raise ConfigError(
+                'loads.obstacles have friction, where an equilibrium depends on how the arm got '
+                'there: move it, see Dynamics, or set their friction to 0'
             )
 
     def solve(
@@ -188,7 +200,7 @@ class Solver:
             TensionError: if the tensions do not fit the arm, or are negative or not finite.
             LoadError: if the tip's wrench is not six finite numbers, larger than `LoadLimits`
                 allow, or of another number of sets than the tensions.
-            ConfigError: if the model has no loads and there are some.
+            ConfigError: if the model has no loads and there are some, or obstacles have friction.
             SolveError: if the model has no trustworthy answer.
             ContinuationError: if a loaded arm would take more than the budget.
         """
@@ -202,6 +214,7 @@ class Solver:
         before: FloatArray | None,
     ) -> Backbone:
         """As `solve`; tendons with friction slide from tensions ``before`` (tendons, points)."""
+        self._require_frictionless()
         checked = check_tensions(self.arm, tensions)
         self._limits.check_tensions(checked)
         wrench = self._wrench
@@ -346,8 +359,8 @@ class Solver:
         self._require_loads()
         for one in loads:
             one.check_inside(self.arm.length)
-            if one.others or one.scaled:
-                what = 'others' if one.others else 'scaled'
+            given = {'others': one.others, 'scaled': one.scaled, 'obstacles': one.obstacles}
+            if what := next((name for name, value in given.items() if value), ''):
                 raise ConfigError(f'loads.{what} have no derivatives by their magnitude')
         return self._statics.by_loads(found, loads)
 
@@ -373,6 +386,14 @@ class Solver:
         """
         found = self._own(backbone)
         return self._statics.tendon_lengths(found).reshape(self.arm.tension_shape)
+
+    def contacts(self, backbone: Backbone) -> Contacts:
+        """How obstacles act on the arm in a single solution of this solver.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch or of another solver.
+        """
+        return self._statics.contacts(self._own(backbone))
 
     def local_tensions(self, backbone: Backbone) -> FloatArray:
         """Tension of every tendon at every node of the model [N], (tendons, nodes).
@@ -446,6 +467,7 @@ class Solver:
         With ``tensions`` (J,) [N] of the others. Tendons with friction slide from those in
         ``start``. Other arguments and errors are those of `solve`.
         """
+        self._require_frictionless()
         checked = check_tensions(self.arm, tensions.reshape(self.arm.tension_shape))
         self._limits.check_tensions(checked)
         wrench = self._wrench

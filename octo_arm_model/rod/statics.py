@@ -15,6 +15,7 @@ from octo_arm_model.arm.budget import Allowance, Spending
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
+from octo_arm_model.rod.contact import NONE, Contacts
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.resolution import allowed_between
@@ -228,6 +229,14 @@ class Statics(abc.ABC):
     def history(self, found: Equilibrium) -> FloatArray:
         """Tensions (M, J) [N] that tendons with friction slide on from after a solution."""
         return self.problem(found.level).history(found.state)
+
+    def contacts(self, found: Equilibrium) -> Contacts:
+        """See `Solver.contacts`."""
+        problem = self.problem(found.level)
+        if problem.contact is None:
+            return NONE
+        problem.orient(found.state.z)
+        return problem.contact.report(problem.places())
 
     # Lengths of the tendons, from the base to their anchorages ---------------------------------
 

@@ -1,0 +1,286 @@
+"""Contact of an arm with obstacles: pressure in proportion to how deep its surface enters them.
+
+The arm is a tube of the radius R about its midline, which an obstacle of the stiffness k [N/m^3]
+meets over the width 2 R: where it is d deep the force per reference length is
+
+    f = 2 R k d n - mu 2 R k d u / sqrt(|u|^2 + v_0^2),    u = (1 - n n^T) (v - w x R n)
+
+for the outward normal n, the velocity v of the midline and the spin w of the section there, with
+the moment -R n x f about the midline. At rest there is no friction. The force is that of an
+energy, k R d^2 per length, summed over points that are closer than the nodes: the densities at
+the nodes do the same work, so that the ends of a contact may lie anywhere.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ArmDefinitionError, SolveError
+from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.loads import Loads
+from octo_arm_model.arm.obstacles import Obstacle
+from octo_arm_model.rod.elements import Elements
+from octo_arm_model.rod.gauss import gauss_rule
+from octo_arm_model.rod.local_loads import LocalTangents
+from octo_arm_model.rod.rotations import skew
+
+_SPACING, _POINTS = 0.5, 3  # parts of an element over R, and points of each
+_PARTS = 4, 48  # of an element, at least and at most
+_ROUNDED = 4e-7  # as `tables.force_scale`: of the stiffest obstacle all along the arm
+
+
+class Contacts(NamedTuple):
+    """How O obstacles act on an arm.
+
+    Attributes:
+        s: arc coordinates of the M points at which contact is looked at [m], (M,).
+        penetration: how deep the surface of the arm is in each obstacle there [m], 0 where it does
+            not touch it, (O, M).
+        force: of each obstacle on the arm in base_frame, (O, 3) [N].
+    """
+
+    s: FloatArray
+    penetration: FloatArray
+    force: FloatArray
+
+
+NONE = Contacts(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 3)))  # of no obstacles
+
+
+class Sliding(NamedTuple):
+    """How an arm moves.
+
+    Attributes:
+        velocity: of the nodes [m/s], (N, 3).
+        spin: matrix that takes a vector in the section to its velocity [1/s], (N, 3, 3).
+    """
+
+    velocity: FloatArray
+    spin: FloatArray
+
+
+class _Touch(NamedTuple):
+    """Where an obstacle is touched, at n of the points.
+
+    Attributes:
+        obstacle: the obstacle.
+        where: numbers of the points, (n,).
+        stiffness: force per length and depth [N/m^2], (n,).
+        depth: [m], (n,).
+        normal: outwards, (n, 3).
+        turn: its derivative by the place, (n, 3, 3).
+    """
+
+    obstacle: Obstacle
+    where: IntArray
+    stiffness: FloatArray
+    depth: FloatArray
+    normal: FloatArray
+    turn: FloatArray
+
+    @property
+    def push(self) -> FloatArray:
+        """Size of the normal force per length [N/m], (n, 1)."""
+        return np.asarray((self.stiffness * self.depth)[:, np.newaxis])
+
+
+class Contact:
+    """An arm at its nodes and what it may touch.
+
+    Attributes:
+        obstacles: these.
+        has_friction: whether one of them has.
+        rounding: force that rounded places make, over what is looked at of a residual [N].
+    """
+
+    def __init__(self, arm: Arm, elements: Elements, obstacles: tuple[Obstacle, ...]) -> None:
+        """Of ``arm`` with nodes in ``elements``.
+
+        Raises:
+            ArmDefinitionError: if its cross sections are not round.
+        """
+        self.obstacles = obstacles
+        self.has_friction = any(one.friction for one in obstacles)
+        if not arm.body.is_round:
+            expected = 'none: a rectangular body has no contact'
+            raise ArmDefinitionError('number of loads.obstacles', len(obstacles), expected)
+        self._s, self._weights = _points(arm, elements)
+        self._radius = surface_radius(arm, self._s)
+        stiffest = 2.0 * float(self._radius.max()) * max(one.stiffness for one in obstacles)
+        self.rounding = _ROUNDED * stiffest * arm.length**2
+        self._between = elements.interpolation(self._s)
+        self._back = self._between.T * self._weights / elements.weights[:, np.newaxis]
+
+    def densities(
+        self, place: FloatArray, sliding: Sliding | None = None, to: Contact | None = None
+    ) -> FloatArray:
+        """Force and moment per length at nodes at ``place`` (N, 3) [m], (2, N, 3) [N/m, N].
+
+        Or at those of another contact ``to``, whose nodes are in the same elements.
+        """
+        spread = self._back if to is None else to._back
+        total = np.zeros((2, len(spread), 3))
+        for touch in self._touches(place):
+            back = spread[:, touch.where]
+            force = touch.push * touch.normal
+            if sliding is not None and touch.obstacle.friction:
+                drag = self._drag(touch, sliding)[0]
+                force += drag
+                total[1] -= back @ np.cross(self._lever(touch), drag)
+            total[0] += back @ force
+        return total
+
+    def tangents(
+        self, place: FloatArray, sliding: Sliding | None = None, by_velocity: float = 0.0
+    ) -> list[LocalTangents]:
+        """Derivatives of `densities`, where velocities change ``by_velocity`` times the places."""
+        found = []
+        for touch in self._touches(place):
+            n = touch.normal[:, :, np.newaxis]
+            across = n * touch.stiffness[:, np.newaxis, np.newaxis]
+            own = LocalTangents(
+                touch.push[..., np.newaxis] * touch.turn - across * touch.normal[:, np.newaxis],
+                between=self._between[touch.where], back=self._back[:, touch.where],
+            )  # fmt: skip
+            if sliding is not None and touch.obstacle.friction:
+                own = self._with_drag(own, touch, sliding, by_velocity)
+            found.append(own)
+        return found
+
+    def _touches(self, place: FloatArray) -> list[_Touch]:
+        at, found = self._between @ place, []
+        for obstacle in self.obstacles:
+            near = obstacle.nearest(at)
+            depth = self._radius - near.distance
+            (where,) = (depth > 0.0).nonzero()
+            if where.size:
+                stiffness = 2.0 * obstacle.stiffness * self._radius[where]
+                found.append(
+                    _Touch(
+                        obstacle, where, stiffness, depth[where], near.normal[where],
+                        near.normal_by_place[where],
+                    )
+                )  # fmt: skip
+        return found
+
+    def _lever(self, touch: _Touch) -> FloatArray:
+        """From the surface to the midline [m], (n, 3)."""
+        return np.asarray(self._radius[touch.where, np.newaxis] * touch.normal)
+
+    def _drag(
+        self, touch: _Touch, sliding: Sliding
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Friction per length, velocity of the surface, the speed it counts as, and the spin."""
+        between, n = self._between[touch.where], touch.normal
+        nodes = len(sliding.spin)
+        spin = (between @ sliding.spin.reshape(nodes, 9)).reshape(-1, 3, 3)
+        slip = between @ sliding.velocity - (spin @ self._lever(touch)[..., np.newaxis])[..., 0]
+        along = slip - _dot(n, slip) * n
+        speed = np.sqrt(_dot(along, along) + touch.obstacle.creep_speed**2)
+        return -touch.obstacle.friction * touch.push * along / speed, slip, speed, spin
+
+    def _with_drag(
+        self, own: LocalTangents, touch: _Touch, sliding: Sliding, c: float
+    ) -> LocalTangents:
+        drag, slip, speed, spin = self._drag(touch, sliding)
+        n, turn, mu = touch.normal, touch.turn, touch.obstacle.friction
+        size, one = mu * touch.push, np.eye(3)
+        radius = self._radius[touch.where, np.newaxis, np.newaxis]
+        lever, part = skew(self._lever(touch)), (size / speed)[..., np.newaxis]
+        # Of the velocity of the surface by displacement and turn, then of its part along it.
+        by_place, by_turn = c * one - radius * spin @ turn, c * lever - spin @ lever
+        project = one - _outer(n, n)
+        tilted = (_dot(n, slip)[..., np.newaxis] * one + _outer(n, slip)) @ turn
+        by_place, by_turn = project @ by_place - tilted, project @ by_turn
+        unit = -drag / size
+        less = part * (one - _outer(unit, unit))
+        force_by_place = _outer(drag, n) / -touch.depth[:, np.newaxis, np.newaxis]
+        force_by_place -= less @ by_place
+        force_by_turn = -less @ by_turn
+        return own._replace(
+            force_by_place=own.force_by_place + force_by_place, force_by_turn=force_by_turn,
+            moment_by_place=radius * skew(drag) @ turn - lever @ force_by_place,
+            moment_by_turn=-lever @ force_by_turn,
+        )  # fmt: skip
+
+    # What a shape says of its contact ----------------------------------------------------------
+
+    def report(self, place: FloatArray, sliding: Sliding | None = None) -> Contacts:
+        """What obstacles do to an arm with nodes at ``place`` (N, 3) [m]."""
+        depths = np.zeros((len(self.obstacles), self._s.size))
+        forces = np.zeros((len(self.obstacles), 3))
+        for touch in self._touches(place):
+            force = touch.push * touch.normal
+            if sliding is not None and touch.obstacle.friction:
+                force += self._drag(touch, sliding)[0]
+            number = self.obstacles.index(touch.obstacle)
+            depths[number, touch.where] = touch.depth
+            forces[number] = self._weights[touch.where] @ force
+        return Contacts(self._s, depths, forces)
+
+    def error(self, place: FloatArray) -> float:
+        """Error of depths that nodes at ``place`` (N, 3) [m] have by the points' distance [m].
+
+        Estimated from the number of points in each stretch that touches an obstacle.
+        """
+        worst = 0.0
+        for touch in self._touches(place):
+            starts = np.append(0, np.flatnonzero(np.diff(touch.where) > 1) + 1)
+            counts = np.diff(np.append(starts, touch.where.size))
+            depths = np.maximum.reduceat(touch.depth, starts)
+            worst = max(worst, float((depths / (counts * counts)).max()))
+        return worst
+
+    def check_depths(self, place: FloatArray) -> None:
+        """Refuse nodes at ``place`` (N, 3) [m] with the midline inside an obstacle.
+
+        Raises:
+            SolveError: if an obstacle is too soft for the force on it, or lies in the arm.
+        """
+        for touch in self._touches(place):
+            over = touch.depth - self._radius[touch.where]
+            worst = int(np.argmax(over))
+            if over[worst] > 0.0:
+                raise SolveError(
+                    f'the midline of the arm is {over[worst]:.3g} m inside '
+                    f'loads.obstacles[{self.obstacles.index(touch.obstacle)}] at s = '
+                    f'{self._s[touch.where[worst]]:.4g} m: it is too soft, or begins there'
+                )
+
+    def has_passed(self, before: FloatArray, after: FloatArray) -> bool:
+        """Whether the arm went through an obstacle between two places of the nodes, (N, 3) [m]."""
+        ends = self._between @ before, self._between @ after
+        return any(bool(one.has_between(*ends, self._radius).any()) for one in self.obstacles)
+
+
+def contact_of(arm: Arm, elements: Elements, loads: Loads) -> Contact | None:
+    """That of ``arm`` at the nodes of ``elements``; None where there are no obstacles."""
+    return Contact(arm, elements, loads.obstacles) if loads.obstacles else None
+
+
+def surface_radius(arm: Arm, s: FloatArray) -> FloatArray:
+    """Radius of the tube that touches obstacles at ``s`` (n,) [m]: of the body, or its discs."""
+    return np.maximum(arm.body.radius(s), arm.body.disc_radius)
+
+
+def _points(arm: Arm, elements: Elements) -> tuple[FloatArray, FloatArray]:
+    """Where contact is looked at, (M,) [m], and weights of the integral there."""
+    rule = gauss_rule(_POINTS)
+    ends = surface_radius(arm, elements.edges)
+    parts = np.ceil(elements.lengths / (_SPACING * np.minimum(ends[:-1], ends[1:])))
+    counts = np.clip(parts, *_PARTS).astype(np.int64)
+    lengths = np.repeat(elements.lengths / counts, counts)
+    starts = np.append(0.0, np.cumsum(lengths)[:-1])
+    s = starts[:, np.newaxis] + lengths[:, np.newaxis] * rule.points
+    return s.ravel(), (lengths[:, np.newaxis] * rule.weights).ravel()
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray((a * b).sum(axis=1, keepdims=True))
+
+
+def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[:, :, np.newaxis] * b[:, np.newaxis])
