@@ -9,6 +9,7 @@ import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.obstacles import Cylinder, Obstacle, Plane, Sphere
 from octo_arm_model.arm.stiffness import bending_force
 from octo_arm_model.rod.interpolation import interpolated, nearest
 from octo_arm_model.rod.rotations import axes_of, quaternion_product
@@ -188,6 +189,37 @@ def tube_triangles(rings: int, sides: int) -> IntArray:
         (tip, number[:, -1], beside[:, -1]),
     )
     return np.concatenate([np.stack(part, axis=-1).reshape(-1, 3) for part in parts])
+
+
+_PARALLELS = 13  # of a ball
+
+
+def obstacle_mesh(
+    obstacle: Obstacle, middle: FloatArray, size: float, sides: int = 48
+) -> tuple[FloatArray, IntArray]:
+    """Vertices (vertices, 3) [m] of an ``obstacle`` and its triangles (triangles, 3).
+
+    Of what has no end the part within a ``size`` [m] of where it is nearest to ``middle`` (3,).
+    """
+    if isinstance(obstacle, Sphere):
+        axis, centre = np.array([0.0, 0.0, 1.0]), np.array(obstacle.centre)
+        angle = np.linspace(0.0, math.pi, _PARALLELS)
+        along, radius = -obstacle.radius * np.cos(angle), obstacle.radius * np.sin(angle)
+    elif isinstance(obstacle, Cylinder):
+        axis, centre = np.array(obstacle.axis), np.array(obstacle.point)
+        centre = centre + axis * ((middle - centre) @ axis)
+        along, radius = np.array([-size, size]), np.full(2, obstacle.radius)
+    else:
+        assert isinstance(obstacle, Plane)
+        axis, centre = np.array(obstacle.normal), np.array(obstacle.point)
+        centre = middle - axis * ((middle - centre) @ axis)
+        along, radius = np.array([-1e-3 * size, 0.0]), np.full(2, size)
+    across = np.linalg.svd(axis[np.newaxis])[2][1:]
+    across[1] = np.cross(axis, across[0])  # so that outside is outside
+    around = unit_circle(sides).T @ across
+    rings = centre + along[:, np.newaxis] * axis + radius[:, np.newaxis] * around[:, np.newaxis]
+    ends = centre + along[[0, -1], np.newaxis] * axis
+    return np.concatenate([rings.reshape(-1, 3), ends]), tube_triangles(along.size, sides)
 
 
 INSIDE = 0.95  # probability of what is drawn to hold the truth

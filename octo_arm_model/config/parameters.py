@@ -24,6 +24,7 @@ from octo_arm_model.arm.limits import (
 from octo_arm_model.arm.loads import TIP, TIP_FRAMES, DistributedLoad, Loads, PointLoad
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.config.motion import MOTION_PARAMETERS
+from octo_arm_model.config.obstacles import OBSTACLE_PARAMETERS, build_obstacles
 from octo_arm_model.config.parameter import (
     TABLE_BOUND,
     Parameter,
@@ -100,6 +101,7 @@ def build_loads(given: Values) -> Loads:
         tip_moment=given['loads.tip_moment'],
         points=tuple(PointLoad(s, force) for s, force in zip(given['loads.point_s'], points)),
         distributed=(DistributedLoad(given['loads.distributed_s'], along),) if along else (),
+        obstacles=build_obstacles(given),
     )
     return loads.following(given['body.length']) if given['loads.tip_frame'] == TIP else loads
 
@@ -331,6 +333,7 @@ PARAMETERS = (
               'what is added to the length of each encoder, after displacement_scale, section by '
               'section from the tip [m]; empty for nothing', (), is_array=True),
     *LOAD_PARAMETERS,
+    *OBSTACLE_PARAMETERS,
     *MOTION_PARAMETERS,
     Parameter('solve_budget.iterations', int,
               "iterations of Newton's method that a solve of a loaded arm may take; one that "

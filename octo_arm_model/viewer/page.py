@@ -39,6 +39,7 @@ from octo_arm_model.viewer.scene import (
     UncertaintyScene,
     middle_of,
     set_base,
+    set_obstacles,
     set_scene,
     set_theme,
 )
@@ -140,6 +141,7 @@ class Page:
         set_scene(server, middle_of(config), length, 0.55 * length)
         cameras.aim(partial(framing, points, tangent_of(config)), 0.01 * length)
         set_base(server.scene, config)
+        set_obstacles(server.scene, config)
         self._arm = ArmScene(server.scene, 'arm', self._solver)
         self._uncertainty = UncertaintyScene(server.scene, self._solver)
         self._add_ghost()

@@ -14,6 +14,7 @@ from octo_arm_model.analysis.drawing import (
     Drawing,
     Drawn,
     UncertaintyDrawing,
+    obstacle_mesh,
     tension_colours,
     tube_triangles,
     unit_circle,
@@ -36,6 +37,8 @@ _SIDES = 24
 _THICKER = 1.5  # width of tendons over that in RViz, as the body partly hides them
 _BODY_OPACITY = 0.45  # so that tendons inside are visible
 GHOST_OPACITY = 0.16
+OBSTACLE_COLOUR: Colour = (150, 160, 172)
+OBSTACLE_OPACITY = 0.7
 
 
 class LiveShape(NamedTuple):
@@ -188,6 +191,17 @@ def set_base(scene: viser.SceneApi, config: Config) -> None:
         axes_radius=0.004 * length,
         origin_radius=0.0,
     )
+
+
+def set_obstacles(scene: viser.SceneApi, config: Config) -> None:
+    """Add what the arm of ``config`` may touch."""
+    middle, size = middle_of(config), 0.6 * config.arm.length
+    for number, obstacle in enumerate(config.loads.obstacles):
+        vertices, triangles = obstacle_mesh(obstacle, middle, size)
+        show_mesh(
+            scene, None, f'/obstacles/{number}', vertices, triangles, color=OBSTACLE_COLOUR,
+            opacity=OBSTACLE_OPACITY, side='double',
+        )  # fmt: skip
 
 
 def middle_of(config: Config) -> FloatArray:

@@ -1,0 +1,92 @@
+"""The parameters of what an arm may touch, and the obstacles made from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from octo_arm_model.arm.errors import ConfigError, shown
+from octo_arm_model.arm.hints import Vector
+from octo_arm_model.arm.limits import MAX_FRICTION, MAX_OBSTACLES
+from octo_arm_model.arm.obstacles import Cylinder, Obstacle, Plane, Sphere
+from octo_arm_model.config.parameter import Parameter, Values, check_length
+
+_TYPES = 'plane', 'sphere', 'cylinder'
+_EACH = 'one for all or one per obstacle'
+
+OBSTACLE_PARAMETERS = (
+    Parameter('obstacles.type', str,
+              'what each obstacle is that the arm may touch: plane, sphere or cylinder; empty for '
+              f'none; with model exact; at most {MAX_OBSTACLES}', (), is_array=True,
+              range=f'{", ".join(_TYPES[:-1])} or {_TYPES[-1]}', most=MAX_OBSTACLES),
+    Parameter('obstacles.position', float,
+              'x, y, z of a point of each plane, of the centre of a sphere and of a point of the '
+              'axis of a cylinder, in base_frame [m], one after the other', (), is_array=True,
+              most=3 * MAX_OBSTACLES),
+    Parameter('obstacles.direction', float,
+              'x, y, z of the outward normal of each plane and of the axis of a cylinder, which '
+              'has no ends, one after the other; those of spheres do not count; empty for 0, 0, 1',
+              (), is_array=True, most=3 * MAX_OBSTACLES),
+    Parameter('obstacles.radius', float,
+              'radius of each sphere and cylinder [m]; those of planes do not count', (),
+              is_array=True, range='>= 0', most=MAX_OBSTACLES),
+    Parameter('obstacles.stiffness', float,
+              f'pressure over the depth to which the arm enters each [N/m^3], {_EACH}', (),
+              is_array=True, range='> 0', most=MAX_OBSTACLES),
+    Parameter('obstacles.friction', float,
+              "Coulomb's coefficient of friction of the arm on each [-], for an arm that moves: "
+              f'there are no shapes at rest with it; {_EACH}; empty for none', (), is_array=True,
+              range=f'>= 0, at most {MAX_FRICTION:g}', most=MAX_OBSTACLES),
+    Parameter('obstacles.creep_speed', float,
+              'speed at which friction on each has 0.71 of its full size, as slower sliding meets '
+              f'less of it [m/s], {_EACH}; empty for {Obstacle.creep_speed:g}', (), is_array=True,
+              range='> 0', most=MAX_OBSTACLES),
+)  # fmt: skip
+
+
+def build_obstacles(given: Values) -> tuple[Obstacle, ...]:
+    """What the arm may touch.
+
+    Raises:
+        ConfigError: if there is no such type, or lists do not have the lengths they need.
+        ArmDefinitionError: if a value is outside its range.
+    """
+    types = given['obstacles.type']
+    points, directions = _vectors(given, 'position', ()), _vectors(given, 'direction', (0, 0, 1))
+    radii = given['obstacles.radius'] or len(types) * (0.0,)
+    check_length('obstacles.radius', radii, len(types), ', one per obstacle')
+    surfaces = zip(
+        _each(given, 'stiffness'), _each(given, 'friction', 0.0),
+        _each(given, 'creep_speed', Obstacle.creep_speed),
+    )  # fmt: skip
+    found = []
+    for kind, point, direction, radius, surface in zip(types, points, directions, radii, surfaces):
+        if kind not in _TYPES:
+            raise ConfigError(f'obstacles.type has {shown(kind)}, expected {", ".join(_TYPES)}')
+        stiffness, friction, creep_speed = surface
+        make: Callable[..., Obstacle] = {
+            'plane': lambda **of: Plane(point, direction, **of),
+            'sphere': lambda **of: Sphere(point, radius, **of),
+            'cylinder': lambda **of: Cylinder(point, direction, radius, **of),
+        }[kind]
+        found.append(make(stiffness=stiffness, friction=friction, creep_speed=creep_speed))
+    return tuple(found)
+
+
+def _each(given: Values, name: str, default: float | None = None) -> tuple[float, ...]:
+    """One value of each obstacle."""
+    name, count = f'obstacles.{name}', len(given['obstacles.type'])
+    values: tuple[float, ...] = given[name]
+    if not values and default is not None:
+        return count * (default,)
+    if len(values) == 1 and count:
+        return count * values
+    check_length(name, values, count, f', {_EACH}')
+    return values
+
+
+def _vectors(given: Values, name: str, default: tuple[float, ...]) -> tuple[Vector, ...]:
+    """Three values of each obstacle."""
+    name, count = f'obstacles.{name}', len(given['obstacles.type'])
+    flat: tuple[float, ...] = given[name] or count * default
+    check_length(name, flat, 3 * count, ', three for each of obstacles.type')
+    return tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, 3 * count, 3))
