@@ -11,7 +11,8 @@ post = Cylinder((0.25, 0.06, 0.0), (0.0, 0.0, 1.0), 0.03, stiffness=2e6)
 loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0, obstacles=(floor, post))
 solver = Solver(arm, 'exact', loads=loads, accuracy=1e-5)
 
-shape, pull = None, np.zeros((3, 4))
+pull = np.zeros((3, 4))
+shape = solver.solve(pull)
 for part in np.linspace(0.0, 1.0, 6):
     pull[:, 0] = 0.1 * part, 1.0 * part, 3.0 * part
     # From the shape before, as an arm keeps to the side of a post from which it came.

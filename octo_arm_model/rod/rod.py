@@ -105,6 +105,7 @@ class Rod:
         is_compiled: whether numba compiles the node functions.
         is_loaded: whether anything but tendons and the wrench on the tip loads it, or discs hold
             the tendons, so that sections are not in balance by themselves.
+        has_obstacles: whether there are some.
         added: points that the finer problem of each level has more in each element.
     """
 
@@ -137,7 +138,7 @@ class Rod:
         self._per_square = (
             (own.tables.compliance / bending.min()) if any(own.tables.compliance) else None
         )
-        self.has_friction = own.friction is not None
+        self.has_friction, self.has_obstacles = own.friction is not None, bool(loads.obstacles)
         with np.errstate(over='ignore', invalid='ignore'):
             straight = own.straight_resultants()
         places = np.concatenate([own.elements.edges, s])

@@ -88,6 +88,8 @@ class _Search:
 
     def is_free(self, condition: Condition) -> bool:
         """Whether nothing but tendons acts, so that there is one equilibrium."""
+        if self._rod.has_obstacles:
+            return False
         is_loaded = condition.factor > 0.0 and self._rod.is_loaded
         return not (is_loaded or condition.tip_wrench.any())
 
@@ -137,6 +139,8 @@ class _Search:
         if not state.residual <= max(tolerance, _MET):
             return None
         if found.corrected > MOST_CORRECTED and not is_free:
+            return None
+        if reeling.problem.passes(last.state.z, state.z):
             return None
         if firm is None or not self._rod.is_near(reeling.problem, firm, state):
             firm = None
@@ -212,6 +216,9 @@ class _Search:
         """From the arm without loads, whose winches are wound before it bears them."""
         rod, wanted, level = self._rod, self._wanted, self._rod.first_level(None, self._wanted)
         condition, reeling = rod.at_level(wanted, level), self._reeling(level)
+        if rod.has_obstacles:
+            # Wound with its loads, as they and obstacles hold each other.
+            return self._from(wanted, self._pulled(condition.tensions, condition, None))
         free = condition._replace(tip_wrench=np.zeros(6), factor=0.0)
         if condition.before is None and not condition.tensions.any():
             begun = Equilibrium(reeling.slack[0], level, reeling.slack[1], None, 0)
