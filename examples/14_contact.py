@@ -13,14 +13,14 @@ solver = Solver(arm, 'exact', loads=loads, accuracy=1e-5)
 
 pull = np.zeros((3, 4))
 shape = solver.solve(pull)
-for part in np.linspace(0.0, 1.0, 6):
+for part in np.linspace(0.5, 1.0, 3):
     pull[:, 0] = 0.1 * part, 1.0 * part, 3.0 * part
     # From the shape before, as an arm keeps to the side of a post from which it came.
     shape = solver.follow(pull, shape)
     contacts = solver.contacts(shape)
     forces = 1e3 * np.linalg.norm(contacts.force, axis=1)
     depths = 1e3 * contacts.penetration.max(axis=1)
-    print(f'{part:.1f} of the pull: ', end='')
+    print(f'{part:.2f} of the pull: ', end='')
     print(f'floor {forces[0]:4.1f} mN, {depths[0]:.3f} mm deep; ', end='')
     print(f'post {forces[1]:4.1f} mN, {depths[1]:.3f} mm deep')
 

@@ -28,7 +28,7 @@ CHECKS: dict[str, Callable[[list[float]], bool]] = {
         sorted(said[4::3]) == said[4::3] and said[-2] > said[1] + 50.0
     ),
     '12_learned_reach': lambda said: said[2] < 0.3 * said[0],
-    '14_contact': lambda said: said[3::5][:6] == sorted(said[3::5][:6]) and said[28] > 50.0,
+    '14_contact': lambda said: said[3::5][:3] == sorted(said[3::5][:3]) and said[13] > 50.0,
     '13_fibre_strain': lambda said: np.allclose(said, [0.0, 0.0, 4.0], atol=0.1),
 }
 

