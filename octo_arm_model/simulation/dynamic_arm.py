@@ -22,6 +22,7 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.motion_state import Inputs, MotionState
 from octo_arm_model.simulation.sensors import Noise, Push, Sensors
+from octo_arm_model.simulation.surroundings import Surroundings, current_of, pose_of
 
 SUFFIX = '.npz'  # of files of a state
 _PART = 'simulator.json'  # in them, beside the arrays of `Dynamics.save`
@@ -53,6 +54,7 @@ class DynamicArm:
         self._shape_of = functools.lru_cache(1)(self._dynamics.backbone)
         self._noise = Noise(sensors)
         self._state: MotionState | None = None
+        self.surroundings = Surroundings(config.base, config.motion.current)
 
     def go_on_from(self, before: DynamicArm) -> bool:
         """Move as the same arm ``before``; another begins at rest.
@@ -65,13 +67,22 @@ class DynamicArm:
         ]
         mine, theirs = (one._dynamics.nodes.s for one in (self, before))
         if configs[0].has_balance_of(configs[1]) and np.array_equal(mine, theirs):
-            self._state = before._state
+            self._state, self.surroundings = before._state, before.surroundings
             return False
         return before._state is not None and before._state.history is not None
 
     def reset(self) -> None:
-        """Be at rest again, tendons with friction pulled from slack."""
+        """Be at rest again, tendons with friction pulled from slack, base and current as first."""
         self._state = None
+        self.surroundings = Surroundings(self._config.base, self._config.motion.current)
+
+    def check_force(self, force: FloatArray) -> None:
+        """Check a ``force`` of the push, (3,) [N].
+
+        Raises:
+            LoadError: if it is too large.
+        """
+        self._dynamics.solver.check_tip_wrench(np.append(force, np.zeros(3)))
 
     def advance(self, tensions: FloatArray, force: FloatArray, elapsed: float) -> None:
         """Move on by ``elapsed`` [s] to ``tensions`` (tendons,) and a ``force`` of the push (3,).
@@ -87,8 +98,13 @@ class DynamicArm:
         if state is None:
             self._state = self._dynamics.at_rest(inputs)
             return
-        if elapsed > 0.0:
-            self._state = self._dynamics.go_on(state, inputs, elapsed, _STEP)
+        if elapsed <= 0.0:
+            return
+        around = self.surroundings.after(elapsed)
+        if self.surroundings.is_told:
+            inputs = dataclasses.replace(inputs, base=pose_of(around), current=current_of(around))
+        self._state = self._dynamics.go_on(state, inputs, elapsed, _STEP)
+        self.surroundings.values = around
 
     def save(self, path: Path, values: Mapping[str, FloatArray | float]) -> None:
         """Write the state, and ``values`` of what pulls the arm, to a file, whole or not at all.
@@ -138,9 +154,10 @@ class DynamicArm:
         values = {name: _array(path, name, given.get(name), one) for name, one in shapes.items()}
         return self._dynamics.load(path), values
 
-    def restore(self, state: MotionState) -> None:
-        """Go on from a ``state``."""
+    def restore(self, state: MotionState, around: FloatArray) -> None:
+        """Go on from a ``state`` and the values of its surroundings."""
         self._state = state
+        self.surroundings.values, self.surroundings.is_told = around, True
 
     @property
     def state(self) -> MotionState:
@@ -161,6 +178,11 @@ class DynamicArm:
     def reeled_in(self) -> FloatArray:
         """Length that winches have reeled in [m], (tendons,)."""
         return self._dynamics.displacements(self.state)
+
+    @property
+    def base_position(self) -> FloatArray:
+        """In base_frame [m], (3,)."""
+        return self.state.base[:3]
 
     def tip_pose(self) -> Pose:
         """Pose of the tip, as it is measured."""

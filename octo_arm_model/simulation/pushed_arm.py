@@ -82,6 +82,11 @@ class PushedArm:
         assert self._at is not None
         return self._at
 
+    @property
+    def base_position(self) -> FloatArray:
+        """In base_frame [m], (3,)."""
+        return np.array(self._config.base.position)
+
     def tip_pose(self) -> Pose:
         """Pose of the tip, as it is measured."""
         return self._noise.pose(self.at.solved)

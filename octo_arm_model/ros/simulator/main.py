@@ -18,14 +18,15 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Vector3Stamped
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
 from rclpy.time import Time as RosTime
 from sensor_msgs.msg import JointState
 
-from octo_arm_model.arm.errors import ConfigError, OctoArmError, in_short, shown
+from octo_arm_model.arm.errors import ConfigError, LoadError, OctoArmError, in_short, shown
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
@@ -39,7 +40,7 @@ from octo_arm_model.ros.simulator.commanders import Commanders
 from octo_arm_model.ros.simulator.diagnostics import SimulatorDiagnostics
 from octo_arm_model.ros.simulator.motion_publishers import MotionPublishers
 from octo_arm_model.ros.simulator.push_service import TOPIC as PUSH_TOPIC
-from octo_arm_model.ros.simulator.push_service import PushService
+from octo_arm_model.ros.simulator.push_service import PushService, check_frame
 from octo_arm_model.ros.simulator.robot_description import COMMANDS as JOINT_COMMANDS
 from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
 from octo_arm_model.ros.simulator.services import offer_services
@@ -52,6 +53,7 @@ from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.simulation.profiles.limits import check_command
 from octo_arm_model.simulation.pushed_arm import PushedArm
+from octo_arm_model.simulation.surroundings import SHAPE, check_values
 from octo_arm_model.wire.tensions import (
     DISPLACEMENTS,
     NONE,
@@ -100,6 +102,8 @@ class SimulatorNode(CheckedNode):
         inputs.subscribe(JointState, JOINT_COMMANDS, self._on_joints)
         self._lengths = inputs.subscribe(JointState, f'{TOPIC}/displacements', self._on_lengths)
         inputs.subscribe(Vector3Stamped, PUSH_TOPIC, self._on_push)
+        inputs.subscribe(PoseStamped, 'base_pose', self._on_base)
+        inputs.subscribe(Vector3Stamped, 'current', self._on_current)
         check_overrides(self)
         # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -207,9 +211,28 @@ class SimulatorNode(CheckedNode):
 
     def _on_push(self, topic: str, message: Vector3Stamped) -> None:
         """Push the moving arm with the force of a message."""
-        if not isinstance(self._config.pushed_arm, DynamicArm):
-            raise ConfigError('dynamics is false, expected true for an arm that messages push')
-        self._push.hold(message, self._config.base_frame)
+        self._push.hold(message, self._config, self._moving_arm())
+
+    def _on_base(self, topic: str, message: PoseStamped) -> None:
+        """Let the base go to the pose of a message."""
+        check_frame(message.header, self._config, 'pose')
+        position, turn = message.pose.position, message.pose.orientation
+        pose = Pose((position.x, position.y, position.z), (turn.x, turn.y, turn.z, turn.w))
+        self._moving_arm().surroundings.move_base(pose)
+
+    def _on_current(self, topic: str, message: Vector3Stamped) -> None:
+        """Let the water come to flow as a message says."""
+        check_frame(message.header, self._config, 'current')
+        if not self._config.model.loads.fluid_density:
+            raise LoadError('loads.fluid_density is 0, expected that of the water that flows')
+        flow = message.vector
+        self._moving_arm().surroundings.flow((flow.x, flow.y, flow.z))
+
+    def _moving_arm(self) -> DynamicArm:
+        arm = self._config.pushed_arm
+        if not isinstance(arm, DynamicArm):
+            raise ConfigError('dynamics is false, expected true for an arm that messages move')
+        return arm
 
     @property
     def _held(self) -> Mapping[str, float]:
@@ -253,6 +276,7 @@ class SimulatorNode(CheckedNode):
             'driven': np.array([name in held for name in names], dtype=np.float64),
             'played': self._played,
             'time': self._sensors.time,
+            'surroundings': arm.surroundings.values,
             'playing': float(self._is_playing),
         })  # fmt: skip
 
@@ -263,8 +287,9 @@ class SimulatorNode(CheckedNode):
         each = (len(names),)
         state, values = arm.read(path, {
             'hardware': (3, *each), 'command': each, 'lengths': each, 'driven': each,
-            'played': (), 'time': (), 'playing': (),
+            'played': (), 'time': (), 'playing': (), 'surroundings': SHAPE,
         })  # fmt: skip
+        check_values(values['surroundings'], state.base)
         for tensions in (values['command'], *values['hardware']):
             check_command(config.arm, tensions, config.limits)
         lengths = zip(names, values['lengths'].tolist(), values['driven'], strict=True)
@@ -278,7 +303,7 @@ class SimulatorNode(CheckedNode):
         self._sensors.time = float(values['time'])
         self._push.forget()
         self._motion.forget()
-        arm.restore(state)
+        arm.restore(state, values['surroundings'])
 
     def _step(self, elapsed: float, now: RosTime) -> None:
         """Advance winches, load cells and arm by ``elapsed`` [s], to the time ``now``."""

@@ -7,13 +7,29 @@ from collections.abc import Callable
 import numpy as np
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
+from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
 from octo_arm_model.arm.errors import LoadError, shown
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.simulation.dynamic_arm import DynamicArm
+from octo_arm_model.simulation.parameters import SimulatorConfig
 from octo_arm_model.simulation.sensors import Push
 
 TOPIC = 'push/force'
+
+
+def check_frame(header: Header, config: SimulatorConfig, what: str) -> None:
+    """Refuse ``what`` a message says in another frame than the base_frame of ``config``.
+
+    Raises:
+        LoadError: if it is.
+    """
+    if header.frame_id not in ('', config.base_frame):
+        given = shown(header.frame_id)
+        raise LoadError(f'the {what} is in frame {given}, expected {config.base_frame!r}')
+
+
 _HOLD = 0.5  # [s] for which a force of a message acts, unless another comes
 
 
@@ -35,18 +51,17 @@ class PushService:
         """Push as the parameters say."""
         self._is_asked = self._held = None
 
-    def hold(self, message: Vector3Stamped, frame: str) -> None:
-        """Push with the force of a ``message`` in ``frame`` from now on, for half a second.
+    def hold(self, message: Vector3Stamped, config: SimulatorConfig, arm: DynamicArm) -> None:
+        """Push the ``arm`` of ``config`` with the force of a ``message``, for half a second.
 
         Raises:
-            LoadError: if it is in another frame, or not finite.
+            LoadError: if it is in another frame than base_frame, not finite, or too large.
         """
-        if message.header.frame_id not in ('', frame):
-            given = shown(message.header.frame_id)
-            raise LoadError(f'the force is in frame {given}, expected {frame!r}')
+        check_frame(message.header, config, 'force')
         force = np.array([message.vector.x, message.vector.y, message.vector.z])
         if not np.isfinite(force).all():
             raise LoadError(f'the force is {force.tolist()}, expected finite numbers [N]')
+        arm.check_force(force)
         self._held, self._until = force, None
 
     def at(self, time: float) -> FloatArray:

@@ -95,7 +95,7 @@ class SensorPublishers:
         if wrench_due:
             measured = arm.base_wrench()
             # About the origin of base_frame, as its header says.
-            measured[3:] += np.cross(config.model.base.position, measured[:3])
+            measured[3:] += np.cross(arm.base_position, measured[:3])
             self._wrench.publish(_wrench(header, measured))
 
 

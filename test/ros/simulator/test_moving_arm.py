@@ -9,7 +9,12 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    Vector3Stamped,
+)
 from live_nodes import RosClient, hosting, new_domain, tensions_message
 from octo_arm_msgs.msg import TendonTensions
 from rosgraph_msgs.msg import Clock
@@ -154,6 +159,11 @@ def test_a_state_that_is_saved_goes_on_to_the_same_bits(tmp_path, lag):
             ('"version": 1', '"version": 9', 'is of version 9, expected 1'),
             ('"command": [', '"command": [9', 'tension of tendon_1_1 is 9'),
             ('"played": ', '"other": ', 'played is None, expected numbers ()'),
+            (
+                '"surroundings": [[',
+                '"surroundings": [[9',
+                'surroundings are not those of the base',
+            ),
         ):
             file.write_bytes(whole)
             rewrite(file, old, new)
@@ -264,6 +274,58 @@ def test_what_is_not_finite_is_refused_in_a_sentence_and_the_arm_goes_on():
         client.tips.clear()
         client.wait(lambda: client.tips, 'the arm')
         np.testing.assert_allclose(client.tip(), [0.27, 0.0, 0.0], atol=1e-9)
+
+
+def test_the_base_and_the_water_move_as_messages_tell(tmp_path):
+    given = {'loads__fluid_density': 1022.0, 'motion__water': 'cylinder', 'publish_clock': True}
+    with moving(state_file=str(tmp_path / 'state.npz'), **given) as client:
+        base = client.node.create_publisher(PoseStamped, 'base_pose', 10)
+        current = client.node.create_publisher(Vector3Stamped, 'current', 10)
+        push = client.node.create_publisher(Vector3Stamped, 'push/force', 10)
+        client.wait(lambda: client.tips, 'the arm')
+
+        def told(publisher, message, condition, what):
+            def is_so():
+                publisher.publish(message)
+                return condition()
+
+            client.wait(is_so, what)
+
+        pose = PoseStamped()
+        pose.pose.position.z, turn = 0.05, CONFIG.base.quaternion
+        pose.pose.orientation = Quaternion(**dict(zip('xyzw', turn)))
+        told(base, pose, lambda: np.allclose(client.tip(), [0.27, 0.0, 0.05], atol=1e-4), 'a move')
+        flow = Vector3Stamped()
+        flow.vector.y = 0.1
+        told(current, flow, lambda: client.tip()[1] > 1e-3, 'a current')
+        # All of it is in the state that is saved.
+        client.pause()
+        assert client.trigger('save_state')[0]
+        expected = client.steps(2)
+        assert client.trigger('restore_state')[0]
+        np.testing.assert_array_equal(client.steps(2), expected)
+        client.pause(False)
+        far, odd, strange = PoseStamped(), PoseStamped(), PoseStamped()
+        far.pose.position.x, far.pose.orientation = 1.0, pose.pose.orientation
+        odd.pose.orientation.w = float('nan')
+        strange.header.frame_id = 'map'
+        fast, strong = Vector3Stamped(), Vector3Stamped()
+        fast.vector.x, strong.vector.x = float('inf'), 1e300
+        for publisher, message, reason in (
+            (base, far, 'rad from where the base is, expected at most 0.1 m and 0.3 rad'),
+            (base, odd, 'base.quaternion is '),
+            (base, strange, "the pose is in frame 'map', expected 'arm_base'"),
+            (current, fast, 'expected three finite numbers [m/s]'),
+            (push, strong, 'force on the tip is 1e+300 N, expected'),
+        ):
+            told(publisher, message, lambda reason=reason: any(reason in log.msg
+                 for log in client.logs), reason)  # fmt: skip
+        assert client.trigger('reset')[0]
+        client.tips.clear()
+        client.wait(
+            lambda: client.tips and abs(client.tip()[2]) < 1e-9, 'the arm at the beginning'
+        )
+        assert client.status('simulator')[1]['failed steps'] == '0'
 
 
 def test_commanders_that_contradict_each_other_are_named():
