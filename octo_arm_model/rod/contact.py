@@ -28,7 +28,8 @@ from octo_arm_model.rod.local_loads import LocalTangents
 from octo_arm_model.rod.rotations import skew
 
 _SPACING, _POINTS = 0.5, 3  # parts of an element over R, and points of each
-_PARTS = 4, 48  # of an element, at least and at most
+_PARTS = 4, 48  # of an element, at least and at most, if its parts are not longer than R then
+_MOST_PARTS = 1000  # of an element
 _ROUNDED = 4e-7  # as `tables.force_scale`: of the stiffest obstacle all along the arm
 
 
@@ -66,6 +67,7 @@ class _Touch(NamedTuple):
     """Where an obstacle is touched, at n of the points.
 
     Attributes:
+        number: of the obstacle in `Contact.obstacles`.
         obstacle: the obstacle.
         where: numbers of the points, (n,).
         stiffness: force per length and depth [N/m^2], (n,).
@@ -74,6 +76,7 @@ class _Touch(NamedTuple):
         turn: its derivative by the place, (n, 3, 3).
     """
 
+    number: int
     obstacle: Obstacle
     where: IntArray
     stiffness: FloatArray
@@ -100,7 +103,7 @@ class Contact:
         """Of ``arm`` with nodes in ``elements``.
 
         Raises:
-            ArmDefinitionError: if its cross sections are not round.
+            ArmDefinitionError: if its cross sections are not round, or it is too thin.
         """
         self.obstacles = obstacles
         self.has_friction = any(one.friction for one in obstacles)
@@ -152,7 +155,7 @@ class Contact:
 
     def _touches(self, place: FloatArray) -> list[_Touch]:
         at, found = self._between @ place, []
-        for obstacle in self.obstacles:
+        for number, obstacle in enumerate(self.obstacles):
             near = obstacle.nearest(at)
             depth = self._radius - near.distance
             (where,) = (depth > 0.0).nonzero()
@@ -160,7 +163,7 @@ class Contact:
                 stiffness = 2.0 * obstacle.stiffness * self._radius[where]
                 found.append(
                     _Touch(
-                        obstacle, where, stiffness, depth[where], near.normal[where],
+                        number, obstacle, where, stiffness, depth[where], near.normal[where],
                         near.normal_by_place[where],
                     )
                 )  # fmt: skip
@@ -216,9 +219,8 @@ class Contact:
             force = touch.push * touch.normal
             if sliding is not None and touch.obstacle.friction:
                 force += self._drag(touch, sliding)[0]
-            number = self.obstacles.index(touch.obstacle)
-            depths[number, touch.where] = touch.depth
-            forces[number] = self._weights[touch.where] @ force
+            depths[touch.number, touch.where] = touch.depth
+            forces[touch.number] = self._weights[touch.where] @ force
         return Contacts(self._s, depths, forces)
 
     def error(self, place: FloatArray) -> float:
@@ -246,7 +248,7 @@ class Contact:
             if over[worst] > 0.0:
                 raise SolveError(
                     f'the midline of the arm is {over[worst]:.3g} m inside '
-                    f'loads.obstacles[{self.obstacles.index(touch.obstacle)}] at s = '
+                    f'loads.obstacles[{touch.number}] at s = '
                     f'{self._s[touch.where[worst]]:.4g} m: it is too soft, or begins there'
                 )
 
@@ -270,8 +272,16 @@ def _points(arm: Arm, elements: Elements) -> tuple[FloatArray, FloatArray]:
     """Where contact is looked at, (M,) [m], and weights of the integral there."""
     rule = gauss_rule(_POINTS)
     ends = surface_radius(arm, elements.edges)
-    parts = np.ceil(elements.lengths / (_SPACING * np.minimum(ends[:-1], ends[1:])))
-    counts = np.clip(parts, *_PARTS).astype(np.int64)
+    over_radius = elements.lengths / np.minimum(ends[:-1], ends[1:])
+    # Between points farther apart than R the arm would go through a thin post unnoticed.
+    most = np.maximum(_PARTS[1], np.ceil(over_radius))
+    if most.max() > _MOST_PARTS:
+        thin = int(np.argmax(most))
+        least = elements.lengths[thin] / _MOST_PARTS
+        expected = f'at least {least:.3g} m there to touch obstacles'
+        name = f'radius of the arm at s = {elements.edges[thin]:.4g} m or beyond'
+        raise ArmDefinitionError(name, float(ends[thin : thin + 2].min()), expected)
+    counts = np.clip(np.ceil(over_radius / _SPACING), _PARTS[0], most).astype(np.int64)
     lengths = np.repeat(elements.lengths / counts, counts)
     starts = np.append(0.0, np.cumsum(lengths)[:-1])
     s = starts[:, np.newaxis] + lengths[:, np.newaxis] * rule.points

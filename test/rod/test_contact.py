@@ -95,6 +95,12 @@ def test_half_the_stiffness_is_twice_the_penetration() -> None:
     assert depths[1] / depths[0] == pytest.approx(2.0, rel=2e-3)
 
 
+def slender(radius: float) -> Arm:
+    """A metre long."""
+    sections = (Section(1.0, 0.6 * radius, 0.6 * radius, angles=(0.0, math.pi)),)
+    return Arm(Material(1e7, 0.5, 1000.0), Body(1.0, radius, radius), sections)
+
+
 def thin_round_a_post(young: float) -> tuple[Arm, Cylinder, float]:
     """An arm of 2 mm below a post, which a force on its tip pulls up round it: 30 E J / r^2."""
     radius, post = 2e-3, 0.04
@@ -229,7 +235,34 @@ def test_the_base_may_be_anywhere() -> None:
     assert force == pytest.approx(turn @ solver.contacts(found).force[0], abs=1e-6)
 
 
+def test_two_obstacles_that_are_alike_share_the_force() -> None:
+    two, one = (
+        solver.contacts(solver.solve(SLACK))
+        for solver in (
+            solver_of(floor(0.0, 1e5), floor(0.0, 1e5), loads=Loads(gravity=GRAVITY)),
+            solver_of(floor(0.0, 2e5), loads=Loads(gravity=GRAVITY)),
+        )
+    )
+    assert two.force == pytest.approx(np.tile(0.5 * one.force, (2, 1)), rel=1e-4, abs=1e-9)
+    assert two.penetration == pytest.approx(np.tile(one.penetration, (2, 1)), abs=1e-8)
+
+
+@pytest.mark.parametrize('at', [0.4, 0.4004, 0.4008])
+def test_a_slender_arm_does_not_pass_through_a_post_as_thin_as_itself(at: float) -> None:
+    arm, radius = slender(1e-3), 1e-3
+    force = 1e7 * 0.25 * math.pi * radius**4
+    post = Cylinder((at, 3.0 * radius, 0.0), (0.0, 0.0, 1.0), radius, stiffness=1e7)
+    loads = Loads(tip_force=(0.0, force, 0.0), obstacles=(post,))
+    solver = Solver(arm, 'exact', 501, material='linear', loads=loads, accuracy=1e-5)
+    found = solver.solve(SLACK)
+    assert solver.contacts(found).force[0, 1] < -force
+    height = np.interp(at, found.position[:, 0], found.position[:, 1])
+    assert 0.5 * radius < height < 1.5 * radius
+
+
 def test_what_has_no_contact_is_refused() -> None:
+    with pytest.raises(ArmDefinitionError, match=r'radius of the arm .* is 5e-05, expected at l'):
+        Solver(slender(5e-5), 'exact', loads=Loads(obstacles=(floor(0.1, 1e6),)))
     ball = Sphere((0.2, 0.0, 0.1), 0.05, stiffness=1e6)
     with pytest.raises(SolveError, match=r'inside loads.obstacles\[0\] at s = 0.1'):
         solver_of(Sphere((0.2, 0.0, 0.03), 0.05, stiffness=1e-3)).solve(SLACK)
