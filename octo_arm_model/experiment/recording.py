@@ -14,6 +14,7 @@ import numpy as np
 
 from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.wire.refusals import Refusals
 
 MOST_MARKERS = 1000
@@ -108,10 +109,11 @@ class MeasuredPoints:
             return self._check_markers(points)
         if is_midline and len(points) < 2:
             raise MeasurementError(f'it has {len(points)} point(s), expected at least 2')
-        if not np.isfinite(points).all():
-            number = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+        if (wrong := ~(np.abs(points) <= LARGEST).all(axis=1)).any():
+            number = int(np.argmax(wrong))
             raise MeasurementError(
-                f'point {number + 1} is {points[number].tolist()}, expected finite numbers'
+                f'point {number + 1} is {points[number].tolist()}, expected finite numbers of at '
+                f'most {LARGEST:g}'
             )
         points = self._factor * points
         if is_midline:
@@ -131,9 +133,9 @@ class MeasuredPoints:
                 f'it has {len(points)} point(s), expected {self._count}, one for each of '
                 '--marker-s'
             )
-        if np.isinf(points).any():
+        if (np.abs(points) > LARGEST).any():
             raise MeasurementError(
-                'a point is infinite, expected finite numbers, or NaN if unseen'
+                f'a point is beyond {LARGEST:g}, expected finite numbers, or NaN if unseen'
             )
         seen = np.asarray(np.isfinite(points).all(axis=1))
         if not seen.any():

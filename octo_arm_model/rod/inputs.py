@@ -50,7 +50,7 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
         if len(shape) == 2:
             meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
         raise TensionError(f'tensions have shape {array.shape}, expected {expected}: {meaning}')
-    if not (_are_finite(array) and array.min(initial=0.0) >= 0.0):
+    if not _are_tensions(array):
         bad = ~((array >= 0.0) & (array < np.inf))
         index = tuple(np.argwhere(bad)[0].tolist())
         tendon = int(np.ravel_multi_index(index[-len(shape) :], shape))
@@ -103,7 +103,7 @@ def tip_wrench_of(given: ArrayLike) -> FloatArray:
         LoadError: if it is not six finite numbers.
     """
     array = real_numbers(given)
-    if array is None or array.shape[-1:] != (6,) or not _are_finite(array):
+    if array is None or array.shape[-1:] != (6,) or not np.isfinite(array).all():
         raise LoadError(
             f'tip_wrench is {shown(given)}, expected force and moment: (..., 6) finite numbers'
         )
@@ -177,11 +177,11 @@ class LoadLimits:
             raise ArmDefinitionError('moment of all loads along the arm', largest, self._moment)
 
 
-def _are_finite(array: FloatArray) -> bool:
-    # The sum of few numbers, as of one arm, decides nearly always, and sooner than NumPy.
-    if array.size <= _FEW and math.isfinite(sum(array.ravel().tolist())):
-        return True
-    return bool(np.isfinite(array).all())
+def _are_tensions(array: FloatArray) -> bool:
+    """Whether all numbers are finite and not negative."""
+    if array.size <= _FEW:
+        return all(0.0 <= one < math.inf for one in array.ravel().tolist())
+    return bool(((array >= 0.0) & (array < np.inf)).all())
 
 
 def _largest(vectors: FloatArray | tuple[float, ...]) -> float:

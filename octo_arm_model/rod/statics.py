@@ -164,7 +164,8 @@ class Statics(abc.ABC):
                         tensions[number], tip_wrenches[number], start, before, spending
                     )
                 except SolveError as error:
-                    error.in_set(number)
+                    if arms > 1:
+                        error.in_set(number)
                     raise
                 shapes.position[number], shapes.quaternion[number] = one[:2]
                 shapes.strains[:, number] = one.strains

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -92,25 +92,32 @@ class CheckedNode(Node):
     ) -> Any:
         """Answer a ``request`` whose list ``field`` is not too long and of known types."""
         given, most = getattr(request, field), len(self._parameters)
-        refused = 1
-        if len(given) > most:
-            reason = f'{len(given)} {field} in one request, expected at most {most}: no more exist'
-        elif reason := _wrong_type(given):
-            refused = len(given)
+        if len(given) <= most:
+            problems = [_wrong_type(one) for one in given]
         else:
+            problems = [
+                f'{len(given)} {field} in one request, expected at most {most}: no more exist'
+            ]
+        if not any(problems):
             return answer(request, response)
+        reason = next(filter(None, problems))
         self.get_logger().warning(f'refused: {reason}', throttle_duration_sec=WARNING_PERIOD)
-        refusal = SetParametersResult(successful=False, reason=reason)
-        if isinstance(response, SetParameters.Response):
-            response.results = refused * [refusal]
-        elif isinstance(response, SetParametersAtomically.Response):
-            response.result = refusal
+        if isinstance(response, SetParametersAtomically.Response):
+            response.result = _refusal(reason)
+        elif isinstance(response, SetParameters.Response):
+            # Each by itself: what is of a known type is set.
+            request.parameters = [one for one, problem in zip(given, problems) if not problem]
+            done = iter(answer(request, response).results)
+            response.results = [_refusal(one) if one else next(done) for one in problems]
         return response
 
 
-def _wrong_type(given: Sequence[Any]) -> str:
-    """Why one of the parameters ``given`` has no type that rclpy knows, '' where all have."""
-    for one in given:
-        if isinstance(one, Parameter) and one.value.type > _HIGHEST_TYPE:
-            return f'{one.name} is of type {one.value.type}, expected 0 to {_HIGHEST_TYPE}'
+def _refusal(reason: str) -> SetParametersResult:
+    return SetParametersResult(successful=False, reason=reason)
+
+
+def _wrong_type(one: Any) -> str:
+    """Why ``one`` is a parameter of no type that rclpy knows, or ''."""
+    if isinstance(one, Parameter) and one.value.type > _HIGHEST_TYPE:
+        return f'{one.name} is of type {one.value.type}, expected 0 to {_HIGHEST_TYPE}'
     return ''

@@ -26,7 +26,7 @@ from octo_arm_model.simulation.surroundings import Surroundings, current_of, pos
 
 SUFFIX = '.npz'  # of files of a state
 _PART = 'simulator.json'  # in them, beside the arrays of `Dynamics.save`
-_VERSION = 1
+_VERSION = 2
 _MOST_BYTES = 2**20
 
 _STEP = 5e-3  # of the integration, at most [s]

@@ -54,6 +54,15 @@ def test_poses_are_refused_as_steps_and_read_as_poses(tmp_path: Path, cli: Cli) 
     assert any('40 poses, 40 of them with frames: 40 of 40 used' in one for one in said['notes'])
 
 
+def test_tips_that_no_number_of_metres_reaches_are_left_out(tmp_path: Path, cli: Cli) -> None:
+    given = files(tmp_path, random_poses(5, 3), np.arange(3.0))
+    table = Path(given[-1])
+    table.write_text(table.read_text().rsplit('\n', 2)[0] + '\n2.0,1e300,0.0,0.0\n')
+    said = cli.json('compare', *given, *ARM, '--poses', '--json')
+    assert len(said['steps']) == 2
+    assert any('1 left out, as point 1 is [1e+300, 0.0, 0.0]' in one for one in said['notes'])
+
+
 def test_the_modulus_is_fitted_to_poses(tmp_path: Path, cli: Cli) -> None:
     given = files(tmp_path, random_poses(1, 8), 2.3 * np.arange(8))
     said = cli.json('identify', *given, *ARM, '--poses', '--json')

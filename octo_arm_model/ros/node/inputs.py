@@ -87,8 +87,7 @@ class Inputs:
         Raises:
             ConfigError: if an override of a QoS policy cannot be.
         """
-        if not self._open:
-            self._began = time.monotonic()
+        self._began = time.monotonic()
         made = LatestSubscription(self, self._node, kind, topic, read, is_apart, is_answered)
         self._open[topic] = made
         return made

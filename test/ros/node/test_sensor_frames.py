@@ -14,6 +14,7 @@ from geometry_msgs.msg import TransformStamped
 from live_nodes import spin_until
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
 
 from octo_arm_model.arm.errors import ConfigError, MeasurementError
 from octo_arm_model.ros.node import inputs
@@ -131,3 +132,14 @@ def test_few_messages_wait_for_a_short_time(waiting, rail, wait, clock):
     rail(5000)
     assert not waiting.done
     np.testing.assert_allclose(asked(waiting.frames, 'rail', 5000).position[0], 5e-6)
+
+
+def test_silence_begins_with_the_last_subscription(node, clock):
+    made = Inputs(node, lambda topic, error: None, lambda older: None)
+    for _ in range(2):  # as where parameters name another type of messages
+        made.unsubscribe('readings')
+        made.subscribe(JointState, 'readings', lambda topic, message: None)
+        assert made.silent(LONGEST, lambda topic: True) == []
+        clock.now += 2.0 * LONGEST
+        assert made.silent(LONGEST, lambda topic: True) == [f'silent for {2 * LONGEST:.1f} s']
+    made.close()
