@@ -137,6 +137,21 @@ def _transition(number):
     return request
 
 
+def setting(path, value):
+    """What sets the field at a dotted ``path`` of a message."""
+    *places, last = path.split('.')
+
+    def change(message):
+        for place in places:
+            message = message[int(place)] if place.isdigit() else getattr(message, place)
+        if last.isdigit():
+            message[int(last)] = value
+        else:
+            setattr(message, last, value)
+
+    return change
+
+
 def spin_until(executor, condition):
     end = time.monotonic() + DEADLINE
     while not condition():

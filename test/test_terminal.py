@@ -28,7 +28,7 @@ def imports(path: Path) -> set[str]:
     return {name.split('.')[0] for name in found}
 
 
-def test_every_module_of_an_extra_is_known_with_its_extra() -> None:
+def test_every_module_of_an_extra_is_known_with_its_extra():
     tree = ast.parse((ROOT / 'setup.py').read_text())
     (extras,) = [
         ast.literal_eval(word.value)
@@ -47,20 +47,18 @@ def test_every_module_of_an_extra_is_known_with_its_extra() -> None:
                 assert folder in ('apps', 'ros', 'viewer'), f'{module} in {path}'
 
 
-def test_a_module_missing_in_the_package_itself_is_no_matter_of_installing() -> None:
+def test_a_module_missing_in_the_package_itself_is_no_matter_of_installing():
     with pytest.raises(ModuleNotFoundError):
         missing(ModuleNotFoundError(name='octo_arm_model.nothing'))
 
 
-def test_a_program_ends_quietly_with_the_reader_of_its_output(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_program_ends_quietly_with_the_reader_of_its_output(monkeypatch):
     reader, writer = os.pipe()
     os.close(reader)  # as `head` does
     with os.fdopen(writer, 'w') as stream:
         monkeypatch.setattr(sys, 'stdout', stream)
 
-        def run() -> int:
+        def run():
             with StatusLine(sys.stdout) as line:
                 line.show(lambda: 'a line', always=True)
             return 0

@@ -6,16 +6,7 @@ import socket
 import time
 
 import rclpy
-from live_nodes import (
-    DEADLINE,
-    PERIOD,
-    RosClient,
-    hosting,
-    new_domain,
-    spinning,
-    start,
-    stop,
-)
+from live_nodes import DEADLINE, PERIOD, RosClient, hosting, new_domain, spinning, start, stop
 
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.node.main import OctoArmNode

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from differences import jacobian as derivative
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
@@ -14,7 +15,6 @@ from octo_arm_model import (
     BackboneShape,
     Bending,
     Body,
-    Config,
     Loads,
     Material,
     Section,
@@ -33,12 +33,12 @@ HIGHEST = np.array([[0.5], [4.0], [13.0]]) * np.ones((3, 4))
 
 
 @pytest.fixture(scope='module')
-def solver(table4: Config) -> Solver:
+def solver(table4):
     return table4.solver('exact', 61)
 
 
 @pytest.fixture(scope='module')
-def short() -> Solver:
+def short():
     """Three tendons in one section."""
     section = Section(0.3, 0.009, 0.0045, angles=(0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0))
     return Solver(Arm(Material(1e5), Body(0.3, 0.015, 0.0075), (section,)), 'exact', 11)
@@ -48,21 +48,17 @@ def effort(tensions: np.ndarray) -> float:
     return float(((tensions / HIGHEST) ** 2).sum())
 
 
-def test_the_tip_comes_where_it_is_wanted_with_less_effort_than_known_tensions(
-    solver: Solver,
-) -> None:
+def test_the_tip_comes_where_it_is_wanted_with_less_effort_than_known_tensions(solver):
     known = solver.solve(TENSIONS)
     found = find_tensions(solver, TipPosition(known.tip), HIGHEST)
     assert found.reached
-    np.testing.assert_allclose(solver.solve(found.backbone.tensions).tip, known.tip, atol=1e-7)
+    assert_allclose(solver.solve(found.backbone.tensions).tip, known.tip, atol=1e-7)
     assert (found.backbone.tensions >= 0.0).all()
     assert (found.backbone.tensions <= HIGHEST).all()
     assert effort(found.backbone.tensions) < 0.5 * effort(TENSIONS)
 
 
-def test_least_effort_is_a_point_where_no_direction_along_the_target_is_less(
-    solver: Solver,
-) -> None:
+def test_least_effort_is_a_point_where_no_direction_along_the_target_is_less(solver):
     found = find_tensions(solver, TipPosition([0.25, 0.1, -0.1]), HIGHEST)
     part = (found.backbone.tensions / HIGHEST).ravel()
     jacobian = solver.sensitivity(found.backbone).by_tension.tip[:3] * HIGHEST.ravel()
@@ -70,24 +66,22 @@ def test_least_effort_is_a_point_where_no_direction_along_the_target_is_less(
     # Karush, Kuhn and Tucker: on free tensions the gradient of the effort is a combination of the
     # gradients of the constraints, on those at a bound its multiplier has the right sign.
     multipliers = np.linalg.lstsq(jacobian[:, free].T, part[free], rcond=None)[0]
-    np.testing.assert_allclose(jacobian[:, free].T @ multipliers, part[free], atol=1e-4)
+    assert_allclose(jacobian[:, free].T @ multipliers, part[free], atol=1e-4)
     assert (jacobian[:, ~free].T @ multipliers <= 1e-4).all()
 
 
-def test_a_pose_is_met_in_position_and_orientation(solver: Solver) -> None:
+def test_a_pose_is_met_in_position_and_orientation(solver):
     known = solver.solve(TENSIONS)
     found = find_tensions(solver, TipPose(known.tip, known.quaternion[-1]), HIGHEST)
     assert found.reached
     turned = Rotation.from_quat(np.array(found.backbone.quaternion[-1]))
     away = turned * Rotation.from_quat(np.array(known.quaternion[-1])).inv()
     assert away.magnitude() < 1e-5
-    np.testing.assert_allclose(found.backbone.tip, known.tip, atol=1e-6)
+    assert_allclose(found.backbone.tip, known.tip, atol=1e-6)
 
 
 @pytest.mark.parametrize(('plane', 'angle'), [(0.0, 1.1), (2.0, 1.1), (-1.3, 1.1), (0.5, np.pi)])
-def test_bending_turns_the_tip_as_far_as_wanted_in_the_plane_wanted(
-    solver: Solver, plane: float, angle: float
-) -> None:
+def test_bending_turns_the_tip_as_far_as_wanted_in_the_plane_wanted(solver, plane, angle):
     found = find_tensions(solver, Bending(plane, angle), HIGHEST)
     base, tip = (Rotation.from_quat(found.backbone.quaternion[i].copy()) for i in (0, -1))
     t, n, b = (base.inv() * tip).apply([1.0, 0.0, 0.0])
@@ -99,9 +93,7 @@ def test_bending_turns_the_tip_as_far_as_wanted_in_the_plane_wanted(
 
 @pytest.mark.parametrize('scale', [1e-2, 1.0, 30.0])
 @pytest.mark.parametrize('parts', [(0.0, 0.0, 0.0), (0.5, 0.5, 0.0), (0.3, 0.6, 0.2)])
-def test_targets_at_the_edge_of_what_can_be_reached_are_found(
-    scale: float, parts: tuple[float, ...]
-) -> None:
+def test_targets_at_the_edge_of_what_can_be_reached_are_found(scale, parts):
     # Small arms, and tendons that have to be slack, which bounds hold at zero.
     length, radius = 0.3 * scale, 0.015 * scale
     angles = (0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0)
@@ -111,25 +103,25 @@ def test_targets_at_the_edge_of_what_can_be_reached_are_found(
     known = solver.solve(unit * np.array([parts]))
     found = find_tensions(solver, TipPosition(known.tip), 2.0 * unit)
     assert found.reached, found.error
-    np.testing.assert_allclose(found.backbone.tip, known.tip, rtol=0.0, atol=1e-6 * length)
+    assert_allclose(found.backbone.tip, known.tip, rtol=0.0, atol=1e-6 * length)
 
 
-def test_a_backbone_seen_by_a_camera_is_followed(solver: Solver) -> None:
+def test_a_backbone_seen_by_a_camera_is_followed(solver):
     known = solver.solve(TENSIONS)
     target = BackboneShape(known.s[::10], known.position[::10])
     found = find_tensions(solver, target, HIGHEST)
-    np.testing.assert_allclose(found.backbone.position, known.position, atol=1e-5)
+    assert_allclose(found.backbone.position, known.position, atol=1e-5)
 
 
-def test_what_is_out_of_reach_is_said_to_be_with_what_is_left(short: Solver) -> None:
+def test_what_is_out_of_reach_is_said_to_be_with_what_is_left(short):
     found = find_tensions(short, TipPosition([1.0, 0.0, 0.0]), 4.0)
     assert not found.reached
     # The straight arm has the least error.
     assert found.error == pytest.approx(0.7, abs=1e-6)
-    np.testing.assert_allclose(found.backbone.tensions, 0.0, atol=1e-4)
+    assert_allclose(found.backbone.tensions, 0.0, atol=1e-4)
 
 
-def test_co_contraction_reaches_the_tip_with_the_stiffness_wanted(solver: Solver) -> None:
+def test_co_contraction_reaches_the_tip_with_the_stiffness_wanted(solver):
     target = TipPosition(solver.solve(TENSIONS).tip)
     relaxed = find_tensions(solver, target, HIGHEST)
     direction = np.array([0.0, 1.0, 0.0])
@@ -146,7 +138,7 @@ def test_co_contraction_reaches_the_tip_with_the_stiffness_wanted(solver: Solver
     assert push / (pushed.tip - stiff.backbone.tip)[1] == pytest.approx(1.2 * soft, rel=1e-3)
 
 
-def test_loads_are_taken_into_account(table4: Config) -> None:
+def test_loads_are_taken_into_account(table4):
     loads = Loads(gravity=(0, 0, -9.81), fluid_density=1000)
     loaded = dataclasses.replace(table4, arm=table4.arm.with_density(1080), loads=loads).solver(
         'exact', 61
@@ -154,11 +146,11 @@ def test_loads_are_taken_into_account(table4: Config) -> None:
     found = find_tensions(loaded, TipPosition([0.25, 0.1, -0.1]), HIGHEST)
     assert found.reached
     tip = loaded.solve(found.backbone.tensions).tip
-    np.testing.assert_allclose(tip, [0.25, 0.1, -0.1], atol=1e-6)
+    assert_allclose(tip, [0.25, 0.1, -0.1], atol=1e-6)
 
 
 @pytest.mark.parametrize('highest', [0.0, -1.0, np.nan, np.inf])
-def test_bounds_must_be_positive(solver: Solver, highest: float) -> None:
+def test_bounds_must_be_positive(solver, highest):
     with pytest.raises(TensionError, match='highest tension of tendon_1_1 is'):
         find_tensions(solver, TipPosition([0.3, 0.0, 0.0]), highest)
 
@@ -171,11 +163,11 @@ def assert_derivative(solver, target, backbone, *, step: float, part: float) -> 
 
     got = target.jacobian(backbone, solver.sensitivity(backbone).by_tension)
     expected = derivative(error, backbone.tensions.ravel(), step=step)
-    np.testing.assert_allclose(got, expected, atol=part * np.abs(expected).max())
+    assert_allclose(got, expected, atol=part * np.abs(expected).max())
 
 
 @pytest.mark.parametrize('name', ['position', 'pose', 'bending', 'shape'])
-def test_jacobians_of_targets_are_their_derivatives(solver: Solver, name: str) -> None:
+def test_jacobians_of_targets_are_their_derivatives(solver, name):
     other = solver.solve(0.7 * TENSIONS)
     target = {
         'position': TipPosition(other.tip),
@@ -202,6 +194,6 @@ def test_jacobians_of_targets_are_their_derivatives(solver: Solver, name: str) -
         (lambda: Stiffness([1.0, 0.0, 0.0], 0.0), 'stiffness is 0.0, expected a finite'),
     ],
 )  # fmt: skip
-def test_what_is_no_target_is_refused(build: object, message: str) -> None:
+def test_what_is_no_target_is_refused(build, message):
     with pytest.raises(TargetError, match=message):
         build()  # type: ignore[operator]

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 
@@ -18,7 +16,7 @@ def arm_of(*sections: tuple[float, float, float], names: tuple[str, ...] = ()) -
     return Arm(MATERIAL, BODY, tuple(Section(*section) for section in sections), names)
 
 
-def test_tendons_are_named_by_section_and_number_unless_named() -> None:
+def test_tendons_are_named_by_section_and_number_unless_named():
     assert arm_of((0.4, 0.0, 0.0), (0.2, 0.0, 0.0)).tendon_names[3:5] == (
         'tendon_1_4',
         'tendon_2_1',
@@ -27,7 +25,7 @@ def test_tendons_are_named_by_section_and_number_unless_named() -> None:
 
 
 @pytest.mark.parametrize('given', [Section(0.4, 0.0, 0.0), None, 'sections', (0.4,)])
-def test_sections_that_are_none_are_refused(given: Any) -> None:
+def test_sections_that_are_none_are_refused(given):
     with pytest.raises(ArmDefinitionError, match=r'^sections is .*, expected a sequence of'):
         Arm(MATERIAL, BODY, given)
 
@@ -43,9 +41,7 @@ def test_sections_that_are_none_are_refused(given: Any) -> None:
         ('section.anchorage', lambda bad: Section(bad, 0.1, 0.1)),
     ],
 )
-def test_what_must_be_positive_is_refused_otherwise(
-    field: str, build: Callable[[object], object], bad: object
-) -> None:
+def test_what_must_be_positive_is_refused_otherwise(field, build, bad):
     with pytest.raises(ArmDefinitionError) as refusal:
         build(bad)
     assert str(refusal.value).startswith(f'{field} is {bad!r}, expected a finite number > 0 [')
@@ -98,9 +94,7 @@ def test_what_must_be_positive_is_refused_otherwise(
         ),
     ],
 )
-def test_refusals_name_field_value_and_expectation(
-    build: Callable[[], object], message: str
-) -> None:
+def test_refusals_name_field_value_and_expectation(build, message):
     with pytest.raises(ArmDefinitionError) as refusal:
         build()
     assert str(refusal.value).startswith(message)
@@ -112,7 +106,7 @@ def test_refusals_name_field_value_and_expectation(
 
 @pytest.mark.parametrize('length', [0.3, 0.45, 0.7, 1.1])
 @pytest.mark.parametrize('base', [0.0033, 0.0075, 0.011])
-def test_a_tendon_may_end_on_the_midline(length: float, base: float) -> None:
+def test_a_tendon_may_end_on_the_midline(length, base):
     section = Section(length, base, 0.0)
     assert Arm(MATERIAL, Body(length, 0.02, 1e-5), (section,)).length == length
     assert section.offset(length) == 0.0
@@ -122,12 +116,12 @@ def test_a_tendon_may_end_on_the_midline(length: float, base: float) -> None:
 
 
 @pytest.mark.parametrize('name', ['a\0b', '\ud800', 'x' * 256, 5, b'a', True])
-def test_names_are_texts_that_a_message_can_carry(name: object) -> None:
+def test_names_are_texts_that_a_message_can_carry(name):
     with pytest.raises(ArmDefinitionError, match='expected distinct, non-empty names of at most'):
         arm_of((0.4, 0.0, 0.0), names=('a', 'b', 'c', name))  # type: ignore[arg-type]
 
 
-def test_sections_and_tendons_have_a_bound() -> None:
+def test_sections_and_tendons_have_a_bound():
     sections = [(0.4 - 1e-3 * i, 0.0, 0.0) for i in range(65)]
     assert len(arm_of(*sections[:64]).tendons) == 256
     with pytest.raises(ArmDefinitionError, match='number of sections is 65, expected at most 64'):

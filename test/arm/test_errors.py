@@ -14,7 +14,7 @@ from octo_arm_model.wire.tensions import values_by_name
 HOSTILE = 'tendon\x1b[2J\n\u2028\u202e\x07'
 
 
-def test_names_from_outside_do_not_reach_a_terminal_as_they_are() -> None:
+def test_names_from_outside_do_not_reach_a_terminal_as_they_are():
     error = TensionError(HOSTILE * 100)
     for text in (shown(HOSTILE), listed([HOSTILE, 'tendon']), in_short(error)):
         assert text.isprintable()
@@ -22,7 +22,7 @@ def test_names_from_outside_do_not_reach_a_terminal_as_they_are() -> None:
     assert len(in_short(error)) <= 300
 
 
-def test_what_refuses_a_name_shows_it_printable() -> None:
+def test_what_refuses_a_name_shows_it_printable():
     arm = load_config(preset_path('renda2012_prototype')).arm
     with pytest.raises(TensionError, match='more than once: tendon') as caught:
         values_by_name([HOSTILE, HOSTILE], [1.0, 2.0], 'tension')

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pytest
 
@@ -25,16 +24,15 @@ POINT = PointLoad(0.1, (0.0, 0.0, 1.0))
         ({'scaled': [Loads()]}, 'loads.scaled is .*, expected ScaledLoads or None'),
     ],
 )
-def test_what_is_no_load_of_its_kind_is_refused(given: dict[str, Any], complaint: str) -> None:
+def test_what_is_no_load_of_its_kind_is_refused(given, complaint):
     with pytest.raises(ArmDefinitionError, match=complaint):
         Loads(**given)
 
 
 @pytest.mark.parametrize(
-    ('s', 'force'),
-    [(0.1, (0.0, 0.0, 1.0)), ('ab', ((0.0, 0.0, 1.0),)), ((0.0, 0.1), 1.0)],
+    ('s', 'force'), [(0.1, (0.0, 0.0, 1.0)), ('ab', ((0.0, 0.0, 1.0),)), ((0.0, 0.1), 1.0)]
 )
-def test_a_distributed_load_needs_lists(s: Any, force: Any) -> None:
+def test_a_distributed_load_needs_lists(s, force):
     with pytest.raises(ArmDefinitionError, match='expected lists of s and of force'):
         DistributedLoad(s, force)
 
@@ -48,14 +46,14 @@ def test_a_distributed_load_needs_lists(s: Any, force: Any) -> None:
         POINT,
     ],
 )
-def test_what_would_be_left_out_of_scaled_loads_is_refused(load: Any) -> None:
+def test_what_would_be_left_out_of_scaled_loads_is_refused(load):
     with pytest.raises(ArmDefinitionError, match='expected dead Loads without a tip wrench'):
         ScaledLoads([load])
 
 
 @pytest.mark.parametrize('value', [math.nan, -0.1, 'much', True])
 @pytest.mark.parametrize('name', ['tension', 'model_rotation', 'displacement'])
-def test_an_uncertainty_is_a_standard_deviation(name: str, value: Any) -> None:
+def test_an_uncertainty_is_a_standard_deviation(name, value):
     with pytest.raises(
         ArmDefinitionError, match=f'uncertainty.{name} is .*, expected a finite st'
     ):

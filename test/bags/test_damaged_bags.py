@@ -21,7 +21,6 @@ import yaml
 pytest.importorskip('rosbags', reason='needs rosbags')
 
 import lz4.frame
-from command_line import Cli
 from recordings import (
     START,
     TENDON_TENSIONS,
@@ -135,8 +134,8 @@ def chunk_alone(compression: bytes, data: bytes, size: int) -> bytes:
     ],
 )
 def test_a_chunk_that_expands_out_of_bounds_takes_no_memory(
-    tmp_path: Path, compression: str, claimed: int, expected: str
-) -> None:
+    tmp_path, compression, claimed, expected
+):
     expand = {'zstd': zstd.compress, 'lz4': lz4.frame.compress}[compression]
     path = tmp_path / 'bomb.mcap'
     path.write_bytes(chunk_alone(compression.encode(), expand(bytes(64 * MIB)), claimed))
@@ -149,9 +148,7 @@ def test_a_chunk_that_expands_out_of_bounds_takes_no_memory(
 
 
 @pytest.mark.parametrize('storage', STORAGES)
-def test_compressed_messages_are_bounded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: str
-) -> None:
+def test_compressed_messages_are_bounded(tmp_path, monkeypatch, storage):
     path = compressed_bag(tmp_path / 'bag', CompressionMode.MESSAGE, storage)
     found, _ = found_in(path)
     assert [data for *_, data in found] == [one.data for one in CONTENT[1:]]
@@ -162,7 +159,7 @@ def test_compressed_messages_are_bounded(
         assert 'a compressed message expands to more than 1048576 bytes' in problem_of(path)
 
 
-def test_compressed_files_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compressed_files_are_bounded(tmp_path, monkeypatch):
     path = compressed_bag(tmp_path / 'bag', CompressionMode.FILE)
     assert len(found_in(path)[0]) == 50
     file_of(path).write_bytes(zstd.compress(bytes(64 * MIB)))
@@ -170,7 +167,7 @@ def test_compressed_files_are_bounded(tmp_path: Path, monkeypatch: pytest.Monkey
     assert 'bytes expand to more than' in problem_of(path)
 
 
-def test_what_newer_recorders_add_to_a_channel_is_passed_over(tmp_path: Path) -> None:
+def test_what_newer_recorders_add_to_a_channel_is_passed_over(tmp_path):
     more = text(b'offered_qos_profiles') + text(b'')
     channel = struct.pack('<HH', 1, 0) + text(b'/a') + text(b'cdr') + text(more) + b'\xff' * 8
     magic, footer = b'\x89MCAP0\r\n', record(2, bytes(20))
@@ -181,7 +178,7 @@ def test_what_newer_recorders_add_to_a_channel_is_passed_over(tmp_path: Path) ->
     assert [one.topic for one in file.connections] == ['/a']
 
 
-def test_a_record_larger_than_its_file_is_refused(tmp_path: Path) -> None:
+def test_a_record_larger_than_its_file_is_refused(tmp_path):
     path = single(tmp_path / 'bag')
     data = bytearray(path.read_bytes())
     data[9:17] = struct.pack('<Q', 2**40)
@@ -211,24 +208,20 @@ ROWS = {
 
 
 @pytest.mark.parametrize('kind', ROWS)
-def test_rows_that_no_recorder_writes_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
+def test_rows_that_no_recorder_writes_are_refused(tmp_path, monkeypatch, kind):
     statements, expected = ROWS[kind]
     path = change(single(tmp_path / 'bag', 'sqlite3'), *statements.split('; '))
     monkeypatch.setattr(storages, 'LARGEST', MIB)
     assert expected in problem_of(path)
 
 
-def test_chunks_of_one_moment_are_bounded_together(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_chunks_of_one_moment_are_bounded_together(tmp_path, monkeypatch):
     path = bag(tmp_path / 'bag')
     monkeypatch.setattr(storages, 'LARGEST_OVERLAP', 1000)
     assert 'chunks of more than 1000 bytes in all are of the same time' in problem_of(path)
 
 
-def test_a_bag_without_metadata_is_read_and_what_is_cut_short_refused(tmp_path: Path) -> None:
+def test_a_bag_without_metadata_is_read_and_what_is_cut_short_refused(tmp_path):
     path = compressed_bag(tmp_path / 'bag', CompressionMode.FILE)
     expected = found_in(path)[0]
     (path / 'metadata.yaml').unlink()
@@ -241,7 +234,7 @@ def test_a_bag_without_metadata_is_read_and_what_is_cut_short_refused(tmp_path: 
 
 
 @pytest.mark.parametrize('field', ['string[2000000000]', 'float64[2000000000]'])
-def test_a_definition_of_endless_arrays_is_refused(tmp_path: Path, field: str) -> None:
+def test_a_definition_of_endless_arrays_is_refused(tmp_path, field):
     text, _ = TYPES.generate_msgdef(TENDON_TENSIONS, ros_version=2)
     with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topic = writer.add_connection(
@@ -255,9 +248,7 @@ def test_a_definition_of_endless_arrays_is_refused(tmp_path: Path, field: str) -
 
 @pytest.mark.parametrize('place', ['metadata', 'file', 'alone'])
 @pytest.mark.parametrize('kind', ['pipe', 'socket', 'device', 'folder'])
-def test_what_is_no_file_is_not_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str, kind: str
-) -> None:
+def test_what_is_no_file_is_not_waited_for(tmp_path, monkeypatch, place, kind):
     path = bag(tmp_path / 'bag')
     target = path / 'metadata.yaml' if place == 'metadata' else file_of(path)
     target.unlink()
@@ -291,10 +282,7 @@ def nested(entry: Callable[[str], str]) -> str:
     ('custom', 'expected'),
     [
         (nested(lambda nine: f'[{nine}]'), MANY_VALUES),
-        (
-            nested(lambda nine: f'{{<<: [{nine}]}}'),
-            MANY_VALUES,
-        ),
+        (nested(lambda nine: f'{{<<: [{nine}]}}'), MANY_VALUES),
         ('  custom_data: &own {x: *own}', 'an alias within what it stands for'),
         (f'  custom_data: {"[" * 5000}', 'nested more than 20 deep'),
         (f'  custom_data: {{x: {"y" * (2 * MIB)}}}', 'at most 1048576 are read'),
@@ -302,16 +290,14 @@ def nested(entry: Callable[[str], str]) -> str:
         (f'  custom_data: {{}}\n  other: {"9" * 9999}', 'is no integer'),
     ],
 )
-def test_yaml_that_would_take_for_ever_is_refused(
-    tmp_path: Path, custom: str, expected: str
-) -> None:
+def test_yaml_that_would_take_for_ever_is_refused(tmp_path, custom, expected):
     path = bag(tmp_path / 'bag')
     text = (path / 'metadata.yaml').read_text()
     (path / 'metadata.yaml').write_text(text.replace('  custom_data: null', custom))
     assert expected in problem_of(path)
 
 
-def test_yaml_within_a_storage_is_bounded_too(tmp_path: Path) -> None:
+def test_yaml_within_a_storage_is_bounded_too(tmp_path):
     bomb = '\n'.join(line.strip() for line in nested(lambda nine: f'[{nine}]').splitlines()[1:])
     path = bag(tmp_path / 'bag', 'sqlite3')
     data = sqlite3.connect(file_of(path))
@@ -336,7 +322,7 @@ def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 @pytest.mark.parametrize('step', [5, pytest.param(1, marks=pytest.mark.endurance)])
-def test_metadata_of_another_type_is_refused_by_name(tmp_path: Path, step: int) -> None:
+def test_metadata_of_another_type_is_refused_by_name(tmp_path, step):
     """Each field is of every ``step``-th other type."""
     path = compressed_bag(tmp_path / 'bag', CompressionMode.FILE)
     file = path / 'metadata.yaml'
@@ -381,9 +367,7 @@ def test_metadata_of_another_type_is_refused_by_name(tmp_path: Path, step: int) 
     ],
 )
 @pytest.mark.parametrize('command', ['replay', 'compare', 'identify'])
-def test_every_command_names_the_field(
-    tmp_path: Path, cli: Cli, command: str, old: str, new: str, expected: str
-) -> None:
+def test_every_command_names_the_field(tmp_path, cli, command, old, new, expected):
     path = bag(tmp_path / 'bag')
     text = (path / 'metadata.yaml').read_text()
     assert old in text
@@ -393,7 +377,7 @@ def test_every_command_names_the_field(
     assert command == 'compare' or not (tmp_path / 'out').exists()  # a folder, and empty
 
 
-def test_a_topic_that_a_terminal_would_obey_is_refused(tmp_path: Path) -> None:
+def test_a_topic_that_a_terminal_would_obey_is_refused(tmp_path):
     path = write_bag(tmp_path / 'bag', [text_sample('/a\x1b[2J', 'text')])
     assert "'/a\\x1b[2J' names a topic" in problem_of(path)
 
@@ -401,7 +385,7 @@ def test_a_topic_that_a_terminal_would_obey_is_refused(tmp_path: Path) -> None:
 # What is lost is said ---------------------------------------------------------------------------
 
 
-def test_counts_of_the_metadata_are_held_against_the_file(tmp_path: Path) -> None:
+def test_counts_of_the_metadata_are_held_against_the_file(tmp_path):
     path = bag(tmp_path / 'bag')
     file = path / 'metadata.yaml'
     text = file.read_text()
@@ -415,7 +399,7 @@ def test_counts_of_the_metadata_are_held_against_the_file(tmp_path: Path) -> Non
     assert notes == ['/tendon_tensions: 50 messages, more than the 0 it says']
 
 
-def test_rows_that_are_not_there_are_counted_by_every_command(tmp_path: Path, cli: Cli) -> None:
+def test_rows_that_are_not_there_are_counted_by_every_command(tmp_path, cli):
     experiment = Experiment(hold=1.0, ramp=0.5, tension_rate=20.0, camera_rate=5.0)
     with BagWriter(tmp_path / 'demo', 'sqlite3') as writer:
         add_demo(writer, load_parameters(PRESET), experiment)
@@ -429,13 +413,13 @@ def test_rows_that_are_not_there_are_counted_by_every_command(tmp_path: Path, cl
         assert f'demo_0.db3: 2 message(s) of {total} are not there, by their numbers' in said
 
 
-def test_what_the_recorder_had_no_time_for_is_an_error(tmp_path: Path) -> None:
+def test_what_the_recorder_had_no_time_for_is_an_error(tmp_path):
     path = single(tmp_path / 'bag', 'sqlite3')
     path.with_name('bag.db3-wal').write_bytes(b'messages')
     assert 'bag.db3-wal beside it holds what its recorder had no time' in problem_of(path)
 
 
-def test_a_chunk_that_the_summary_does_not_count_is_an_error(tmp_path: Path) -> None:
+def test_a_chunk_that_the_summary_does_not_count_is_an_error(tmp_path):
     path = single(tmp_path / 'bag')
     whole = bytearray(path.read_bytes())
     _, length = struct.unpack_from('<BQ', whole, 8)
@@ -445,7 +429,7 @@ def test_a_chunk_that_the_summary_does_not_count_is_an_error(tmp_path: Path) -> 
     assert 'its summary has 1 chunks, and it has 0' in problem_of(path)
 
 
-def test_the_checksum_of_a_summary_is_checked(tmp_path: Path) -> None:
+def test_the_checksum_of_a_summary_is_checked(tmp_path):
     writer = pytest.importorskip('mcap.writer', reason='needs mcap')
     path = tmp_path / 'theirs.mcap'
     with path.open('wb') as stream:
@@ -463,7 +447,7 @@ def test_the_checksum_of_a_summary_is_checked(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('count', [40, pytest.param(300, marks=pytest.mark.endurance)])
 @pytest.mark.parametrize('storage', STORAGES)
-def test_no_flipped_bit_loses_a_message_unsaid(tmp_path: Path, storage: str, count: int) -> None:
+def test_no_flipped_bit_loses_a_message_unsaid(tmp_path, storage, count):
     path = single(tmp_path / 'bag', storage)
     if storage == 'sqlite3':
         change(path, 'PRAGMA page_size = 1024')
@@ -490,7 +474,7 @@ def test_no_flipped_bit_loses_a_message_unsaid(tmp_path: Path, storage: str, cou
 
 @pytest.mark.parametrize('count', [12, pytest.param(100, marks=pytest.mark.endurance)])
 @pytest.mark.parametrize('storage', STORAGES)
-def test_every_command_survives_damage(tmp_path: Path, cli: Cli, storage: str, count: int) -> None:
+def test_every_command_survives_damage(tmp_path, cli, storage, count):
     rng = random.Random(1)
     path = bag(tmp_path / 'bag', storage)
     file = file_of(path)
@@ -519,7 +503,7 @@ def test_every_command_survives_damage(tmp_path: Path, cli: Cli, storage: str, c
     assert not [one for one in tmp_path.iterdir() if one.name.startswith('.')]
 
 
-def test_a_time_that_no_stamp_can_hold_is_refused(tmp_path: Path, cli: Cli) -> None:
+def test_a_time_that_no_stamp_can_hold_is_refused(tmp_path, cli):
     (sample,) = samples(
         ARM, np.ones((1, 4)), '/tendon_tensions/array', 'std_msgs/msg/Float64MultiArray'
     )

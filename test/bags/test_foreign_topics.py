@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import Cli
 from experiments import ARM, bag_of, description, nanoseconds
 from labs import MARKER_S, TIP_ERRORS, pose_array, seen, staircase_of
+from numpy.testing import assert_array_equal
 from recordings import Sample, header, make, message
 
 from octo_arm_model.arm.errors import TensionError
@@ -78,9 +78,7 @@ WAYS = {
 
 
 @pytest.mark.parametrize('way', WAYS)
-def test_any_numbers_are_tensions_where_it_is_said_whose(
-    way: str, tmp_path: Path, cli: Cli
-) -> None:
+def test_any_numbers_are_tensions_where_it_is_said_whose(way, tmp_path, cli):
     cell, topic, tendons = WAYS[way]
     path = bag(tmp_path / 'bag', cell)
     said = cli.json('compare', path, *topic, '--tendons', *tendons, *S, *STILL)
@@ -127,13 +125,13 @@ def test_any_numbers_are_tensions_where_it_is_said_whose(
     ],
 )
 def test_what_fits_no_tendon_is_refused_and_says_what_there_is(
-    cell: Any, options: list[str], message: str, tmp_path: Path,
-    cli: Cli,
-) -> None:  # fmt: skip
+    cell, options, message, tmp_path,
+    cli,
+):  # fmt: skip
     assert message in cli.refused('compare', bag(tmp_path / 'bag', cell), *options, *S, *STILL)
 
 
-def test_fields_of_messages_hold_numbers_or_are_refused() -> None:
+def test_fields_of_messages_hold_numbers_or_are_refused():
     class Inner:
         value = 2.5
         text = 'x'
@@ -146,16 +144,16 @@ def test_fields_of_messages_hold_numbers_or_are_refused() -> None:
 
     assert field_values(Outer(), 'inner.value') == [2.5]
     assert field_values(Outer(), 'inner.many[1]') == [1.0]
-    np.testing.assert_array_equal(field_values(Outer(), 'inner.many'), [0.0, 1.0, 2.0])
+    assert_array_equal(field_values(Outer(), 'inner.many'), [0.0, 1.0, 2.0])
     for path in ('inner', 'inner.text', 'inner.rows', 'bits', 'inner.__class__', '', 'inner.',
                  'inner.many[3]', 'inner.value[0]', 'inner.many[-1]'):  # fmt: skip
         with pytest.raises(TensionError):
             field_values(Outer(), path)
 
 
-def test_a_name_that_is_there_twice_is_refused_where_it_is_wanted() -> None:
+def test_a_name_that_is_there_twice_is_refused_where_it_is_wanted():
     values, names = np.arange(3.0), ['a', 'a', 'b']
     found = tensions_by_names(values, names, ['b', '-', '-', '-'], ARM)
-    np.testing.assert_array_equal(found.ravel(), [2.0, 0.0, 0.0, 0.0])
+    assert_array_equal(found.ravel(), [2.0, 0.0, 0.0, 0.0])
     with pytest.raises(TensionError, match='named more than once: a'):
         tensions_by_names(values, names, ['a', '-', '-', '-'], ARM)

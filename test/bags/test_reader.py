@@ -1,4 +1,4 @@
-"""Bags of every version and storage read, and those that are refused."""
+"""Bags of every version and storage read, their tensions, and those that are refused."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from numpy.testing import assert_array_equal
 from recordings import (
     ARM,
     ARRAY,
@@ -27,15 +28,18 @@ from recordings import (
     text_sample,
     write_bag,
 )
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.tensions import TYPES as TENSION_TYPES
 from octo_arm_model.bags.topics import pick_topic
+from octo_arm_model.bags.types import types_for
 from octo_arm_model.bags.writer import STORAGES
 
 
-def test_a_bag_by_the_writer_of_mcap_is_read(tmp_path: Path) -> None:
+def test_a_bag_by_the_writer_of_mcap_is_read(tmp_path):
     mcap = pytest.importorskip('mcap_ros2.writer', reason='needs mcap-ros2-support')
     path = tmp_path / 'theirs.mcap'
     tensions = random_tensions(ARM, 5)
@@ -61,7 +65,7 @@ def test_a_bag_by_the_writer_of_mcap_is_read(tmp_path: Path) -> None:
         writer.finish()
     for topic, kind in topics.items():
         found = readings_of(path, topic)
-        np.testing.assert_array_equal([one.tensions for one in found], tensions)
+        assert_array_equal([one.tensions for one in found], tensions)
         stamps = {one.stamp_ns for one in found}
         assert stamps == (
             {7 * 10**9 + 8} if kind != ARRAY else {START + i * STEP for i in range(5)}
@@ -129,19 +133,19 @@ def old_bag(path: Path, version: int, type_name: str = TENDON_TENSIONS) -> np.nd
 
 
 @pytest.mark.parametrize('version', range(4, 10))
-def test_bags_of_every_version_are_read_without_definitions(tmp_path: Path, version: int) -> None:
+def test_bags_of_every_version_are_read_without_definitions(tmp_path, version):
     tensions = old_bag(tmp_path / 'bag', version)
     found = readings_of(tmp_path / 'bag')
-    np.testing.assert_array_equal([one.tensions for one in found], tensions)
+    assert_array_equal([one.tensions for one in found], tensions)
     with BagReader(tmp_path / 'bag') as reader:
         assert reader.metadata == ({'operator': 'somebody'} if version >= 6 else {})
 
 
-def test_a_file_out_of_a_bag_is_read_alone(tmp_path: Path) -> None:
+def test_a_file_out_of_a_bag_is_read_alone(tmp_path):
     tensions = old_bag(tmp_path / 'old', 5)
     (tmp_path / 'old' / 'metadata.yaml').unlink()
     for path in (tmp_path / 'old' / 'bag_0.db3', tmp_path / 'old'):
-        np.testing.assert_array_equal([one.tensions for one in readings_of(path)], tensions)
+        assert_array_equal([one.tensions for one in readings_of(path)], tensions)
     with BagReader(tmp_path / 'old') as reader:
         assert '1 file(s) are read' in reader.notes[0] and 'ros2 bag reindex' in reader.notes[0]
     (tmp_path / 'old' / 'bag_0.db3').unlink()
@@ -149,8 +153,8 @@ def test_a_file_out_of_a_bag_is_read_alone(tmp_path: Path) -> None:
         BagReader(tmp_path / 'old')
 
 
-def test_what_is_no_bag_is_refused_in_one_line(tmp_path: Path) -> None:
-    cases: dict[str, Path] = {'no such bag': tmp_path / 'nothing'}
+def test_what_is_no_bag_is_refused_in_one_line(tmp_path):
+    cases = {'no such bag': tmp_path / 'nothing'}
     for name in ('empty.mcap', 'empty.db3'):
         (tmp_path / name).write_bytes(b'')
         cases[f'{name}: not a bag'] = tmp_path / name
@@ -173,7 +177,7 @@ def test_what_is_no_bag_is_refused_in_one_line(tmp_path: Path) -> None:
         assert '\n' not in str(caught.value)
 
 
-def test_a_type_that_nothing_defines_is_an_error(tmp_path: Path) -> None:
+def test_a_type_that_nothing_defines_is_an_error(tmp_path):
     old_bag(tmp_path / 'bag', 5, 'robot_msgs/msg/Pull')
     with BagReader(tmp_path / 'bag') as reader:
         with pytest.raises(BagError, match=r'nothing defines the type robot_msgs/msg/Pull'):
@@ -206,9 +210,7 @@ def string_bag(path: Path, topics: dict[str, str]) -> Path:
         ({'/a': ARRAY, '/b': ARRAY}, 'b', '/b'),
     ],
 )  # fmt: skip
-def test_the_topic_is_picked(
-    tmp_path: Path, topics: dict[str, str], wanted: str | None, expected: str
-) -> None:
+def test_the_topic_is_picked(tmp_path, topics, wanted, expected):
     with BagReader(string_bag(tmp_path / 'bag', topics)) as reader:
         assert pick_topic(reader, wanted, TENSION_TYPES, 'tensions') == expected
 
@@ -223,9 +225,7 @@ def test_the_topic_is_picked(
         ({'/tendon_lengths': JOINT_STATE}, None, r'no tensions, expected octo_arm_msgs'),
     ],
 )
-def test_what_cannot_be_picked_is_listed(
-    tmp_path: Path, topics: dict[str, str], wanted: str | None, expected: str
-) -> None:
+def test_what_cannot_be_picked_is_listed(tmp_path, topics, wanted, expected):
     with BagReader(string_bag(tmp_path / 'bag', topics)) as reader:
         with pytest.raises(BagError, match=expected):
             pick_topic(reader, wanted, TENSION_TYPES, 'tensions')
@@ -249,9 +249,7 @@ def split_bag(path: Path, parts: list[list[Sample]], storage: str) -> Path:
 
 
 @pytest.mark.parametrize('storage', STORAGES)
-def test_messages_of_several_files_come_in_the_order_of_receipt(
-    tmp_path: Path, storage: str
-) -> None:
+def test_messages_of_several_files_come_in_the_order_of_receipt(tmp_path, storage):
     content = samples(ARM, random_tensions(ARM, 24))
     chained = [[content[k] for k in (i, i + 2) if k < 24] for i in range(24) if i % 4 < 2]
     for name, parts in {
@@ -269,3 +267,77 @@ def test_messages_of_several_files_come_in_the_order_of_receipt(
     with BagReader(split_bag(tmp_path / 'many', many, storage)) as reader:
         with pytest.raises(BagError, match='more than 8 files hold messages of the same time'):
             list(reader.messages())
+
+
+# Tensions ----------------------------------------------------------------------------------------
+
+
+def test_bytes_that_are_no_message_are_refused_with_the_time_of_receipt(tmp_path):
+    content = samples(ARM, random_tensions(ARM, 3))
+    content[1] = content[1]._replace(data=b'\0\1\0\0garbage')
+    found = readings_of(write_bag(tmp_path / 'bag', content))
+    assert found[1].stamp_ns == content[1].received_ns
+    assert 'bytes that are no octo_arm_msgs/msg/TendonTensions' in found[1].reason
+
+
+@pytest.mark.parametrize('topic', TOPICS)
+def test_every_topic_of_tensions_is_read(tmp_path, topic):
+    tensions = random_tensions(ARM, 300).astype(np.float32)  # which every type can hold
+    path = write_bag(tmp_path / 'bag', samples(ARM, tensions, topic, TOPICS[topic]))
+    with BagReader(path) as reader:
+        assert pick_topic(reader, None, TENSION_TYPES, 'tensions') == topic
+    found = readings_of(path, topic)
+    assert_array_equal([one.tensions for one in found], tensions)
+    late = 0 if topic.endswith(('tendon_tensions', 'joint_state')) else 1000  # by receipt
+    assert [one.stamp_ns for one in found] == [START + i * STEP + late for i in range(300)]
+
+
+# Definitions of messages: ours, and those that bags bring ----------------------------------------
+
+
+def test_types_hash_as_those_the_message_package_was_built_from():
+    support = pytest.importorskip('octo_arm_msgs.msg', reason='needs the message package')
+    for name in ('TendonTensions', 'SectionStrains'):
+        theirs = getattr(support, name).get_fields_and_field_types()
+        ours = [field for field, _ in TYPES.fielddefs[f'octo_arm_msgs/msg/{name}'][1]]
+        assert list(theirs) == ours
+
+
+@pytest.mark.parametrize('version', [8, 9])
+def test_the_definition_in_the_bag_wins(tmp_path, version):
+    text = 'std_msgs/Header header\nstring[] name\nfloat32[] tension\n' + '=' * 80
+    _, rest = TYPES.generate_msgdef(TENDON_TENSIONS, ros_version=2)[0].split('=' * 80, 1)
+    path = tmp_path / 'bag'
+    with Writer(path, version=version, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection(
+            '/tendon_tensions', TENDON_TENSIONS, msgdef=text + rest, rihs01='RIHS01_0'
+        )
+        full = tensions_data(TENDON_TENSIONS, NAMES, np.zeros(12), START)
+        count = full[: len(full) - 12 * 8]
+        # From where the count ends four-byte numbers need no padding.
+        end = count.rindex(b'\x0c\0\0\0') + 4
+        single = np.linspace(0.0, 1.1, 12).astype('<f4')
+        writer.write(topic, START, count[:end] + single.tobytes())
+    (reading,) = readings_of(path)
+    assert_array_equal(np.ravel(reading.tensions), single)
+
+
+def test_a_definition_may_be_in_idl():
+    rule = '=' * 80 + '\n'
+    text = ''.join(
+        f'{rule}IDL: {package}/msg/{name}\n'
+        f'module {package} {{ module msg {{ struct {name} {{ {fields} }}; }}; }};\n'
+        for package, name, fields in (
+            ('octo_arm_msgs', 'TendonTensions',
+             'std_msgs::msg::Header header; sequence<string> name; sequence<double> tension;'),
+            ('std_msgs', 'Header', 'builtin_interfaces::msg::Time stamp; string frame_id;'),
+            ('builtin_interfaces', 'Time', 'int32 sec; uint32 nanosec;'),
+        )
+    )  # fmt: skip
+    definition = MessageDefinition(MessageDefinitionFormat.IDL, text)
+    types = types_for(TENDON_TENSIONS, [definition])
+    data = tensions_data(TENDON_TENSIONS, NAMES, np.arange(12.0), START)
+    message = types.deserialize_cdr(data, TENDON_TENSIONS)
+    assert_array_equal(message.tension, np.arange(12.0))
+    with pytest.raises(BagError, match='the definition of octo_arm_msgs/msg/TendonTensions makes'):
+        types_for(TENDON_TENSIONS, [definition._replace(data='module {')])

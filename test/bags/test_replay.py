@@ -14,14 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from command_line import Cli
 from recordings import (
     ARRAY,
     JOINT_STATE,
     START,
     STEP,
     TENDON_TENSIONS,
-    Sample,
     assert_alike,
     fingerprint,
     header,
@@ -41,7 +39,6 @@ from octo_arm_model.bags.arms import find_arms
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.bags.writer import STORAGES, BagWriter
-from octo_arm_model.cli.main import main
 from octo_arm_model.config.parameter_files import (
     load_parameters,
     parameters_as_yaml,
@@ -90,9 +87,7 @@ def expected_messages(
         ('rao2021', 'exact', TENDON_TENSIONS, 'mcap', 12),
     ],
 )
-def test_answers_are_those_of_single_solves(
-    cli: Cli, tmp_path: Path, preset: str, model: str, kind: str, storage: str, count: int
-) -> None:
+def test_answers_are_those_of_single_solves(cli, tmp_path, preset, model, kind, storage, count):
     config = dataclasses.replace(load_config(preset_path(preset)), model=model)
     tensions = random_tensions(config.arm, count)
     bag = write_bag(tmp_path / 'in', samples(config.arm, tensions, '/pulls', kind), storage)
@@ -110,9 +105,7 @@ def test_answers_are_those_of_single_solves(
             assert_alike([one[3]], [data])
 
 
-def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_back(
-    cli: Cli, tmp_path: Path
-) -> None:
+def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_back(cli, tmp_path):
     values = load_parameters(preset_path('renda2012_prototype'))
     values |= {
         'model': 'exact', 'material.density': 1080.0, 'loads.gravity': [0.0, 0.0, -9.81],
@@ -143,9 +136,7 @@ def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_b
 
 @pytest.mark.parametrize('options', [[], ['--lengths']], ids=['together', 'alone'])
 @pytest.mark.parametrize('kind', [TENDON_TENSIONS, JOINT_STATE])
-def test_stamps_stay_as_they_are_or_are_refused(
-    tmp_path: Path, kind: str, options: list[str], cli: Cli
-) -> None:
+def test_stamps_stay_as_they_are_or_are_refused(tmp_path, kind, options, cli):
     good = [(1, 999_999_999), (2**31 - 1, 999_999_999), (0, 7)]
     bad = [(1, 4_000_000_000), (2**31 - 1, 2**32 - 1), (-(2**31), 0), (-1, 10**9)]
     stamps = [good[0], *bad, *good[1:]]
@@ -167,7 +158,7 @@ def test_stamps_stay_as_they_are_or_are_refused(
 
 
 @pytest.mark.parametrize('storage', STORAGES)
-def test_the_source_is_copied_and_stays_as_it_is(cli: Cli, tmp_path: Path, storage: str) -> None:
+def test_the_source_is_copied_and_stays_as_it_is(cli, tmp_path, storage):
     content = [DESCRIPTION, *samples(ARM, random_tensions(ARM, 30))]
     content.insert(7, text_sample('/note', 'the cat came in', START + 5 * STEP))
     bag = write_bag(tmp_path / 'in', content, storage)
@@ -186,7 +177,7 @@ def test_the_source_is_copied_and_stays_as_it_is(cli: Cli, tmp_path: Path, stora
     assert order[1:6] == ['/tendon_tensions', *BACKBONE]
 
 
-def test_answers_replace_those_recorded_and_say_so(tmp_path: Path, cli: Cli) -> None:
+def test_answers_replace_those_recorded_and_say_so(tmp_path, cli):
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 10))])
     assert cli('replay', bag, tmp_path / 'once', '--model', 'closed_form')[0] == 0
     again = 'replay', tmp_path / 'once', tmp_path / 'twice', '--model', 'renda2012'
@@ -195,9 +186,7 @@ def test_answers_replace_those_recorded_and_say_so(tmp_path: Path, cli: Cli) -> 
     assert content_of(tmp_path / 'twice') == content_of(tmp_path / 'plain')
 
 
-def test_the_description_of_the_answers_is_latched_and_has_the_model(
-    cli: Cli, tmp_path: Path
-) -> None:
+def test_the_description_of_the_answers_is_latched_and_has_the_model(cli, tmp_path):
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 2))])
     assert cli('replay', bag, tmp_path / 'out', '--model', 'closed_form')[0] == 0
     with BagReader(tmp_path / 'out') as reader:
@@ -215,9 +204,7 @@ def test_the_description_of_the_answers_is_latched_and_has_the_model(
     assert information['rosbag2_bagfile_information']['version'] == 9
 
 
-def test_each_arm_is_answered_in_its_namespace_as_it_describes_itself(
-    cli: Cli, tmp_path: Path
-) -> None:
+def test_each_arm_is_answered_in_its_namespace_as_it_describes_itself(cli, tmp_path):
     softer = {**TABLE_4, 'material.youngs_modulus': 1e5, 'model': 'closed_form'}
     content = [
         text_sample('/arm_1/arm_description', parameters_as_yaml(TABLE_4)),
@@ -244,7 +231,7 @@ def test_each_arm_is_answered_in_its_namespace_as_it_describes_itself(
 # What does not fit ------------------------------------------------------------------------------
 
 
-def test_what_cannot_be_answered_is_left_out_and_reported(tmp_path: Path, cli: Cli) -> None:
+def test_what_cannot_be_answered_is_left_out_and_reported(tmp_path, cli):
     content = samples(ARM, random_tensions(ARM, 300))
     names, some = ARM.tendon_names, np.full(12, 0.1)
     bad = {
@@ -290,9 +277,9 @@ def test_what_cannot_be_answered_is_left_out_and_reported(tmp_path: Path, cli: C
     ],
 )  # fmt: skip
 def test_where_there_is_nothing_to_answer_there_is_no_bag(
-    tmp_path: Path, cli: Cli, content: list[Sample], options: tuple[str, ...], status: int,
-    expected: str,
-) -> None:  # fmt: skip
+    tmp_path, cli, content, options, status,
+    expected,
+):  # fmt: skip
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *content])
     found, _, error = cli('replay', bag, tmp_path / 'out', *options)
     assert found == status and error.splitlines()[-1].startswith('octo-arm: error: ')
@@ -300,7 +287,7 @@ def test_where_there_is_nothing_to_answer_there_is_no_bag(
     assert [path.name for path in tmp_path.iterdir()] == ['in']
 
 
-def test_a_wrench_in_the_bag_is_not_applied_and_that_is_said(tmp_path: Path, cli: Cli) -> None:
+def test_a_wrench_in_the_bag_is_not_applied_and_that_is_said(tmp_path, cli):
     vector = point((0.0, 0.0, 0.1), 'Vector3')
     wrench = make('geometry_msgs/msg/Wrench', force=vector, torque=vector)
     name = 'geometry_msgs/msg/WrenchStamped'
@@ -310,7 +297,7 @@ def test_a_wrench_in_the_bag_is_not_applied_and_that_is_said(tmp_path: Path, cli
     assert '/tip_wrench is not applied' in cli('replay', bag, tmp_path / 'out')[1]
 
 
-def test_without_a_description_the_arm_must_be_given(tmp_path: Path, cli: Cli) -> None:
+def test_without_a_description_the_arm_must_be_given(tmp_path, cli):
     bag = write_bag(tmp_path / 'in', samples(ARM, random_tensions(ARM, 3)))
     out = tmp_path / 'out'
     assert 'no topic arm_description, so say which arm' in cli.refused('replay', bag, out)
@@ -333,13 +320,13 @@ def test_without_a_description_the_arm_must_be_given(tmp_path: Path, cli: Cli) -
 @pytest.mark.parametrize('command', ['replay', 'record-demo'])
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_that_ends_it_leaves_no_bag(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli, command: str,
-    number: signal.Signals,
-) -> None:  # fmt: skip
+    tmp_path, monkeypatch, cli, command,
+    number,
+):  # fmt: skip
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 10))])
     write = BagWriter.write
 
-    def signalled(self: BagWriter, messages: Any) -> None:
+    def signalled(self, messages):
         write(self, messages)
         os.kill(os.getpid(), number)
 
@@ -359,7 +346,7 @@ def test_a_signal_that_ends_it_leaves_no_bag(
 
 @pytest.mark.parametrize('storage', STORAGES)
 @pytest.mark.parametrize('limit', [1000, 300_000, 1_500_000])
-def test_a_full_disk_leaves_no_bag(tmp_path: Path, cli: Cli, storage: str, limit: int) -> None:
+def test_a_full_disk_leaves_no_bag(tmp_path, cli, storage, limit):
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 150))])
     before = fingerprint(bag)
     usual = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -375,9 +362,7 @@ def test_a_full_disk_leaves_no_bag(tmp_path: Path, cli: Cli, storage: str, limit
     assert fingerprint(bag) == before
 
 
-def test_memory_is_bounded_whatever_the_length(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_memory_is_bounded_whatever_the_length(tmp_path, monkeypatch):
     # Pictures beside the tensions: a hundred megabytes would show.
     monkeypatch.setattr(module, '_LARGEST', 2**20)
     picture = 'x' * 2**18
@@ -399,39 +384,3 @@ def test_memory_is_bounded_whatever_the_length(
 
 
 # Beside the node --------------------------------------------------------------------------------
-
-
-def test_the_node_answers_the_messages_of_a_bag_as_replay_does(tmp_path: Path) -> None:
-    pytest.importorskip('rclpy', reason='needs ROS 2')
-    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-    from live_nodes import OUTPUTS, RELIABLE, hosting
-
-    from octo_arm_model.ros.node.main import OctoArmNode
-
-    tensions = random_tensions(ARM, 25)
-    bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, tensions)])
-    assert main(['replay', str(bag), str(tmp_path / 'out'), '--lengths']) == 0
-    with hosting(OctoArmNode, *RELIABLE) as client:
-        client.connect()
-        raw = {topic: client.hear(kind, topic, raw=True) for topic, kind in OUTPUTS.items()}
-        publisher = client.publishers['tendon_tensions']
-
-        def is_heard() -> bool:
-            client.send('tendon_tensions', np.zeros((3, 4)))
-            client.spin(0.1)
-            return all(raw.values())
-
-        client.wait(is_heard, 'an answer')
-        found: dict[str, list[bytes]] = {topic: [] for topic in raw}
-        for *_, data in content_of(bag, '/tendon_tensions'):
-            publisher.publish(data)
-
-            def answers(data: bytes = data) -> list[set[bytes]]:
-                # Answers carry the stamp of what they answer.
-                return [{one for one in got if one[4:12] == data[4:12]} for got in raw.values()]
-
-            client.wait(lambda answers=answers: all(answers()), 'an answer')
-            for got, (answer,) in zip(found.values(), answers(), strict=True):
-                got.append(answer)
-    for topic, got in found.items():
-        assert_alike(got, [one[3] for one in content_of(tmp_path / 'out', f'/{topic}')])

@@ -70,7 +70,7 @@ def read(
     return sensors, rows, groups, refusals
 
 
-def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path: Path) -> None:
+def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path):
     # Markers come 90 ms late, encoders 40 ms, and two tensions are the wrong way round.
     content = [
         tensions(0, [0.1, 0, 0, 0]), tensions(20, [0.3, 0, 0, 0]), tensions(10, [-0.01, 0, 0, 0]),
@@ -91,7 +91,7 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path: Path) -> None:
     assert not refusals.total
 
 
-def test_messages_that_measure_nothing_are_told(tmp_path: Path) -> None:
+def test_messages_that_measure_nothing_are_told(tmp_path):
     broken = 'geometry_msgs/msg/PoseArray', START, b'\0\1\0\0broken'
     content = [
         tensions(0, [np.nan, 0, 0, 0]), markers(5, 2), tensions(10, [0.1, 0, 0, 0]),
@@ -109,13 +109,13 @@ def test_messages_that_measure_nothing_are_told(tmp_path: Path) -> None:
         assert words in reasons
 
 
-def test_a_robot_with_encoders_alone_has_no_tensions(tmp_path: Path) -> None:
+def test_a_robot_with_encoders_alone_has_no_tensions(tmp_path):
     sensors, rows, groups, _ = read(tmp_path / 'bag', [encoders(0, '/left/tendon_displacements')])
     assert (sensors.tensions, sensors.prefix) == ('', '/left/')
     assert not len(rows.rows) and len(groups) == 1
 
 
-def test_topics_are_named_or_left_out(tmp_path: Path) -> None:
+def test_topics_are_named_or_left_out(tmp_path):
     content = [
         tensions(0, [0.1, 0, 0, 0]), tensions(0, [0.2, 0, 0, 0], '/other/cells'),
         markers(0), markers(0, topic='/mocap/points'), encoders(0),
@@ -138,7 +138,7 @@ def test_topics_are_named_or_left_out(tmp_path: Path) -> None:
             find_sensors(reader, NONE, everything)
 
 
-def test_of_several_arms_one_is_to_be_named(tmp_path: Path) -> None:
+def test_of_several_arms_one_is_to_be_named(tmp_path):
     content = [tensions(0, [0.1, 0, 0, 0], f'/{one}/tendon_tensions') for one in ('left', 'right')]
     with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
         with pytest.raises(BagError, match='several topics of tensions, name one of /left/'):
@@ -146,7 +146,7 @@ def test_of_several_arms_one_is_to_be_named(tmp_path: Path) -> None:
         assert find_sensors(reader, '/right/tendon_tensions').prefix == '/right/'
 
 
-def test_estimates_of_an_estimator_are_no_measurements(tmp_path: Path) -> None:
+def test_estimates_of_an_estimator_are_no_measurements(tmp_path):
     content = [tensions(0, [0.1, 0, 0, 0], topic)
                for topic in ('/tension_bias', '/tendon_tension_estimates', '/cells')]  # fmt: skip
     with BagReader(write_bag(tmp_path / 'bag', content)) as reader:

@@ -2,19 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import yaml
-from recordings import (
-    ARM,
-    START,
-    STEP,
-    TENDON_TENSIONS,
-    TOPICS,
-    random_tensions,
-    samples,
-)
+from recordings import ARM, START, STEP, TENDON_TENSIONS, TOPICS, random_tensions, samples
 
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.reader import BagReader
@@ -22,7 +12,7 @@ from octo_arm_model.bags.writer import STORAGES, BagWriter
 
 
 @pytest.mark.parametrize('storage', STORAGES)
-def test_what_is_written_is_read(tmp_path: Path, storage: str) -> None:
+def test_what_is_written_is_read(tmp_path, storage):
     content = [
         sample
         for topic, kind in TOPICS.items()
@@ -42,7 +32,7 @@ def test_what_is_written_is_read(tmp_path: Path, storage: str) -> None:
         assert [tuple(record) for record in reader.messages()] == [tuple(one) for one in content]
 
 
-def test_a_bag_has_what_the_player_of_jazzy_looks_for(tmp_path: Path) -> None:
+def test_a_bag_has_what_the_player_of_jazzy_looks_for(tmp_path):
     with BagWriter(tmp_path / 'bag') as writer:
         writer.write([(writer.add('/arm_description', 'std_msgs/msg/String', True), START, b'')])
         writer.write([(writer.add('/backbone/path', 'nav_msgs/msg/Path'), START, b'')])
@@ -64,7 +54,7 @@ def test_a_bag_has_what_the_player_of_jazzy_looks_for(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('storage', STORAGES)
 @pytest.mark.parametrize('error', [KeyboardInterrupt, MemoryError, ValueError])
-def test_an_interrupted_bag_is_not_there(tmp_path: Path, storage: str, error: type) -> None:
+def test_an_interrupted_bag_is_not_there(tmp_path, storage, error):
     with pytest.raises(error):
         with BagWriter(tmp_path / 'bag', storage) as writer:
             topic = writer.add('/tendon_tensions', TENDON_TENSIONS)
@@ -74,7 +64,7 @@ def test_an_interrupted_bag_is_not_there(tmp_path: Path, storage: str, error: ty
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_bag_does_not_replace_anything(tmp_path: Path) -> None:
+def test_a_bag_does_not_replace_anything(tmp_path):
     (tmp_path / 'file').write_text('precious')
     (tmp_path / 'folder').mkdir()
     for name in ('file', 'folder'):

@@ -6,23 +6,23 @@ import dataclasses
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from command_line import SOLVE, TENSIONS, Cli
+from command_line import SOLVE, TENSIONS
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from workspaces import HIGHEST
 
 from octo_arm_model import Config, ConfigError, Loads, Solver
-from octo_arm_model.analysis.workspace import Workspace, sample_workspace
+from octo_arm_model.analysis.workspace import sample_workspace
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile_files import read_profile
 
 
-def test_the_summary_of_a_shape_is_in_millimetres(cli: Cli, table4: Config) -> None:
+def test_the_summary_of_a_shape_is_in_millimetres(cli, table4):
     status, out, err = cli(*SOLVE, TENSIONS)
     x, y, z = table4.solver().solve(FETCHING_IN_SPACE).tip * 1e3
     assert (status, err) == (0, '')
@@ -32,7 +32,7 @@ def test_the_summary_of_a_shape_is_in_millimetres(cli: Cli, table4: Config) -> N
     assert rows == [('3', '0.00'), ('3', '135.00'), ('2', '315.00'), ('1', '450.00')]
 
 
-def test_json_holds_the_whole_shape_in_si_units(cli: Cli, table4: Config, model: str) -> None:
+def test_json_holds_the_whole_shape_in_si_units(cli, table4, model):
     shape = cli.json(*SOLVE, TENSIONS, '--json', '--model', model, '--stations', '41')
     solver = table4.solver(model, 41, compiled=False)
     expected = solver.solve(FETCHING_IN_SPACE)
@@ -49,11 +49,11 @@ def test_json_holds_the_whole_shape_in_si_units(cli: Cli, table4: Config, model:
             'displacement': solver.rest_lengths - lengths,
         }.get(name)  # fmt: skip
         wanted = getattr(expected, name) if wanted is None else wanted
-        np.testing.assert_allclose(values, wanted, atol=1e-12, err_msg=name)
+        assert_allclose(values, wanted, atol=1e-12, err_msg=name)
     assert all(isinstance(number, int) for number in shape['section'])
 
 
-def test_loads_and_material_may_be_said_on_the_command_line(cli: Cli, table4: Config) -> None:
+def test_loads_and_material_may_be_said_on_the_command_line(cli, table4):
     physics = (
         '--model exact --material linear --gravity 0 0 -9.81 --density 1080 --fluid-density 1000 '
         '--tip-force 0 0.001 0 --tip-moment 0 0 1e-6'
@@ -63,25 +63,25 @@ def test_loads_and_material_may_be_said_on_the_command_line(cli: Cli, table4: Co
     arm = table4.arm.with_density(1080)
     solver = Solver(arm, 'exact', 101, table4.base, material='linear', loads=loads, compiled=False)
     expected = solver.solve(FETCHING_IN_SPACE)
-    np.testing.assert_allclose(shape['position'], expected.position, atol=1e-12)
+    assert_allclose(shape['position'], expected.position, atol=1e-12)
     # What is left is of the size of rounding, and that is the processor's.
     assert max(shape['residual'], float(expected.residual)) < 1e-10
     assert shape['iterations'] == int(expected.iterations) > 0
 
 
-def test_a_wrench_in_the_axes_of_the_tip_turns_with_it(cli: Cli, table4: Config) -> None:
+def test_a_wrench_in_the_axes_of_the_tip_turns_with_it(cli, table4):
     given = '--tip-force 0.001 0.004 0 --tip-moment 0 1e-5 0 --model exact'.split()
     shape = cli.json(*SOLVE, TENSIONS, '--json', *given, '--tip-frame', 'tip')
     turn = Rotation.from_quat(shape['quaternion'][-1])
     wrench = np.concatenate([turn.apply([0.001, 0.004, 0.0]), turn.apply([0.0, 1e-5, 0.0])])
     dead = Solver(table4.arm, 'exact', 101, table4.base).solve(FETCHING_IN_SPACE, wrench)
-    np.testing.assert_allclose(shape['position'], dead.position, atol=1e-9)
+    assert_allclose(shape['position'], dead.position, atol=1e-9)
     assert np.abs(turn.as_matrix() - np.eye(3)).max() > 0.1
     values = load_parameters(preset_path('renda2012_table4'))
     own = {'tip_frame': 'tip', 'tip_force': [0.001, 0.004, 0.0], 'tip_moment': [0.0, 1e-5, 0.0]}
     values |= {'model': 'exact', **{f'loads.{name}': value for name, value in own.items()}}
     again = Config.from_parameters(values).solver().solve(FETCHING_IN_SPACE)
-    np.testing.assert_allclose(again.position, dead.position, atol=1e-9)
+    assert_allclose(again.position, dead.position, atol=1e-9)
     with pytest.raises(ConfigError, match=r"tip_frame is 'arm', expected base or tip"):
         Config.from_parameters({**values, 'loads.tip_frame': 'arm'})
     status, _, err = cli(*SOLVE, TENSIONS, '--model', 'exact', '--tip-frame', 'tip')
@@ -89,11 +89,11 @@ def test_a_wrench_in_the_axes_of_the_tip_turns_with_it(cli: Cli, table4: Config)
     assert '--tip-frame has no effect without --tip-force or --tip-moment' in err
 
 
-def test_the_command_line_replaces_the_wrench_of_a_file(cli: Cli, tmp_path: Path) -> None:
+def test_the_command_line_replaces_the_wrench_of_a_file(cli, tmp_path):
     arm = load_parameters(preset_path('renda2012_table4')) | {'model': 'exact'}
     force, file = ('0', '0.004', '0'), tmp_path / 'arm.yaml'
 
-    def tip(*options: str, **loads: Any) -> list[float]:
+    def tip(*options, **loads):
         own = {f'loads.tip_{name}': value for name, value in loads.items()}
         file.write_text(parameters_as_yaml(arm | own))
         answer = cli.json('solve', file, '--tensions', TENSIONS, '--json', *options)
@@ -106,7 +106,7 @@ def test_the_command_line_replaces_the_wrench_of_a_file(cli: Cli, tmp_path: Path
     assert np.abs(np.subtract(dead, turning)).max() > 1e-3
 
 
-def test_lengths_that_winches_reel_in_give_the_tensions(cli: Cli) -> None:
+def test_lengths_that_winches_reel_in_give_the_tensions(cli):
     """One tendon by length, one by tension, and one that is paid out too far to be taut."""
     asked = '{"tendon_1_1": 0.02, "tendon_2_1": -0.01}'
     arm = 'solve', 'renda2012_table4', '--model', 'exact'
@@ -116,30 +116,30 @@ def test_lengths_that_winches_reel_in_give_the_tensions(cli: Cli) -> None:
     assert shape['displacement'][0][0] == pytest.approx(0.02, abs=1e-9)
     assert shape['tension'][1:] == [[0, 0, 0, 0], [1, 0, 0, 0]]
     again = cli.json(*arm, '--tensions', json.dumps(shape['tension']), '--json')
-    np.testing.assert_allclose(again['position'], shape['position'], atol=1e-12)
+    assert_allclose(again['position'], shape['position'], atol=1e-12)
     assert cli(*given)[1].endswith('slack: tendon_2_1\n')
 
 
-def test_inverse_finds_tensions_whose_tip_is_where_it_was_wanted(cli: Cli, table4: Config) -> None:
+def test_inverse_finds_tensions_whose_tip_is_where_it_was_wanted(cli, table4):
     answer = cli.json('inverse', 'renda2012_table4', '--tip', '0.25', '0.1', '-0.1', '--json')
     assert answer['reached']
     tip = table4.solver('exact').solve(answer['tensions']).tip
-    np.testing.assert_allclose(tip, [0.25, 0.1, -0.1], atol=1e-6)
+    assert_allclose(tip, [0.25, 0.1, -0.1], atol=1e-6)
 
 
-def test_inverse_of_what_is_out_of_reach_says_so_with_status_1(cli: Cli) -> None:
+def test_inverse_of_what_is_out_of_reach_says_so_with_status_1(cli):
     status, out, _ = cli('inverse', 'renda2012_prototype', '--tip', '2', '0', '0')
     assert status == 1 and out.startswith('NOT REACHED')
     assert re.search(r'error +17[34]\d mm', out)
 
 
-def test_inverse_bends_in_the_plane_that_was_asked_for(cli: Cli) -> None:
+def test_inverse_bends_in_the_plane_that_was_asked_for(cli):
     bend = 'inverse', 'renda2012_prototype', '--bend', '90', '40', '--highest'
     status, out, _ = cli(*bend, '3')
     # Towards +b: tendon 2 alone.
     tensions = [float(value) for value in re.findall(r'tendon_1_\d +([\d.]+)', out)]
     assert status == 0 and tensions[1] > 0.1
-    np.testing.assert_allclose(np.delete(tensions, 1), 0.0, atol=1e-3)
+    assert_allclose(np.delete(tensions, 1), 0.0, atol=1e-3)
     # Out of reach of so small a tension it is nearly all error, and that an angle.
     status, out, _ = cli(*bend, '0.01')
     found = re.search(r'error +([\d.]+) deg,', out)
@@ -149,7 +149,7 @@ def test_inverse_bends_in_the_plane_that_was_asked_for(cli: Cli) -> None:
     assert np.degrees(answer['angle_error']) == pytest.approx(float(found[1]), rel=1e-3)
 
 
-def test_errors_of_a_pose_are_a_distance_and_an_angle(cli: Cli, table4: Config) -> None:
+def test_errors_of_a_pose_are_a_distance_and_an_angle(cli, table4):
     place, turn = [0.4, 0.0, 0.0], Rotation.from_euler('z', 90.0, degrees=True)
     pose = '--tip', *place, '--quaternion', *turn.as_quat()
     given = 'inverse', 'renda2012_table4', *pose, '--model', 'closed_form', '--highest', '0.001'
@@ -174,9 +174,7 @@ def coloured(path: Path) -> int:
     return int((np.ptp(left_of_the_bar, axis=-1) > 0.2).sum())
 
 
-def test_workspace_writes_a_picture_and_says_how_far_the_tips_reach(
-    cli: Cli, tmp_path: Path, cloud: Workspace
-) -> None:
+def test_workspace_writes_a_picture_and_says_how_far_the_tips_reach(cli, tmp_path, cloud):
     path = tmp_path / 'new' / 'cloud'  # a PNG, whatever its name
     given = '--highest', json.dumps(HIGHEST.tolist()), '--samples', '256', '--out', path
     status, out, err = cli('workspace', 'renda2012_table4', *given)
@@ -191,9 +189,7 @@ def test_workspace_writes_a_picture_and_says_how_far_the_tips_reach(
     assert coloured(path) > 2000
 
 
-def test_a_box_without_any_answer_is_told_and_what_to_do(
-    cli: Cli, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_box_without_any_answer_is_told_and_what_to_do(cli, monkeypatch, tmp_path):
     pytest.importorskip('matplotlib')
     monkeypatch.chdir(tmp_path)
     out = cli('workspace', 'renda2012_prototype', '--highest', '1e9', '--samples', '8')[1]
@@ -205,9 +201,7 @@ def test_a_box_without_any_answer_is_told_and_what_to_do(
     assert coloured(tmp_path / 'workspace.png') == 0  # of the arm alone
 
 
-def test_json_of_a_workspace_is_in_si_units_and_draws_nothing(
-    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, table4: Config
-) -> None:
+def test_json_of_a_workspace_is_in_si_units_and_draws_nothing(cli, tmp_path, monkeypatch, table4):
     monkeypatch.chdir(tmp_path)
     given = '--samples', '96', '--seed', '7', '--model', 'closed_form', '--json'
     found = cli.json('workspace', 'renda2012_table4', '--highest', '0.6', *given)
@@ -216,32 +210,30 @@ def test_json_of_a_workspace_is_in_si_units_and_draws_nothing(
     assert expected.refused == found['refused'] > 0
     assert (found['samples'], found['model'], found['seed']) == (96, 'closed_form', 7)
     for name in ('highest', 'tensions', 'tip', 'direction'):
-        np.testing.assert_allclose(found[name], getattr(expected, name), atol=1e-12, err_msg=name)
+        assert_allclose(found[name], getattr(expected, name), atol=1e-12, err_msg=name)
     assert not list(tmp_path.iterdir())
 
 
-def test_by_default_a_tendon_compresses_its_thin_end_by_a_tenth(cli: Cli, table4: Config) -> None:
+def test_by_default_a_tendon_compresses_its_thin_end_by_a_tenth(cli, table4):
     found = cli.json('workspace', 'renda2012_table4', '--samples', '4', '--json')
     highest = np.array(found['highest'])
     ends = [section.anchorage for section in table4.arm.sections]
     area = np.pi * table4.arm.body.radius(ends) ** 2
-    np.testing.assert_allclose(highest, np.repeat(0.1 * 1.1e5 * area, 4).reshape(3, 4))
+    assert_allclose(highest, np.repeat(0.1 * 1.1e5 * area, 4).reshape(3, 4))
     # Alone, in the middle, it would shorten the end by a tenth: the four together by 0.4.
     ends_only = np.zeros((3, 4))
     ends_only[0] = highest[0] / 4.0
     assert table4.solver('closed_form').solve(ends_only).q[-1] == pytest.approx(-0.1)
 
 
-def test_the_list_of_profiles_is_that_of_the_arm(cli: Cli, table2: Config) -> None:
+def test_the_list_of_profiles_is_that_of_the_arm(cli, table2):
     status, out, err = cli('play', '--list', '--config', 'renda2012_table2')
     assert (status, err) == (0, '')
     assert [line.split()[0] for line in out.splitlines()] == list(profile_names(table2.arm))
     assert '9.0 s  fetching in space' in out
 
 
-def test_a_profile_is_written_at_the_speed_and_rate_asked_for(
-    cli: Cli, tmp_path: Path, table4: Config
-) -> None:
+def test_a_profile_is_written_at_the_speed_and_rate_asked_for(cli, tmp_path, table4):
     out = tmp_path / 'fetching.csv'
     given = 'play', 'fetching', '--csv', out, '--speed', '2', '--rate', '10'
     assert cli(*given) == (0, f'{out}\n', '')
@@ -249,12 +241,10 @@ def test_a_profile_is_written_at_the_speed_and_rate_asked_for(
     profile = read_profile(out, table4.arm)
     assert profile.duration == pytest.approx(0.5 * expected.duration)
     assert len(profile.times) == 1 + round(5.0 * expected.duration)
-    np.testing.assert_allclose(profile.tensions, expected.at(2.0 * profile.times), atol=1e-6)
+    assert_allclose(profile.tensions, expected.at(2.0 * profile.times), atol=1e-6)
 
 
-def test_a_profile_is_drawn_and_its_folder_made_before_anything_is_written(
-    cli: Cli, tmp_path: Path
-) -> None:
+def test_a_profile_is_drawn_and_its_folder_made_before_anything_is_written(cli, tmp_path):
     pytest.importorskip('matplotlib')
     table, picture = tmp_path / 'new' / 'ramps.csv', tmp_path / 'ramps.png'
     line = cli.refused('play', 'ramps', '--csv', table, '--plot', tmp_path)

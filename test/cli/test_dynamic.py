@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Cli
+from numpy.testing import assert_allclose, assert_array_equal
 from recordings import START, displacement_sample, samples, text_sample, write_bag
 
 from octo_arm_model import Config
@@ -27,7 +27,7 @@ interpolation: linear
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """A simulated recording in bag and table, and the file of its arm."""
     folder = tmp_path_factory.mktemp('swing')
     (folder / 'arm.yaml').write_text(parameters_as_yaml(ARM))
@@ -48,27 +48,25 @@ def poses(bag: Path) -> np.ndarray:
         )
 
 
-def test_a_replayed_motion_is_the_simulated_one(folder: Path, tmp_path: Path, cli: Cli) -> None:
+def test_a_replayed_motion_is_the_simulated_one(folder, tmp_path, cli):
     again, table = tmp_path / 'again', tmp_path / 'table'
     status, out, _ = cli('replay', folder / 'swing', again, '--dynamic', '--lengths')
     assert status == 0 and '31 answered by the moving arm' in out
-    np.testing.assert_allclose(poses(again), poses(folder / 'swing'), atol=1e-7)
+    assert_allclose(poses(again), poses(folder / 'swing'), atol=1e-7)
     # From the table too, in steps of another length.
     status, *_ = cli(
         'replay', folder / 'swing.csv', table, '--config', folder / 'arm.yaml', '--dynamic',
         '--step', '3e-3',
     )  # fmt: skip
     assert status == 0
-    np.testing.assert_allclose(poses(table)[..., :3], poses(folder / 'swing')[..., :3], atol=2e-4)
+    assert_allclose(poses(table)[..., :3], poses(folder / 'swing')[..., :3], atol=2e-4)
     equilibria = tmp_path / 'equilibria'
     assert cli('replay', folder / 'swing', equilibria)[0] == 0
     away = poses(equilibria)[:, -1, :3] - poses(again)[:, -1, :3]
     assert np.abs(away).max() > 0.02
 
 
-def test_compared_with_its_motion_the_error_is_far_less(
-    folder: Path, tmp_path: Path, cli: Cli
-) -> None:
+def test_compared_with_its_motion_the_error_is_far_less(folder, tmp_path, cli):
     common = 'compare', folder / 'swing', '--midlines', '/tip_pose', '--clock-offset', '0'
     still = cli.json(*common, '--poses', '--tolerance', '0.005', '--json')
     moving = cli.json(*common, '--dynamic', '--json')
@@ -83,7 +81,7 @@ def test_compared_with_its_motion_the_error_is_far_less(
         assert len(list(csv.reader(file))) == 32
 
 
-def test_a_motion_begins_again_where_stamps_go_back(tmp_path: Path, cli: Cli) -> None:
+def test_a_motion_begins_again_where_stamps_go_back(tmp_path, cli):
     arm = Config.from_parameters(ARM).arm
     row = np.array([0.3, 0.0, 0.0, 0.0])
     rows = [part * row for part in (0.0, 0.5, 1.0)]
@@ -96,10 +94,10 @@ def test_a_motion_begins_again_where_stamps_go_back(tmp_path: Path, cli: Cli) ->
     status, out, _ = cli('replay', bag, tmp_path / 'out', '--dynamic')
     assert status == 0 and 'began to move from rest 2 times' in out
     found = poses(tmp_path / 'out')
-    np.testing.assert_array_equal(found[:3], found[3:])
+    assert_array_equal(found[:3], found[3:])
 
 
-def test_winches_drive_the_moving_arm(tmp_path: Path, cli: Cli) -> None:
+def test_winches_drive_the_moving_arm(tmp_path, cli):
     name = Config.from_parameters(ARM).arm.tendon_names[0]
     reeled = [0.0, 0.002, 0.004, 0.004]
     content = [displacement_sample([name], [one], START + 50_000_000 * number)
@@ -134,7 +132,7 @@ def seen(folder: Path, tmp_path: Path, noise: float, **start: float) -> list[obj
     ]  # fmt: skip
 
 
-def test_a_swing_tells_damping_drag_and_added_mass(folder: Path, tmp_path: Path, cli: Cli) -> None:
+def test_a_swing_tells_damping_drag_and_added_mass(folder, tmp_path, cli):
     given = seen(folder, tmp_path, 1e-4, viscosity=200.0, normal_drag=2.0, added_mass=1.2)
     fitted = tmp_path / 'fitted.yaml'
     found = cli.json(
@@ -151,7 +149,7 @@ def test_a_swing_tells_damping_drag_and_added_mass(folder: Path, tmp_path: Path,
     assert motion.viscosity == pytest.approx(found['estimates']['damping']['value'])
 
 
-def test_what_does_not_swing_tells_nothing(folder: Path, tmp_path: Path, cli: Cli) -> None:
+def test_what_does_not_swing_tells_nothing(folder, tmp_path, cli):
     given = seen(folder, tmp_path, 0.0)
     table = tmp_path / 'pulled.csv'
     head, *rows = table.read_text().splitlines()
@@ -180,9 +178,7 @@ def test_what_does_not_swing_tells_nothing(folder: Path, tmp_path: Path, cli: Cl
         (('compare', 'bag', '--dynamic', '--config', 'renda2012_prototype'), 'density is 0.0'),
     ],
 )
-def test_wrong_options_are_refused(
-    arguments: tuple[str, ...], message: str, folder: Path, tmp_path: Path, cli: Cli
-) -> None:
+def test_wrong_options_are_refused(arguments, message, folder, tmp_path, cli):
     places = {'bag': folder / 'swing', 'out': tmp_path / 'out'}
     more = ('--midlines', '/tip_pose') if arguments[0] == 'compare' else ()
     assert message in cli.refused(*(places.get(one, one) for one in arguments), *more)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-from pathlib import Path
 
 import pytest
-from command_line import Cli
 from touched_demo import TOUCHED, record, touched_bag
 
 from octo_arm_model.bags.reader import BagReader
@@ -18,13 +16,13 @@ TIP = ('--markers', '-')
 
 
 @pytest.fixture(scope='module')
-def short_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def short_bag(tmp_path_factory):
     """Of few messages."""
     path = tmp_path_factory.mktemp('short') / 'bag'
     return record(path, hold=0.8, ramp=0.2, tension_rate=10.0, camera_rate=5.0, marker_rate=5.0)
 
 
-def test_the_summary_says_when_and_how_hard(cli: Cli) -> None:
+def test_the_summary_says_when_and_how_hard(cli):
     status, out, _ = cli('estimate', str(touched_bag()), *TIP, '--clock-offset', '0')
     assert status == 0
     lines = out.splitlines()
@@ -38,7 +36,7 @@ def test_the_summary_says_when_and_how_hard(cli: Cli) -> None:
     assert any('tensions are measured to' in line for line in lines)
 
 
-def test_what_is_not_known_is_null_in_json(short_bag: Path, cli: Cli) -> None:
+def test_what_is_not_known_is_null_in_json(short_bag, cli):
     tips = '--midlines', '/measured/tip_pose', '--tip-pose', '-', '--align', 'none'
     status, out, _ = cli('estimate', str(short_bag), *tips, '--json')
     result = json.loads(out, parse_constant=pytest.fail)
@@ -46,7 +44,7 @@ def test_what_is_not_known_is_null_in_json(short_bag: Path, cli: Cli) -> None:
     assert all(0.0 < error < 1e-2 for error in result['camera']['tip_error'])
 
 
-def test_bag_tables_and_json_say_the_same(short_bag: Path, tmp_path: Path, cli: Cli) -> None:
+def test_bag_tables_and_json_say_the_same(short_bag, tmp_path, cli):
     out, tables = tmp_path / 'estimated', tmp_path / 'tables'
     given = ['--out', str(out), '--csv', str(tables), '--rate', '0', '--json']
     given += ['--tension-bias-stddev', '0.01', '--tension-loss-stddev', '0.1']
@@ -100,7 +98,7 @@ def test_bag_tables_and_json_say_the_same(short_bag: Path, tmp_path: Path, cli: 
         assert 0.0 < float(row['tension_loss tendon_1_2 stddev [-]']) <= 0.1 + 1e-9
 
 
-def test_a_rate_thins_out_the_bag_alone(short_bag: Path, tmp_path: Path, cli: Cli) -> None:
+def test_a_rate_thins_out_the_bag_alone(short_bag, tmp_path, cli):
     out = tmp_path / 'estimated'
     given = ['--out', str(out), '--rate', '2', '--no-copy', '--json']
     status, printed, _ = cli('estimate', str(short_bag), *given)
@@ -113,7 +111,7 @@ def test_a_rate_thins_out_the_bag_alone(short_bag: Path, tmp_path: Path, cli: Cl
 
 
 @pytest.mark.parametrize('contact', ['tip', 'none'])
-def test_the_picture_is_drawn(short_bag: Path, tmp_path: Path, cli: Cli, contact: str) -> None:
+def test_the_picture_is_drawn(short_bag, tmp_path, cli, contact):
     pytest.importorskip('matplotlib')
     path = tmp_path / 'pictures' / 'touch.png'
     given = '--contact', contact, '--plot', path
@@ -121,7 +119,7 @@ def test_the_picture_is_drawn(short_bag: Path, tmp_path: Path, cli: Cli, contact
     assert path.read_bytes().startswith(b'\x89PNG')
 
 
-def test_tip_poses_alone_do(short_bag: Path, cli: Cli) -> None:
+def test_tip_poses_alone_do(short_bag, cli):
     """Without load cells tensions keep their priors, and there is no shape to compare with."""
     given = ['--tensions', '-', '--force-stddev', '0.001', '--json']
     status, printed, _ = cli('estimate', str(short_bag), *given)
@@ -169,9 +167,7 @@ def test_tip_poses_alone_do(short_bag: Path, cli: Cli) -> None:
         (['--tensions', '-', '--clock-offset', '1'], '--clock-offset has no effect without --mid'),
     ],
 )  # fmt: skip
-def test_wrong_options_are_one_line(
-    short_bag: Path, arguments: list[str], words: str, cli: Cli
-) -> None:
+def test_wrong_options_are_one_line(short_bag, arguments, words, cli):
     status, out, errors = cli('estimate', str(short_bag), *arguments)
     assert (status, out) == (2, '')
     (line,) = [one for one in errors.splitlines() if 'compiling' not in one]

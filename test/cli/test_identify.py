@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from command_line import Cli
 from experiments import (
     FAR,
     PARAMETERS,
@@ -22,18 +19,17 @@ from experiments import (
     tension_samples,
 )
 from labs import at_any
-from recordings import Sample
 
 from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import load_parameters
 
 
 @pytest.fixture(scope='module')
-def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bag(tmp_path_factory):
     """An arm of modulus `TRUE` by the model closed_form, and a camera away from base_frame."""
     rng = np.random.default_rng(0)
 
-    def see(tension: float, stamp_ns: int) -> Sample:
+    def see(tension, stamp_ns):
         points = midline('closed_form', one_tendon(tension), 31, material__youngs_modulus=TRUE)
         points = FAR.to_camera(points) + 3e-4 * rng.standard_normal(points.shape)
         return path_sample(points, stamp_ns, frame='camera')
@@ -41,9 +37,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return staircase_bag(tmp_path_factory.mktemp('bags') / 'bag', (0.0, 1.0, 2.0, 3.0), see)
 
 
-def test_the_command_fits_every_model_and_writes_the_best(
-    bag: Path, tmp_path: Path, cli: Cli
-) -> None:
+def test_the_command_fits_every_model_and_writes_the_best(bag, tmp_path, cli):
     out = tmp_path / 'fitted.yaml'
     arguments = ['--model', 'closed_form', 'exact', '--out', str(out), '--json']
     said = cli.json('identify', str(bag), *arguments)
@@ -76,21 +70,21 @@ def test_the_command_fits_every_model_and_writes_the_best(
     assert cli('solve', out, '--tensions', '[[2,0,0,0]]')[0] == 0
 
 
-def test_the_summary_shows_intervals_and_what_is_left(bag: Path, cli: Cli) -> None:
+def test_the_summary_shows_intervals_and_what_is_left(bag, cli):
     status, out, err = cli('identify', bag, '--model', 'closed_form')
     assert status == 0 and err.count('10 fits of closed_form') == 1
     for text in ('95 % interval', 'loads left out of the fit', 'mirror image'):
         assert text in out
 
 
-def test_undetermined_parameters_end_without_a_config(bag: Path, tmp_path: Path, cli: Cli) -> None:
+def test_undetermined_parameters_end_without_a_config(bag, tmp_path, cli):
     out = tmp_path / 'fitted.yaml'
     status, text, _ = cli('identify', bag, '--fit', 'poisson_ratio', '--out', out)
     assert status == 1 and 'NOTHING FITTED' in text and not out.exists()
     assert 'is not written: the data do not determine the arm' in text
 
 
-def test_a_model_that_lacks_a_derivative_is_wrong_input(bag: Path, cli: Cli) -> None:
+def test_a_model_that_lacks_a_derivative_is_wrong_input(bag, cli):
     fits = '--fit', 'youngs_modulus', 'poisson_ratio', '--align', 'fit'
     status, _, err = cli('identify', bag, '--model', 'renda2012', *fits)
     assert status == 2 and 'renda2012 has no derivative by poisson_ratio' in err
@@ -108,7 +102,7 @@ ALONG = np.linspace(0.0, 0.27, 16)
 
 
 @pytest.fixture(scope='module')
-def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def lab(tmp_path_factory):
     """Sheaths take 4 % of the tension while it rises and add as much while it falls."""
     rng = np.random.default_rng(0)
     time, pulled = staircase(HELD, hold=2.0)
@@ -122,7 +116,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return bag_of(tmp_path_factory.mktemp('bags') / 'lab', samples)
 
 
-def test_branches_models_and_pictures(lab: Path, tmp_path: Path, cli: Cli) -> None:
+def test_branches_models_and_pictures(lab, tmp_path, cli):
     pytest.importorskip('matplotlib')
     arguments = ['--model', 'closed_form', 'exact', '--clock-offset', '0']
     out, pictures = tmp_path / 'fitted.yaml', tmp_path / 'pictures'
@@ -142,7 +136,7 @@ def test_branches_models_and_pictures(lab: Path, tmp_path: Path, cli: Cli) -> No
     assert {path.name for path in pictures.iterdir()} == {'intervals.png', 'residuals_along_s.png'}
 
 
-def test_steps_of_one_load_are_told_apart_by_their_direction(lab: Path, cli: Cli) -> None:
+def test_steps_of_one_load_are_told_apart_by_their_direction(lab, cli):
     arguments = ['--clock-offset', '0', '--model', 'exact', '--json']
     said = cli.json('compare', str(lab), *arguments)
     assert [step['direction'] for step in said['steps']] == 3 * ['loading'] + 2 * ['unloading']

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import re
 import sys
-from pathlib import Path
 
 import pytest
-from command_line import SOLVE, TENSIONS, Cli
+from command_line import SOLVE, TENSIONS
 
 from octo_arm_model.cli import workspace
 
@@ -77,13 +76,11 @@ REEL = (*SOLVE[:2], '--displacements')
         ((*REEL, f'{{"tendon_1_1": {10**400}}}'), 'expected a finite number'),
     ],
 )  # fmt: skip
-def test_bad_input_is_one_line_on_stderr_and_status_2(
-    cli: Cli, arguments: tuple[str, ...], message: str
-) -> None:
+def test_bad_input_is_one_line_on_stderr_and_status_2(cli, arguments, message):
     assert message in cli.refused(*arguments)
 
 
-def test_a_header_of_several_lines_is_named_on_one(cli: Cli, tmp_path: Path) -> None:
+def test_a_header_of_several_lines_is_named_on_one(cli, tmp_path):
     path = tmp_path / 'profile.csv'
     path.write_text('"time\nand",more\n0,1\n')
     line = cli.refused('play', path, '--csv', tmp_path / 'out.csv')
@@ -98,7 +95,7 @@ def test_a_header_of_several_lines_is_named_on_one(cli: Cli, tmp_path: Path) -> 
         ('compare', ''), ('compare', 'bag', '--out', ''), ('replay', 'bag', ''),
     ],
 )  # fmt: skip
-def test_wrong_usage_is_status_2(cli: Cli, arguments: tuple[str, ...]) -> None:
+def test_wrong_usage_is_status_2(cli, arguments):
     status, _, err = cli.left(*arguments)
     assert status == 2 and err.startswith('octo-arm') and err.count('\n') == 1
     assert 'error: ' in err and '--help\n' in err
@@ -114,9 +111,7 @@ def test_wrong_usage_is_status_2(cli: Cli, arguments: tuple[str, ...]) -> None:
         ('inverse', 'renda2012_table4', '--tip', '0', '0', '0', '--tip', '0', '0', '0'),
     ],
 )
-def test_an_option_is_given_once_as_the_last_would_replace_the_others(
-    cli: Cli, words: tuple[str, ...]
-) -> None:
+def test_an_option_is_given_once_as_the_last_would_replace_the_others(cli, words):
     status, _, err = cli.left(*words)
     assert status == 2 and 'is given twice, expected once' in err
 
@@ -128,22 +123,20 @@ def test_an_option_is_given_once_as_the_last_would_replace_the_others(
         ('1e300', r'tension of 1e\+300 N is beyond .* N, a million times what would compress .*'),
     ],
 )
-def test_no_trustworthy_answer_is_one_line_on_stderr_and_status_1(
-    cli: Cli, tension: str, message: str
-) -> None:
+def test_no_trustworthy_answer_is_one_line_on_stderr_and_status_1(cli, tension, message):
     everywhere = json.dumps([[float(tension)] * 4] * 3)
     assert re.fullmatch(f'{message}\n', cli.refused(*SOLVE, everywhere, status=1))
 
 
-def test_an_interrupted_command_says_so(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object, **__: object) -> None:
+def test_an_interrupted_command_says_so(cli, monkeypatch):
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(workspace, 'sample_workspace', interrupted)
     assert cli('workspace', 'renda2012_table4', '--json') == (130, '', 'octo-arm: interrupted\n')
 
 
-def test_without_ros_playing_says_what_to_do(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_ros_playing_says_what_to_do(cli, monkeypatch):
     for name in ['rclpy', *(one for one in sys.modules if one.startswith('rclpy.'))]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.delitem(sys.modules, 'octo_arm_model.ros.client.commands', raising=False)

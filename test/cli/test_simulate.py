@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from command_line import Cli
+from numpy.testing import assert_allclose
 
 from octo_arm_model import Config, MotionProperties
 
@@ -23,7 +21,7 @@ interpolation: linear
 
 
 @pytest.fixture
-def profile(tmp_path: Path) -> str:
+def profile(tmp_path):
     path = tmp_path / 'profile.yaml'
     path.write_text(PROFILE)
     return str(path)
@@ -32,7 +30,7 @@ def profile(tmp_path: Path) -> str:
 SIMULATE = ('simulate', *ARM, *WATER)
 
 
-def test_a_simulation_is_the_same_in_bag_and_table(profile: str, tmp_path: Path, cli: Cli) -> None:
+def test_a_simulation_is_the_same_in_bag_and_table(profile, tmp_path, cli):
     pytest.importorskip('rosbags')
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.wire.backbone import read_poses
@@ -44,21 +42,21 @@ def test_a_simulation_is_the_same_in_bag_and_table(profile: str, tmp_path: Path,
     names = table.read_text().partition('\n')[0].split(',')
     assert names[:3] == ['time', 'tip_x', 'tip_y'] and names[-1] == 'tendon_3_4'
     rows = np.loadtxt(table, delimiter=',', skiprows=1)
-    np.testing.assert_allclose(rows[:, 0], 0.02 * np.arange(21), atol=1e-12)
-    np.testing.assert_allclose(rows[5:, names.index('tendon_3_1')], 0.2)
+    assert_allclose(rows[:, 0], 0.02 * np.arange(21), atol=1e-12)
+    assert_allclose(rows[5:, names.index('tendon_3_1')], 0.2)
     with BagReader(bag) as reader:
         assert {'/tendon_tensions', '/backbone/poses', '/tip_pose'} <= set(reader.topics)
         poses = [record.data for record in reader.messages(['/backbone/poses'])]
     assert len(poses) == len(rows)
     _, last = read_poses(poses[-1])
-    np.testing.assert_allclose(last[-1, :3], rows[-1, 1:4], rtol=1e-6)
+    assert_allclose(last[-1, :3], rows[-1, 1:4], rtol=1e-6)
     # It lags behind its equilibrium, and the same options give the same numbers.
     assert np.abs(rows[-1, 4:7]).max() > 1e-3
     assert cli(*held, again)[0] == 0
     assert again.read_bytes() == table.read_bytes()
 
 
-def test_pictures_of_a_simulation(profile: str, tmp_path: Path, cli: Cli) -> None:
+def test_pictures_of_a_simulation(profile, tmp_path, cli):
     matplotlib = pytest.importorskip('matplotlib.image')
     plot, gif = tmp_path / 'motion.png', tmp_path / 'motion.gif'
     assert cli(*SIMULATE, profile, '--rate', '10', '--plot', plot, '--animate', gif)[0] == 0
@@ -79,17 +77,17 @@ def test_pictures_of_a_simulation(profile: str, tmp_path: Path, cli: Cli) -> Non
     ],
 )
 def test_wrong_options_are_one_line(
-    arguments: tuple[str, ...], message: str, profile: str, cli: Cli,
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
-) -> None:  # fmt: skip
+    arguments, message, profile, cli,
+    monkeypatch, tmp_path,
+):  # fmt: skip
     monkeypatch.chdir(tmp_path)
     given = (profile if word == 'PROFILE' else word for word in arguments)
     assert message in cli.refused(*given)
 
 
-def test_modes_are_printed_and_drawn(tmp_path: Path, cli: Cli) -> None:
+def test_modes_are_printed_and_drawn(tmp_path, cli):
     found = cli.json('modes', *ARM, *WATER, '--count', '5', '--json')
-    np.testing.assert_allclose(found['frequencies'][::2], [0.2625, 0.7105, 1.4588], atol=6e-5)
+    assert_allclose(found['frequencies'][::2], [0.2625, 0.7105, 1.4588], atol=6e-5)
     assert np.shape(found['shapes']) == (5, 11, 3)
     assert '0.4056' in cli('modes', *ARM, '--count', '2')[1]
     pytest.importorskip('matplotlib')
@@ -98,7 +96,7 @@ def test_modes_are_printed_and_drawn(tmp_path: Path, cli: Cli) -> None:
     assert picture.stat().st_size > 10_000
 
 
-def test_the_file_of_an_arm_says_how_it_moves() -> None:
+def test_the_file_of_an_arm_says_how_it_moves():
     given = {
         'material.youngs_modulus': 1e5, 'material.density': 1080.0, 'body.length': 0.4,
         'body.radius_base': 0.01, 'body.radius_tip': 0.005, 'sections.anchorage': [0.4],

@@ -8,16 +8,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from command_line import Cli, Terminal
+from command_line import Terminal
 from experiments import midline, one_tendon, path_sample, staircase_bag
-from recordings import Sample
 
 from octo_arm_model.cli.files import Bar, writing
 
 pytest.importorskip('matplotlib', reason='needs matplotlib')
 
 
-def test_links_are_followed_and_devices_are_written_to(tmp_path: Path) -> None:
+def test_links_are_followed_and_devices_are_written_to(tmp_path):
     (tmp_path / 'there').mkdir()
     link = tmp_path / 'link.csv'
     link.symlink_to(tmp_path / 'there' / 'table.csv')
@@ -70,10 +69,10 @@ def no_file_beyond(size: int) -> Iterator[None]:
 
 
 @pytest.fixture(scope='module')
-def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bag(tmp_path_factory):
     """A bag of three steps."""
 
-    def see(tension: float, stamp_ns: int) -> Sample:
+    def see(tension, stamp_ns):
         return path_sample(midline('closed_form', one_tendon(tension), 21), stamp_ns)
 
     return staircase_bag(tmp_path_factory.mktemp('bags') / 'bag', (0.0, 1.09, 3.06), see)
@@ -88,9 +87,7 @@ def tree(folder: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize('command', [*FILES, *FOLDERS, *BAGS], ids=' '.join)
-def test_what_does_not_fit_is_not_there(
-    command: list[str], bag: Path, tmp_path: Path, cli: Cli
-) -> None:
+def test_what_does_not_fit_is_not_there(command, bag, tmp_path, cli):
     for name in ('new', 'old') if command in BOTH else ('old',):
         folder = tmp_path / name
         out = folder / 'deep' / 'out'
@@ -112,15 +109,13 @@ def test_what_does_not_fit_is_not_there(
 
 
 @pytest.mark.skipif(not Path('/dev/full').exists(), reason='needs a device that is full')
-def test_a_device_that_is_full_is_named(cli: Cli) -> None:
+def test_a_device_that_is_full_is_named(cli):
     line = cli.refused('play', 'fetching', '--csv', '/dev/full')
     assert line.startswith('/dev/full: cannot be written: ')
 
 
 @pytest.mark.parametrize('command', [FILES[0], FILES[2], FOLDERS[1], FOLDERS[4]], ids=' '.join)
-def test_what_fits_takes_the_place_of_what_was_there(
-    command: list[str], bag: Path, tmp_path: Path, cli: Cli
-) -> None:
+def test_what_fits_takes_the_place_of_what_was_there(command, bag, tmp_path, cli):
     out = tmp_path / 'out'
     if command in FOLDERS:
         out.mkdir()
@@ -136,7 +131,7 @@ def test_what_fits_takes_the_place_of_what_was_there(
         assert b'before' not in out.read_bytes() and out.stat().st_mode & 0o444 == 0o444
 
 
-def test_nothing_is_written_over_or_into_the_bag(bag: Path, cli: Cli) -> None:
+def test_nothing_is_written_over_or_into_the_bag(bag, cli):
     before = sorted(bag.iterdir())
     new = bag / 'new'
     for command, option, path in (
@@ -149,7 +144,7 @@ def test_nothing_is_written_over_or_into_the_bag(bag: Path, cli: Cli) -> None:
     assert sorted(bag.iterdir()) == before
 
 
-def test_a_command_that_fails_leaves_no_empty_folder(cli: Cli, tmp_path: Path) -> None:
+def test_a_command_that_fails_leaves_no_empty_folder(cli, tmp_path):
     kept, new, file = tmp_path / 'kept', tmp_path / 'new', tmp_path / 'file'
     kept.mkdir()
     file.touch()
@@ -162,9 +157,7 @@ def test_a_command_that_fails_leaves_no_empty_folder(cli: Cli, tmp_path: Path) -
     assert kept.exists() and not list(kept.iterdir()) and not new.exists()
 
 
-def test_a_terminal_shows_a_bar_with_rate_and_remaining_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_terminal_shows_a_bar_with_rate_and_remaining_time(monkeypatch):
     monkeypatch.setattr('octo_arm_model.terminal._PERIOD', 0.0)
     stream = Terminal()
     with Bar('sets of tensions', stream) as bar:

@@ -23,7 +23,7 @@ THREE = {
 }
 
 
-def test_obstacles_are_lists_of_what_each_is() -> None:
+def test_obstacles_are_lists_of_what_each_is():
     loads = Config.from_parameters(ARM | THREE).loads
     assert loads.obstacles == (
         Plane((0.0, 0.0, -0.1), (0.0, 0.0, 1.0), stiffness=1e6),
@@ -52,15 +52,13 @@ def test_obstacles_are_lists_of_what_each_is() -> None:
         ({'position': [float('nan')] * 9}, 'Plane.point is .* expected three finite numbers'),
     ],
 )
-def test_obstacles_that_cannot_be_are_refused_by_name(
-    changes: dict[str, object], message: str
-) -> None:
+def test_obstacles_that_cannot_be_are_refused_by_name(changes, message):
     given = {f'obstacles.{name}': value for name, value in changes.items()}
     with pytest.raises((ConfigError, ArmDefinitionError), match=message):
         Config.from_parameters(ARM | THREE | given)
 
 
-def test_a_node_of_an_arm_that_rubs_says_that_there_are_no_shapes_at_rest() -> None:
+def test_a_node_of_an_arm_that_rubs_says_that_there_are_no_shapes_at_rest():
     config = Config.from_parameters(ARM | THREE)
     with pytest.raises(ConfigError, match=r'loads.obstacles have friction'):
         config.node_solver()

@@ -28,7 +28,7 @@ def tip_of(config: Config) -> np.ndarray:
     return config.solver().solve(pull).tip
 
 
-def test_a_linear_path_is_the_limit_of_smooth_ones_and_pchip_is_another() -> None:
+def test_a_linear_path_is_the_limit_of_smooth_ones_and_pchip_is_another():
     s, offset = np.array([0.0, KINK, LENGTH]), np.array([FAR, NEAR, FAR])
     kinked = tip_of(arm_of(s, offset, tendons__table_between='linear'))
     away = []
@@ -43,7 +43,7 @@ def test_a_linear_path_is_the_limit_of_smooth_ones_and_pchip_is_another() -> Non
     assert np.linalg.norm(tip_of(arm_of(s, offset)) - kinked) > 0.01 * LENGTH
 
 
-def test_what_is_neither_and_friction_at_kinks_are_refused() -> None:
+def test_what_is_neither_and_friction_at_kinks_are_refused():
     s, offset = np.array([0.0, KINK, LENGTH]), np.array([FAR, NEAR, FAR])
     with pytest.raises(ConfigError, match="table_between is 'cubic', expected pchip or linear"):
         arm_of(s, offset, tendons__table_between='cubic')

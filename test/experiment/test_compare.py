@@ -25,7 +25,7 @@ def compared(lines: list[np.ndarray], alignment: Alignment | None = Alignment.no
 
 
 @pytest.mark.parametrize('angle', [0.02, 0.1])
-def test_an_arm_turned_about_its_base_is_off_by_the_chord(angle: float) -> None:
+def test_an_arm_turned_about_its_base_is_off_by_the_chord(angle):
     turn = Rotation.from_rotvec([0.0, 0.0, angle])
     lines = [turn.apply(answer(tension)) for tension in STEPS]
     expected = [
@@ -43,7 +43,7 @@ def test_an_arm_turned_about_its_base_is_off_by_the_chord(angle: float) -> None:
     assert (comparison.percent('hausdorff') <= np.array(expected) + 0.05).all()
 
 
-def test_a_fitted_alignment_takes_away_what_a_camera_could_explain() -> None:
+def test_a_fitted_alignment_takes_away_what_a_camera_could_explain():
     lines = [FAR.to_camera(answer(tension)) for tension in STEPS]
     comparison = compared(lines, None)
     assert comparison.percent('hausdorff') == pytest.approx([0.0] * 3, abs=0.02)
@@ -55,7 +55,7 @@ def test_a_fitted_alignment_takes_away_what_a_camera_could_explain() -> None:
         compared(lines, Alignment.none())
 
 
-def test_steps_without_an_answer_are_named_and_the_others_compared() -> None:
+def test_steps_without_an_answer_are_named_and_the_others_compared():
     pulls = [one_tendon(1.0), one_tendon(500.0)]
     seen = shapes([answer(1.0), answer(1.0)], pulls)
     comparison = compare(seen, PARAMETERS, 'closed_form', Alignment.none())
@@ -65,7 +65,7 @@ def test_steps_without_an_answer_are_named_and_the_others_compared() -> None:
         compare(seen[1:], PARAMETERS, 'closed_form', None)
 
 
-def test_where_friction_leaves_no_derivative_a_straight_step_has_errors_but_no_bend() -> None:
+def test_where_friction_leaves_no_derivative_a_straight_step_has_errors_but_no_bend():
     rough = {**PARAMETERS, 'tendons.friction': [0.2]}
     seen = shapes([answer(0.0)], [one_tendon(0.0)])
     (step,) = compare(seen, rough, 'exact', Alignment.none()).steps

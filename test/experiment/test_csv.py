@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import Cli
 from labs import MARKER_S, TIP_ERRORS, marker_bag, seen, staircase_of
 
 from octo_arm_model.arm import limits
@@ -62,9 +61,7 @@ def assert_tip_errors(said: dict[str, Any]) -> None:
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
 
 
-def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(
-    tmp_path: Path, cli: Cli
-) -> None:
+def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(tmp_path, cli):
     files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
     files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv'))]
     said = cli.json('compare', *files, *ARM, *STILL)
@@ -75,9 +72,7 @@ def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(
 
 
 @pytest.mark.parametrize('is_yaml', [False, True])
-def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(
-    is_yaml: bool, tmp_path: Path, cli: Cli
-) -> None:
+def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(is_yaml, tmp_path, cli):
     loads = loads_csv(
         tmp_path / 'loads.csv', 'Zeit\tLC 1 [mN]\tnote',
         lambda at, pull: f'{EPOCH + at:.4f}\t{1e3 * pull!r}\tfine',
@@ -96,7 +91,7 @@ def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(
     assert any('the marker at 0.09 m is not seen in 42 of 84' in note for note in said['notes'])
 
 
-def test_a_file_of_loads_goes_with_a_bag_of_markers(tmp_path: Path, cli: Cli) -> None:
+def test_a_file_of_loads_goes_with_a_bag_of_markers(tmp_path, cli):
     loads = loads_csv(tmp_path / 'loads.csv')
     bag = str(marker_bag(tmp_path / 'bag'))
     said = cli.json('compare', bag, '--tension-csv', loads, *S, *STILL)
@@ -132,9 +127,9 @@ TRACK = 'time,x,y,z\n0,0,0,0\n'
     ],
 )  # fmt: skip
 def test_files_that_are_wrong_are_refused_by_line(
-    loads: str | bytes, track: str, message: str, tmp_path: Path,
-    cli: Cli,
-) -> None:  # fmt: skip
+    loads, track, message, tmp_path,
+    cli,
+):  # fmt: skip
     data = loads if isinstance(loads, bytes) else loads.encode()
     (tmp_path / 'loads.csv').write_bytes(data)
     (tmp_path / 'track.csv').write_text(track)
@@ -143,9 +138,7 @@ def test_files_that_are_wrong_are_refused_by_line(
     assert message in cli.refused('compare', *files, *ARM)
 
 
-def test_what_is_read_has_bounds(
-    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_read_has_bounds(tmp_path, cli, monkeypatch):
     from octo_arm_model.experiment import csv_table
 
     loads = tmp_path / 'loads.csv'
@@ -174,13 +167,13 @@ def test_what_is_read_has_bounds(
         (['bag', '--columns', 'time=t'], '--columns is given, and no CSV file'),
     ],
 )  # fmt: skip
-def test_what_is_not_said_is_asked_for(words: list[str], message: str, cli: Cli) -> None:
+def test_what_is_not_said_is_asked_for(words, message, cli):
     assert message in cli.refused('compare', *words)
 
 
 def test_markers_are_named_by_columns_and_one_of_two_files_has_another_name_for_time(
-    tmp_path: Path, cli: Cli
-) -> None:
+    tmp_path, cli
+):
     """Also in a file that has columns x and x1 of other things."""
     track = wide_csv(tmp_path / 'track.csv')
     names = [f'{marker}-{axis}' for marker in 'ABCD' for axis in 'XY']
@@ -211,15 +204,13 @@ def test_markers_are_named_by_columns_and_one_of_two_files_has_another_name_for_
         (['z='], "--columns has 'z=', expected name=COLUMN"),
     ],
 )  # fmt: skip
-def test_columns_that_are_not_read_are_refused(
-    told: list[str], message: str, tmp_path: Path, cli: Cli
-) -> None:
+def test_columns_that_are_not_read_are_refused(told, message, tmp_path, cli):
     files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
     files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv')), '--columns', *told]
     assert message in cli.refused('compare', *files, *ARM)
 
 
-def test_options_that_files_leave_without_effect_are_refused(tmp_path: Path, cli: Cli) -> None:
+def test_options_that_files_leave_without_effect_are_refused(tmp_path, cli):
     files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
     files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv')), *ARM]
     assert '--length-unit has no effect on' in cli.refused(

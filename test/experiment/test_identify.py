@@ -21,6 +21,7 @@ from experiments import (
     tips,
     with_encoders,
 )
+from numpy.testing import assert_allclose
 
 from octo_arm_model.arm.errors import ConfigError, SolveError
 from octo_arm_model.config.config import Config
@@ -70,9 +71,7 @@ def spoiled(steps: list[MeasuredShape], number: int, **changes: Any) -> list[Mea
 
 
 @pytest.mark.parametrize('only_tips', [False, True])
-def test_youngs_modulus_is_found_by_every_model_in_its_own_data(
-    model: str, only_tips: bool
-) -> None:
+def test_youngs_modulus_is_found_by_every_model_in_its_own_data(model, only_tips):
     steps = measured(model)
     found = fitted(tips(steps) if only_tips else steps, model=model)
     assert values(found) == {'youngs_modulus': pytest.approx(TRUE, rel=3e-4)}
@@ -80,7 +79,7 @@ def test_youngs_modulus_is_found_by_every_model_in_its_own_data(
     assert found.parameters['material.youngs_modulus'] == values(found)['youngs_modulus']
 
 
-def test_a_modulus_that_varies_along_the_arm_is_scaled_as_a_whole() -> None:
+def test_a_modulus_that_varies_along_the_arm_is_scaled_as_a_whole():
     s, young = 'material.table_s', 'material.table_youngs_modulus'
     true = {'material__table_s': [0.0, 0.27], 'material__table_youngs_modulus': [1.1e5, 1.54e5]}
     start = {**PARAMETERS, s: [0.0, 0.27], young: [1e5, 1.4e5]}
@@ -88,18 +87,18 @@ def test_a_modulus_that_varies_along_the_arm_is_scaled_as_a_whole() -> None:
     assert found.parameters[young] == pytest.approx([1.1e5, 1.54e5], rel=1e-3)
 
 
-def test_scale_offset_and_camera_are_found_together() -> None:
+def test_scale_offset_and_camera_are_found_together():
     read = [np.maximum((pull - 0.1 * (pull > 0)) / 1.2, 0.0) for pull in PULLS]
     lines = [FAR.to_camera(midline('closed_form', pull)) for pull in PULLS]
     fits = ('tension_scale', 'tension_offset', 'alignment')
     found = fitted(shapes(lines, read), *fits, model='closed_form')
     assert values(found)['tension_scale'] == pytest.approx(1.2, rel=1e-3)
     assert values(found)['tension_offset'] == pytest.approx(0.1, abs=1e-3)
-    np.testing.assert_allclose(found.alignment.shift, FAR.shift, atol=3e-4)
-    np.testing.assert_allclose(found.alignment.rotation, FAR.rotation, atol=1e-3)
+    assert_allclose(found.alignment.shift, FAR.shift, atol=3e-4)
+    assert_allclose(found.alignment.rotation, FAR.rotation, atol=1e-3)
 
 
-def test_displaced_tendons_and_poissons_ratio_are_found() -> None:
+def test_displaced_tendons_and_poissons_ratio_are_found():
     # Tendons that wind about the arm twist it, and only then nu matters.
     winding = {'tendons.twist': [2.0] * 4, 'sections.offset_anchorage': [0.005]}
     start = {**PARAMETERS, **winding}
@@ -119,10 +118,10 @@ def test_displaced_tendons_and_poissons_ratio_are_found() -> None:
         'tendon_offset.tendon_1_2': pytest.approx(-3e-4, abs=2e-5),
     }
     again = Config.from_parameters(found.parameters).solver().solve([pulls[4]]).tip
-    np.testing.assert_allclose(again, lines[4][-1], atol=2e-4)
+    assert_allclose(again, lines[4][-1], atol=2e-4)
 
 
-def test_modulus_and_sheath_are_told_apart_by_tensions_of_many_sizes() -> None:
+def test_modulus_and_sheath_are_told_apart_by_tensions_of_many_sizes():
     """At small tensions a sheath does nothing, a modulus as much as ever."""
     sheath = {'tendons__sheath_stiffness': [2.5e5]}
     steps = measured('exact', noise=1e-4, pulls=HALF, parameters=sheath)
@@ -137,7 +136,7 @@ def test_modulus_and_sheath_are_told_apart_by_tensions_of_many_sizes() -> None:
     assert any('sheath_stiffness is left as it is' in why for why in found.undetermined)
 
 
-def test_a_tension_without_an_answer_is_an_error() -> None:
+def test_a_tension_without_an_answer_is_an_error():
     with pytest.raises(SolveError, match='compress the arm to nothing'):
         fitted(spoiled(measured(), 0, tensions=one_tendon(500.0)), model='closed_form')
 
@@ -174,7 +173,7 @@ FREE = {'tendons.free_length': [0.3]}
 BOTH = 'youngs_modulus', 'axial_stiffness'
 
 
-def test_modulus_and_stretch_are_found_together() -> None:
+def test_modulus_and_stretch_are_found_together():
     found = fitted(winches(**FREE), *BOTH, start=WINCHES)
     for name, true, near in (('youngs_modulus', TRUE, 3e-3), ('axial_stiffness', THREAD, 0.02)):
         assert_holds(found, name, true, near)
@@ -187,13 +186,11 @@ def test_modulus_and_stretch_are_found_together() -> None:
     assert sum(name.startswith('encoder_zero') for name in found.estimates) == 1
 
 
-def test_without_load_cells_the_shape_tells_the_tension_and_only_the_ratio_of_stiffnesses() -> (
-    None
-):
+def test_without_load_cells_the_shape_tells_the_tension_and_only_the_ratio_of_stiffnesses():
     steps = without_cells(winches(**FREE), GUESS)
     found = fitted(steps, 'axial_stiffness', start=GUESS)
     assert_holds(found, 'axial_stiffness', THREAD, 0.03)
-    np.testing.assert_allclose(found.tensions[:, 0], STEPS[1::2], rtol=0.02)
+    assert_allclose(found.tensions[:, 0], STEPS[1::2], rtol=0.02)
     # Twice as stiff an arm with twice as stiff tendons has the same shape at equal lengths.
     found = fitted(steps, *BOTH, start=GUESS)
     assert values(found)['axial_stiffness'] is None
@@ -202,7 +199,7 @@ def test_without_load_cells_the_shape_tells_the_tension_and_only_the_ratio_of_st
 
 
 @pytest.mark.endurance
-def test_tendons_too_stiff_to_tell_are_said_to_be() -> None:
+def test_tendons_too_stiff_to_tell_are_said_to_be():
     steps = winches(backlash=1e-4, **FREE, **{'tendons.axial_stiffness': [2e5]})
     found = fitted(steps, *BOTH, start=WINCHES)
     assert values(found)['axial_stiffness'] is None
@@ -213,7 +210,7 @@ def test_tendons_too_stiff_to_tell_are_said_to_be() -> None:
     assert 'tendons.axial_stiffness' not in found.parameters
 
 
-def test_one_load_does_not_tell_a_stretch_from_a_zero() -> None:
+def test_one_load_does_not_tell_a_stretch_from_a_zero():
     found = fitted(winches(HALF[1:2]), 'axial_stiffness', start=STIFF)
     assert not found.is_trustworthy
     assert 'encoder_zero.tendon_1_1' in found.undetermined[0]
@@ -221,7 +218,7 @@ def test_one_load_does_not_tell_a_stretch_from_a_zero() -> None:
 
 @pytest.mark.endurance
 @pytest.mark.parametrize('has_cells', [True, False])
-def test_intervals_of_stretch_hold_the_truth_as_often_as_they_say(has_cells: bool) -> None:
+def test_intervals_of_stretch_hold_the_truth_as_often_as_they_say(has_cells):
     """Of 24 experiments at most 4 miss: more do at 95 % in 0.6 % of all such counts."""
     missed, deviations = 0, []
     for seed in range(24):
@@ -236,7 +233,7 @@ def test_intervals_of_stretch_hold_the_truth_as_often_as_they_say(has_cells: boo
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
-def test_friction_and_stiffness_are_found_together(model: str) -> None:
+def test_friction_and_stiffness_are_found_together(model):
     loop = winches(LOOP, model, **{'tendons.friction': [0.2], 'tendons.axial_stiffness': []})
     found = fitted(loop, 'friction', 'youngs_modulus', model=model)
     for name, true in (('friction', 0.2), ('youngs_modulus', TRUE)):
@@ -249,7 +246,7 @@ def test_friction_and_stiffness_are_found_together(model: str) -> None:
 
 
 @pytest.mark.parametrize('has_cells', [True, False])
-def test_friction_and_the_stretch_of_tendons_are_found(has_cells: bool) -> None:
+def test_friction_and_the_stretch_of_tendons_are_found(has_cells):
     """Friction makes the arm lag behind its tendons, whose tensions somebody reads or nobody."""
     rough = {'tendons.friction': [0.2]}
     steps = winches(
@@ -263,7 +260,7 @@ def test_friction_and_the_stretch_of_tendons_are_found(has_cells: bool) -> None:
     for name, value in values(found).items():
         true = {'friction': 0.2, 'axial_stiffness': THREAD}.get(name, value)
         assert value == pytest.approx(true, rel=0.02)
-    np.testing.assert_allclose(found.tensions[:, 0], [pull[0] for pull in LESS], rtol=0.01)
+    assert_allclose(found.tensions[:, 0], [pull[0] for pull in LESS], rtol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -279,9 +276,7 @@ def test_friction_and_the_stretch_of_tendons_are_found(has_cells: bool) -> None:
         ('closed_form', ['youngs_modulus'], {'is_driven': True}, 'closed_form does not know'),
     ],
 )  # fmt: skip
-def test_what_cannot_be_fitted_is_refused(
-    model: str, fits: list[str], changes: dict[str, Any], message: str
-) -> None:
+def test_what_cannot_be_fitted_is_refused(model, fits, changes, message):
     steps = [dataclasses.replace(step, window=dataclasses.replace(step.window, **changes))
              for step in winches(LESS)]  # fmt: skip
     with pytest.raises(ConfigError, match=message):

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from command_line import Cli
-from experiments import one_tendon
-from labs import MARKER_S, TENSIONS, TIP_ERRORS, WAYS, marker_bag, pose_array, seen
-
-from octo_arm_model.arm.errors import MeasurementError
-from octo_arm_model.experiment.observations import mean_markers
-from octo_arm_model.experiment.recording import check_marker_s
-from octo_arm_model.experiment.steady_windows import Window
+from labs import MARKER_S, TENSIONS, TIP_ERRORS, WAYS, marker_bag, pose_array
 
 S = ['--marker-s', *map(str, MARKER_S)]
 STILL = ['--clock-offset', '0', '--json']
 
 
 @pytest.mark.parametrize('way', WAYS)
-def test_four_points_have_the_errors_of_points(way: str, tmp_path: Path, cli: Cli) -> None:
+def test_four_points_have_the_errors_of_points(way, tmp_path, cli):
     see, options = WAYS[way]
     bag = str(marker_bag(tmp_path / 'bag', see))
     said = cli.json('compare', bag, *S, *options, *STILL)
@@ -36,8 +27,8 @@ def test_four_points_have_the_errors_of_points(way: str, tmp_path: Path, cli: Cl
     assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
 
 
-def test_hidden_markers_are_left_out_and_their_frames_are_not(tmp_path: Path, cli: Cli) -> None:
-    def hide(points: np.ndarray, number: int) -> np.ndarray:
+def test_hidden_markers_are_left_out_and_their_frames_are_not(tmp_path, cli):
+    def hide(points, number):
         points = points.copy()
         points[1 + number % 3] = np.nan
         if number < 12:
@@ -57,7 +48,7 @@ def test_hidden_markers_are_left_out_and_their_frames_are_not(tmp_path: Path, cl
     assert any('the marker at 0.27 m is not seen in 36 of 84' in note for note in said['notes'])
 
 
-def test_millimetres_are_asked_about_and_not_guessed(tmp_path: Path, cli: Cli) -> None:
+def test_millimetres_are_asked_about_and_not_guessed(tmp_path, cli):
     bag = str(marker_bag(tmp_path / 'bag', change=lambda points, number: 1e3 * points))
     assert 'are they in mm? then say --length-unit mm' in cli.refused('compare', bag, *S, *STILL)
     said = cli.json('compare', bag, *S, *STILL, '--length-unit', 'mm')
@@ -71,10 +62,10 @@ def test_millimetres_are_asked_about_and_not_guessed(tmp_path: Path, cli: Cli) -
     assert 'are they in mm? then say --length-unit mm' in cli.refused('compare', bag, *STILL)
 
 
-def test_a_camera_somewhere_else_is_aligned_by_markers(tmp_path: Path, cli: Cli) -> None:
+def test_a_camera_somewhere_else_is_aligned_by_markers(tmp_path, cli):
     turned = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
-    def elsewhere(points: np.ndarray, number: int) -> np.ndarray:
+    def elsewhere(points, number):
         return points @ turned.T + [0.3, -0.2, 0.9]
 
     bag = str(marker_bag(tmp_path / 'bag', change=elsewhere))
@@ -90,31 +81,11 @@ def test_a_camera_somewhere_else_is_aligned_by_markers(tmp_path: Path, cli: Cli)
          'from 0 to 0.27 m: in metres?'),
         (['--marker-s', '0', '0.27'], 'it has 4 point(s), expected 2, one for each of --marker-s'),
         (['--marker-s', 'nan'], '--marker-s has nan'),
+        (['--marker-s', *map(str, np.linspace(0.0, 0.27, 1001))], 'at most 1000'),
         ([*S, '--midlines', '/mocap/markers', '/tf'], '--midlines names 2, --marker-s has 4'),
         ([*S, '--marker-frames', 'm0'], '--marker-frames names 1, --marker-s has 4'),
     ],
 )  # fmt: skip
-def test_markers_that_cannot_be_are_refused_in_one_line(
-    options: list[str], message: str, tmp_path: Path, cli: Cli
-) -> None:
+def test_markers_that_cannot_be_are_refused_in_one_line(options, message, tmp_path, cli):
     bag = str(marker_bag(tmp_path / 'bag', held=TENSIONS[:2]))
     assert message in cli.refused('compare', bag, *options)
-
-
-def test_an_outlier_of_one_marker_leaves_the_others_of_its_frame() -> None:
-    rng = np.random.default_rng(0)
-    window = Window(0.0, 1.0, one_tendon(1.0), np.zeros(4))
-    frames = np.array(seen(TENSIONS[2], MARKER_S)) + 1e-4 * rng.standard_normal((20, 4, 3))
-    frames[3, 2] += 0.1
-    shape = mean_markers(window, list(frames), np.array(MARKER_S))
-    assert shape is not None
-    assert shape.outliers == 1
-    np.testing.assert_allclose(shape.points[2], np.delete(frames[:, 2], 3, axis=0).mean(axis=0))
-    np.testing.assert_allclose(shape.points[1], frames[:, 1].mean(axis=0))
-    hidden = np.full((3, 4, 3), np.nan)
-    assert mean_markers(window, list(hidden), np.array(MARKER_S)) is None
-
-
-def test_how_many_markers_there_may_be_is_bounded() -> None:
-    with pytest.raises(MeasurementError, match='at most 1000'):
-        check_marker_s(list(np.linspace(0.0, 0.27, 1001)), 0.27)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Cli
 from experiments import PARAMETERS
 
 from octo_arm_model.config.config import Config
@@ -40,7 +39,7 @@ def random_poses(seed: int, count: int = COUNT) -> np.ndarray:
     return tensions
 
 
-def test_poses_are_refused_as_steps_and_read_as_poses(tmp_path: Path, cli: Cli) -> None:
+def test_poses_are_refused_as_steps_and_read_as_poses(tmp_path, cli):
     given = files(tmp_path, random_poses(0), 2.3 * np.arange(COUNT))
     for command in ('compare', 'identify'):
         status, out, err = cli(command, *given, *ARM)
@@ -54,7 +53,7 @@ def test_poses_are_refused_as_steps_and_read_as_poses(tmp_path: Path, cli: Cli) 
     assert any('40 poses, 40 of them with frames: 40 of 40 used' in one for one in said['notes'])
 
 
-def test_tips_that_no_number_of_metres_reaches_are_left_out(tmp_path: Path, cli: Cli) -> None:
+def test_tips_that_no_number_of_metres_reaches_are_left_out(tmp_path, cli):
     given = files(tmp_path, random_poses(5, 3), np.arange(3.0))
     table = Path(given[-1])
     table.write_text(table.read_text().rsplit('\n', 2)[0] + '\n2.0,1e300,0.0,0.0\n')
@@ -63,7 +62,7 @@ def test_tips_that_no_number_of_metres_reaches_are_left_out(tmp_path: Path, cli:
     assert any('1 left out, as point 1 is [1e+300, 0.0, 0.0]' in one for one in said['notes'])
 
 
-def test_the_modulus_is_fitted_to_poses(tmp_path: Path, cli: Cli) -> None:
+def test_the_modulus_is_fitted_to_poses(tmp_path, cli):
     given = files(tmp_path, random_poses(1, 8), 2.3 * np.arange(8))
     said = cli.json('identify', *given, *ARM, '--poses', '--json')
     assert said['steps'] == 8
@@ -73,16 +72,14 @@ def test_the_modulus_is_fitted_to_poses(tmp_path: Path, cli: Cli) -> None:
 @pytest.mark.parametrize(
     ('spacing', 'late'), [(1.0, 0.0), (0.05, 0.0), (1.0, 0.08), (1.0, -0.08), (3600.0, 0.0)]
 )
-def test_each_frame_is_that_of_the_pose_of_its_stamp(
-    spacing: float, late: float, tmp_path: Path, cli: Cli
-) -> None:
+def test_each_frame_is_that_of_the_pose_of_its_stamp(spacing, late, tmp_path, cli):
     given = files(tmp_path, random_poses(2, 12), spacing * np.arange(12), late)
     said = cli.json('compare', *given, *ARM, '--poses', '--json')
     assert [step['frames'] for step in said['steps']] == 12 * [1]
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
 
 
-def test_few_frames_set_no_clock(tmp_path: Path, cli: Cli) -> None:
+def test_few_frames_set_no_clock(tmp_path, cli):
     """A function of ten numbers passes through few tips at any offset of the clock."""
     held = np.repeat(random_poses(3, 4), 20, axis=0)
     given = files(tmp_path, held, 0.2 * np.arange(80), every=20)
@@ -107,9 +104,7 @@ def test_few_frames_set_no_clock(tmp_path: Path, cli: Cli) -> None:
         (['--poses', '--base-end', 'first'], '--base-end has no effect on tips and markers'),
     ],
 )
-def test_options_of_steps_have_no_effect_on_others(
-    words: list[str], message: str, tmp_path: Path, cli: Cli
-) -> None:
+def test_options_of_steps_have_no_effect_on_others(words, message, tmp_path, cli):
     given = files(tmp_path, random_poses(4, 3), np.arange(3.0))
     status, out, err = cli('compare', *given, *ARM, *words)
     assert (status, out) == (2, '') and message in err

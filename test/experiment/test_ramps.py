@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from command_line import Cli
 from experiments import bag_of, description, nanoseconds, path_sample, tension_samples
 from labs import MARKER_S, STATIONS, TENSIONS, TIP_ERRORS, at_any, pose_array
 
@@ -14,7 +11,7 @@ STILL = ['--clock-offset', '0', '--json']
 
 
 @pytest.fixture(scope='module')
-def ramp(tmp_path_factory: pytest.TempPathFactory) -> str:
+def ramp(tmp_path_factory):
     """A bag: pulled for 30 s and let go for 30 s, at a steady rate; midlines at 5 Hz."""
     time = np.arange(0.0, 60.0, 0.02)
     pulled = np.interp(time, [0.0, 30.0, 60.0], [TENSIONS[0], TENSIONS[-1], TENSIONS[0]])
@@ -25,7 +22,7 @@ def ramp(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(bag_of(tmp_path_factory.mktemp('ramp') / 'bag', samples))
 
 
-def test_what_has_no_steps_is_refused_with_the_way_to_read_it(ramp: str, cli: Cli) -> None:
+def test_what_has_no_steps_is_refused_with_the_way_to_read_it(ramp, cli):
     # At the defaults the turn at the top counts as a step, of a fraction of the time.
     said = cli.json('compare', ramp, *STILL)
     assert len(said['steps']) == 1
@@ -36,7 +33,7 @@ def test_what_has_no_steps_is_refused_with_the_way_to_read_it(ramp: str, cli: Cl
 
 
 @pytest.mark.parametrize('width', [[], ['0.3']])
-def test_a_ramp_has_the_errors_of_its_tensions(width: list[str], ramp: str, cli: Cli) -> None:
+def test_a_ramp_has_the_errors_of_its_tensions(width, ramp, cli):
     said = cli.json('compare', ramp, '--ramp', *width, *STILL)
     assert len(said['steps']) > 20
     for step in said['steps']:
@@ -45,9 +42,7 @@ def test_a_ramp_has_the_errors_of_its_tensions(width: list[str], ramp: str, cli:
     assert any('windows of a ramp' in note for note in said['notes'])
 
 
-def test_markers_of_a_ramp_are_no_outliers_for_moving_more_towards_the_tip(
-    tmp_path: Path, cli: Cli
-) -> None:
+def test_markers_of_a_ramp_are_no_outliers_for_moving_more_towards_the_tip(tmp_path, cli):
     time = np.arange(0.0, 30.0, 0.02)
     pulled = np.interp(time, [0.0, 30.0], [TENSIONS[0], TENSIONS[-1]])
     samples = [description(model='exact'), *tension_samples(time, pulled)]
@@ -64,7 +59,7 @@ def test_markers_of_a_ramp_are_no_outliers_for_moving_more_towards_the_tip(
         assert step['tip_error_percent'] == pytest.approx(expected, abs=0.12)
 
 
-def test_an_arm_is_fitted_to_a_ramp(ramp: str, cli: Cli) -> None:
+def test_an_arm_is_fitted_to_a_ramp(ramp, cli):
     fitted = cli.json('identify', ramp, '--ramp', '1.2', *STILL, '--model', 'exact')
     assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
 
@@ -77,7 +72,5 @@ def test_an_arm_is_fitted_to_a_ramp(ramp: str, cli: Cli) -> None:
         ('0', '--ramp is '),
     ],
 )
-def test_widths_that_make_too_many_windows_or_none_are_refused(
-    width: str, message: str, ramp: str, cli: Cli
-) -> None:
+def test_widths_that_make_too_many_windows_or_none_are_refused(width, message, ramp, cli):
     assert message in cli.refused('compare', ramp, '--ramp', width, *STILL)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import Cli
 from experiments import ARM, bag_of, description, nanoseconds, one_tendon
 from labs import MARKER_S, TENSIONS, TIP_ERRORS, pose_array, seen, staircase_of
 from recordings import TENDON_TENSIONS, Sample, tensions_data
@@ -40,9 +39,7 @@ def cell_bag(
     return str(bag_of(path, samples))
 
 
-def test_readings_below_zero_are_counted_by_reason_and_zero_within_a_deadband(
-    tmp_path: Path, cli: Cli
-) -> None:
+def test_readings_below_zero_are_counted_by_reason_and_zero_within_a_deadband(tmp_path, cli):
     bag = cell_bag(tmp_path / 'raw')
     notes = cli.json('compare', bag, *GIVEN)['notes']
     counts = [int(note.split()[1]) for note in notes if 'left out, as tension of tendon_1' in note]
@@ -61,7 +58,7 @@ def test_readings_below_zero_are_counted_by_reason_and_zero_within_a_deadband(
     assert (report['answered'], report['refused']) == (COUNT, 0)
 
 
-def test_the_fitted_file_reproduces_the_fit(tmp_path: Path, cli: Cli) -> None:
+def test_the_fitted_file_reproduces_the_fit(tmp_path, cli):
     bag = cell_bag(tmp_path / 'bag', 1.2, 0.15, FEW, tension_deadband=0.012)
     fitted = str(tmp_path / 'fitted.yaml')
     fits = ['--model', 'exact', '--fit', 'tension_scale', 'tension_offset']

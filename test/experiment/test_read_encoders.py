@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Cli
 from experiments import (
     HELD,
     PARAMETERS,
@@ -19,7 +18,8 @@ from experiments import (
     staircase,
     tension_samples,
 )
-from recordings import Sample, displacement_sample
+from numpy.testing import assert_allclose
+from recordings import displacement_sample
 
 from octo_arm_model.arm.errors import BagError, MeasurementError
 from octo_arm_model.config.config import Config
@@ -73,27 +73,27 @@ def frames() -> list[tuple[float, np.ndarray]]:
 
 
 @pytest.fixture(scope='module')
-def seen() -> list[Sample]:
+def seen():
     return [path_sample(points, nanoseconds(at)) for at, points in frames()]
 
 
-def test_encoders_are_read_beside_load_cells(tmp_path: Path, seen: list[Sample]) -> None:
+def test_encoders_are_read_beside_load_cells(tmp_path, seen):
     loads = [one._replace(topic='/daq/cells') for one in tension_samples(TIME, PULLED)]
     encoders = encoder_samples(NAMES[1::-1])
     wrong = encoder_samples(('somebody',))[:3]
     bag = bag_of(tmp_path / 'bag', [description(), *seen, *loads, *encoders, *wrong])
     recording = read_recording(bag)
     assert recording.tensions.shape == (TIME.size, 4)
-    np.testing.assert_allclose(recording.displacement_time, recording.tension_time)
+    assert_allclose(recording.displacement_time, recording.tension_time)
     expected = lengths(PULLED)
-    np.testing.assert_allclose(recording.displacements[:, :2], expected[:, :2], atol=1e-12)
+    assert_allclose(recording.displacements[:, :2], expected[:, :2], atol=1e-12)
     assert np.isnan(recording.displacements[:, 2:]).all()
     (line,) = recording.refusals.lines()
     assert 'unknown tendon somebody' in line
     assert not recording.is_driven
     for shape in observe(recording, known=Alignment.none()).shapes:
         held = lengths(np.array([shape.tension]))[0]
-        np.testing.assert_allclose(shape.window.displacements[:2], held[:2], atol=1e-6)
+        assert_allclose(shape.window.displacements[:2], held[:2], atol=1e-6)
         assert not shape.window.is_driven
 
 
@@ -102,15 +102,13 @@ def check_driven(recording: Recording) -> None:
     assert recording.is_driven
     observations = observe(recording, Pairing(offset=0.0), Alignment.none())
     found = np.array([shape.window.tensions for shape in observations.shapes])
-    np.testing.assert_allclose(found[:, 0], HELD[:4], atol=2e-3)
+    assert_allclose(found[:, 0], HELD[:4], atol=2e-3)
     assert (found[:, 1:] == 0.0).all()
     assert all(shape.window.is_driven for shape in observations.shapes)
     assert any('no load cells' in note for note in observations.notes)
 
 
-def test_without_load_cells_tensions_follow_from_lengths(
-    tmp_path: Path, seen: list[Sample], cli: Cli
-) -> None:
+def test_without_load_cells_tensions_follow_from_lengths(tmp_path, seen, cli):
     encoders = encoder_samples(topic='/winches')
     bag = bag_of(tmp_path / 'bag', [description(**STRETCHING), *seen, *encoders])
     check_driven(read_recording(bag, displacements='/winches'))
@@ -121,7 +119,7 @@ def test_without_load_cells_tensions_follow_from_lengths(
     assert max(step['tip_error_percent'] for step in said['steps']) < 0.05
 
 
-def test_encoders_may_publish_in_messages_of_their_own(tmp_path: Path, seen: list[Sample]) -> None:
+def test_encoders_may_publish_in_messages_of_their_own(tmp_path, seen):
     """Each at its own times, the first one only until its tendon moves no more."""
     encoders = [
         displacement_sample([name], [row[NAMES.index(name)]], nanoseconds(at) + 10**6 * number)
@@ -153,7 +151,7 @@ def midline_csv(path: Path) -> Path:
     return path
 
 
-def test_tables_of_encoders_alone(tmp_path: Path) -> None:
+def test_tables_of_encoders_alone(tmp_path):
     """A tendon without a column has no encoder, and is slack where nothing else is known."""
     config = tmp_path / 'arm.yaml'
     config.write_text(parameters_as_yaml({**PARAMETERS, **STRETCHING}))
@@ -162,14 +160,12 @@ def test_tables_of_encoders_alone(tmp_path: Path) -> None:
         displacements=encoder_csv(tmp_path / 'winches.csv', NAMES[:2]),
     )
     recording = read_recording(None, str(config), files=files)
-    np.testing.assert_allclose(
-        recording.displacements[:, :2], lengths(PULLED)[:, :2], rtol=1e-12, atol=1e-12
-    )
+    assert_allclose(recording.displacements[:, :2], lengths(PULLED)[:, :2], rtol=1e-12, atol=1e-12)
     assert np.isnan(recording.displacements[:, 2:]).all()
     check_driven(recording)
 
 
-def test_what_is_wrong_with_encoders_is_said(tmp_path: Path, seen: list[Sample]) -> None:
+def test_what_is_wrong_with_encoders_is_said(tmp_path, seen):
     table = tmp_path / 'winches.csv'
     table.write_text('time,a\n0,1\n')
     files = CsvSources(midlines=midline_csv(tmp_path / 'track.csv'), displacements=table)

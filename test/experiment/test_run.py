@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from recordings import TYPES, Sample, write_bag
 from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touched, touched_bag
 
@@ -62,7 +63,7 @@ def changed(path: Path, change: Callable[[Record, float], Record | None]) -> Pat
 
 
 @pytest.mark.parametrize('is_smooth', [False, True])
-def test_the_touch_is_found_when_where_and_as_hard_as_it_was(is_smooth: bool) -> None:
+def test_the_touch_is_found_when_where_and_as_hard_as_it_was(is_smooth):
     found = result(is_smooth)
     (touch,) = found.touches
     # It grows before and falls after the times of its full size.
@@ -75,7 +76,7 @@ def test_the_touch_is_found_when_where_and_as_hard_as_it_was(is_smooth: bool) ->
 
 
 @pytest.mark.parametrize('is_smooth', [False, True])
-def test_the_bands_hold_the_truth(is_smooth: bool) -> None:
+def test_the_bands_hold_the_truth(is_smooth):
     found = result(is_smooth)
     time, force, stddev = forces(found)
     corners, _ = touched().schedule(TrueArm(PARAMETERS, touched()).config)
@@ -89,7 +90,7 @@ def test_the_bands_hold_the_truth(is_smooth: bool) -> None:
     assert found.consistency['tip pose'].refused <= 2
 
 
-def test_the_tip_is_where_the_true_one_is() -> None:
+def test_the_tip_is_where_the_true_one_is():
     found = result(True)
     true = TrueArm(PARAMETERS, touched())
     corners, pulls = touched().schedule(true.config)
@@ -103,14 +104,14 @@ def test_the_tip_is_where_the_true_one_is() -> None:
     assert np.linalg.norm(moment.tip - shape.tip) < 2e-3
 
 
-def test_without_a_touch_none_is_found(tmp_path: Path) -> None:
+def test_without_a_touch_none_is_found(tmp_path):
     path = record(tmp_path / 'bag', touch=0.0, markers=(0.27,), camera_rate=0.1)
     values = {'estimator.marker_s': [0.27], 'estimator.marker_stddev': 5e-4}
     found = estimate(read(path, values=values))
     assert not found.touches and found.consistency['markers'].accepted > 60
 
 
-def test_against_the_camera_the_estimator_knows_of_the_touch() -> None:
+def test_against_the_camera_the_estimator_knows_of_the_touch():
     camera = result(True).camera
     assert camera is not None
     inside = (camera.time > TOUCHED[0]) & (camera.time < TOUCHED[1])
@@ -120,10 +121,10 @@ def test_against_the_camera_the_estimator_knows_of_the_touch() -> None:
     assert mean < 1e-3 < plain
 
 
-def test_a_sensor_that_lies_is_thrown_out_and_told(tmp_path: Path) -> None:
+def test_a_sensor_that_lies_is_thrown_out_and_told(tmp_path):
     """For a second the tip is said to be 3 cm off, which the markers do not bear out."""
 
-    def lie(one: Record, at: float) -> Record:
+    def lie(one, at):
         if one.topic != '/measured/tip_pose' or not 17.0 <= at < 18.0:
             return one
         message = TYPES.deserialize_cdr(one.data, one.type_name)
@@ -149,7 +150,7 @@ def lost(is_smooth: bool, recover_after: float = 1.0) -> Result:
 
 
 @pytest.mark.parametrize('is_smooth', [False, pytest.param(True, marks=pytest.mark.endurance)])
-def test_an_arm_that_was_lost_is_found_again_and_told(is_smooth: bool) -> None:
+def test_an_arm_that_was_lost_is_found_again_and_told(is_smooth):
     found = lost(is_smooth)
     (time,) = found.restarts
     assert 2.0 < time < 3.5 and f'begun anew at {time:.2f} s' in summary(found, [])
@@ -159,7 +160,7 @@ def test_an_arm_that_was_lost_is_found_again_and_told(is_smooth: bool) -> None:
 
 
 @pytest.mark.endurance
-def test_the_smoother_begins_anew_with_what_the_filter_does() -> None:
+def test_the_smoother_begins_anew_with_what_the_filter_does():
     """What was measured afterwards tells of the arm from there on, and of no time before."""
     filtered, smoothed = lost(is_smooth=False), lost(is_smooth=True)
     (noticed,), (begun,) = filtered.restarts, smoothed.restarts
@@ -177,8 +178,8 @@ def test_the_smoother_begins_anew_with_what_the_filter_does() -> None:
     assert last.any() and own.tip[0][last].min() > 3.0 * smoothed.camera.tip[0][last].max()
 
 
-def test_a_sensor_may_be_silent_for_seconds(tmp_path: Path) -> None:
-    def silence(one: Record, at: float) -> Record | None:
+def test_a_sensor_may_be_silent_for_seconds(tmp_path):
+    def silence(one, at):
         return None if one.topic.startswith('/measured') and 5.0 < at < 9.0 else one
 
     found = estimate(read(changed(tmp_path / 'bag', silence), others=TIP_ALONE))
@@ -189,11 +190,11 @@ def test_a_sensor_may_be_silent_for_seconds(tmp_path: Path) -> None:
     assert touch.start > 9.5
 
 
-def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path: Path) -> None:
+def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path):
     path = record(tmp_path / 'bag', stiffness=1.15, markers=MARKERS, camera_rate=0.1)
-    ratios: list[tuple[float, float]] = []
+    ratios = []
 
-    def write(moment: Any, one: Any) -> None:
+    def write(moment, one):
         state = one.estimate.state.log_modulus
         deviation = np.sqrt(one.estimate.covariance[state, state][0, 0])
         ratios.append((float(one.estimate.mean[state][0]), float(deviation)))
@@ -209,15 +210,15 @@ def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path: Path) -> Non
     )
 
 
-def test_of_tensions_alone_it_is_the_model_and_says_what_is_not_observable() -> None:
+def test_of_tensions_alone_it_is_the_model_and_says_what_is_not_observable():
     found = estimate(read(touched_bag(), others={'measured/tip_pose': '-', **TIP_ALONE}))
     assert not found.touches
     assert {f'tip_force {axis} keeps its prior' for axis in 'xyz'} <= set(found.unlearnt)
     assert found.camera is not None
-    np.testing.assert_allclose(*found.camera.tip, atol=3e-3)
+    assert_allclose(*found.camera.tip, atol=3e-3)
 
 
-def test_the_place_of_a_touch_is_told_by_probabilities() -> None:
+def test_the_place_of_a_touch_is_told_by_probabilities():
     values = {**MARKED, 'estimator.contact': 'somewhere', 'estimator.contact_s': [0.12, 0.27]}
     some = read(touched_bag(), TOUCHED[0] - 3.0, TOUCHED[1], values=values)
     found = estimate(dataclasses.replace(some, camera=None))
@@ -231,7 +232,7 @@ def test_the_place_of_a_touch_is_told_by_probabilities() -> None:
     assert (names[free] == 'none').mean() > 0.8
 
 
-def test_where_no_time_has_a_shape_the_reason_is_the_error() -> None:
+def test_where_no_time_has_a_shape_the_reason_is_the_error():
     recorded = read(touched_bag(), values={**MARKED, 'estimator.tension_rate': 1e6})
     crushed = recorded.groups[0][0]._replace(measurement=Tensions([3e4, 0.0, 0.0, 0.0], 0.1))
     with pytest.raises(SolveError, match=r'no estimate at any time; 1 left out, as tensions '):

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Cli
 from experiments import bag_of, description, nanoseconds, tension_samples
 from labs import MARKER_S, TIP_ERRORS, seen, staircase_of, tf_message, transform
+from numpy.testing import assert_allclose
 from recordings import Sample
 from scipy.spatial.transform import Rotation
 
@@ -54,14 +54,14 @@ def chain_bag(path: Path, *, has_base: bool = True, last_pan: float = np.inf) ->
     return bag_of(path, samples)
 
 
-def test_chains_lead_to_the_base_of_the_arm(tmp_path: Path, cli: Cli) -> None:
+def test_chains_lead_to_the_base_of_the_arm(tmp_path, cli):
     said = cli.json('compare', chain_bag(tmp_path / 'bag'), *OPTIONS, '--json')
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
     assert any('midlines are in base_frame' in note for note in said['notes'])
 
 
-def test_without_the_base_markers_are_in_the_root_and_aligned(tmp_path: Path, cli: Cli) -> None:
+def test_without_the_base_markers_are_in_the_root_and_aligned(tmp_path, cli):
     bag = str(chain_bag(tmp_path / 'bag', has_base=False))
     said = cli.json('compare', bag, *OPTIONS, '--json')
     assert any("midlines are in 'world'" in note for note in said['notes'])
@@ -73,7 +73,7 @@ def test_without_the_base_markers_are_in_the_root_and_aligned(tmp_path: Path, cl
     assert model['average_tip_error_percent'] < np.mean(TIP_ERRORS)
 
 
-def test_before_and_after_its_stamps_a_transform_is_unknown(tmp_path: Path, cli: Cli) -> None:
+def test_before_and_after_its_stamps_a_transform_is_unknown(tmp_path, cli):
     bag = str(chain_bag(tmp_path / 'bag', last_pan=12.0))
     said = cli.json('compare', bag, *OPTIONS, '--json')
     errors = [step['tip_error_percent'] for step in said['steps']]
@@ -91,17 +91,13 @@ def test_before_and_after_its_stamps_a_transform_is_unknown(tmp_path: Path, cli:
         (['m0', 'm1', 'm2', 'm2'], '--marker-frames names m0 m1 m2 m2, expected each once'),
     ],
 )
-def test_frames_that_lead_nowhere_are_refused_in_one_line(
-    frames: list[str], message: str, tmp_path: Path, cli: Cli
-) -> None:
+def test_frames_that_lead_nowhere_are_refused_in_one_line(frames, message, tmp_path, cli):
     bag = str(chain_bag(tmp_path / 'bag'))
     words = ['--marker-s', *map(str, MARKER_S), '--marker-frames', *frames]
     assert message in cli.refused('compare', bag, *words)
 
 
-def test_how_many_transforms_are_kept_is_bounded(
-    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_how_many_transforms_are_kept_is_bounded(tmp_path, cli, monkeypatch):
     monkeypatch.setattr(bag_recording, 'MOST_TRANSFORMS', 10)
     assert 'more than 10 transforms' in cli.refused(
         'compare', str(chain_bag(tmp_path / 'bag')), *OPTIONS
@@ -124,8 +120,8 @@ def tree_of(*links: tuple[str, str, tuple[float, ...]], is_static: bool = False)
     [((0.0, 0.0, 0.0, 0.0), 'a quaternion of norm 1'), ((np.nan, 0.0, 0.0, 1.0), 'finite num')],
 )
 def test_a_rotation_on_the_way_is_one_and_that_of_the_marker_itself_does_not_count(
-    quaternion: tuple[float, ...], message: str
-) -> None:
+    quaternion, message
+):
     wrong = (0.0, 0.0, 0.0, *quaternion)
     with pytest.raises(MeasurementError, match=message):
         tree_of(('world', 'camera', wrong), ('camera', 'marker', LEVEL)).origins(
@@ -140,7 +136,7 @@ def test_a_rotation_on_the_way_is_one_and_that_of_the_marker_itself_does_not_cou
     assert (stamps.tolist(), points.tolist()) == ([5], [[1.0, 2.0, 0.0]])
 
 
-def test_circles_and_second_parents_are_refused() -> None:
+def test_circles_and_second_parents_are_refused():
     tree = tree_of(('a', 'b', LEVEL), ('b', 'a', LEVEL), ('x', 'y', LEVEL), ('z', 'w', LEVEL))
     with pytest.raises(MeasurementError, match='parents of frames form a cycle: b < a < b'):
         tree.chain('b')
@@ -150,7 +146,7 @@ def test_circles_and_second_parents_are_refused() -> None:
         tree.add('c', 'b', 1, np.zeros(3), np.eye(4)[3], False)
 
 
-def test_a_pose_in_another_frame_is_that_of_the_transforms_between() -> None:
+def test_a_pose_in_another_frame_is_that_of_the_transforms_between():
     tree = TransformTree()
     for child, (turn, shift) in (('camera', WORLD_TO_CAMERA), ('arm_base', WORLD_TO_BASE)):
         tree.add('world', child, 0, shift, turn.as_quat(), True)
@@ -162,7 +158,7 @@ def test_a_pose_in_another_frame_is_that_of_the_transforms_between() -> None:
     world = WORLD_TO_CAMERA[0].apply(pan(4).apply(point) + [0.0, 0.4, 0.0]) + WORLD_TO_CAMERA[1]
     expected = WORLD_TO_BASE[0].inv().apply(world - WORLD_TO_BASE[1])
     found = Rotation.from_quat(pose.quaternion).apply(point) + pose.position
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert_allclose(found, expected, atol=1e-12)
     tree.add('tracker', 'moon', 0, np.array([2e9, 0.0, 0.0]), np.eye(4)[3], True)
     for frames, stamp, message in (
         (('tracker', 'arm_base'), 11, "'tracker' to 'camera' is not known at"),
@@ -182,12 +178,12 @@ def test_a_pose_in_another_frame_is_that_of_the_transforms_between() -> None:
     ],
 )
 def test_what_is_forgotten_is_older_than_the_newest_by_the_history(
-    first: list[int], later: list[int], history: int, known: int, forgotten: int
-) -> None:
+    first, later, history, known, forgotten
+):
     """Of a frame that is as far from its parent [m] as it is late [ns]."""
     tree = TransformTree()
 
-    def move(stamp: int) -> None:
+    def move(stamp):
         tree.add('a', 'b', stamp, np.array([stamp, 0.0, 0.0]), np.eye(4)[3], False)
 
     for stamp in first:

@@ -8,17 +8,7 @@ import json
 import numpy as np
 import pytest
 from checkout import ROOT
-from experiments import (
-    PARAMETERS,
-    PULLS,
-    STEPS,
-    TRUE,
-    measured,
-    midline,
-    one_tendon,
-    shapes,
-    tips,
-)
+from experiments import PARAMETERS, PULLS, STEPS, TRUE, measured, midline, one_tendon, shapes, tips
 from scipy.stats import binom
 
 from octo_arm_model.experiment.identification import best_of, disagreements, envelope_of
@@ -29,7 +19,7 @@ YOUNG = 'youngs_modulus'
 
 
 @pytest.mark.parametrize('trials', [2, pytest.param(64, marks=pytest.mark.endurance)])
-def test_intervals_hold_the_truth_as_often_as_they_say(trials: int) -> None:
+def test_intervals_hold_the_truth_as_often_as_they_say(trials):
     """Noise of the camera alone, and tensions that are wrong for all frames of a step."""
     parameters = {**PARAMETERS, 'material.youngs_modulus': 1.01 * TRUE, 'stations': 31}
     pulls = tuple(one_tendon(tension) for tension in (1.5, 2.5, 3.5))
@@ -42,7 +32,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(trials: int) -> None:
     assert binom.cdf(inside, trials, 0.95) > 1e-3
 
 
-def test_neither_more_frames_nor_repeats_make_a_wrong_tension_right() -> None:
+def test_neither_more_frames_nor_repeats_make_a_wrong_tension_right():
     deviations = []
     for frames, times in ((4, 1), (64, 1), (4, 3)):
         rng = np.random.default_rng(4)
@@ -56,7 +46,7 @@ def test_neither_more_frames_nor_repeats_make_a_wrong_tension_right() -> None:
     assert next(numbers for numbers, _ in fitted.step_misfits) == (1, 1 + count, 1 + 2 * count)
 
 
-def test_what_the_data_cannot_tell_apart_is_said_and_not_fitted() -> None:
+def test_what_the_data_cannot_tell_apart_is_said_and_not_fitted():
     # Without loads only the ratio of tensions and modulus matters.
     fitted = identify(measured(), PARAMETERS, 'closed_form', (YOUNG, 'tension_scale'))
     (reason,) = fitted.undetermined
@@ -80,7 +70,7 @@ def test_what_the_data_cannot_tell_apart_is_said_and_not_fitted() -> None:
     )
 
 
-def test_strong_correlations_are_pointed_out() -> None:
+def test_strong_correlations_are_pointed_out():
     fits = (YOUNG, 'tendon_offsets')
     fitted = identify(measured('exact', noise=2e-4), PARAMETERS, 'exact', fits, loss='linear')
     one, other = fitted.correlations[0, 1], fitted.correlations[1, 0]
@@ -108,9 +98,7 @@ def repeats() -> list[MeasuredShape]:
     ],
     ids=['one', 'one and none', 'repeats'],
 )
-def test_without_another_load_there_is_no_interval(
-    steps: list[MeasuredShape], numbers: str
-) -> None:
+def test_without_another_load_there_is_no_interval(steps, numbers):
     fitted = identify(steps, PARAMETERS, 'closed_form')
     young = fitted.estimates[YOUNG]
     assert (young.stddev, young.interval95, fitted.cross_validation) == (None, None, None)
@@ -118,7 +106,7 @@ def test_without_another_load_there_is_no_interval(
     assert f'there is one load (step {numbers})' in ' '.join(fitted.notes)
 
 
-def test_the_error_of_a_wrong_model_is_in_the_interval_and_said() -> None:
+def test_the_error_of_a_wrong_model_is_in_the_interval_and_said():
     right, fitted = (
         identify(measured(model, noise=3e-4), PARAMETERS, 'closed_form', loss='linear')
         for model in ('closed_form', 'exact')
@@ -144,7 +132,7 @@ def lost(steps: list[MeasuredShape]) -> list[MeasuredShape]:
     return [*steps[:2], dataclasses.replace(steps[2], points=points), *steps[3:]]
 
 
-def test_outliers_hardly_move_the_estimate() -> None:
+def test_outliers_hardly_move_the_estimate():
     steps = measured(noise=5e-4)
     for seen, near in ((lost(steps), 0.01), (steps, 2e-3)):
         fitted = identify(seen, PARAMETERS, 'closed_form')
@@ -152,7 +140,7 @@ def test_outliers_hardly_move_the_estimate() -> None:
 
 
 @pytest.mark.parametrize('is_spoiled', [True, pytest.param(False, marks=pytest.mark.endurance)])
-def test_the_loss_is_that_of_the_lesser_misfit_at_held_back_loads(is_spoiled: bool) -> None:
+def test_the_loss_is_that_of_the_lesser_misfit_at_held_back_loads(is_spoiled):
     # A wrong model leaves residuals that are no outliers.
     steps = measured('exact', noise=5e-4, wrong=0.05, pulls=tuple(map(one_tendon, STEPS)))
     expected = 'soft_l1' if is_spoiled else 'linear'
@@ -164,7 +152,7 @@ def test_the_loss_is_that_of_the_lesser_misfit_at_held_back_loads(is_spoiled: bo
     assert any('loss ' in note for note in chosen.notes)
 
 
-def test_cross_validation_tells_a_step_that_does_not_belong() -> None:
+def test_cross_validation_tells_a_step_that_does_not_belong():
     steps = measured(noise=3e-4)
     wrong = dataclasses.replace(steps[2].window, tensions=1.2 * steps[2].window.tensions)
     steps[2] = dataclasses.replace(steps[2], window=wrong)
@@ -175,7 +163,7 @@ def test_cross_validation_tells_a_step_that_does_not_belong() -> None:
     assert fitted.cross_validation.rms == pytest.approx(mean)
 
 
-def test_models_that_disagree_at_a_near_misfit_are_named() -> None:
+def test_models_that_disagree_at_a_near_misfit_are_named():
     """On the prototype of E = 110 kPa as finite elements have it, seen by a camera."""
     results = json.loads((ROOT / 'validation' / 'results.json').read_text(encoding='utf-8'))
     case = results['cases']['prototype']

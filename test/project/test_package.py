@@ -47,7 +47,7 @@ SOLVE = (
     ['import octo_arm_model', f'import {", ".join(CORE)}', SOLVE],
     ids=['package', 'all', 'solve'],
 )
-def test_the_core_needs_neither_ros_nor_an_extra(statement: str) -> None:
+def test_the_core_needs_neither_ros_nor_an_extra(statement):
     loaded = modules_after(statement)
     assert 'numpy' in loaded
     unwanted = {'rclpy', 'ament_index_python', 'octo_arm_msgs', 'std_msgs', 'matplotlib'}
@@ -55,7 +55,7 @@ def test_the_core_needs_neither_ros_nor_an_extra(statement: str) -> None:
     assert not loaded & unwanted
 
 
-def test_exported_names_exist_in_order_and_every_error_has_one_base() -> None:
+def test_exported_names_exist_in_order_and_every_error_has_one_base():
     names = octo_arm_model.__all__
     # Constants, then classes, then functions, each from A to Z.
     assert names == sorted(set(names), key=lambda name: (not name.isupper(), name.islower(), name))
@@ -65,7 +65,7 @@ def test_exported_names_exist_in_order_and_every_error_has_one_base() -> None:
 
 
 @pytest.mark.parametrize('module', CORE)
-def test_public_names_are_documented(module: str) -> None:
+def test_public_names_are_documented(module):
     loaded = importlib.import_module(module)
     assert loaded.__doc__
     for name, value in vars(loaded).items():
@@ -81,7 +81,7 @@ def test_public_names_are_documented(module: str) -> None:
                     assert function.__doc__, f'{module}.{name}.{method}'
 
 
-def test_one_version_everywhere() -> None:
+def test_one_version_everywhere():
     for file, line in (('setup.py', "version='{}'"), ('CITATION.cff', 'version: {}\n')):
         assert line.format(octo_arm_model.__version__) in (ROOT / file).read_text()
     for manifest in ('package.xml', 'msg_defs/package.xml'):

@@ -115,14 +115,14 @@ def forking(modules: str, before: str = '') -> Iterator[Run]:
 
 
 @pytest.fixture(scope='module')
-def run_without_ros() -> Iterator[Run]:
+def run_without_ros():
     """As `run`, where ROS is not installed."""
     with forking('octo_arm_model', WITHOUT_ROS) as run:
         yield run
 
 
 @pytest.fixture(scope='module')
-def run_quickly() -> Iterator[Run]:
+def run_quickly():
     """As `run`, with what the command always needs imported before ``before``."""
     with forking('octo_arm_model.cli.main') as run:
         yield run
@@ -134,13 +134,13 @@ def started(program: str, *arguments: str, **options: str | None) -> tuple[int, 
     return done.returncode, done.stderr
 
 
-def test_every_program_is_started_here() -> None:
+def test_every_program_is_started_here():
     scripts = re.findall(r"'octo.* = (\w+):(\w+)'", (ROOT / 'setup.py').read_text())
     assert sorted(scripts) == [('octo_arm_start', name) for name in sorted(PROGRAMS)]
 
 
 @pytest.mark.parametrize('program', PROGRAMS)
-def test_help_needs_no_ros(run_without_ros: Run, program: str) -> None:
+def test_help_needs_no_ros(run_without_ros, program):
     done = run_without_ros(program, '--help')
     assert (done.returncode, done.stderr) == (0, '')
     assert done.stdout.startswith('usage: ')
@@ -148,7 +148,7 @@ def test_help_needs_no_ros(run_without_ros: Run, program: str) -> None:
 
 
 @pytest.mark.parametrize('program', OF_ROS)
-def test_without_ros_that_is_one_line(run_without_ros: Run, program: str) -> None:
+def test_without_ros_that_is_one_line(run_without_ros, program):
     done = run_without_ros(program, *OF_ROS[program])
     assert done.returncode == 2
     assert re.fullmatch(
@@ -168,17 +168,18 @@ def test_without_ros_that_is_one_line(run_without_ros: Run, program: str) -> Non
         (['replay', 'bag', 'new'], 'rosbags', 'bags'),
         (['record-demo', 'new'], 'rosbags', 'bags'),
         (['workspace', 'renda2012_table4', '--out', 'new.png'], 'matplotlib', 'figures'),
+        (['reproduce', 'new'], 'matplotlib', 'figures'),
     ],
 )
 def test_without_an_extra_all_that_the_command_may_need_are_named(
-    run_quickly: Run, command: list[str], module: str, extras: str
-) -> None:
+    run_quickly, command, module, extras
+):
     done = run_quickly('command_line', *command, before=HIDE.format(rf'{module}\\b.*'))
     hint = f"install it with: pip install 'octo_arm_model[{extras}]'"
     assert (done.returncode, done.stderr) == (2, f'octo-arm: error: needs {module}; {hint}\n')
 
 
-def test_without_viser_the_viewer_says_what_to_install() -> None:
+def test_without_viser_the_viewer_says_what_to_install():
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
     status, complaint = started('viewer', before=HIDE.format('viser'))
@@ -188,13 +189,13 @@ def test_without_viser_the_viewer_says_what_to_install() -> None:
 
 
 @pytest.mark.parametrize('program', PROGRAMS)
-def test_ctrl_c_ends_a_program_quietly_while_it_is_imported(program: str) -> None:
+def test_ctrl_c_ends_a_program_quietly_while_it_is_imported(program):
     status, complaint = started(program, before=INTERRUPT)
     assert complaint == ''
     assert status == (130 if program == 'command_line' else 0)
 
 
-def test_without_memory_that_is_said() -> None:
+def test_without_memory_that_is_said():
     before = (
         'import octo_arm_model.cli.solve as report\n'
         'def summary(*given): raise MemoryError\n'
@@ -205,7 +206,7 @@ def test_without_memory_that_is_said() -> None:
     assert (status, complaint) == (2, 'octo-arm: error: out of memory\n')
 
 
-def test_without_standard_error_a_command_works_and_its_notes_stay_out_of_its_output() -> None:
+def test_without_standard_error_a_command_works_and_its_notes_stay_out_of_its_output():
     code = 'import sys, octo_arm_start; sys.exit(octo_arm_start.command_line())'
     table = 'workspace renda2012_prototype --model closed_form --samples 4 --json'.split()
     command = f'exec {shlex.join([sys.executable, "-c", code, *table])} 2>&-'

@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from checkout import ROOT
+from numpy.testing import assert_allclose
 
 pytest.importorskip('skfem', reason='needs scikit-fem')
 VALIDATION = ROOT / 'validation'
@@ -32,7 +31,7 @@ COARSE = Mesh(1, 0.4)
 
 
 @pytest.mark.parametrize('half', [True, False])
-def test_mesh_fills_the_cone_and_finds_points(half: bool) -> None:
+def test_mesh_fills_the_cone_and_finds_points(half):
     arm = load_config(preset_path('renda2012_prototype')).arm
     base, tip = arm.body.radius_base, arm.body.radius_tip
     volume = np.pi * arm.length / 3.0 * (base**2 + base * tip + tip**2) * (0.5 if half else 1.0)
@@ -41,7 +40,7 @@ def test_mesh_fills_the_cone_and_finds_points(half: bool) -> None:
         mesh = ArmMesh(arm, Mesh(across, 0.3), half)
         errors.append(abs(mesh.displacement.dx.sum() / volume - 1.0))
         points = np.array([[0.1, 0.2, 0.27], [0.004, -0.005, 0.0], [0.006, 0.001, 0.0]])
-        np.testing.assert_allclose(mesh.at(points) @ mesh.nodes.T, points.T, atol=2e-5)
+        assert_allclose(mesh.at(points) @ mesh.nodes.T, points.T, atol=2e-5)
     # Of fourth order.
     assert errors[0] < 1e-3 and errors[1] < errors[0] / 12.0
 
@@ -56,9 +55,7 @@ def test_mesh_fills_the_cone_and_finds_points(half: bool) -> None:
     ],
     ids=lambda checks: getattr(checks, '__name__', ''),
 )
-def test_elements_by_themselves(
-    checks: Callable[[Mesh], list[verify.Check]], along: float
-) -> None:
+def test_elements_by_themselves(checks, along):
     for check in checks(Mesh(1, along)):
         assert check.passed, f'{check.what}: {check.found}, expected {check.expected}'
 
@@ -75,7 +72,7 @@ def tip_errors(case: Case, tension: float, contact: Contact) -> dict[str, float]
     }
 
 
-def test_models_on_the_prototype() -> None:
+def test_models_on_the_prototype():
     """The sections of `exact` are accurate where the tendon keeps its place in them."""
     errors = tip_errors(PROTOTYPE, 1.5, Contact(disc=1e-3))
     assert errors['exact'] < 0.004
@@ -84,7 +81,7 @@ def test_models_on_the_prototype() -> None:
     assert errors['exact, linear'] > 2.0 * errors['renda2012']
 
 
-def test_a_case_is_compared_written_and_drawn(tmp_path: Path) -> None:
+def test_a_case_is_compared_written_and_drawn(tmp_path):
     pytest.importorskip('matplotlib')
     from plots import draw
 
@@ -99,7 +96,7 @@ def test_a_case_is_compared_written_and_drawn(tmp_path: Path) -> None:
         variants={'tendon kept in its section': {'sheath': None}},
         basis=small,
     )
-    lines: list[str] = []
+    lines = []
     compared = run_case(case, lines.append)
     assert any('residual' in line for line in lines)
     results = {'made_by': 'a test', 'minutes': 0.0, 'checks': {}, 'cases': {case.name: compared}}
@@ -111,7 +108,7 @@ def test_a_case_is_compared_written_and_drawn(tmp_path: Path) -> None:
         assert path.stat().st_size > 10_000
 
 
-def test_the_table_of_the_manual_is_that_of_the_results() -> None:
+def test_the_table_of_the_manual_is_that_of_the_results():
     cases = json.loads((VALIDATION / 'results.json').read_text())['cases']
     text = (VALIDATION.parent / 'docs' / 'accuracy.md').read_text()
     table = text[text.index('| arm | tension [N] |') :].split('\n\n')[0]
@@ -132,7 +129,7 @@ def test_the_table_of_the_manual_is_that_of_the_results() -> None:
     assert len(seen) == len(table.splitlines()) - 2 and {one for one, _ in seen} == set(cases)
 
 
-def test_the_table_of_sheaths_is_that_of_the_elements_within_half_a_per_cent() -> None:
+def test_the_table_of_sheaths_is_that_of_the_elements_within_half_a_per_cent():
     """One stiffness of each sheath at all tensions: 0.5 % of the length beside the mesh's own."""
     results = json.loads((VALIDATION / 'sheaths.json').read_text())
     text = (VALIDATION.parent / 'docs' / 'effects.md').read_text()
@@ -140,13 +137,13 @@ def test_the_table_of_sheaths_is_that_of_the_elements_within_half_a_per_cent() -
     for one in results:
         best = one['stiffness_over_shear_modulus']['best'] * sheaths._MODULUS
         found = sheaths.errors(best, 1e-3 * np.array(one['tips_mm']))
-        np.testing.assert_allclose(found, one['tip_error_percent']['best'], atol=0.006)
+        assert_allclose(found, one['tip_error_percent']['best'], atol=0.006)
         assert (found < 0.5 + np.array(one['mesh_error_percent'])).all()
         rigid = sheaths.errors(0.0, 1e-3 * np.array(one['tips_mm']))
         assert rigid[-1] > 10.0 * found[-1]
 
 
-def test_the_table_of_friction_is_that_of_the_model() -> None:
+def test_the_table_of_friction_is_that_of_the_model():
     """Of the manual's page on effects."""
     text = (VALIDATION.parent / 'docs' / 'effects.md').read_text()
     assert '\n'.join(friction.rows()) in text

@@ -4,33 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from octo_arm_model import MODELS, Config, Pose, Solver
+from octo_arm_model import MODELS, Pose, Solver
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE
 from octo_arm_model.reproduce import cases
-from octo_arm_model.reproduce.claims import CLAIMS, PLANES, Claim
+from octo_arm_model.reproduce.claims import CLAIMS, PLANES
 
 
 @pytest.mark.parametrize('claim', CLAIMS, ids=lambda claim: claim.where)
-def test_every_claim_of_the_paper_holds_for_its_own_model(claim: Claim) -> None:
+def test_every_claim_of_the_paper_holds_for_its_own_model(claim):
     assert tuple(claim.findings) == MODELS
     assert not claim.fails, claim.findings['renda2012']
 
 
 @pytest.mark.parametrize('plane', PLANES)
-def test_the_pair_of_a_plane_is_at_most_two_neighbours_of_amplitude_one(plane: int) -> None:
+def test_the_pair_of_a_plane_is_at_most_two_neighbours_of_amplitude_one(plane):
     pair = cases.pair(plane)
     assert cases.angle_between(cases.law((pair,)), plane) < 1e-9
     assert np.hypot(*(pair[j] - pair[j + 2] for j in (0, 1))) == pytest.approx(1.0)
     assert min(pair[0], pair[2]) == min(pair[1], pair[3]) == 0.0
 
 
-def test_the_law_gives_the_captions_of_figure_11() -> None:
+def test_the_law_gives_the_captions_of_figure_11():
     planes = [cases.law(tensions) for tensions in BENDING.values()]
-    np.testing.assert_allclose(planes, [135.0, -30.0, 60.0])
+    assert_allclose(planes, [135.0, -30.0, 60.0])
 
 
-def test_a_plane_is_measured_about_the_base_wherever_that_is(table2: Config) -> None:
+def test_a_plane_is_measured_about_the_base_wherever_that_is(table2):
     turned = Pose((1.0, 2.0, 3.0), (0.5, -0.5, 0.5, 0.5))
     shapes = [
         Solver(table2.arm, 'exact', base=base).solve(BENDING['C']) for base in (Pose(), turned)
@@ -42,7 +43,7 @@ def test_a_plane_is_measured_about_the_base_wherever_that_is(table2: Config) -> 
     assert distances[0] == pytest.approx(distances[1])
 
 
-def test_turns_of_sections_are_integrals_of_the_curvature(model: str) -> None:
+def test_turns_of_sections_are_integrals_of_the_curvature(model):
     shape = cases.solve('table4', model, FETCHING_IN_PLANE)
     turns = cases.turns(shape)
     assert tuple(turns) == (3, 2, 1)

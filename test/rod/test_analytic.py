@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from differences import along
 from helical_arm import CONE, HELICES
+from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
@@ -17,7 +18,6 @@ from octo_arm_model import (
     Arm,
     Backbone,
     Body,
-    Config,
     ConfigError,
     Constant,
     Discs,
@@ -198,7 +198,7 @@ class Solved(NamedTuple):
 
 
 @pytest.fixture(scope='module', params=(CASES | SLIDING).values(), ids=CASES | SLIDING)
-def solved(request: pytest.FixtureRequest) -> Solved:
+def solved(request):
     case = request.param
     solver = case.solver()
     backbone = solver.solve(case.tensions)
@@ -250,7 +250,7 @@ TOGETHER = (('tensions', 'wrench', 'young'), ('farther', 'rougher', 'poisson'), 
 
 
 @pytest.mark.parametrize('names', TOGETHER, ids=' '.join)
-def test_derivatives_are_those_of_differences(solved: Solved, names: tuple[str, ...]) -> None:
+def test_derivatives_are_those_of_differences(solved, names):
     case, random = solved.case, np.random.default_rng(4)
     moves, ways = moves_of(case, solved.sensitivity), {}
     moves = {name: move for name, move in moves.items() if name in names}
@@ -260,7 +260,7 @@ def test_derivatives_are_those_of_differences(solved: Solved, names: tuple[str, 
         # Each by another part of its step.
         ways[name] = step * random.uniform(0.4, 1.0, step.size) * random.choice([-1, 1], step.size)
 
-    def moved(part: FloatArray) -> FloatArray:
+    def moved(part):
         own = {name: part * way for name, way in ways.items()}
         tensions = np.ravel(case.tensions) + own.pop('tensions', 0.0)
         wrench, solver = own.pop('wrench', None), case.solver(**own)
@@ -281,10 +281,10 @@ def test_derivatives_are_those_of_differences(solved: Solved, names: tuple[str, 
         scale = max(sizes[rows].max(), 1e-9)  # strains are zero in rigid discs
         # Between nodes changes of strains are interpolated.
         atol = (1e-3 if kind in (2, 3) else 2e-5) * scale
-        np.testing.assert_allclose(found[rows], expected[rows], atol=atol, rtol=0)
+        assert_allclose(found[rows], expected[rows], atol=atol, rtol=0)
 
 
-def test_by_tension_from_slack() -> None:
+def test_by_tension_from_slack():
     solver = ROD.solver()
     backbone = solver.solve(ROD.tensions)
     change = solver.sensitivity(backbone).by_tension.tip
@@ -297,17 +297,15 @@ def test_by_tension_from_slack() -> None:
             pulls.append(solver.solve(tensions, start=backbone).tip)
         expected = (4 * pulls[0] - pulls[1] - 3 * backbone.tip) / (2 * step)
         column = np.ravel_multi_index(index, (2, 3))
-        np.testing.assert_allclose(
-            change[:3, column], expected, atol=1e-5 * np.abs(expected).max()
-        )
+        assert_allclose(change[:3, column], expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_at_the_base_nothing_moves(solved: Solved) -> None:
+def test_at_the_base_nothing_moves(solved):
     found = solved.sensitivity
     others = [found.by_offset, found.by_tip_wrench, found.by_poisson_ratio, found.by_friction]
     for change in filter(None, [found.by_tension, found.by_youngs_modulus, *others]):
-        np.testing.assert_array_equal(change.pose[0], 0.0)
-        np.testing.assert_array_equal(change.tip, change.pose[-1])
+        assert_array_equal(change.pose[0], 0.0)
+        assert_array_equal(change.tip, change.pose[-1])
         assert np.isfinite(change.strain).all()
 
 
@@ -323,30 +321,30 @@ def conservative(case: Case) -> Case:
 
 
 @pytest.mark.parametrize('name', CASES)
-def test_without_dead_moments_the_compliance_is_symmetric(name: str) -> None:
+def test_without_dead_moments_the_compliance_is_symmetric(name):
     case = conservative(CASES[name])
     solver = case.solver()
     compliance = solver.sensitivity(solver.solve(case.tensions)).compliance
     # In units in which all are of one size.
     unit = np.array(3 * [1.0] + 3 * [case.body.length])
     compliance = compliance * unit[:, np.newaxis] * unit
-    np.testing.assert_allclose(compliance, compliance.T, atol=1e-7 * np.abs(compliance).max())
+    assert_allclose(compliance, compliance.T, atol=1e-7 * np.abs(compliance).max())
     assert np.linalg.eigvalsh((compliance + compliance.T) / 2).min() > 0.0
 
 
 @pytest.mark.parametrize('name', CASES)
-def test_tendons_and_tip_answer_each_other_alike(name: str) -> None:
+def test_tendons_and_tip_answer_each_other_alike(name):
     case = conservative(CASES[name])
     solver = case.solver()
     by = solver.sensitivity(solver.solve(case.tensions))
     lengths = by.by_tension.tendon_length
-    np.testing.assert_allclose(lengths, lengths.T, atol=1e-7 * np.abs(lengths).max())
+    assert_allclose(lengths, lengths.T, atol=1e-7 * np.abs(lengths).max())
     # A tendon that pulls gets shorter.
     assert np.linalg.eigvalsh((lengths + lengths.T) / 2).max() < 1e-9 * np.abs(lengths).max()
     unit = np.array(3 * [1.0] + 3 * [case.body.length])
     expected = -by.by_tension.tip * unit[:, np.newaxis]
     found = (by.by_tip_wrench.tendon_length * unit).T
-    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+    assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
 
 
 # Uncertainty -----------------------------------------------------------------------------------
@@ -355,17 +353,13 @@ def test_tendons_and_tip_answer_each_other_alike(name: str) -> None:
 @pytest.mark.parametrize(
     ('count', 'near'), [(60, 0.4), pytest.param(400, 0.2, marks=pytest.mark.endurance)]
 )
-def test_the_tips_covariance_is_that_of_many_samples_to_first_order(
-    count: int, near: float
-) -> None:
+def test_the_tips_covariance_is_that_of_many_samples_to_first_order(count, near):
     case = CASES['loaded rubber']
     solver = case.solver()
     backbone = solver.solve(case.tensions)
     deviation = Uncertainty(0.002, 0.005, 0.01, 2e-5)
     covariance = solver.sensitivity(backbone).tip_covariance(deviation)
-    np.testing.assert_allclose(
-        covariance, covariance.T, rtol=0.0, atol=1e-10 * np.abs(covariance).max()
-    )
+    assert_allclose(covariance, covariance.T, rtol=0.0, atol=1e-10 * np.abs(covariance).max())
     assert np.linalg.eigvalsh(covariance).min() > -1e-12 * np.trace(covariance)
     random = np.random.default_rng(0)
     samples = []
@@ -379,10 +373,10 @@ def test_the_tips_covariance_is_that_of_many_samples_to_first_order(
         samples.append(moved.solve(tensions, start=backbone).tip)
     spread = np.cov(np.array(samples).T)
     # Of 60 samples a variance is known to 18 %, of 400 to 7 %.
-    np.testing.assert_allclose(spread, covariance[:3, :3], atol=near * np.abs(spread).max())
+    assert_allclose(spread, covariance[:3, :3], atol=near * np.abs(spread).max())
 
 
-def test_the_tip_alone_where_nothing_is_reciprocal(solved: Solved) -> None:
+def test_the_tip_alone_where_nothing_is_reciprocal(solved):
     # Dead moments and friction have no energy.
     assert_covariance(solved.solver, solved.backbone, Uncertainty(0.01, 0.02, 0.03, 1e-4))
 
@@ -393,13 +387,13 @@ def assert_covariance(solver: Solver, backbone: Backbone, uncertainty: Uncertain
     # In units in which all are of one size.
     unit = np.array(3 * [1.0] + 3 * [solver.arm.length])
     expected, found = (part * unit[:, np.newaxis] * unit for part in (expected, found))
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+    assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
 
 
 # What is refused -------------------------------------------------------------------------------
 
 
-def test_a_batch_has_no_sensitivity(table4: Config) -> None:
+def test_a_batch_has_no_sensitivity(table4):
     solver = Solver(table4.arm, 'exact')
     with pytest.raises(ConfigError, match='expected a single solution'):
         solver.sensitivity(solver.solve(np.zeros((2, 3, 4))))

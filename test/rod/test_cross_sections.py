@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
@@ -57,32 +57,30 @@ BENDING = {
 
 @pytest.mark.parametrize('name', BENDING)
 @pytest.mark.parametrize('compiled', [False, None], ids=['arrays', 'installed'])
-def test_each_tendon_bends_by_the_stiffness_about_its_axis(
-    name: str, compiled: bool | None
-) -> None:
+def test_each_tendon_bends_by_the_stiffness_about_its_axis(name, compiled):
     arm, (about_n, about_b) = BENDING[name]
     solver = Solver(arm, 'exact', material='linear', compiled=compiled)
     for tensions, xi, k in (([2.0, 0, 0, 0], 0.0, 1.0), ([0, 2.0, 0, 0], -1.0, 0.0)):
         found = solver.solve([tensions])
         stretch = 1.0 + found.q
         moment = 2.0 * OFFSET
-        np.testing.assert_allclose(stretch * found.xi, xi * moment / about_n, rtol=1e-9)
-        np.testing.assert_allclose(stretch * found.k, k * moment / about_b, rtol=1e-9)
+        assert_allclose(stretch * found.xi, xi * moment / about_n, rtol=1e-9)
+        assert_allclose(stretch * found.k, k * moment / about_b, rtol=1e-9)
     # The paper's balance leaves out terms in the square of the curvature alone.
     close = Solver(arm, 'closed_form', compiled=compiled).solve([[2e-3, 1e-3, 0.0, 0.0]])
-    np.testing.assert_allclose(close.k[-1], 2e-3 * OFFSET / about_b, rtol=1e-4)
-    np.testing.assert_allclose(close.xi[-1], -1e-3 * OFFSET / about_n, rtol=1e-4)
+    assert_allclose(close.k[-1], 2e-3 * OFFSET / about_b, rtol=1e-4)
+    assert_allclose(close.xi[-1], -1e-3 * OFFSET / about_n, rtol=1e-4)
 
 
 @pytest.mark.parametrize(('ratio', 'part'), [(1.0, 0.140577), (2.0, 0.228682), (10.0, 0.312325)])
-def test_rectangles_twist_as_saint_venant_found(ratio: float, part: float) -> None:
+def test_rectangles_twist_as_saint_venant_found(ratio, part):
     for sizes in ((ratio, 1.0), (1.0, ratio)):
         found = Geometry.of_rectangle(*(np.array([size]) for size in sizes))
-        np.testing.assert_allclose(found.torsion, part * ratio, rtol=3e-6)
+        assert_allclose(found.torsion, part * ratio, rtol=3e-6)
     arm = dataclasses.replace(STRIP, body=RectangularBody(LENGTH, 1e-3 * ratio, 1e-3, 0.01))
     solver = Solver(arm, 'exact', material='linear', loads=Loads(tip_moment=(0.01, 0.0, 0.0)))
     torsion = METAL.shear_modulus * part * ratio * 1e-12
-    np.testing.assert_allclose(solver.solve(np.zeros((1, 4))).tau, 0.01 / torsion, rtol=3e-6)
+    assert_allclose(solver.solve(np.zeros((1, 4))).tau, 0.01 / torsion, rtol=3e-6)
 
 
 def fibres(shape: str) -> tuple[FloatArray, FloatArray, Arm]:
@@ -103,7 +101,7 @@ def fibres(shape: str) -> tuple[FloatArray, FloatArray, Arm]:
 
 
 @pytest.mark.parametrize(('shape', 'error'), [('strip', 0.12), ('tube', 0.25)])
-def test_rubber_is_that_of_its_fibres_to_second_order(shape: str, error: float) -> None:
+def test_rubber_is_that_of_its_fibres_to_second_order(shape, error):
     # The ellipse of the same second moments has other fourth ones.
     place, part, arm = fibres(shape)
     area = float(arm.body.geometry(np.zeros(1)).area[0])
@@ -112,7 +110,7 @@ def test_rubber_is_that_of_its_fibres_to_second_order(shape: str, error: float) 
         found = solver.solve([[pull, 0.0, 0.0, 0.0]])
         stretch, k = 1.0 + found.q[-1], found.k[-1] * (1.0 + found.q[-1])
 
-        def moment(k: float, stretch: float = stretch) -> float:
+        def moment(k, stretch=stretch):
             lengths = stretch - k * place / math.sqrt(stretch)
             slope = 1e5 / 3.0 * (lengths - 1.0 / lengths**2)
             return float((slope * -place * part).sum()) * area / math.sqrt(stretch)
@@ -125,17 +123,17 @@ def test_rubber_is_that_of_its_fibres_to_second_order(shape: str, error: float) 
         assert surface > 0.01
 
 
-def test_weight_is_that_of_the_material_and_buoyancy_that_of_the_outline() -> None:
+def test_weight_is_that_of_the_material_and_buoyancy_that_of_the_outline():
     # A clamped beam under its own weight, to first order.
     for fluid, mass in ((0.0, (1.0 - 0.8**2) * DENSITY), (1000.0, 0.36 * DENSITY - 1000.0)):
         loads = Loads(gravity=(0.0, 0.0, -1.0), fluid_density=fluid)
         tip = Solver(TUBE, 'exact', material='linear', loads=loads).solve(np.zeros((1, 4))).tip
         sag = mass * math.pi * 1e-6 * LENGTH**4 / (8.0 * YOUNG * TUBES_SECOND)
-        np.testing.assert_allclose(tip[2], -sag, rtol=1e-5)
+        assert_allclose(tip[2], -sag, rtol=1e-5)
 
 
 @pytest.mark.parametrize('name', BENDING)
-def test_frequencies_are_those_of_the_section(name: str) -> None:
+def test_frequencies_are_those_of_the_section(name):
     arm, bending = BENDING[name]
     body = arm.body.geometry(np.zeros(1))
     dynamics = Dynamics(Solver(arm, 'exact', material='linear'), MotionProperties(viscosity=1e3))
@@ -155,7 +153,7 @@ HELIX = RestShape(3.0, 6.0, 20.0)
 
 
 @pytest.mark.parametrize('law', ['linear', 'neo_hookean', 'closed_form'])
-def test_an_arm_without_load_has_its_shape_at_rest(law: str) -> None:
+def test_an_arm_without_load_has_its_shape_at_rest(law):
     arm = dataclasses.replace(TUBE, rest=HELIX)
     if law == 'closed_form':
         solver = Solver(arm, 'closed_form', 31)
@@ -165,27 +163,25 @@ def test_an_arm_without_load_has_its_shape_at_rest(law: str) -> None:
     t, n, b = 20.0, 3.0, 6.0
     screw = np.array([[0, -b, n, 1.0], [b, 0, -t, 0], [-n, t, 0, 0], [0, 0, 0, 0]])
     for s, position in zip(found.s, found.position, strict=True):
-        np.testing.assert_allclose(position, expm(s * screw)[:3, 3], rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(
+        assert_allclose(position, expm(s * screw)[:3, 3], rtol=0.0, atol=1e-12)
+    assert_allclose(
         np.stack([found.tau, found.xi, found.k, found.q]).T, [[t, n, b, 0.0]] * 31, atol=1e-12
     )
 
 
-def test_a_table_of_curvature_bends_it_so_along_its_length() -> None:
+def test_a_table_of_curvature_bends_it_so_along_its_length():
     along = Table((0.0, 0.05, LENGTH), (4.0, -2.0, 1.0))
     rest = RestShape(curvature_b=along, curvature_n=Linear(1.0, 3.0, LENGTH))
     for law in ('linear', 'neo_hookean'):
         solver = Solver(dataclasses.replace(TUBE, rest=rest), 'exact', 41, material=law)
         found = solver.solve(np.zeros((1, 4)))
-        np.testing.assert_allclose(found.k, along.value(found.s), atol=1e-8)
-        np.testing.assert_allclose(found.xi, 1.0 + 2.0 * found.s / LENGTH, atol=1e-9)
+        assert_allclose(found.k, along.value(found.s), atol=1e-8)
+        assert_allclose(found.xi, 1.0 + 2.0 * found.s / LENGTH, atol=1e-9)
 
 
 @pytest.mark.parametrize('compiled', [False, None], ids=['arrays', 'installed'])
 @pytest.mark.parametrize('model', ['exact', 'closed_form'])
-def test_a_tendon_straightens_a_bent_rod_and_its_winch_knows_by_how_much(
-    model: str, compiled: bool | None
-) -> None:
+def test_a_tendon_straightens_a_bent_rod_and_its_winch_knows_by_how_much(model, compiled):
     curvature, (arm, (_, bending)) = 4.0, BENDING['tube']
     bent = dataclasses.replace(arm, rest=RestShape(curvature_b=-curvature))
     pull = bending * curvature / OFFSET
@@ -195,16 +191,16 @@ def test_a_tendon_straightens_a_bent_rod_and_its_winch_knows_by_how_much(
     found = solver.solve([[pull, 0.0, 0.0, 0.0]])
     assert np.abs(found.k).max() < 1e-9 * curvature
     stretch = 1.0 - pull / (YOUNG * math.pi * 0.36e-6)
-    np.testing.assert_allclose(found.tip, [LENGTH * stretch, 0.0, 0.0], atol=1e-12)
+    assert_allclose(found.tip, [LENGTH * stretch, 0.0, 0.0], atol=1e-12)
     # On the outside of the bend the tendon was longer than the arm.
     reeled = LENGTH * (1.0 + curvature * OFFSET - stretch)
     name = bent.tendon_names[0]
-    np.testing.assert_allclose(displacements_of(solver, found)[0, 0], reeled, rtol=1e-9)
+    assert_allclose(displacements_of(solver, found)[0, 0], reeled, rtol=1e-9)
     wound = solve_displacements(solver, {name: reeled}).backbone
-    np.testing.assert_allclose(wound.tensions[0], [pull, 0.0, 0.0, 0.0], rtol=1e-6, atol=1e-9)
+    assert_allclose(wound.tensions[0], [pull, 0.0, 0.0, 0.0], rtol=1e-6, atol=1e-9)
 
 
-def test_chords_between_discs_of_a_bent_rod_are_those_of_its_arc() -> None:
+def test_chords_between_discs_of_a_bent_rod_are_those_of_its_arc():
     curvature, count, (arm, (_, bending)) = 4.0, 5, BENDING['tube']
     discs = Discs(tuple(np.linspace(0.0, LENGTH, count + 1)[1:].tolist()))
     bent = dataclasses.replace(arm, rest=RestShape(curvature_b=-curvature), discs=discs)
@@ -215,10 +211,10 @@ def test_chords_between_discs_of_a_bent_rod_are_those_of_its_arc() -> None:
     half = 0.5 * curvature * LENGTH / count
     unloaded = count * 2.0 * (1.0 / curvature + OFFSET) * math.sin(half)
     reeled = unloaded - found.tip[0]
-    np.testing.assert_allclose(displacements_of(solver, found)[0, 0], reeled, rtol=1e-9)
+    assert_allclose(displacements_of(solver, found)[0, 0], reeled, rtol=1e-9)
 
 
-def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring() -> None:
+def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring():
     # A force along the chord of a short arc: sections under no moment curve by 1 / w, to first
     # order, as all fibres of a ring are stretched in proportion.
     soft = Arm(Material(1e5, 0.5), Body(0.02, 0.004, 0.004), (Section(0.02, 0.0, 0.0),),
@@ -226,8 +222,8 @@ def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring() -> None:
     pull = 4.0 * 1e5 / 3.0 * math.pi * 0.004**2 * (1.2 - 1.0 / 1.2**2) / 4.0
     base = Solver(soft, 'exact', loads=Loads(tip_force=(pull, 0.01 * pull, 0.0)))
     found = base.solve(np.zeros((1, 4)))
-    np.testing.assert_allclose(1.0 + found.q, 1.2, rtol=1e-3)
-    np.testing.assert_allclose(found.k[-1], math.sqrt(1.2), rtol=2e-3)
+    assert_allclose(1.0 + found.q, 1.2, rtol=1e-3)
+    assert_allclose(found.k[-1], math.sqrt(1.2), rtol=2e-3)
 
 
 # Refused ----------------------------------------------------------------------------------------
@@ -242,7 +238,7 @@ def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring() -> None:
         (dataclasses.replace(TUBE, body=Body(LENGTH, 0.01, 0.01), rest=HELIX), 'an arm that is b'),
     ],
 )
-def test_the_paper_covers_straight_full_circles_alone(arm: Arm, what: str) -> None:
+def test_the_paper_covers_straight_full_circles_alone(arm, what):
     with pytest.raises(ConfigError, match=f"'renda2012', which does not cover {what}"):
         Solver(arm, 'renda2012')
 
@@ -266,7 +262,7 @@ def test_the_paper_covers_straight_full_circles_alone(arm: Arm, what: str) -> No
          'motion.normal_drag is 1.0, expected 0 of a rectangular body'),
     ],
 )  # fmt: skip
-def test_impossible_ones_are_named(build: Callable[[], object], message: str) -> None:
+def test_impossible_ones_are_named(build, message):
     with pytest.raises(ArmDefinitionError) as refusal:
         build()
     assert str(refusal.value).startswith(message)
@@ -283,7 +279,7 @@ ROUND = {'body.radius_base': 1e-3, 'body.radius_tip': 1e-3}
 S = [0.0, 0.1, LENGTH]
 
 
-def test_a_file_says_all_of_it() -> None:
+def test_a_file_says_all_of_it():
     values = PLAIN | {
         'body.table_s': S, 'body.table_width': [3e-3, 2e-3, 1e-3],
         'body.table_height': [1e-3, 1e-3, 2e-3], 'stiffness.bending': [0.02], 'rest_torsion': 2.0,
@@ -327,7 +323,7 @@ def test_a_file_says_all_of_it() -> None:
         (ROUND | {'rest.table_torsion': [1.0]}, 'rest.table_torsion has 1 values, expected 0'),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_together_is_named(changes: dict[str, object], message: str) -> None:
+def test_what_does_not_fit_together_is_named(changes, message):
     with pytest.raises(OctoArmError) as refusal:
         Config.from_parameters(PLAIN | changes)
     assert str(refusal.value).startswith(message)

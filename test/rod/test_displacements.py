@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +11,11 @@ import strategies
 from differences import jacobian
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from octo_arm_model import (
     Arm,
     Body,
-    Config,
     Loads,
     Material,
     Section,
@@ -38,7 +37,7 @@ IN_AIR = Loads(gravity=(0.0, 0.0, -9.81))
 
 
 @pytest.fixture(scope='module')
-def solver(table4: Config) -> Solver:
+def solver(table4):
     return Solver(table4.arm, 'exact')
 
 
@@ -48,7 +47,7 @@ def reeled_in(solver: Solver, tensions: np.ndarray) -> dict[str, float]:
     return dict(zip(solver.arm.tendon_names, whole.ravel().tolist(), strict=True))
 
 
-def test_lengths_are_those_of_polygons_through_the_tendons(solver: Solver, table4: Config) -> None:
+def test_lengths_are_those_of_polygons_through_the_tendons(solver, table4):
     fine = Solver(table4.arm, 'exact', 2001, material='linear')
     backbone = fine.solve(TENSIONS)
     rotation = np.array([np.eye(3)] * 2001)
@@ -70,7 +69,7 @@ def test_lengths_are_those_of_polygons_through_the_tendons(solver: Solver, table
         assert lengths[tendon] == pytest.approx(polygon, rel=2e-5)
 
 
-def test_a_wound_tendon_meets_its_length_beside_others_held_by_tension(solver: Solver) -> None:
+def test_a_wound_tendon_meets_its_length_beside_others_held_by_tension(solver):
     wound = solve_displacements(
         solver, {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}, {'tendon_3_1': 1}
     )
@@ -81,14 +80,14 @@ def test_a_wound_tendon_meets_its_length_beside_others_held_by_tension(solver: S
     assert np.count_nonzero(wound.backbone.tensions) == 3
 
 
-def test_a_tendon_that_would_have_to_push_is_slack(solver: Solver) -> None:
+def test_a_tendon_that_would_have_to_push_is_slack(solver):
     wound = solve_displacements(solver, {'tendon_1_1': -0.01}, {'tendon_3_1': 1.0})
     assert wound.slack == ('tendon_1_1',)
     assert wound.backbone.tensions[0, 0] == 0.0
     # Its path is shorter than the length paid out: it is slack.
     assert wound.displacement[0, 0] > -0.01
     alone = solver.solve([[0, 0, 0, 0], [0, 0, 0, 0], [1, 0, 0, 0]])
-    np.testing.assert_allclose(wound.backbone.tip, alone.tip, atol=1e-12)
+    assert_allclose(wound.backbone.tip, alone.tip, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -104,8 +103,8 @@ def test_a_tendon_that_would_have_to_push_is_slack(solver: Solver) -> None:
     ],
 )  # fmt: skip
 def test_a_displacement_longer_than_what_there_is_to_reel_in_is_told_as_that(
-    name: str, changes: dict, asked: dict, stretch: float
-) -> None:
+    name, changes, asked, stretch
+):
     config = load_config(name)
     arm = dataclasses.replace(config.arm, **changes)
     solver = dataclasses.replace(config, arm=arm).solver('exact')
@@ -131,9 +130,7 @@ def test_a_displacement_longer_than_what_there_is_to_reel_in_is_told_as_that(
         ({'tendon_1_1': True}, {}, 'displacement of tendon_1_1 is True m, expected a finite'),
     ],
 )
-def test_bad_input_is_named(
-    solver: Solver, displacements: dict[str, Any], tensions: dict[str, float], message: str
-) -> None:
+def test_bad_input_is_named(solver, displacements, tensions, message):
     with pytest.raises(TensionError, match=message):
         solve_displacements(solver, displacements, tensions)
 
@@ -149,7 +146,7 @@ def stretching(arm: Arm, stiffness: float, free: float = 0.5) -> Arm:
     )
 
 
-def test_a_tendon_stretches_over_all_of_its_length(rod: Config) -> None:
+def test_a_tendon_stretches_over_all_of_its_length(rod):
     """Hooke's law of a thread of its unloaded length, from anchorage to winch."""
     elastic = Solver(stretching(rod.arm, 800.0), 'exact', material='linear')
     stiff = Solver(rod.arm, 'exact', material='linear')
@@ -163,22 +160,22 @@ def test_a_tendon_stretches_over_all_of_its_length(rod: Config) -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(arm=strategies.loaded_arms(2), stiffness=st.floats(1.0, 1e5))
-def test_tensions_come_back_of_any_arm(arm: tuple[Arm, np.ndarray], stiffness: float) -> None:
+def test_tensions_come_back_of_any_arm(arm, stiffness):
     described, tensions = arm
     solver = Solver(stretching(described, stiffness), 'exact', 31)
     asked = reeled_in(solver, tensions)
     wound = solve_displacements(solver, asked)
     reached = wound.displacement.ravel()
-    np.testing.assert_allclose(reached, list(asked.values()), atol=1e-9 * described.length)
+    assert_allclose(reached, list(asked.values()), atol=1e-9 * described.length)
     # Lengths are rounded, which a tendon's own stiffness turns into newtons.
     rounding = 1e-14 * stiffness
-    np.testing.assert_allclose(
+    assert_allclose(
         wound.backbone.tensions, tensions, atol=1e-9 * float(tensions.max()) + rounding
     )
 
 
 @pytest.mark.parametrize('stiffness', [0.0, 500.0])
-def test_one_slack_tendon_among_four_is_found(table2: Config, stiffness: float) -> None:
+def test_one_slack_tendon_among_four_is_found(table2, stiffness):
     """Three hold the arm; the fourth is paid out by 3 mm more than it needs."""
     solver = Solver(stretching(table2.arm, stiffness), 'exact')
     tensions = np.zeros(table2.arm.tension_shape)
@@ -188,14 +185,14 @@ def test_one_slack_tendon_among_four_is_found(table2: Config, stiffness: float) 
     asked[name] -= 3e-3
     wound = solve_displacements(solver, asked)
     assert wound.slack == (name,)
-    np.testing.assert_allclose(wound.backbone.tensions, tensions, atol=1e-9)
+    assert_allclose(wound.backbone.tensions, tensions, atol=1e-9)
     assert wound.displacement.flat[2] - asked[name] == pytest.approx(3e-3, abs=1e-10)
 
 
 @pytest.mark.parametrize('friction', [(), (0.1,)], ids=['smooth', 'rough'])
 def test_the_solves_of_a_winding_have_the_time_of_one_budget_together(
-    table4: Config, friction: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+    table4, friction, monkeypatch
+):
     arm = dataclasses.replace(
         table4.arm.with_density(1080.0), axial_stiffness=(2000.0,), friction=friction
     )
@@ -209,7 +206,7 @@ def test_the_solves_of_a_winding_have_the_time_of_one_budget_together(
     assert next(clock) < 0.01
 
 
-def test_an_arm_that_buckles_under_tension_is_held_by_lengths() -> None:
+def test_an_arm_that_buckles_under_tension_is_held_by_lengths():
     # Under more than Euler's load of a clamped free rod, which tendons of held lengths stiffen.
     body, sections = Body(0.3, 0.001, 0.001, disc_radius=0.01), (Section(0.3, 0.008, 0.008),)
     solver = Solver(Arm(Material(200e9, 0.3), body, sections), 'exact', material='linear')
@@ -227,7 +224,7 @@ GENTLE = np.array([[0.03, 0.01, 0.02, 0.015]])  # [N]
 
 
 @pytest.fixture(scope='module', params=['closed_form', 'exact'])
-def of_four(request: pytest.FixtureRequest, prototype: Config) -> Solver:
+def of_four(request, prototype):
     return prototype.solver(request.param)
 
 
@@ -238,15 +235,15 @@ def wound_as(of_four: Solver, tensions: np.ndarray) -> tuple[np.ndarray, Wound]:
     return displacements, solve_displacements(of_four, given)
 
 
-def test_four_taut_tendons_of_a_section_that_deforms_in_three_ways(of_four: Solver) -> None:
+def test_four_taut_tendons_of_a_section_that_deforms_in_three_ways(of_four):
     _, wound = wound_as(of_four, GENTLE)
     assert (wound.backbone.tensions > 0.0).all()
     found = wound_sensitivity(of_four, wound)
 
-    def tip(x: np.ndarray) -> np.ndarray:
+    def tip(x):
         return of_four.solve(x.reshape(1, 4)).tip
 
-    def displacements(x: np.ndarray) -> np.ndarray:
+    def displacements(x):
         return displacements_of(of_four, of_four.solve(x.reshape(1, 4))).ravel()
 
     # Displacements that agree move the tip as the tensions do that they come of; closed_form has
@@ -255,12 +252,10 @@ def test_four_taut_tendons_of_a_section_that_deforms_in_three_ways(of_four: Solv
     at = wound.backbone.tensions.ravel()
     moved = found.by_displacement.tip[:3] @ jacobian(displacements, at, steps)
     expected = jacobian(tip, at, steps)
-    np.testing.assert_allclose(moved, expected, rtol=0.0, atol=5e-5 * np.abs(expected).max())
+    assert_allclose(moved, expected, rtol=0.0, atol=5e-5 * np.abs(expected).max())
 
 
-def test_how_well_tensions_are_known_says_nothing_of_tendons_driven_by_length(
-    of_four: Solver,
-) -> None:
+def test_how_well_tensions_are_known_says_nothing_of_tendons_driven_by_length(of_four):
     """Of slack ones neither: what they hold follows from their displacements."""
     _, taut = wound_as(of_four, GENTLE)
     names = of_four.arm.tendon_names

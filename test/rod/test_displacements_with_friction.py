@@ -10,13 +10,13 @@ import pytest
 from differences import jacobian
 from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
+from numpy.testing import assert_allclose
 from strategies import fractions, loaded_arms
 
 from octo_arm_model import (
     Arm,
     Backbone,
     Body,
-    Config,
     Loads,
     Material,
     Section,
@@ -41,7 +41,7 @@ def reeled_in(solver: Solver, backbone: Backbone) -> dict[str, float]:
     return dict(zip(solver.arm.tendon_names, whole, strict=True))
 
 
-def test_a_tendon_stretches_by_its_tension_at_every_station() -> None:
+def test_a_tendon_stretches_by_its_tension_at_every_station():
     young, radius, length, offset, mu, pull = 1e5, 0.01, 0.4, 0.006, 0.3, 3.0
     stretching, free = 200.0, 0.5
     arm = Arm(
@@ -61,17 +61,15 @@ def test_a_tendon_stretches_by_its_tension_at_every_station() -> None:
     assert wound.backbone.tensions.item() == pytest.approx(pull, rel=1e-7)
 
 
-def test_they_are_along_a_history_too() -> None:
+def test_they_are_along_a_history_too():
     solver = Solver(HELICAL, 'exact', 11, loads=Loads(gravity=(0.0, 0.0, -9.81)))
     pulled, wound = solver.solve(PULL), solve_displacements(solver, {}, by_name(solver, PULL))
     # Let out, a little more, drawn in again, and some of them more than others.
     for part in (0.9, 0.899, 0.5, 0.5005, np.linspace(0.6, 1.1, 6).reshape(2, 3)):
         pulled = solver.follow(part * PULL, pulled)
         wound = solve_displacements(solver, reeled_in(solver, pulled), start=wound)
-        np.testing.assert_allclose(
-            wound.backbone.tensions, part * PULL, rtol=0.0, atol=1e-7 * PULL.max()
-        )
-        np.testing.assert_allclose(wound.backbone.position, pulled.position, atol=1e-8)
+        assert_allclose(wound.backbone.tensions, part * PULL, rtol=0.0, atol=1e-7 * PULL.max())
+        assert_allclose(wound.backbone.position, pulled.position, atol=1e-8)
     # Without the history the same lengths need other tensions.
     fresh = solve_displacements(solver, reeled_in(solver, pulled))
     assert np.abs(fresh.backbone.tensions - pulled.tensions).max() > 1e-3
@@ -83,9 +81,7 @@ def by_name(solver: Solver, tensions: FloatArray) -> dict[str, float]:
 
 @settings(max_examples=6, deadline=None, derandomize=True)
 @given(loaded_arms(2), fractions(0.01, 0.4), fractions(0.2, 0.9))
-def test_any_stretching_arm_follows_its_lengths(
-    case: tuple[Arm, np.ndarray], friction: float, part: float
-) -> None:
+def test_any_stretching_arm_follows_its_lengths(case, friction, part):
     arm, tensions = case
     stiffness = 20.0 * float(np.max(tensions)) + 1.0
     arm = dataclasses.replace(arm, friction=(friction,), axial_stiffness=(stiffness,))
@@ -98,17 +94,15 @@ def test_any_stretching_arm_follows_its_lengths(
     wound = solve_displacements(solver, {}, by_name(solver, tensions))
     for each in (pulled, released):
         wound = solve_displacements(solver, reeled_in(solver, each), start=wound)
-        np.testing.assert_allclose(
-            wound.backbone.position, each.position, rtol=0.0, atol=1e-6 * arm.length
-        )
+        assert_allclose(wound.backbone.position, each.position, rtol=0.0, atol=1e-6 * arm.length)
         reeled = displacements_of(solver, each)
-        np.testing.assert_allclose(wound.displacement, reeled, rtol=0.0, atol=1e-9 * arm.length)
+        assert_allclose(wound.displacement, reeled, rtol=0.0, atol=1e-9 * arm.length)
         # Lengths do not tell by which tension a tendon sticks before it slips at the first point.
         scale = max(float(np.max(tensions)), 1e-6)
-        np.testing.assert_allclose(wound.backbone.tensions, each.tensions, atol=2e-2 * scale)
+        assert_allclose(wound.backbone.tensions, each.tensions, atol=2e-2 * scale)
 
 
-def test_a_tendon_that_is_paid_out_is_slack(table4: Config) -> None:
+def test_a_tendon_that_is_paid_out_is_slack(table4):
     arm = dataclasses.replace(table4.arm, friction=(0.1,), axial_stiffness=(200.0,))
     solver = Solver(arm, 'exact', 41)
     tensions = np.zeros((3, 4))
@@ -117,11 +111,11 @@ def test_a_tendon_that_is_paid_out_is_slack(table4: Config) -> None:
     lengths['tendon_3_3'] -= 0.002
     lengths['tendon_1_1'] -= 0.001
     wound = solve_displacements(solver, lengths)
-    np.testing.assert_allclose(wound.backbone.tensions, tensions, rtol=0.0, atol=1e-8)
+    assert_allclose(wound.backbone.tensions, tensions, rtol=0.0, atol=1e-8)
     assert {'tendon_3_3', 'tendon_1_1'} <= set(wound.slack)
 
 
-def test_derivatives_with_displacements_held_are_those_of_differences() -> None:
+def test_derivatives_with_displacements_held_are_those_of_differences():
     loads = Loads(gravity=(0.0, 0.0, -9.81))
     arm = dataclasses.replace(HELICAL, sheath_stiffness=(5e5,), free_length=(0.1,))
     solver = Solver(arm, 'exact', 11, loads=loads)
@@ -133,18 +127,18 @@ def test_derivatives_with_displacements_held_are_those_of_differences() -> None:
     # Reeled in by what a change of the tensions reels in.
     way = np.array([0.0, 0.1, -0.05, 0.2, 0.1, -0.1])
 
-    def pulled(x: FloatArray) -> FloatArray:
+    def pulled(x):
         backbone = solver.solve(PULL + x * way.reshape(2, 3))
         return np.array([*backbone.tip, *displacements_of(solver, backbone).ravel()])
 
     tip, reeled = np.split(jacobian(pulled, np.zeros(1), 0.01)[:, 0], [3])
     got = found.by_displacement.tip[:3] @ reeled
-    np.testing.assert_allclose(got, tip, rtol=0.0, atol=1e-6 * np.abs(tip).max())
+    assert_allclose(got, tip, rtol=0.0, atol=1e-6 * np.abs(tip).max())
     assert not found.by_displacement.tip[:, 0].any()
     assert not found.held.by_tension.tip[:, 1:].any() and first > 0.0
 
     # With lengths held, everything else at once.
-    def tip_of(x: FloatArray) -> FloatArray:
+    def tip_of(x):
         part = 1.0 + x.item()
         young = part * float(arm.material.youngs_modulus)
         moved = dataclasses.replace(
@@ -164,7 +158,7 @@ def test_derivatives_with_displacements_held_are_those_of_differences() -> None:
         + found.held.by_tension.tip[:3, 0] * PULL[0, 0]
     )
     expected = jacobian(tip_of, np.zeros(1), 0.01)[:, 0]
-    np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-5 * np.abs(expected).max())
+    assert_allclose(got, expected, rtol=0.0, atol=1e-5 * np.abs(expected).max())
 
 
 def wound_at_once(wound: Wound) -> Wound:
@@ -173,7 +167,7 @@ def wound_at_once(wound: Wound) -> Wound:
     return dataclasses.replace(wound, backbone=backbone)
 
 
-def test_where_a_tendon_sticks_derivatives_are_refused() -> None:
+def test_where_a_tendon_sticks_derivatives_are_refused():
     solver = Solver(HELICAL, 'exact', 11)
     wound = solve_displacements(solver, {}, by_name(solver, PULL))
     less = {name: 0.98 * length for name, length in reeled_in(solver, wound.backbone).items()}
@@ -189,9 +183,7 @@ REVERSALS = [('by tension', 27), ('by length', 23)]
 
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
 @pytest.mark.parametrize('kind, seed', REVERSALS)
-def test_tendons_that_do_not_stretch_are_reversed_at_random(
-    table4: Config, model: str, kind: str, seed: int
-) -> None:
+def test_tendons_that_do_not_stretch_are_reversed_at_random(table4, model, kind, seed):
     arm = dataclasses.replace(table4.arm, friction=(0.1,))
     solver = Solver(arm, model, 41)
     random = np.random.default_rng(seed)

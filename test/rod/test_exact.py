@@ -11,6 +11,7 @@ import reference_exact as reference
 from helical_arm import CONE, HELICAL, RUBBER
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from scipy.optimize import brentq, root
 from strategies import arms, extreme_arms, fractions, loaded_arms, tensions_for
 
@@ -18,7 +19,6 @@ from octo_arm_model import (
     Arm,
     Backbone,
     Body,
-    Config,
     Function,
     Material,
     Section,
@@ -58,8 +58,8 @@ def assert_least_energy(
         expected = reference.least_strain(arm, tensions, backbone.s[i], law, shear)
         found = strain_at(backbone, i)
         largest = np.abs(expected[:3]).max() + 1e-6 / arm.length
-        np.testing.assert_allclose(found[:3], expected[:3], atol=1e-8 * largest)
-        np.testing.assert_allclose(found[3], expected[3], atol=1e-9)
+        assert_allclose(found[:3], expected[:3], atol=1e-8 * largest)
+        assert_allclose(found[3], expected[3], atol=1e-9)
 
 
 # Against an optimiser and a root finder --------------------------------------------------------
@@ -67,7 +67,7 @@ def assert_least_energy(
 
 @pytest.mark.parametrize('law', LAWS)
 @pytest.mark.parametrize('seed', range(2))
-def test_strains_are_those_of_least_energy(preset: Config, law: str, seed: int) -> None:
+def test_strains_are_those_of_least_energy(preset, law, seed):
     random = np.random.default_rng(seed)
     # Not so much that the inner fibres of a thin tip of the linear law have no length left.
     largest = 0.7 * np.array(PAPER_SIZE[preset.arm.length])[:, np.newaxis]
@@ -81,14 +81,14 @@ def test_strains_are_those_of_least_energy(preset: Config, law: str, seed: int) 
 
 @pytest.mark.parametrize('law', LAWS)
 @pytest.mark.parametrize('arm', [HELICAL, THREE_TENDONS], ids=['helical', 'three'])
-def test_so_they_are_of_helical_tendons_and_of_three(arm: Arm, law: str) -> None:
+def test_so_they_are_of_helical_tendons_and_of_three(arm, law):
     backbone = Solver(arm, 'exact', 31, material=law).solve(THREE_TENSIONS)
     assert_least_energy(arm, THREE_TENSIONS, law, backbone, False)
     twisted = np.abs(backbone.tau).max() > 1.0
     assert twisted == (arm is HELICAL)
 
 
-def test_so_they_are_with_shear() -> None:
+def test_so_they_are_with_shear():
     backbone = Solver(HELICAL, 'exact', 31, material='linear', shear=True).solve(THREE_TENSIONS)
     assert_least_energy(HELICAL, THREE_TENSIONS, 'linear', backbone, True)
     assert backbone.twist is not None
@@ -97,7 +97,7 @@ def test_so_they_are_with_shear() -> None:
 
 @pytest.mark.parametrize('law', LAWS)
 @pytest.mark.parametrize('pull', [0.01, 0.3, 3.0])
-def test_equal_tendons_compress_by_the_scalar_equation(law: str, pull: float) -> None:
+def test_equal_tendons_compress_by_the_scalar_equation(law, pull):
     arm = Arm(RUBBER, CONE, (Section(0.4, 0.005, 0.005),))
     backbone = Solver(arm, 'exact', 11, material=law).solve(np.full((1, 4), pull))
     for s, q in zip(backbone.s, backbone.q):
@@ -106,10 +106,10 @@ def test_equal_tendons_compress_by_the_scalar_equation(law: str, pull: float) ->
         if law == 'neo_hookean':
             expected = brentq(lambda x: (x - x**-2) / 3.0 + load, 0.05, 1.0, xtol=1e-14) - 1.0
         assert q == pytest.approx(expected, abs=1e-10)
-    np.testing.assert_allclose([backbone.tau, backbone.xi, backbone.k], 0.0, atol=1e-11)
+    assert_allclose([backbone.tau, backbone.xi, backbone.k], 0.0, atol=1e-11)
 
 
-def test_a_helical_tendon_twists_and_bends_by_four_equations() -> None:
+def test_a_helical_tendon_twists_and_bends_by_four_equations():
     pull, y, rate = 20.0, 0.007, 14.0
     backbone = Solver(UNIFORM_HELIX, 'exact', 41, material='linear').solve([[pull]])
     area = math.pi * 1e-4
@@ -120,7 +120,7 @@ def test_a_helical_tendon_twists_and_bends_by_four_equations() -> None:
         out, around = np.array([math.cos(phi), math.sin(phi)]), np.array([-math.sin(phi), 1.0])
         around[1] = math.cos(phi)
 
-        def left(x: np.ndarray) -> np.ndarray:
+        def left(x):
             # By hand, in the axes t, out, around: r = y e_out, r' = y rate e_around.
             twist, about_out, about_around, stretch = x
             u = np.array([stretch - y * about_around, 0.0, y * (twist + rate)])
@@ -135,7 +135,7 @@ def test_a_helical_tendon_twists_and_bends_by_four_equations() -> None:
         found = root(left, [0.0, 0.0, 0.0, 1.0], tol=1e-14).x
         n, b = found[1] * out + found[2] * around
         expected = np.array([found[0], n, b, found[3]])
-        np.testing.assert_allclose(strain_at(backbone, i), expected, rtol=1e-9, atol=1e-9)
+        assert_allclose(strain_at(backbone, i), expected, rtol=1e-9, atol=1e-9)
     assert np.ptp(backbone.tau) < 1e-8
     assert backbone.tau[0] < -1.0
 
@@ -144,7 +144,7 @@ def test_a_helical_tendon_twists_and_bends_by_four_equations() -> None:
 
 
 @given(loaded_arms(), st.sampled_from(LAWS))
-def test_any_arm_is_in_balance_or_an_error(case: tuple[Arm, np.ndarray], law: str) -> None:
+def test_any_arm_is_in_balance_or_an_error(case, law):
     arm, tensions = case
     try:
         backbone = Solver(arm, 'exact', 21, material=law).solve(tensions)
@@ -160,7 +160,7 @@ def test_any_arm_is_in_balance_or_an_error(case: tuple[Arm, np.ndarray], law: st
 
 @given(extreme_arms(), st.data())
 @settings(max_examples=30)
-def test_arms_as_thin_as_needles_are_in_balance(arm: Arm, data: st.DataObject) -> None:
+def test_arms_as_thin_as_needles_are_in_balance(arm, data):
     # So little that linear superposition leaves no doubt that there is an answer.
     tensions = data.draw(tensions_for(arm, 0.05 / len(arm.sections)))
     for law in LAWS:
@@ -168,7 +168,7 @@ def test_arms_as_thin_as_needles_are_in_balance(arm: Arm, data: st.DataObject) -
         assert backbone.residual <= 1e-10
 
 
-def test_a_peak_of_strain_between_the_points_is_followed() -> None:
+def test_a_peak_of_strain_between_the_points_is_followed():
     # Interpolated from Chebyshev points, the curvature towards this tip turns sections inside out.
     section = Section(0.5705063220799433, 0.013006051446039847, 3.5939145729918886e-06)
     body = Body(0.5705063220799433, 0.03323038907833264, 8.38382386761339e-06)
@@ -181,9 +181,7 @@ def test_a_peak_of_strain_between_the_points_is_followed() -> None:
 
 @given(arms(), st.data(), fractions(0.5, 10.0))
 @settings(max_examples=20)
-def test_far_too_much_tension_is_an_answer_in_balance_or_an_error(
-    arm: Arm, data: st.DataObject, load: float
-) -> None:
+def test_far_too_much_tension_is_an_answer_in_balance_or_an_error(arm, data, load):
     tensions = data.draw(tensions_for(arm, load))
     for law in LAWS:
         try:
@@ -197,7 +195,7 @@ def test_far_too_much_tension_is_an_answer_in_balance_or_an_error(
 # Profiles --------------------------------------------------------------------------------------
 
 
-def test_a_profile_of_moduli_is_the_arm_of_each_modulus_at_each_station() -> None:
+def test_a_profile_of_moduli_is_the_arm_of_each_modulus_at_each_station():
     s = np.linspace(0.0, 0.4, 5)
     moduli = (1e5, 1.2e5, 1.5e5, 1.1e5, 0.9e5)
     stiffer = Material(Table(tuple(s), moduli), Function(lambda s: 0.3 + 0.5 * s, 0.4))
@@ -214,4 +212,4 @@ def test_a_profile_of_moduli_is_the_arm_of_each_modulus_at_each_station() -> Non
         )
         assert modulus == pytest.approx(float(stiffer.youngs_modulus_at(backbone.s[i])), rel=0.05)
         expected = reference.least_strain(local, THREE_TENSIONS, backbone.s[i], 'neo_hookean')
-        np.testing.assert_allclose(strain_at(backbone, i), expected, rtol=1e-7, atol=1e-7)
+        assert_allclose(strain_at(backbone, i), expected, rtol=1e-7, atol=1e-7)

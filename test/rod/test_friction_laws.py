@@ -1,4 +1,4 @@
-"""Friction of the tendons: Capstan's law in closed form, balance, hysteresis and refusals."""
+"""Friction of the tendons, in sheaths too: closed forms, balance, hysteresis, derivatives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from differences import along
 from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from strategies import fractions, loaded_arms
 
@@ -56,16 +58,16 @@ def helical(friction: float | tuple[float, ...] = MU) -> Arm:
 
 @pytest.mark.parametrize('pull', [0.01, 0.3, 3.0])
 @pytest.mark.parametrize('friction', [0.05, 0.3, 1.0])
-def test_one_parallel_tendon_is_that_of_the_closed_form(pull: float, friction: float) -> None:
+def test_one_parallel_tendon_is_that_of_the_closed_form(pull, friction):
     solver = Solver(uniform(friction=friction), 'exact', material='linear')
     backbone = solver.solve([[pull]])
     slope = friction * OFFSET / BENDING
     tension = 1.0 / (1.0 / pull + slope * backbone.s)
     # As exact as the rod has tensions (`rod._TENSION_ERROR`): 4e-7 under the largest pull and
     # friction, 1e-7 under all others.
-    np.testing.assert_allclose(backbone.tendon_tensions[:, 0], tension, rtol=1e-6)
+    assert_allclose(backbone.tendon_tensions[:, 0], tension, rtol=1e-6)
     per_reference_length = backbone.k * (1.0 + backbone.q)
-    np.testing.assert_allclose(per_reference_length, tension * OFFSET / BENDING, rtol=1e-6)
+    assert_allclose(per_reference_length, tension * OFFSET / BENDING, rtol=1e-6)
     angle = math.log(1.0 + slope * pull * LENGTH) / friction
     x, y, _ = Rotation.from_quat(backbone.quaternion[-1]).apply([1.0, 0.0, 0.0])
     assert math.remainder(math.atan2(y, x) - angle, math.tau) == pytest.approx(0.0, abs=1e-6)
@@ -73,8 +75,8 @@ def test_one_parallel_tendon_is_that_of_the_closed_form(pull: float, friction: f
     assert backbone.tendon_tensions[-1, 0] == pytest.approx(left, rel=1e-8)
 
 
-def test_in_the_closed_form_model_tension_obeys_its_differential_equation() -> None:
-    def slope(s: float, tension: np.ndarray) -> np.ndarray:
+def test_in_the_closed_form_model_tension_obeys_its_differential_equation():
+    def slope(s, tension):
         bend = tension * OFFSET / (BENDING + tension * OFFSET**2)
         stretch = 1.0 + (bend * tension * OFFSET - tension) / (YOUNG * math.pi * RADIUS**2)
         return -MU * tension * bend * stretch
@@ -83,26 +85,26 @@ def test_in_the_closed_form_model_tension_obeys_its_differential_equation() -> N
     expected = solve_ivp(slope, (0.0, LENGTH), [1.0], t_eval=backbone.s, rtol=1e-11, atol=1e-13).y[
         0
     ]
-    np.testing.assert_allclose(backbone.tendon_tensions[:, 0], expected, rtol=1e-9)
+    assert_allclose(backbone.tendon_tensions[:, 0], expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize('model', MODELS)
-def test_without_friction_nothing_changes(model: str) -> None:
+def test_without_friction_nothing_changes(model):
     without, zero = helical(()), helical(0.0)
     assert zero == without
     assert zero.friction == ()
     plain = Solver(without, model).solve(PULL)
     again = Solver(zero, model).solve(PULL)
-    np.testing.assert_allclose(again.position, plain.position, rtol=0.0, atol=1e-12)
+    assert_allclose(again.position, plain.position, rtol=0.0, atol=1e-12)
     little = Solver(helical(1e-11), model).solve(PULL)
-    np.testing.assert_allclose(little.position, plain.position, atol=2e-10)
-    np.testing.assert_allclose(little.tendon_tensions, plain.tendon_tensions, atol=1e-10)
+    assert_allclose(little.position, plain.position, atol=2e-10)
+    assert_allclose(little.tendon_tensions, plain.tendon_tensions, atol=1e-10)
     # Its tension is that of the base up to the anchorage.
     inside = plain.s[:, np.newaxis] <= np.repeat([0.4, 0.25], 3)
-    np.testing.assert_array_equal(plain.tendon_tensions, PULL.ravel() * inside)
+    assert_array_equal(plain.tendon_tensions, PULL.ravel() * inside)
 
 
-def test_a_converging_tendon_loses_tension_where_another_ends() -> None:
+def test_a_converging_tendon_loses_tension_where_another_ends():
     # Straight, but compressed more up to the anchorage of the ring at 0.2 m: there the slopes of
     # the long tendons in the plane through the midline jump.
     ring = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
@@ -114,7 +116,7 @@ def test_a_converging_tendon_loses_tension_where_another_ends() -> None:
     before, after = np.arctan(0.015 / stretch)
     expected = 0.5 * math.exp(-MU * (before - after))
     assert before - after > 1e-3
-    np.testing.assert_allclose(backbone.tendon_tensions[-1, :4], expected, rtol=1e-6)
+    assert_allclose(backbone.tendon_tensions[-1, :4], expected, rtol=1e-6)
 
 
 # Balance, from positions alone ------------------------------------------------------------------
@@ -129,9 +131,7 @@ def spatial_path(arm: Arm, backbone: Backbone, tendon: int, widening: FloatArray
 
 @settings(max_examples=20, deadline=None)
 @given(loaded_arms(3), fractions(0.01, 0.6), st.sampled_from(MODELS))
-def test_tension_falls_by_the_angle_that_a_tendon_turns_by(
-    case: tuple[Arm, np.ndarray], friction: float, model: str
-) -> None:
+def test_tension_falls_by_the_angle_that_a_tendon_turns_by(case, friction, model):
     arm, tensions = case
     rough = dataclasses.replace(arm, friction=(friction,))
     try:
@@ -159,7 +159,7 @@ def test_tension_falls_by_the_angle_that_a_tendon_turns_by(
 
 
 @pytest.mark.parametrize('model', MODELS)
-def test_unloading_a_little_changes_the_arm_near_its_base_alone(model: str) -> None:
+def test_unloading_a_little_changes_the_arm_near_its_base_alone(model):
     solver = Solver(uniform(), model, 401)
     pulled = solver.solve([[1.0]])
     part = 0.05
@@ -170,24 +170,24 @@ def test_unloading_a_little_changes_the_arm_near_its_base_alone(model: str) -> N
     holds = -math.log(1.0 - part) / (2.0 * MU)
     sticks = angle > 1.1 * holds
     assert 0.5 < np.count_nonzero(sticks) / sticks.size < 0.99
-    np.testing.assert_allclose(after[sticks], before[sticks], rtol=3e-3)
-    np.testing.assert_allclose(released.k[sticks], pulled.k[sticks], rtol=3e-3)
+    assert_allclose(after[sticks], before[sticks], rtol=3e-3)
+    assert_allclose(released.k[sticks], pulled.k[sticks], rtol=3e-3)
     slips = angle < 0.9 * holds
     turned = np.cumsum([0.0, *(0.5 * (released.k[1:] + released.k[:-1]) * np.diff(released.s))])
     assert (after[slips] < before[slips]).all()
     if model == 'exact':
         return  # A tangent along the stretched arm turns by k (1 + q).
-    np.testing.assert_allclose(after[slips], (1.0 - part) * np.exp(MU * turned[slips]), rtol=5e-3)
+    assert_allclose(after[slips], (1.0 - part) * np.exp(MU * turned[slips]), rtol=5e-3)
 
 
 @pytest.mark.parametrize(('model', 'loads'), [('closed_form', Loads()), ('exact', GRAVITY)])
-def test_a_loop_closes_and_encloses_something(model: str, loads: Loads) -> None:
+def test_a_loop_closes_and_encloses_something(model, loads):
     arm = helical(0.2)
     solver = Solver(arm, model, loads=loads)
     high, low = PULL, 0.4 * PULL
-    loops: list[list[Backbone]] = [[], [], []]
+    loops = [[], [], []]
     first = last = solver.follow(high, None)
-    np.testing.assert_allclose(last.tip, solver.solve(high).tip, atol=1e-12)
+    assert_allclose(last.tip, solver.solve(high).tip, atol=1e-12)
     ways = [high + part * (low - high) for part in (0.5, 1.0)]
     backs = [low + part * (high - low) for part in (0.5, 1.0)]
     for found in loops:
@@ -197,29 +197,27 @@ def test_a_loop_closes_and_encloses_something(model: str, loads: Loads) -> None:
     # The first may be on fewer nodes, where a tendon begins to stick a little elsewhere.
     for one, other, part in ((loops[0], loops[1], 5e-6), (loops[1], loops[2], 1e-7)):
         for before, after in zip(one, other):
-            np.testing.assert_allclose(
-                before.position, after.position, rtol=0.0, atol=part * arm.length
-            )
-            np.testing.assert_allclose(
+            assert_allclose(before.position, after.position, rtol=0.0, atol=part * arm.length)
+            assert_allclose(
                 before.tendon_tensions, after.tendon_tensions, rtol=0.0, atol=100.0 * part
             )
-    np.testing.assert_allclose(loops[-1][-1].tip, first.tip, atol=1e-7 * arm.length)
+    assert_allclose(loops[-1][-1].tip, first.tip, atol=1e-7 * arm.length)
     # On the way down and on the way up the same tensions give another shape.
     assert np.linalg.norm(loops[-1][0].tip - loops[-1][2].tip) > 2e-3 * arm.length
 
 
-def test_a_single_solution_knows_of_no_history() -> None:
+def test_a_single_solution_knows_of_no_history():
     solver = Solver(uniform(), 'exact')
     fresh = solver.solve([[0.6]])
     released = solver.follow([[0.6]], solver.solve([[1.0]]))
-    np.testing.assert_allclose(solver.solve([[0.6]]).position, fresh.position, rtol=0, atol=1e-12)
+    assert_allclose(solver.solve([[0.6]]).position, fresh.position, rtol=0, atol=1e-12)
     assert np.linalg.norm(released.tip - fresh.tip) > 0.01
     started = solver.solve([[0.6]], start=solver.solve([[1.0]]))
-    np.testing.assert_allclose(started.position, fresh.position, rtol=0.0, atol=1e-12)
+    assert_allclose(started.position, fresh.position, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize('loads', [Loads(), Loads(tip_force=(0.01, 0.0, 0.0))])
-def test_a_history_of_another_arm_is_refused(loads: Loads) -> None:
+def test_a_history_of_another_arm_is_refused(loads):
     """Whose points are others, so that it says nothing of the tendons here."""
     solver = Solver(uniform(), 'exact', loads=loads)
     last = solver.solve([[1.0]])
@@ -228,7 +226,7 @@ def test_a_history_of_another_arm_is_refused(loads: Loads) -> None:
         solver.follow([[0.9]], other)
 
 
-def test_a_batch_is_its_arms_one_by_one() -> None:
+def test_a_batch_is_its_arms_one_by_one():
     for model, loads in (('closed_form', Loads()), ('exact', GRAVITY)):
         solver = Solver(helical(), model, loads=loads)
         several = np.stack([PULL, 0.1 * PULL, 0.0 * PULL])
@@ -240,16 +238,14 @@ def test_a_batch_is_its_arms_one_by_one() -> None:
             for found, one in (
                 (batch, solver.solve(tensions)), (followed, solver.follow(tensions, last))
             ):  # fmt: skip
-                np.testing.assert_allclose(found.position[number], one.position, atol=1e-10)
-                np.testing.assert_allclose(
-                    found.tendon_tensions[number], one.tendon_tensions, atol=1e-9
-                )
+                assert_allclose(found.position[number], one.position, atol=1e-10)
+                assert_allclose(found.tendon_tensions[number], one.tendon_tensions, atol=1e-9)
 
 
 # Derivatives ------------------------------------------------------------------------------------
 
 
-def test_derivatives_of_the_closed_form() -> None:
+def test_derivatives_of_the_closed_form():
     friction, young = np.linspace(0.05, 0.4, 6), float(helical().material.youngs_modulus)
     solver = Solver(helical(tuple(friction.tolist())), 'closed_form', 41)
     by = solver.sensitivity(solver.solve(PULL))
@@ -258,7 +254,7 @@ def test_derivatives_of_the_closed_form() -> None:
     more, rougher = 5e-3 * np.arange(-2.0, 4.0), 5e-3 * np.array([1.0, -0.5, 0.3, -1.0, 0.8, 0.2])
     parts = ((by.by_tension, more), (by.by_youngs_modulus, [1e-3]), (by.by_friction, rougher))
 
-    def outcome(part: FloatArray) -> FloatArray:
+    def outcome(part):
         arm = helical(tuple((friction + part * rougher).tolist()))
         material = dataclasses.replace(arm.material, youngs_modulus=young * (1 + 1e-3 * part[0]))
         own = Solver(dataclasses.replace(arm, material=material), 'closed_form', 41)
@@ -272,11 +268,11 @@ def test_derivatives_of_the_closed_form() -> None:
     strain = sum(change.strain @ way for change, way in parts)
     length = sum(change.tendon_length @ way for change, way in parts)
     for got, want in zip((position, strain, length), np.split(expected, [123, 287])):
-        np.testing.assert_allclose(np.ravel(got), want, atol=1e-5 * np.abs(want).max())
+        assert_allclose(np.ravel(got), want, atol=1e-5 * np.abs(want).max())
 
 
 @pytest.mark.parametrize('model', MODELS)
-def test_derivatives_where_every_tendon_is_let_out(model: str) -> None:
+def test_derivatives_where_every_tendon_is_let_out(model):
     solver = Solver(helical(0.03), model, 41)
     pulled = solver.solve(2.0 * PULL)
     released = solver.follow(PULL, pulled)
@@ -285,11 +281,11 @@ def test_derivatives_where_every_tendon_is_let_out(model: str) -> None:
     columns = solver.sensitivity(released).by_tension.tip[:3]
     expected = along(lambda x: solver.follow(x.reshape(2, 3), pulled).tip, PULL.ravel(), step)
     atol = 2e-6 * (np.abs(columns) @ np.abs(step)).max()
-    np.testing.assert_allclose(columns @ step, expected, rtol=0.0, atol=atol)
+    assert_allclose(columns @ step, expected, rtol=0.0, atol=atol)
 
 
 @pytest.mark.parametrize('model', MODELS)
-def test_where_there_is_no_derivative_it_is_refused(model: str) -> None:
+def test_where_there_is_no_derivative_it_is_refused(model):
     solver = Solver(uniform(), model)
     part = solver.follow([[0.9]], solver.solve([[1.0]]))
     with pytest.raises(SolveError, match=r'friction, tendon_1_1 of 0\.9 N sticks'):
@@ -305,8 +301,55 @@ def test_where_there_is_no_derivative_it_is_refused(model: str) -> None:
 
 
 @pytest.mark.parametrize('model', MODELS)
-def test_the_inverse_finds_tensions_with_friction(model: str) -> None:
+def test_the_inverse_finds_tensions_with_friction(model):
     solver = Solver(uniform((0.0, 2.0, 4.0), 0.2), model, 31)
     goal = solver.solve([[0.5, 0.3, 0.0]]).tip
     found = find_tensions(solver, TipPosition(tuple(goal)), 2.0)
-    np.testing.assert_allclose(solver.solve(found.backbone.tensions).tip, goal, atol=1e-6)
+    assert_allclose(solver.solve(found.backbone.tensions).tip, goal, atol=1e-6)
+
+
+# In sheaths --------------------------------------------------------------------------------------
+
+
+SHEATH = 1.5e5
+SHEATHED = dataclasses.replace(uniform(), sheath_stiffness=(SHEATH,))
+# One slides freely and one keeps its place.
+IN_SHEATHS = helical_arm(
+    Material(1.1e5, 0.5, 1080.0),
+    friction=(0.1, 0.2, 0.3, 0.1, 0.0, 0.2),
+    sheath_stiffness=(3e5, 5e5, 0.0, 4e5, 2e5, 6e5),
+)
+
+
+@pytest.mark.parametrize('pull', [0.1, 1.0, 4.0])
+def test_in_a_sheath_it_is_that_of_another_closed_form(pull):
+    # It stands off its path by T kappa / k, so that E J kappa = T (y + T kappa / k), and
+    # T' = -mu T kappa is separable.
+    def passed(tension):
+        """Where the tension has fallen to this [m]."""
+        bent = BENDING * (1.0 / tension - 1.0 / pull) - (pull - tension) / SHEATH
+        return bent / (MU * OFFSET)
+
+    backbone = Solver(SHEATHED, 'exact', material='linear').solve([[pull]])
+    expected = np.array([brentq(lambda t: passed(t) - s, 1e-3, pull) for s in backbone.s])
+    assert_allclose(backbone.tendon_tensions[:, 0], expected, rtol=1e-7)
+    bent = expected * OFFSET / (BENDING - expected**2 / SHEATH)
+    assert_allclose(backbone.k * (1.0 + backbone.q), bent, rtol=1e-6)
+
+
+@pytest.mark.parametrize('loads', [Loads(), GRAVITY], ids=['free', 'under gravity'])
+def test_limits_are_friction_alone_and_sheaths_alone(loads):
+    def tip(**changes):
+        arm = dataclasses.replace(IN_SHEATHS, **changes)
+        return Solver(arm, 'exact', loads=loads).solve(PULL).tip
+
+    both = tip()
+    rough, soft = tip(sheath_stiffness=()), tip(friction=())
+    assert min(np.linalg.norm(both - rough), np.linalg.norm(both - soft)) > 1e-4
+    assert_allclose(tip(sheath_stiffness=(1e14,)), rough, atol=1e-8)
+    assert_allclose(tip(friction=(1e-10,)), soft, atol=1e-8)
+
+
+def test_the_closed_form_keeps_tendons_in_their_places():
+    with pytest.raises(ConfigError, match=r'tendons\.sheath_stiffness goes with model exact'):
+        Solver(SHEATHED, 'closed_form')

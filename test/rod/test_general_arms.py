@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from numpy.testing import assert_allclose
 
 from octo_arm_model import (
     Arm,
@@ -45,7 +45,7 @@ HELICAL = Arm(
 PULLS = np.array([0.4, 0.1, 0.0, 0.6, 0.0, 0.2, 0.3])
 
 
-def test_the_closed_form_of_any_tendons_is_the_full_system_of_three() -> None:
+def test_the_closed_form_of_any_tendons_is_the_full_system_of_three():
     backbone = Solver(HELICAL, 'closed_form', 31).solve(PULLS)
     for i in (0, 12, 20, 25, 30):
         s, section = backbone.s[i], backbone.section[i]
@@ -67,13 +67,13 @@ def test_the_closed_form_of_any_tendons_is_the_full_system_of_three() -> None:
             r = np.array([0.0, *np.ravel(tendon.place(np.array([s])))])
             force -= pull * (1.0 + np.cross(omega, r)[0])
         got = (backbone.tau[i], backbone.xi[i], backbone.k[i])
-        np.testing.assert_allclose(got, omega, rtol=1e-10, atol=1e-10)
+        assert_allclose(got, omega, rtol=1e-10, atol=1e-10)
         axial = 1.5e5 * math.pi * CONE.radius(s) ** 2
         assert backbone.q[i] == pytest.approx(force / axial, rel=1e-10)
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
-def test_the_same_arm_said_in_other_words_has_the_same_shape(model: str) -> None:
+def test_the_same_arm_said_in_other_words_has_the_same_shape(model):
     s = tuple(np.linspace(0.0, 0.3, 61).tolist())
     plain = Arm(SOFT, CONE, (Section(0.3, 0.008, 0.004),))
     quarters = [0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi]
@@ -95,18 +95,18 @@ def test_the_same_arm_said_in_other_words_has_the_same_shape(model: str) -> None
     expected = Solver(plain, model).solve(pulls)
     for arm in (tabulated, functions):
         got = Solver(arm, model).solve(pulls)
-        np.testing.assert_allclose(got.position, expected.position, atol=1e-8)
-        np.testing.assert_allclose(got.k, expected.k, rtol=1e-7)
+        assert_allclose(got.position, expected.position, atol=1e-8)
+        assert_allclose(got.k, expected.k, rtol=1e-7)
 
 
-def test_sections_may_differ_in_number_and_tensions_come_in_rows_or_flat() -> None:
+def test_sections_may_differ_in_number_and_tensions_come_in_rows_or_flat():
     solver = Solver(HELICAL, 'exact', 31)
     assert HELICAL.tension_shape == (7,)
     flat = solver.solve(PULLS)
     rows = solver.solve([PULLS[:3].tolist(), PULLS[3:].tolist()])
-    np.testing.assert_allclose(flat.position, rows.position, atol=1e-12)
+    assert_allclose(flat.position, rows.position, atol=1e-12)
     several = solver.solve(np.stack([PULLS, 0.5 * PULLS]))
-    np.testing.assert_allclose(several.tip[0], flat.tip, atol=1e-9)
+    assert_allclose(several.tip[0], flat.tip, atol=1e-9)
     with pytest.raises(TensionError, match=r'expected \(\.\.\., 7\): 7 tendons, section'):
         solver.solve(PULLS[:6])
     with pytest.raises(TensionError, match=r'tension of tendon_2_1 is -0\.6 N'):
@@ -123,7 +123,7 @@ def test_sections_may_differ_in_number_and_tensions_come_in_rows_or_flat() -> No
          'a material that varies along s'),
     ],
 )  # fmt: skip
-def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm: Arm, what: str) -> None:
+def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm, what):
     with pytest.raises(ConfigError, match=f"'renda2012', which does not cover {what}"):
         Solver(arm, 'renda2012')
 
@@ -152,9 +152,7 @@ def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm: Arm, what: 
          'sections[1].offset_base is 0.021, expected at most the radius of the discs'),
     ],
 )  # fmt: skip
-def test_impossible_arms_name_field_value_and_expectation(
-    build: Callable[[], object], message: str
-) -> None:
+def test_impossible_arms_name_field_value_and_expectation(build, message):
     with pytest.raises(ArmDefinitionError) as refusal:
         build()
     assert str(refusal.value).startswith(message)
@@ -176,7 +174,7 @@ def read(tmp_path: Path, **changes: object) -> Config:
     return load_config(path)
 
 
-def test_yaml_says_everything_but_functions(tmp_path: Path) -> None:
+def test_yaml_says_everything_but_functions(tmp_path):
     config = read(
         tmp_path,
         material={
@@ -211,7 +209,7 @@ def test_yaml_says_everything_but_functions(tmp_path: Path) -> None:
     assert arm.body.radius(0.2) == pytest.approx(0.01)
     assert arm.material.youngs_modulus_at(0.1) == pytest.approx(1e5)
     n, b = arm.tendon_offsets(np.array([0.3]))
-    np.testing.assert_allclose(np.arctan2(b[0], n[0]), 2.0)
+    assert_allclose(np.arctan2(b[0], n[0]), 2.0)
     assert config.loads.points[1] == PointLoad(0.2, (0.0, 0.01, 0.0))
     assert config.uncertainty == Uncertainty(0.1, 0.05)
     backbone = config.solver().solve([0.1, 0.2, 0.0])

@@ -6,13 +6,13 @@ import contextlib
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from rods import CASES, TENSIONS, WRENCH, forms, rod_of, twists_at
 
-from octo_arm_model import Config, ConvergenceError
+from octo_arm_model import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.elements import build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem
@@ -41,19 +41,19 @@ def evaluated(problem: Problem, z: FloatArray, form: object) -> dict[str, FloatA
 
 @pytest.mark.parametrize('name', CASES)
 @pytest.mark.parametrize('level', [0, 1])
-def test_both_forms_compute_the_same(name: str, level: int) -> None:
+def test_both_forms_compute_the_same(name, level):
     pytest.importorskip('numba')
     problem = rod_of(name).problem(level)
     z = twists_at(problem.elements.s, problem.strains)
     first, second = (evaluated(problem, z, form) for form in forms())
     for name, one in first.items():
         scale = np.abs(one).max(initial=1e-300)
-        np.testing.assert_allclose(second[name], one, rtol=0.0, atol=1e-12 * scale, err_msg=name)
+        assert_allclose(second[name], one, rtol=0.0, atol=1e-12 * scale, err_msg=name)
 
 
 @pytest.mark.parametrize('name', ['linear', 'neo_hookean', 'neo_hookean in sheaths'])
 @pytest.mark.parametrize('compiled', [False, True])
-def test_sections_that_said_to_be_in_balance_are(name: str, compiled: bool) -> None:
+def test_sections_that_said_to_be_in_balance_are(name, compiled):
     # What their last step leaves is not looked at, but told by how they converged.
     if compiled:
         pytest.importorskip('numba')
@@ -73,19 +73,19 @@ def test_sections_that_said_to_be_in_balance_are(name: str, compiled: bool) -> N
 
 
 @pytest.mark.parametrize('model', [ClosedForm, Renda2012])
-def test_both_forms_solve_the_papers_models_alike(table4: Config, model: type[ClosedForm]) -> None:
+def test_both_forms_solve_the_papers_models_alike(table4, model):
     pytest.importorskip('numba')
     tensions = np.random.default_rng(1).random((5, 12)) * np.repeat([0.2, 1.0, 3.0], 4)
     nodes, stations = build_elements(table4.arm, added=3), np.linspace(0.0, 0.45, 17)
     first, second = (model(table4.arm, nodes, stations, form).solve(tensions) for form in forms())
     for one, other in zip(first, second, strict=True):
         scale = np.abs(one).max(initial=1.0)
-        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale)
+        assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale)
 
 
 @pytest.mark.parametrize('arms', [1, 3])
 @pytest.mark.parametrize('name', CASES)
-def test_both_forms_put_places_where_they_are(name: str, arms: int) -> None:
+def test_both_forms_put_places_where_they_are(name, arms):
     pytest.importorskip('numba')
     problem = rod_of(name).problem(0)
     several = Several(problem, arms)
@@ -99,15 +99,15 @@ def test_both_forms_put_places_where_they_are(name: str, arms: int) -> None:
     first, second = found
     for one, other in zip(first, second, strict=True):
         scale = np.abs(one).max(initial=1.0)
-        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale)
+        assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale)
 
 
 @pytest.mark.parametrize(
     ('variable', 'inside'), [('NUMBA_CACHE_DIR', ''), ('XDG_CACHE_HOME', 'numba')]
 )
 def test_machine_code_that_is_older_than_what_it_was_made_of_is_forgotten(
-    tmp_path: Path, variable: str, inside: str
-) -> None:
+    tmp_path, variable, inside
+):
     pytest.importorskip('numba')
     folder = tmp_path / inside / 'rod_of_this_place'
     folder.mkdir(parents=True)

@@ -1,17 +1,27 @@
-"""Derivatives of the paper's models, by small imaginary tensions."""
+"""The paper's models: its statements by other means, properties, and derivatives."""
 
 from __future__ import annotations
 
 import dataclasses
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+import reference
 from differences import jacobian
+from hypothesis import given, reject, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from strategies import MODEL_NAMES, arms, loaded_arms, tensions_for
 
 from octo_arm_model import (
+    Arm,
+    Backbone,
     Config,
     ConfigError,
+    ConvergenceError,
     Material,
+    SolveError,
     Solver,
     TipPosition,
     Uncertainty,
@@ -19,52 +29,214 @@ from octo_arm_model import (
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.rod import paper_arrays, paper_equations
+
+# Largest tensions of the paper on each arm [N], by section: Tables 1, 3 and 5; what the paper
+# pulled in Figure 8 is not printed, so the tip of that arm is compressed like that of Figure 15.
+PAPER_SIZE = {0.3: (0.3,), 0.27: (3.95,), 0.31: (1.75, 4.0, 13.0), 0.45: (0.5, 4.0, 13.0)}
+ONE = (1.0, 0.0, 0.0, 0.0)
+
+
+def paper_sized(arm: Arm, seed: int) -> np.ndarray:
+    """Tensions of the paper's size: seed 0 one tendon to a section, else any share of them."""
+    random = np.random.default_rng(seed)
+    largest = np.array(PAPER_SIZE[arm.length])[:, np.newaxis]
+    if seed == 0:
+        return largest * random.permuted([ONE] * len(largest), axis=1)
+    shares = random.uniform(size=(len(largest), 4)) * random.integers(0, 2, (len(largest), 4))
+    return largest * shares / np.maximum(1.0, shares.sum(axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize(
+    'seed', [1, *(pytest.param(seed, marks=pytest.mark.endurance) for seed in (0, 2, 3, 4, 5))]
+)
+def test_shape_and_strains_are_those_of_an_ode_solver_at_tight_tolerance(
+    preset, papers_model, seed
+):
+    tensions = paper_sized(preset.arm, seed)
+    backbone = preset.solver(papers_model).solve(tensions)
+    expected = reference.solve(preset.arm, tensions, papers_model, backbone.s, preset.base)
+    strains = np.stack([backbone.tau, backbone.xi, backbone.k, backbone.q], axis=1)
+    largest = np.abs(expected.strains[:, :3]).max()
+    assert_allclose(strains[:, :3], expected.strains[:, :3], atol=1e-8 * largest)
+    assert_allclose(strains[:, 3], expected.strains[:, 3], atol=1e-9)
+    assert np.linalg.norm(backbone.tip - expected.position[-1]) < 1e-6 * preset.arm.length
+    assert_allclose(backbone.position, expected.position, atol=1e-6 * preset.arm.length)
+    tangent = reference.Rotation.from_quat(backbone.quaternion).as_matrix()
+    assert_allclose(tangent, expected.rotation, atol=1e-5)
+
+
+@settings(max_examples=4)
+@given(loaded_arms(max_sections=3))
+def test_any_arm_is_that_of_the_reference(case):
+    arm, tensions = case
+    try:
+        backbone = Solver(arm, 'renda2012', 21).solve(tensions)
+    except SolveError:
+        reject()
+    expected = reference.solve(arm, tensions, 'renda2012', backbone.s)
+    assert_allclose(backbone.position, expected.position, atol=1e-6 * arm.length)
+
+
+@settings(max_examples=25)
+@given(arms(), st.data())
+def test_it_equals_the_closed_form_when_one_section_is_loaded(arm, data):
+    loaded = data.draw(st.integers(0, len(arm.sections) - 1))
+    tensions = np.zeros(arm.tension_shape)
+    tensions[loaded] = data.draw(tensions_for(arm))[loaded]
+    published, closed = (
+        Solver(arm, name).solve(tensions) for name in ('renda2012', 'closed_form')
+    )
+    for name in ('xi', 'k', 'q'):
+        expected = getattr(closed, name)
+        # Opposite pulls cancel to rounding.
+        atol = 1e-9 * np.abs(expected).max() + 1e-11 / arm.length
+        assert_allclose(getattr(published, name), expected, rtol=1e-9, atol=atol)
+    largest = np.abs([closed.xi, closed.k]).max()
+    assert_allclose(published.tau, 0.0, atol=1e-9 * largest + 1e-11 / arm.length)
+    assert_allclose(published.position, closed.position, atol=1e-9 * arm.length)
+
+
+def test_several_loaded_sections_are_where_the_two_readings_differ(table4):
+    published, closed = (
+        table4.solver(name).solve(FETCHING_IN_SPACE) for name in ('renda2012', 'closed_form')
+    )
+    outermost = published.section == 1
+    assert_allclose(published.k[outermost], closed.k[outermost], rtol=1e-12)
+    assert np.abs(published.tip - closed.tip).max() > 1e-3 * table4.arm.length
+
+
+def test_no_convergence_is_an_error_that_says_how_far_it_got(table4, monkeypatch):
+    monkeypatch.setattr(paper_arrays, 'MOST_PAPER_SWEEPS', 2)
+    with pytest.raises(ConvergenceError, match=r'equation \(10\) in section 3 did not conv') as e:
+        table4.solver('renda2012', compiled=False).solve(10.0 * np.array(FETCHING_IN_SPACE))
+    assert isinstance(e.value, SolveError)
+    assert e.value.iterations == 2
+    assert e.value.residual > paper_equations.TOLERANCE
+
+
+def test_elements_are_cut_where_sweeps_over_the_whole_diverge(table4):
+    # No tendon beyond its tension in Table 5; (10) has a plain solution, q > -0.47.
+    tensions = np.array([[0, 0, 0.5, 0], [0, 4, 4, 0], [0, 0, 0, 0.0]])
+    backbone = table4.solver('renda2012').solve(tensions)
+    expected = reference.solve(table4.arm, tensions, 'renda2012', backbone.s, table4.base)
+    assert_allclose(backbone.tip, expected.position[-1], atol=1e-6 * table4.arm.length)
+
+
+# Properties for any arm and any tensions ---------------------------------------------------------
+
+
+MODEL = st.sampled_from(MODEL_NAMES)
+LOADED = loaded_arms()
+
+
+def solve_finely(arm: Arm, tensions: np.ndarray, model: str) -> Backbone:
+    """Solve on far more nodes, with sweeps almost to rounding."""
+    with patch.object(paper_equations, 'TOLERANCE', 1e-12):
+        return Solver(arm, model, accuracy=1e-12).solve(tensions)
+
+
+def solve_or_reject(solver: Solver, tensions: np.ndarray) -> Backbone:
+    """Solve, or reject the example where the model has no solution."""
+    try:
+        return solver.solve(tensions)
+    except SolveError:
+        reject()
+
+
+def assert_trustworthy(backbone: Backbone) -> None:
+    for name, value in vars(backbone).items():
+        assert value is None or name in ('model', 'equilibrium') or np.isfinite(value).all(), name
+    norm = np.linalg.norm(backbone.quaternion, axis=-1)
+    assert_allclose(norm, 1.0, rtol=0.0, atol=1e-12)
+    assert (backbone.q > -1.0).all()
+
+
+@settings(max_examples=30)
+@given(LOADED, MODEL)
+def test_default_stations_put_the_tip_within_a_millionth_of_the_length(case, model):
+    arm, tensions = case
+    backbone = solve_or_reject(Solver(arm, model), tensions)
+    assert_trustworthy(backbone)
+    fine = solve_finely(arm, tensions, model)
+    assert np.linalg.norm(backbone.tip - fine.tip) < 1e-6 * arm.length
+
+
+@settings(max_examples=30)
+@given(LOADED, MODEL)
+def test_few_stations_put_the_tip_where_many_do(case, model):
+    arm, tensions = case
+    few = solve_or_reject(Solver(arm, model, len(arm.sections) + 2), tensions)
+    fine = solve_finely(arm, tensions, model)
+    assert np.linalg.norm(few.tip - fine.tip) < 1e-6 * arm.length
+
+
+@given(arms(), MODEL, st.integers(-12, 307), st.integers(0, 2**32 - 1))
+def test_any_tensions_give_a_finite_shape_or_an_error(arm, model, exponent, seed):
+    shape = arm.tension_shape
+    random = np.random.default_rng(seed)
+    tensions = random.uniform(size=shape) * 10.0**exponent * random.integers(0, 2, shape)
+    try:
+        backbone = Solver(arm, model, 31).solve(tensions)
+    except SolveError:
+        return
+    assert_trustworthy(backbone)
+
+
+@given(LOADED, MODEL)
+def test_mirrored_tensions_mirror_the_shape(case, model):
+    arm, tensions = case
+    backbone = solve_or_reject(Solver(arm, model), tensions)
+    # Tendons 2 and 4 swapped: b turns round, and torsion with it.
+    mirror = Solver(arm, model).solve(tensions[:, [0, 3, 2, 1]])
+    assert_allclose(mirror.position, backbone.position * [1.0, 1.0, -1.0], atol=1e-7 * arm.length)
+    assert_allclose(mirror.tau, -backbone.tau, atol=1e-6 / arm.length)
+
+
+# Derivatives, by small imaginary tensions --------------------------------------------------------
+
 
 TENSIONS = np.array(FETCHING_IN_SPACE) + [[0.05], [0.3], [1.0]]
 
 
-def outcome(solver: Solver, tensions: np.ndarray) -> np.ndarray:
+def outcome_of(solver: Solver, tensions: np.ndarray) -> np.ndarray:
     """Tip, strains of some stations and lengths in one vector."""
     backbone = solver.solve(tensions.reshape(3, 4))
     strains = [getattr(backbone, name)[::10] for name in ('tau', 'xi', 'k', 'q')]
     return np.concatenate([backbone.tip, *strains, solver.tendon_lengths(backbone).ravel()])
 
 
-def test_derivatives_by_tensions_are_those_of_differences(
-    table4: Config, papers_model: str
-) -> None:
+def test_derivatives_by_tensions_are_those_of_differences(table4, papers_model):
     solver = Solver(table4.arm, papers_model)
     change = solver.sensitivity(solver.solve(TENSIONS)).by_tension
     got = np.concatenate([
         change.tip[:3], *change.strain[::10].transpose(1, 0, 2), change.tendon_length
     ])  # fmt: skip
-    expected = jacobian(lambda x: outcome(solver, x), TENSIONS.ravel(), step=2e-3)
-    np.testing.assert_allclose(got, expected, rtol=2e-5, atol=2e-6 * np.abs(expected).max())
+    expected = jacobian(lambda x: outcome_of(solver, x), TENSIONS.ravel(), step=2e-3)
+    assert_allclose(got, expected, rtol=2e-5, atol=2e-6 * np.abs(expected).max())
 
 
-def test_derivatives_by_young_are_those_of_another_material(
-    table4: Config, papers_model: str
-) -> None:
-    def tip(change: np.ndarray) -> np.ndarray:
+def test_derivatives_by_young_are_those_of_another_material(table4, papers_model):
+    def tip(change):
         material = Material(1.1e5 * (1.0 + change.item()), 0.5)
         arm = dataclasses.replace(table4.arm, material=material)
         return Solver(arm, papers_model).solve(TENSIONS).tip
 
     solver = Solver(table4.arm, papers_model)
     got = solver.sensitivity(solver.solve(TENSIONS)).by_youngs_modulus.tip[:3]
-    np.testing.assert_allclose(got, jacobian(tip, [0.0], step=1e-3), rtol=1e-5, atol=1e-6)
+    assert_allclose(got, jacobian(tip, [0.0], step=1e-3), rtol=1e-5, atol=1e-6)
 
 
-def test_covariance_is_that_of_drawn_tensions(table4: Config, papers_model: str) -> None:
+def test_covariance_is_that_of_drawn_tensions(table4, papers_model):
     solver = Solver(table4.arm, papers_model, 31)
     deviation = 0.002
     drawn = TENSIONS + deviation * np.random.default_rng(1).normal(size=(4000, 3, 4))
     tips = solver.solve(drawn).tip
     ours = solver.tip_covariance(solver.solve(TENSIONS), Uncertainty(deviation))[:3, :3]
-    np.testing.assert_allclose(ours, np.cov(tips.T), atol=0.1 * np.abs(ours).max())
+    assert_allclose(ours, np.cov(tips.T), atol=0.1 * np.abs(ours).max())
 
 
-def test_what_the_paper_has_no_derivative_by_is_refused(table4: Config, papers_model: str) -> None:
+def test_what_the_paper_has_no_derivative_by_is_refused(table4, papers_model):
     solver = Solver(table4.arm, papers_model, 31)
     backbone = solver.solve(TENSIONS)
     with pytest.raises(ConfigError, match="no derivative by the tendons' offsets: choose exact"):
@@ -77,19 +249,15 @@ def test_what_the_paper_has_no_derivative_by_is_refused(table4: Config, papers_m
         solver.sensitivity(Solver(table4.arm, papers_model, 61).solve(TENSIONS))
 
 
-def test_the_inverse_problem_is_solved_by_the_papers_models_too(
-    table4: Config, papers_model: str
-) -> None:
+def test_the_inverse_problem_is_solved_by_the_papers_models_too(table4, papers_model):
     solver = Solver(table4.arm, papers_model, 31)
     wanted = solver.solve(0.5 * TENSIONS).tip
     found = find_tensions(solver, TipPosition(wanted), [[0.5], [4.0], [13.0]])
     assert found.reached
-    np.testing.assert_allclose(solver.solve(found.backbone.tensions).tip, wanted, atol=1e-6)
+    assert_allclose(solver.solve(found.backbone.tensions).tip, wanted, atol=1e-6)
 
 
-def test_the_error_of_the_model_is_added_to_the_covariance(
-    table4: Config, papers_model: str
-) -> None:
+def test_the_error_of_the_model_is_added_to_the_covariance(table4, papers_model):
     solver = Solver(table4.arm, papers_model, 31)
     backbone = solver.solve(TENSIONS)
     without = solver.tip_covariance(backbone, Uncertainty(0.01))
@@ -100,4 +268,4 @@ def test_the_error_of_the_model_is_added_to_the_covariance(
     }).uncertainty  # fmt: skip
     added = solver.tip_covariance(backbone, known) - without
     position, rotation = (0.014 * table4.arm.length) ** 2, (2.0 * 0.014) ** 2
-    np.testing.assert_allclose(added, np.diag(3 * [position] + 3 * [rotation]), atol=1e-12)
+    assert_allclose(added, np.diag(3 * [position] + 3 * [rotation]), atol=1e-12)

@@ -11,18 +11,10 @@ import strategies
 from helical_arm import PULL, helical_arm
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
-from octo_arm_model import (
-    Arm,
-    ArmDefinitionError,
-    Body,
-    Config,
-    Material,
-    Section,
-    SolveError,
-    Solver,
-)
+from octo_arm_model import Arm, ArmDefinitionError, Body, Material, Section, SolveError, Solver
 from octo_arm_model.arm.stiffness import estimate_sheath_stiffness
 
 RUBBER = Material(1.1e5, 0.5, 1080.0)
@@ -69,7 +61,7 @@ def energy_of(
 
 
 @pytest.mark.parametrize('s', [0.1, 0.3])
-def test_strains_are_those_of_least_energy_over_strains_and_places(s: float) -> None:
+def test_strains_are_those_of_least_energy_over_strains_and_places(s):
     """A general optimiser of all unknowns at once finds no less."""
     # Sheaths of equal stiffness: the optimiser moves none that is rigid.
     arm = with_sheath(HELICAL, 3e5)
@@ -79,7 +71,7 @@ def test_strains_are_those_of_least_energy_over_strains_and_places(s: float) -> 
     found = np.array([backbone.tau[i], backbone.xi[i], backbone.k[i]]) * stretch
     units = np.concatenate([[10.0, 10.0, 10.0, 0.1], np.full(12, 1e-3)])
 
-    def scaled(x: np.ndarray) -> float:
+    def scaled(x):
         # The energy at rest is some 1e-1 N, its changes by rounding far less.
         tensions = PULL.ravel()
         return energy_of(arm, float(backbone.s[i]), tensions, (units * x)[:4], (units * x)[4:])
@@ -88,30 +80,26 @@ def test_strains_are_those_of_least_energy_over_strains_and_places(s: float) -> 
     start[3] = 10.0
     best = minimize(scaled, start, method='BFGS', options={'gtol': 1e-9, 'maxiter': 2000})
     reached = (units * best.x)[:4]
-    np.testing.assert_allclose(reached[:3], found, atol=2e-4 * np.abs(found).max())
+    assert_allclose(reached[:3], found, atol=2e-4 * np.abs(found).max())
     assert reached[3] == pytest.approx(stretch, abs=2e-5)
     assert np.abs(best.x[4:]).max() > 0.01  # and tendons moved by more than 10 micrometres
 
 
 @settings(max_examples=15, deadline=None)
 @given(loaded=strategies.loaded_arms(2), scale=st.floats(0.2, 5.0))
-def test_lengths_and_tensions_in_proportion_scale_the_shape(
-    loaded: tuple[Arm, np.ndarray], scale: float
-) -> None:
+def test_lengths_and_tensions_in_proportion_scale_the_shape(loaded, scale):
     """As k is a modulus: lengths times c, tensions times c^2, the same k."""
     arm, tensions = loaded
     stiffness = 20.0 * float(arm.material.youngs_modulus)
     small, large = (with_sheath(one, stiffness) for one in (arm, strategies.scaled(arm, scale)))
     before = Solver(small, 'exact', 31).solve(0.5 * tensions)
     after = Solver(large, 'exact', 31).solve(0.5 * scale**2 * tensions)
-    np.testing.assert_allclose(
-        after.position, scale * before.position, atol=1e-8 * scale * arm.length
-    )
+    assert_allclose(after.position, scale * before.position, atol=1e-8 * scale * arm.length)
 
 
 @settings(max_examples=15, deadline=None)
 @given(loaded=strategies.loaded_arms(1))
-def test_a_pulled_arm_bends_more_where_tendons_dig_in(loaded: tuple[Arm, np.ndarray]) -> None:
+def test_a_pulled_arm_bends_more_where_tendons_dig_in(loaded):
     """One tendon: planar without torsion, and farther from the midline on the inside."""
     arm, tensions = loaded
     tensions[0, 1:] = 0.0
@@ -124,7 +112,7 @@ def test_a_pulled_arm_bends_more_where_tendons_dig_in(loaded: tuple[Arm, np.ndar
     assert (bend >= -1e-9 * np.abs(rigid.k).max()).all()
 
 
-def test_what_sheaths_cannot_hold_is_refused(table4: Config) -> None:
+def test_what_sheaths_cannot_hold_is_refused(table4):
     arm = Arm(RUBBER, Body(0.27, 0.015, 0.0074), (Section(0.27, 0.005, 0.0025),))
     soft = Solver(with_sheath(arm, 0.5 * SHEAR_MODULUS), 'exact')
     assert soft.solve([[0.5, 0, 0, 0]]).residual < 1e-10
@@ -132,12 +120,12 @@ def test_what_sheaths_cannot_hold_is_refused(table4: Config) -> None:
         soft.solve([[3.0, 0, 0, 0]])
 
 
-def test_the_estimate_is_that_of_plane_elasticity() -> None:
+def test_the_estimate_is_that_of_plane_elasticity():
     """Kelvin's line force in a disc, its displacements averaged by quadrature."""
     radius, thread = 0.011, 0.001
     angle = 2.0 * np.pi * (np.arange(400) + 0.5) / 400
 
-    def along_force(at: np.ndarray, sources: np.ndarray) -> np.ndarray:
+    def along_force(at, sources):
         """Displacement along a force of 1 N/m spread over ``sources``, times 4 pi G."""
         away = at[:, :, np.newaxis] - sources[:, np.newaxis]
         square = np.sum(away**2, axis=0)
@@ -163,8 +151,6 @@ def test_the_estimate_is_that_of_plane_elasticity() -> None:
         ((0.006, 0.01, 1e5), 'thread_radius is 0.006, expected at most 0.5 of the radius'),
     ],
 )
-def test_an_estimate_out_of_range_is_refused(
-    given: tuple[float, float, float], problem: str
-) -> None:
+def test_an_estimate_out_of_range_is_refused(given, problem):
     with pytest.raises(ArmDefinitionError, match=problem):
         estimate_sheath_stiffness(*given)

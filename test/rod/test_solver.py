@@ -6,9 +6,11 @@ import copy
 import dataclasses
 import math
 import pickle
+import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
@@ -26,6 +28,7 @@ from octo_arm_model import (
     Section,
     SolveError,
     Solver,
+    TensionError,
     solve,
 )
 from octo_arm_model.analysis.inverse import find_tensions
@@ -59,26 +62,22 @@ def pull(shape: tuple[int, int], section: int, tendon: int, newton: float) -> np
 
 @pytest.mark.parametrize('tendon', range(4))
 @pytest.mark.parametrize('section', range(3))
-def test_one_tendon_bends_the_arm_in_its_plane_to_its_side(
-    table2: Config, model: str, section: int, tendon: int
-) -> None:
+def test_one_tendon_bends_the_arm_in_its_plane_to_its_side(table2, model, section, tendon):
     tensions = pull((3, 4), section, tendon, 0.5)
     backbone = identity_solver(table2, model).solve(tensions)
     side, across = SIDES[tendon], np.cross([1.0, 0.0, 0.0], SIDES[tendon])
     assert backbone.tip @ side > 0.02 * table2.arm.length
     assert (np.diff(backbone.position @ side) > 0.0).all()
-    np.testing.assert_allclose(backbone.position @ across, 0.0, atol=1e-12)
+    assert_allclose(backbone.position @ across, 0.0, atol=1e-12)
     largest = np.hypot(backbone.xi, backbone.k).max()
-    np.testing.assert_allclose(backbone.tau, 0.0, atol=1e-12 * largest)
+    assert_allclose(backbone.tau, 0.0, atol=1e-12 * largest)
 
 
-def test_four_equal_tendons_shorten_the_arm_and_keep_it_straight(
-    preset: Config, papers_model: str
-) -> None:
+def test_four_equal_tendons_shorten_the_arm_and_keep_it_straight(preset, papers_model):
     rows, columns = preset.arm.tension_shape
     tensions = np.full((rows, columns), 0.05)
     backbone = identity_solver(preset, papers_model).solve(tensions)
-    np.testing.assert_allclose(backbone.position[:, 1:], 0.0, atol=1e-12)
+    assert_allclose(backbone.position[:, 1:], 0.0, atol=1e-12)
     assert 0.0 < backbone.tip[0] < preset.arm.length
     # Each section alone: N = -4 T, so the arm shortens by the integral of 4 T / EA.
     body, young = preset.arm.body, preset.arm.material.youngs_modulus
@@ -90,19 +89,17 @@ def test_four_equal_tendons_shorten_the_arm_and_keep_it_straight(
     assert preset.arm.length - backbone.tip[0] == pytest.approx(shorter, rel=1e-6)
 
 
-def test_passing_the_tensions_on_to_the_next_tendon_turns_the_shape_by_90_degrees(
-    table4: Config, model: str
-) -> None:
+def test_passing_the_tensions_on_to_the_next_tendon_turns_the_shape_by_90_degrees(table4, model):
     solver = identity_solver(table4, model)
     before, after = solver.solve(MIXED), solver.solve(np.roll(MIXED, 1, axis=1))
     x, y, z = before.position.T
-    np.testing.assert_allclose(after.position, np.stack([x, -z, y], axis=1), atol=1e-8)
-    np.testing.assert_allclose(after.tau, before.tau, atol=1e-6)
-    np.testing.assert_allclose(after.q, before.q, atol=1e-9)
+    assert_allclose(after.position, np.stack([x, -z, y], axis=1), atol=1e-8)
+    assert_allclose(after.tau, before.tau, atol=1e-6)
+    assert_allclose(after.q, before.q, atol=1e-9)
 
 
 @pytest.mark.parametrize('panel', BENDING)
-def test_the_bending_plane_obeys_the_papers_law(table2: Config, model: str, panel: str) -> None:
+def test_the_bending_plane_obeys_the_papers_law(table2, model, panel):
     t1, t2, t3, t4 = BENDING[panel][0]
     law = math.degrees(math.atan2(t3 - t1, t2 - t4))
     tip = table2.solver(model).solve(BENDING[panel]).tip
@@ -111,9 +108,7 @@ def test_the_bending_plane_obeys_the_papers_law(table2: Config, model: str, pane
 
 
 @pytest.mark.parametrize('c', [0.1, 3.0, 100.0])
-def test_a_larger_arm_takes_the_same_shape_under_tensions_of_the_square(
-    table4: Config, model: str, c: float
-) -> None:
+def test_a_larger_arm_takes_the_same_shape_under_tensions_of_the_square(table4, model, c):
     arm = table4.arm
     body = Body(c * arm.length, c * arm.body.radius_base, c * arm.body.radius_tip)
     sections = tuple(
@@ -122,75 +117,69 @@ def test_a_larger_arm_takes_the_same_shape_under_tensions_of_the_square(
     )
     small = Solver(arm, model).solve(MIXED)
     large = Solver(Arm(arm.material, body, sections), model).solve(c**2 * MIXED)
-    np.testing.assert_allclose(large.position / c, small.position, atol=1e-8 * arm.length)
-    np.testing.assert_allclose(large.q, small.q, atol=1e-9)
+    assert_allclose(large.position / c, small.position, atol=1e-8 * arm.length)
+    assert_allclose(large.q, small.q, atol=1e-9)
     for name in ('tau', 'xi', 'k'):
-        np.testing.assert_allclose(getattr(large, name) * c, getattr(small, name), atol=1e-5)
+        assert_allclose(getattr(large, name) * c, getattr(small, name), atol=1e-5)
 
 
-def test_a_stiffer_arm_takes_the_same_shape_under_as_much_more_tension(
-    table4: Config, model: str
-) -> None:
+def test_a_stiffer_arm_takes_the_same_shape_under_as_much_more_tension(table4, model):
     stiff = dataclasses.replace(table4.arm, material=Material(3.3e5))
     weak, strong = Solver(table4.arm, model), Solver(stiff, model)
-    np.testing.assert_allclose(
-        strong.solve(3 * MIXED).position, weak.solve(MIXED).position, atol=1e-9
-    )
+    assert_allclose(strong.solve(3 * MIXED).position, weak.solve(MIXED).position, atol=1e-9)
 
 
 # The straight arm, and what lies beyond the last anchorage -------------------------------------
 
 
-def test_no_tension_leaves_the_arm_exactly_as_it_was(preset: Config, model: str) -> None:
+def test_no_tension_leaves_the_arm_exactly_as_it_was(preset, model):
     solver = identity_solver(preset, model)
     backbone = solver.solve(np.zeros(preset.arm.tension_shape))
     for strain in (backbone.tau, backbone.xi, backbone.k, backbone.q):
-        np.testing.assert_array_equal(strain, 0.0)
-    np.testing.assert_allclose(backbone.position[:, 0], backbone.s, rtol=1e-12)
-    np.testing.assert_array_equal(backbone.position[:, 1:], 0.0)
-    np.testing.assert_array_equal(backbone.quaternion, np.tile([0, 0, 0, 1.0], (101, 1)))
+        assert_array_equal(strain, 0.0)
+    assert_allclose(backbone.position[:, 0], backbone.s, rtol=1e-12)
+    assert_array_equal(backbone.position[:, 1:], 0.0)
+    assert_array_equal(backbone.quaternion, np.tile([0, 0, 0, 1.0], (101, 1)))
 
 
-def test_beyond_the_last_anchorage_the_arm_is_straight_and_unstrained(model: str) -> None:
+def test_beyond_the_last_anchorage_the_arm_is_straight_and_unstrained(model):
     backbone = Solver(SHORT, model).solve([[0.3, 0.1, 0, 0], [0, 0, 2.0, 1.0]])
     beyond = backbone.section == 0
-    np.testing.assert_array_equal(beyond, backbone.s > 0.3)
+    assert_array_equal(beyond, backbone.s > 0.3)
     for strain in (backbone.tau, backbone.xi, backbone.k, backbone.q):
-        np.testing.assert_array_equal(strain[beyond], 0.0)
+        assert_array_equal(strain[beyond], 0.0)
     start = np.flatnonzero(beyond)[0] - 1
     tangent = Rotation.from_quat(backbone.quaternion[start]).apply([1.0, 0.0, 0.0])
     expected = backbone.position[start] + np.outer(backbone.s[beyond] - 0.3, tangent)
-    np.testing.assert_allclose(backbone.position[beyond], expected, atol=1e-12)
+    assert_allclose(backbone.position[beyond], expected, atol=1e-12)
 
 
 # Base, batches, stations -----------------------------------------------------------------------
 
 
-def test_the_base_pose_moves_the_shape_rigidly(table4: Config, model: str) -> None:
+def test_the_base_pose_moves_the_shape_rigidly(table4, model):
     turn = Rotation.from_euler('xyz', [0.3, -1.1, 2.0])
     base = Pose((0.1, -0.2, 0.3), tuple(turn.as_quat()))
     still, moved = Solver(table4.arm, model), Solver(table4.arm, model, base=base)
     before, after = still.solve(MIXED), moved.solve(MIXED)
     expected = before.position @ turn.as_matrix().T + base.position
-    np.testing.assert_allclose(after.position, expected, atol=1e-12)
+    assert_allclose(after.position, expected, atol=1e-12)
     turned = turn * Rotation.from_quat(before.quaternion)
-    np.testing.assert_allclose(
+    assert_allclose(
         Rotation.from_quat(after.quaternion).as_matrix(), turned.as_matrix(), atol=1e-12
     )
-    np.testing.assert_allclose(after.k, before.k, atol=1e-12)
+    assert_allclose(after.k, before.k, atol=1e-12)
 
 
-def test_the_presets_start_like_section_6_of_the_paper(preset: Config) -> None:
+def test_the_presets_start_like_section_6_of_the_paper(preset):
     backbone = preset.solver().solve(np.zeros(preset.arm.tension_shape))
-    np.testing.assert_array_equal(backbone.position[0], 0.0)
+    assert_array_equal(backbone.position[0], 0.0)
     t, n, b = Rotation.from_quat(backbone.quaternion[0]).as_matrix().T
-    np.testing.assert_allclose([t, n, b], [[1, 0, 0], [0, -1, 0], [0, 0, -1]], atol=1e-12)
+    assert_allclose([t, n, b], [[1, 0, 0], [0, -1, 0], [0, 0, -1]], atol=1e-12)
 
 
 @pytest.mark.parametrize('lead', [(1,), (2, 1, 2), (70,)])
-def test_a_batch_equals_its_sets_solved_one_by_one(
-    table4: Config, model: str, lead: tuple[int, ...]
-) -> None:
+def test_a_batch_equals_its_sets_solved_one_by_one(table4, model, lead):
     solver = table4.solver(model)
     tensions = MIXED * np.random.default_rng(1).uniform(0.0, 1.0, (*lead, 3, 4))
     together = solver.solve(tensions)
@@ -200,23 +189,21 @@ def test_a_batch_equals_its_sets_solved_one_by_one(
     assert together.tau.shape == together.q.shape == (*lead, 101)
     for index in np.ndindex(lead):
         alone = solver.solve(tensions[index])
-        np.testing.assert_allclose(together.position[index], alone.position, atol=2e-8)
-        np.testing.assert_allclose(together.quaternion[index], alone.quaternion, atol=1e-6)
-        np.testing.assert_allclose(together.k[index], alone.k, rtol=1e-6, atol=1e-5)
+        assert_allclose(together.position[index], alone.position, atol=2e-8)
+        assert_allclose(together.quaternion[index], alone.quaternion, atol=1e-6)
+        assert_allclose(together.k[index], alone.k, rtol=1e-6, atol=1e-5)
 
 
 @pytest.mark.parametrize('stations', [4, 5, 37, 101, 500])
-def test_the_tip_does_not_depend_on_the_number_of_stations(
-    table4: Config, model: str, stations: int
-) -> None:
+def test_the_tip_does_not_depend_on_the_number_of_stations(table4, model, stations):
     backbone = table4.solver(model, stations).solve(FETCHING_IN_SPACE)
     assert backbone.s.size == stations
     assert {0.0, 0.135, 0.315, 0.45} <= set(backbone.s.tolist())
     finest = table4.solver(model, 1601).solve(FETCHING_IN_SPACE)
-    np.testing.assert_allclose(backbone.tip, finest.tip, atol=1e-6 * table4.arm.length)
+    assert_allclose(backbone.tip, finest.tip, atol=1e-6 * table4.arm.length)
 
 
-def test_the_result_is_read_only(table4: Config, model: str) -> None:
+def test_the_result_is_read_only(table4, model):
     backbone = table4.solver(model).solve(MIXED)
     for value in vars(backbone).values():
         if isinstance(value, np.ndarray):
@@ -226,16 +213,14 @@ def test_the_result_is_read_only(table4: Config, model: str) -> None:
         backbone.s = 0  # type: ignore[misc]
 
 
-def test_solve_is_a_solver_in_one_call(table4: Config, model: str) -> None:
+def test_solve_is_a_solver_in_one_call(table4, model):
     backbone = solve(table4.arm, MIXED, model, 51, table4.base)
     assert backbone.model == model
     expected = table4.solver(model, 51).solve(MIXED)
-    np.testing.assert_allclose(backbone.position, expected.position, atol=1e-12)
+    assert_allclose(backbone.position, expected.position, atol=1e-12)
 
 
-def test_a_copy_and_a_pickled_solver_solve_as_it_does_from_what_it_solved(
-    table4: Config, model: str
-) -> None:
+def test_a_copy_and_a_pickled_solver_solve_as_it_does_from_what_it_solved(table4, model):
     solver = table4.solver(model, 51)
     before = solver.solve(MIXED)
     expected = solver.solve(1.01 * MIXED, start=before)
@@ -243,10 +228,10 @@ def test_a_copy_and_a_pickled_solver_solve_as_it_does_from_what_it_solved(
         assert own is not solver
         start = pickle.loads(pickle.dumps(before))
         found = own.solve(1.01 * MIXED, start=start)
-        np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-12)
+        assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-12)
 
 
-def test_shapes_under_loads_can_be_kept_by_the_thousand(table4: Config) -> None:
+def test_shapes_under_loads_can_be_kept_by_the_thousand(table4):
     loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
     heavy = Solver(table4.arm.with_density(1080.0), 'exact', base=table4.base, loads=loads)
     first = heavy.solve(MIXED)
@@ -255,24 +240,43 @@ def test_shapes_under_loads_can_be_kept_by_the_thousand(table4: Config) -> None:
         heavy.solve((1.0 - 0.01 * i) * MIXED)
     assert len(pickle.dumps(first)) < 5e4
     found = heavy.solve(1.01 * MIXED, start=first)
-    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-10)
+    assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-10)
 
 
 # What is refused -------------------------------------------------------------------------------
 
 
+SHAPES = r'expected \(\.\.\., 3, 4\): 3 section\(s\) from the tip, 4 tendons each$'
+NO_ROWS = r'numbers in rows of equal length.*\(\.\.\., 3, 4\)'
+
+
+@pytest.mark.parametrize(
+    ('given', 'message'),
+    [
+        *(([[0] * 4, [0, 0, bad, 0], [0] * 4],
+           f'^tension of tendon_2_3 is {bad!r} N, expected a finite number >= 0$')
+          for bad in (-1.0, -1e-300, math.nan, math.inf, -math.inf)),
+        *((np.zeros(shape), rf'^tensions have shape {re.escape(str(shape))}, {SHAPES}')
+          for shape in ((), (4,), (12,), (4, 3), (2, 4), (3, 3), (3, 4, 1))),
+        *((bad, NO_ROWS) for bad in (
+            [[1, 2, 3, 4], [1, 2]], 'four', [[1, 2, 3, 'x']] * 3, {'a': 1}, [[True, 2, 3, 4]] * 3,
+            [[1, 2, 3, np.True_]] * 3, np.ones((3, 4), bool), [[None] * 4] * 3, [[True] * 4] * 3,
+        )),
+    ],
+)  # fmt: skip
+def test_what_is_no_set_of_tensions_is_refused_by_name(table4, given, message):
+    with pytest.raises(TensionError, match=message):
+        table4.solver('closed_form').solve(given)
+
+
 @pytest.mark.parametrize('tension', [1e300, 1e308, 1e200])
-def test_absurd_tensions_are_an_error_not_a_shape(
-    table4: Config, model: str, tension: float
-) -> None:
+def test_absurd_tensions_are_an_error_not_a_shape(table4, model, tension):
     for tensions in (pull((3, 4), 0, 1, tension), np.full((3, 4), tension), tension * (MIXED / 5)):
         with pytest.raises(SolveError):
             table4.solver(model).solve(tensions)
 
 
-def test_an_arm_compressed_to_nothing_is_an_error_that_says_where(
-    prototype: Config, papers_model: str
-) -> None:
+def test_an_arm_compressed_to_nothing_is_an_error_that_says_where(prototype, papers_model):
     # Four equal tensions: q = -4 T / EA, largest at the tip, where EA = 18.92 N.
     axial = 1.1e5 * math.pi * 0.0074**2
     with pytest.raises(SolveError, match=r'at s = 0.27 m \(q = -1.01, must be > -1\)$'):
@@ -280,14 +284,14 @@ def test_an_arm_compressed_to_nothing_is_an_error_that_says_where(
     assert prototype.solver(papers_model).solve(np.full((1, 4), 0.99 * axial / 4)).q.min() > -1.0
 
 
-def test_a_bad_set_in_a_batch_is_named(prototype: Config, papers_model: str) -> None:
+def test_a_bad_set_in_a_batch_is_named(prototype, papers_model):
     tensions = np.zeros((150, 1, 4))
     tensions[120] = 30.0
     with pytest.raises(SolveError, match=r'in set 120$'):
         prototype.solver(papers_model).solve(tensions)
 
 
-def test_an_unknown_model_is_refused_with_those_there_are(table4: Config) -> None:
+def test_an_unknown_model_is_refused_with_those_there_are(table4):
     with pytest.raises(ConfigError, match="model is 'best', expected one of renda2012, closed_f"):
         Solver(table4.arm, 'best')
     assert set(MODELS) == {'renda2012', 'closed_form', 'exact'}
@@ -296,7 +300,7 @@ def test_an_unknown_model_is_refused_with_those_there_are(table4: Config) -> Non
 # Sizes and booleans ----------------------------------------------------------------------------
 
 
-def test_booleans_are_no_numbers(table4: Config) -> None:
+def test_booleans_are_no_numbers(table4):
     solver = table4.solver('exact', 11)
     tensions = np.zeros((3, 4))
     for wrench in ([True, 0, 0, 0, 0, 0], [0.0, 0, 0, 0, 0, np.True_], np.ones(6, bool)):
@@ -315,11 +319,11 @@ def test_booleans_are_no_numbers(table4: Config) -> None:
             build()
 
 
-def test_the_most_stations_are_solved(table4: Config, model: str) -> None:
+def test_the_most_stations_are_solved(table4, model):
     # A table of stations times intervals would not fit into memory.
     coarse, fine = (table4.solver(model, n) for n in (101, MAX_STATIONS))
     tensions = np.array(FETCHING_IN_SPACE)
-    np.testing.assert_allclose(
+    assert_allclose(
         fine.solve(tensions).tip, coarse.solve(tensions).tip, atol=1e-6 * table4.arm.length
     )
     with pytest.raises(ConfigError, match='stations is 10001, expected at most 10000'):

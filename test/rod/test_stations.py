@@ -5,20 +5,19 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from scipy.linalg import expm
 from strategies import arms
 
 from octo_arm_model import (
     Arm,
     Body,
-    Config,
     ConfigError,
     Function,
     Material,
@@ -38,9 +37,7 @@ STATION_COUNTS = st.integers(6, 150)
 
 @settings(max_examples=25)
 @given(arms(), STATION_COUNTS)
-def test_stations_rise_from_base_to_tip_with_every_anchorage_among_them(
-    arm: Arm, count: int
-) -> None:
+def test_stations_rise_from_base_to_tip_with_every_anchorage_among_them(arm, count):
     s = StationGrid.build(arm, count).s
     assert s[0] == 0.0
     assert s[-1] == arm.length
@@ -100,20 +97,16 @@ def resolved(arm: Arm, tensions: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ('change', 'at', 'width', 'part'),
-    [
-        (softened, 0.4, 4e-3, 0.5),
-        (rerouted, 0.09, 8e-3, 0.6),
-    ],
+    ('change', 'at', 'width', 'part'), [(softened, 0.4, 4e-3, 0.5), (rerouted, 0.09, 8e-3, 0.6)]
 )
 def test_what_changes_within_few_millimetres_is_integrated_as_by_an_ode_solver(
-    table4: Config, change: Callable[..., Arm], at: float, width: float, part: float
-) -> None:
+    table4, change, at, width, part
+):
     arm = change(table4.arm, at, width, part)
     tensions = 0.3 * np.array(FETCHING_IN_SPACE)
     backbone = Solver(arm, 'closed_form').solve(tensions)
     expected = resolved(arm, tensions, np.array([arm.length]))[-1]
-    np.testing.assert_allclose(backbone.tip, expected, rtol=0.0, atol=1e-8 * arm.length)
+    assert_allclose(backbone.tip, expected, rtol=0.0, atol=1e-8 * arm.length)
 
 
 def wound(turns: float) -> Arm:
@@ -126,9 +119,7 @@ def wound(turns: float) -> Arm:
 @pytest.mark.parametrize('turns', [10, 40])
 @pytest.mark.parametrize('stations', [2, 6])
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
-def test_few_stations_do_not_hide_how_a_tendon_winds(
-    model: str, stations: int, turns: int
-) -> None:
+def test_few_stations_do_not_hide_how_a_tendon_winds(model, stations, turns):
     arm = wound(turns)
     backbone = Solver(arm, model, stations).solve([[0.5, 0.0]])
     # In axes that turn with the tendons all sections are alike, and the arm is a screw.
@@ -138,7 +129,7 @@ def test_few_stations_do_not_hide_how_a_tendon_winds(
     screw = np.array([[0, -z, y, stretch], [z, 0, -x, 0], [-y, x, 0, 0], [0, 0, 0, 0]])
     expected = expm(arm.length * screw)[:3, 3]
     # The error is estimated: with 10 turns it is 1.5e-8 where 1e-8 is asked for.
-    np.testing.assert_allclose(backbone.tip, expected, rtol=0.0, atol=2e-8 * arm.length)
+    assert_allclose(backbone.tip, expected, rtol=0.0, atol=2e-8 * arm.length)
 
 
 @pytest.mark.parametrize(
@@ -153,13 +144,13 @@ def test_few_stations_do_not_hide_how_a_tendon_winds(
         ('101', "stations is '101', expected an integer"),
     ],
 )
-def test_refused_station_counts_are_named(table4: Config, stations: object, message: str) -> None:
+def test_refused_station_counts_are_named(table4, stations, message):
     with pytest.raises(ConfigError, match=message):
         StationGrid.build(table4.arm, stations)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
-def test_what_no_nodes_resolve_is_refused(model: str) -> None:
+def test_what_no_nodes_resolve_is_refused(model):
     # Ten thousand waves of a tendon's distance from the midline.
     offset = Function(
         lambda s: 0.007 + 0.002 * np.sin(2e5 * s), 0.3, lambda s: 400.0 * np.cos(2e5 * s)
@@ -171,6 +162,6 @@ def test_what_no_nodes_resolve_is_refused(model: str) -> None:
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
-def test_more_turns_than_nodes_show_are_refused(model: str) -> None:
+def test_more_turns_than_nodes_show_are_refused(model):
     with pytest.raises(ConfigError, match='turns of tendons'):
         Solver(wound(3000.0), model)

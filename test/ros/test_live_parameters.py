@@ -6,10 +6,6 @@ import math
 import numpy as np
 import pytest
 import yaml
-
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
 from lifecycle_msgs.msg import Transition
 from live_nodes import NODES, assert_is_backbone, hosting
 from octo_arm_msgs.msg import TendonTensions
@@ -97,17 +93,13 @@ def test_what_is_dumped_starts_the_same_node_and_loads_into_it(kind, tmp_path, t
 
 
 @pytest.mark.parametrize(
-    'empty',
-    ['byte_array', 'bool_array', 'integer_array', 'double_array', 'string_array'],
+    'empty', ['byte_array', 'bool_array', 'integer_array', 'double_array', 'string_array']
 )
 def test_an_empty_list_is_taken_whatever_it_is_empty_of(client, empty):
     value = ParameterValue(type=getattr(ParameterType, f'PARAMETER_{empty.upper()}'))
     for name in ('tendon_names', 'sections.tendons', 'loads.point_s'):
         message = ParameterMessage(name=name, value=value)
-        for ask in (
-            client.parameters.set_parameters,
-            client.parameters.set_parameters_atomically,
-        ):
+        for ask in (client.parameters.set_parameters, client.parameters.set_parameters_atomically):
             answer = client.ask_parameters(ask, [message])
             result = answer.results[0] if hasattr(answer, 'results') else answer.result
             assert result.successful, result.reason
@@ -299,11 +291,7 @@ def test_a_clock_that_is_no_time_is_refused_and_the_next_one_taken(kind):
             return heard and heard[-1].header.stamp.sec == expected
 
         # Nanoseconds beyond a second, back to before, and the last second there is.
-        for sec, nanosec, expected in (
-            (5, 4 * 10**9, 9),
-            (3, 0, 3),
-            (2**31 - 1, 0, 2**31 - 1),
-        ):
+        for sec, nanosec, expected in ((5, 4 * 10**9, 9), (3, 0, 3), (2**31 - 1, 0, 2**31 - 1)):
             client.wait(
                 lambda given=(sec, nanosec, expected): stamped_with(*given),
                 f'an answer at {sec} s',

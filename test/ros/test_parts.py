@@ -4,9 +4,6 @@ import pytest
 import yaml
 from checkout import ROOT
 
-pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
 from octo_arm_model import ConfigError, load_config
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.messages import message_class
@@ -31,9 +28,11 @@ def test_a_type_that_is_not_installed_runs_nothing_of_its_package(tmp_path, monk
 CONFIG = load_config(preset_path('renda2012_table4'))
 
 
-def test_rviz_shows_what_the_node_publishes():
-    view = yaml.safe_load((ROOT / 'rviz' / 'octo_arm.rviz').read_text(encoding='utf-8'))
-    manager = view['Visualization Manager']
+def test_rviz_shows_what_the_node_publishes_and_the_markers_of_eight_arms():
+    manager, eight = (
+        yaml.safe_load((ROOT / 'rviz' / f'{name}.rviz').read_text())['Visualization Manager']
+        for name in ('octo_arm', 'octopus')
+    )
     assert manager['Global Options']['Fixed Frame'] == CONFIG.base_frame == 'arm_base'
     topics = {
         display['Class'].split('/')[1]: display.get('Topic', {}).get('Value')
@@ -48,18 +47,8 @@ def test_rviz_shows_what_the_node_publishes():
     }
     for topic, kind in (('backbone/path', 'Path'), ('backbone/poses', 'PoseArray')):
         assert BACKBONE_TOPICS[topic].endswith(f'/{kind}')
-
-
-def test_a_view_of_eight_arms_shows_the_markers_of_each() -> None:
-    one, eight = (
-        yaml.safe_load((ROOT / 'rviz' / f'{name}.rviz').read_text())['Visualization Manager']
-        for name in ('octo_arm', 'octopus')
-    )
-    topics = [
-        display['Topic']['Value']
-        for display in eight['Displays']
-        if display['Class'].endswith('/MarkerArray')
-    ]
+    topics = [one['Topic']['Value'] for one in eight['Displays']
+              if one['Class'].endswith('/MarkerArray')]  # fmt: skip
     assert topics == [f'arm_{number}/markers' for number in range(1, 9)]
     assert eight['Global Options']['Fixed Frame'] == 'octopus'
-    assert eight['Tools'] == one['Tools']
+    assert eight['Tools'] == manager['Tools']

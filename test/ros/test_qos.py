@@ -9,11 +9,8 @@ from collections.abc import Callable
 from xml.etree import ElementTree
 
 import pytest
+import rclpy
 from checkout import ROOT
-
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
 from rclpy.duration import Duration
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node

@@ -48,7 +48,7 @@ def spread() -> list[Case]:
     return found
 
 
-def test_there_are_cases_of_every_kind() -> None:
+def test_there_are_cases_of_every_kind():
     assert len(SOLVED) >= 600
     assert len({case.name for case in CASES}) == len(CASES)
     for case in SOLVED:
@@ -56,17 +56,17 @@ def test_there_are_cases_of_every_kind() -> None:
 
 
 @pytest.mark.parametrize('part', range(3))
-def test_a_spread_of_cases_is_right(part: int) -> None:
+def test_a_spread_of_cases_is_right(part):
     check(spread()[part::3])
 
 
 @pytest.mark.endurance
 @pytest.mark.parametrize('arm', sorted({case.name.split('/')[0] for case in SOLVED}))
-def test_all_cases_of_an_arm_are_right(arm: str) -> None:
+def test_all_cases_of_an_arm_are_right(arm):
     check([case for case in SOLVED if case.name.startswith(f'{arm}/')])
 
 
-def test_what_is_refused_is_named() -> None:
+def test_what_is_refused_is_named():
     for case in REFUSED:
         assert case.refused is not None
         kind, names = case.refused
@@ -77,7 +77,7 @@ def test_what_is_refused_is_named() -> None:
 
 
 @pytest.mark.parametrize('case', FAULTS, ids=[case.name for case in FAULTS])
-def test_what_was_wrong_before_is_right_or_refused(case: Case) -> None:
+def test_what_was_wrong_before_is_right_or_refused(case):
     try:
         check([case])
     except SolveError:

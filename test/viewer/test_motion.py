@@ -5,13 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-viser = pytest.importorskip('viser', reason='needs viser')
-
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3, Vector3Stamped
 from live_nodes import RosClient, hosting, new_domain
+from numpy.testing import assert_allclose
 
 from octo_arm_model import ConfigError, MotionProperties, load_config
 from octo_arm_model.arm.stiffness import bending_force
@@ -63,7 +59,7 @@ def test_the_mouse_pulls_the_tip_until_it_lets_go_and_buttons_stop_and_step(serv
         client.wait(lambda: tips, 'the arm')
         page.tell('Pull the tip')
         page.controls.follow(tip())
-        np.testing.assert_allclose(page._handle.position, [LENGTH, 0.0, 0.0], atol=1e-9)
+        assert_allclose(page._handle.position, [LENGTH, 0.0, 0.0], atol=1e-9)
         # The spring and the arm balance where the arm alone would under that force.
         page.drag('start')
         point = np.array([LENGTH, 0.0, 0.15 * LENGTH])
@@ -92,7 +88,7 @@ def test_the_mouse_pulls_the_tip_until_it_lets_go_and_buttons_stop_and_step(serv
         page.tell('Begin anew')
         page.tell('Pause', False)
         client.wait(lambda: len(tips) > 3, 'the arm')
-        np.testing.assert_allclose(tip(), [LENGTH, 0.0, 0.0], atol=1e-9)
+        assert_allclose(tip(), [LENGTH, 0.0, 0.0], atol=1e-9)
         # A force that nobody holds lets go.
         force = client.node.create_publisher(Vector3Stamped, 'push/force', 10)
 
@@ -121,7 +117,7 @@ def test_the_current_is_an_arrow_and_a_missing_simulator_a_sentence(server):
     page = Page(server, SimulatorClient(client.node, 'left/'))
     arrow = server.scene.get_handle_by_name('/current')
     start, tip = arrow.points[0]
-    np.testing.assert_allclose(tip - start, [0.0, 0.3 * LENGTH, 0.0], atol=1e-6)
+    assert_allclose(tip - start, [0.0, 0.3 * LENGTH, 0.0], atol=1e-6)
     with pytest.raises(ConfigError, match='nobody offers left/pause, expected octo_arm_sim'):
         page.tell('Pause')
     client.close()

@@ -7,18 +7,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import viser
 from checkout import PRESETS
+from numpy.testing import assert_allclose
 from scipy.integrate import trapezoid
-
-pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-viser = pytest.importorskip('viser', reason='needs viser')
 
 from octo_arm_model import SolveError, load_config
 from octo_arm_model.analysis.drawing import UncertaintyDrawing
 from octo_arm_model.apps.demo import movement_of
 from octo_arm_model.arm.stiffness import default_highest
-from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.rod.forms import is_available
 from octo_arm_model.ros.client.client import PublishedShape, PublishedStrains
 from octo_arm_model.simulation.profiles.commands import find_profile
@@ -56,7 +54,7 @@ def test_what_is_drawn_is_what_is_known(server):
     tube = drawing.tube(SHAPE.position, SHAPE.quaternion, known(0.0).pose[:, :3, :3])
     arrow = drawing.arrow(SHAPE.position[13], FORCE, 1e-6 * np.eye(3))
     for name, expected in (('tube', tube), ('force', arrow.shaft), ('cone', arrow.cone)):
-        np.testing.assert_allclose(mesh(name).vertices, expected, atol=1e-7)
+        assert_allclose(mesh(name).vertices, expected, atol=1e-7)
         assert mesh(name).visible
     # A force that may as well be none is not drawn, nor is one that is not known.
     for unknown in (0.1 * FORCE, None):
@@ -65,7 +63,7 @@ def test_what_is_drawn_is_what_is_known(server):
         assert not mesh('force').visible and not mesh('cone').visible
     # That of a current acts everywhere, and is drawn at the middle.
     scene.show(SHAPE.position, SHAPE.quaternion, known(math.nan), FORCE)
-    np.testing.assert_allclose(mesh('cone').vertices[-2], SHAPE.position[10], atol=1e-4)
+    assert_allclose(mesh('cone').vertices[-2], SHAPE.position[10], atol=1e-4)
     scene.hide()
     assert not mesh('tube').visible
 
@@ -109,21 +107,11 @@ def test_another_model_is_solved_beside_the_node_and_keeps_its_friction(server):
         tensions = np.array([pull, 0.0, 0.0, 0.0])
         overlay.show(tensions, np.zeros(4), np.zeros(3))
         last = solver.follow([tensions], last)
-        np.testing.assert_allclose(overlay.backbone.tip, last.tip)
+        assert_allclose(overlay.backbone.tip, last.tip)
     # On the way back the friction holds the arm more bent than a pull from slack leaves it.
     apart = np.linalg.norm(overlay.backbone.tip - solver.solve([tensions]).tip)
     assert apart > 0.01 * rough.arm.length
     assert overlay._solver.is_compiled == is_available()
-
-
-def test_figures_are_those_of_the_paper_on_its_arms_alone():
-    bends = figures(load_config('renda2012_table2').arm)
-    assert list(bends) == ['11 A', '11 B', '11 C']
-    np.testing.assert_array_equal(bends['11 B'], np.ravel(BENDING['B']))
-    fetching = figures(CONFIG.arm)
-    np.testing.assert_array_equal(fetching['14'], np.ravel(FETCHING_IN_PLANE))
-    np.testing.assert_array_equal(fetching['15'], np.ravel(FETCHING_IN_SPACE))
-    assert figures(PROTOTYPE.arm) == {}
 
 
 @pytest.mark.parametrize('name', PRESETS)
@@ -134,6 +122,10 @@ def test_sliders_reach_what_the_arm_bears_and_every_figure(name):
     for tensions in figures(arm).values():
         assert (tensions <= highest + 1e-12).all()
     find_profile(movement_of(arm), arm)
+    expected = {
+        'renda2012_table2': ['11 A', '11 B', '11 C'], 'renda2012_table4': ['14', '15'],
+    }  # fmt: skip
+    assert list(figures(arm)) == expected.get(name, [])
 
 
 class Moved:
@@ -198,14 +190,9 @@ def test_a_slider_that_was_moved_meanwhile_does_not_jump_back(moved):
     assert moved.follow() == moved.commander.tensions[4] == 0.02
     moved.command_rest()
     assert moved.follow() == 0.0  # something else is commanded
-
-
-def test_controls_that_are_removed_are_set_no_more(moved):
-    moved.move(0.02)
-    moved.act()
     moved.controls.close()
     moved.slider.remove()  # as where another arm is shown
-    moved.command_rest()
+    moved.move(0.02)
     assert moved.follow() == 0.02
 
 

@@ -6,11 +6,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-viser = pytest.importorskip('viser', reason='needs viser')
-
+import viser
 
 from octo_arm_model.apps import octopus
 from octo_arm_model.viewer import main as viewer

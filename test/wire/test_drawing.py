@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
@@ -13,11 +14,7 @@ from rotations import matrix_of
 from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model import load_config
-from octo_arm_model.analysis.drawing import (
-    MOST_RINGS,
-    anchorage_stations,
-    tension_colours,
-)
+from octo_arm_model.analysis.drawing import MOST_RINGS, anchorage_stations, tension_colours
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.wire.markers import MarkersWriter
@@ -111,7 +108,7 @@ def test_tendons_follow_their_offsets_up_to_their_anchorage(widen):
         assert len(points) == inside.sum()
         local = np.einsum('nji,nj->ni', FRAMES[inside], points - SHAPE.position[inside])
         expected = np.array([0.0 * S, along_n[index] * width, along_b[index] * width]).T
-        np.testing.assert_allclose(local, expected[inside], atol=1e-12)
+        assert_allclose(local, expected[inside], atol=1e-12)
         assert S[inside][-1] == pytest.approx(end, abs=1e-12)
 
 
@@ -122,10 +119,10 @@ def test_discs_lie_across_the_arm_at_the_anchorages():
     for station, marker in zip(stations, discs, strict=True):
         pose = marker.pose
         assert marker.type == Marker.CYLINDER
-        np.testing.assert_array_equal(coordinates([pose.position])[0], SHAPE.position[station])
+        assert_array_equal(coordinates([pose.position])[0], SHAPE.position[station])
         turned = matrix_of([getattr(pose.orientation, name) for name in 'xyzw'])
-        np.testing.assert_allclose(turned[:, 2], FRAMES[station, :, 0], atol=1e-12)
-        np.testing.assert_allclose(turned[:, 1], FRAMES[station, :, 1], atol=1e-12)
+        assert_allclose(turned[:, 2], FRAMES[station, :, 0], atol=1e-12)
+        assert_allclose(turned[:, 1], FRAMES[station, :, 1], atol=1e-12)
         assert marker.scale.x == marker.scale.y
         assert 1.0 < marker.scale.x / (2.0 * ARM.body.radius(S[station])) < 1.1
 
@@ -135,7 +132,7 @@ def test_tendons_have_the_colour_of_their_tension(largest):
     tendons = named(draw(largest=largest), 'tendons')
     drawn = [[m.color.r, m.color.g, m.color.b, m.color.a] for m in tendons]
     expected = tension_colours(SHAPE.tensions.ravel(), largest)
-    np.testing.assert_allclose(drawn, expected, atol=1e-6)
+    assert_allclose(drawn, expected, atol=1e-6)
     reddest = np.argmax([m.color.r for m in tendons])
     assert reddest == SHAPE.tensions.argmax()
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 pytest.importorskip('rosbags', reason='needs rosbags')
 from recordings import header, make, point, pose
@@ -20,11 +21,7 @@ from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
-from octo_arm_model.wire.measurements import (
-    MEASUREMENT_TOPICS,
-    MeasuredArm,
-    tensions_of,
-)
+from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS, MeasuredArm, tensions_of
 from octo_arm_model.wire.tensions import JOINT_STATE, FieldMessage
 
 PARAMETERS = {
@@ -55,7 +52,7 @@ def pose_of(frame: str, stamp_ns: int) -> Pose:
 
 
 @pytest.fixture(scope='module')
-def truth() -> Prediction:
+def truth():
     unknowns = Unknowns(Walk(1.0), tip_force=Walk(1.0), tip_moment=Walk(1.0))
     model = ArmModel.of(CONFIG, unknowns, stations=41)
     return Prediction(model, np.concatenate([[1.0, 0.3, 0.0, 0.2], WRENCH]), None)
@@ -90,7 +87,7 @@ def messages(truth: Prediction, frame: str) -> dict[str, Any]:
     covariance[3:, 3:] = back.as_matrix() @ np.diag([1e-4, 2e-4, 3e-4]) @ turn.as_matrix()
     turned = (back * Rotation.from_quat(shape.quaternion[-1])).as_quat()
     at = [int(np.argmin(np.abs(shape.s - s))) for s in MARKERS]
-    np.testing.assert_allclose(shape.s[at], MARKERS, atol=1e-12)
+    assert_allclose(shape.s[at], MARKERS, atol=1e-12)
     force = WRENCH[:3]
     moment = WRENCH[3:] + np.cross(shape.tip - shift, force)  # about the origin of the frame
     return {
@@ -105,22 +102,20 @@ def messages(truth: Prediction, frame: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize('frame', [FRAME, '', 'camera'])
-def test_exact_sensors_leave_no_innovation_in_any_frame(truth: Prediction, frame: str) -> None:
+def test_exact_sensors_leave_no_innovation_in_any_frame(truth, frame):
     given = messages(truth, frame)
     assert {*given, 'tendon_displacements'} == set(MEASUREMENT_TOPICS)
     for name, message in given.items():
         one = MEASUREMENT_TOPICS[name].read(message, arm(pose_of=pose_of))
-        np.testing.assert_allclose(one.innovation(truth), 0.0, atol=1e-9, err_msg=name)
+        assert_allclose(one.innovation(truth), 0.0, atol=1e-9, err_msg=name)
     tip = MEASUREMENT_TOPICS['measured/tip_pose'].read(
         given['measured/tip_pose'], arm(pose_of=pose_of)
     )
     expected = np.diag([1e-6, 4e-6, 9e-6, 1e-4, 2e-4, 3e-4])
-    np.testing.assert_allclose(
-        tip.covariance, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max()
-    )
+    assert_allclose(tip.covariance, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
 
 
-def test_noise_of_a_wrench_goes_along_with_its_frame(truth: Prediction) -> None:
+def test_noise_of_a_wrench_goes_along_with_its_frame(truth):
     message = messages(truth, 'camera')['measured/base_wrench']
     found = MEASUREMENT_TOPICS['measured/base_wrench'].read(message, arm(pose_of=pose_of))
     rng = np.random.default_rng(0)
@@ -130,41 +125,41 @@ def test_noise_of_a_wrench_goes_along_with_its_frame(truth: Prediction) -> None:
     moment = TURN.apply(errors[:, 3:]) + np.cross(arm_of_force, force)
     sampled = np.cov(np.concatenate([force, moment], axis=1).T)
     scale = np.sqrt(np.outer(np.diag(sampled), np.diag(sampled)))
-    np.testing.assert_allclose(found.covariance / scale, sampled / scale, atol=0.03)
+    assert_allclose(found.covariance / scale, sampled / scale, atol=0.03)
 
 
-def test_errors_of_the_model_are_noise_of_what_is_seen(truth: Prediction) -> None:
+def test_errors_of_the_model_are_noise_of_what_is_seen(truth):
     wrong = arm(model_error_stddev=0.01)
     given = messages(truth, FRAME)
     deviation = 0.01 * CONFIG.arm.length
     found = MEASUREMENT_TOPICS['measured/markers'].read(given['measured/markers'], wrong)
-    np.testing.assert_allclose(np.diag(found.covariance), 1e-6 + deviation**2)
+    assert_allclose(np.diag(found.covariance), 1e-6 + deviation**2)
     found = MEASUREMENT_TOPICS['measured/tip_pose'].read(given['measured/tip_pose'], wrong)
     expected = np.array([1e-6, 4e-6, 9e-6, 1e-4, 2e-4, 3e-4])
     expected += np.repeat([deviation**2, 0.02**2], 3)
-    np.testing.assert_allclose(np.diag(found.covariance), expected)
+    assert_allclose(np.diag(found.covariance), expected)
 
 
-def test_a_tip_without_a_covariance_has_that_of_the_parameters(truth: Prediction) -> None:
+def test_a_tip_without_a_covariance_has_that_of_the_parameters(truth):
     read, shape = MEASUREMENT_TOPICS['measured/tip_pose'].read, truth.solved
     bare = tip_pose(shape.tip, shape.quaternion[-1], np.zeros((6, 6)), FRAME)
     with pytest.raises(MeasurementError, match='tip_position_stddev is 0: its noise is not'):
         read(bare, arm())
     found = read(bare, arm({'estimator.tip_position_stddev': 2e-3}))
     assert found.name == 'tip position'
-    np.testing.assert_allclose(found.covariance, 4e-6 * np.eye(3))
+    assert_allclose(found.covariance, 4e-6 * np.eye(3))
     both = {'estimator.tip_position_stddev': 2e-3, 'estimator.tip_rotation_stddev': 0.1}
     found = read(bare, arm(both))
     assert found.name == 'tip pose'
-    np.testing.assert_allclose(np.diag(found.covariance), [4e-6] * 3 + [0.01] * 3)
+    assert_allclose(np.diag(found.covariance), [4e-6] * 3 + [0.01] * 3)
 
 
-def test_hidden_markers_are_left_out(truth: Prediction) -> None:
+def test_hidden_markers_are_left_out(truth):
     points = truth.solved.position[[0, 1, -1]].copy()
     points[:2] = np.nan
     read = MEASUREMENT_TOPICS['measured/markers'].read
     found = read(markers(points, FRAME), arm())
-    np.testing.assert_allclose(found.innovation(truth), 0.0, atol=1e-9)
+    assert_allclose(found.innovation(truth), 0.0, atol=1e-9)
     assert found.value.size == 3
     with pytest.raises(MeasurementError, match='it shows no marker'):
         read(markers(np.full((3, 3), np.nan), FRAME), arm())
@@ -176,13 +171,13 @@ def joint_state(names: list[str], values: list[float], field: str) -> Any:
     return make('sensor_msgs/msg/JointState', header=header(STAMP, ''), name=names, **fields)
 
 
-def test_readings_below_zero_are_measurements_as_calibrated() -> None:
+def test_readings_below_zero_are_measurements_as_calibrated():
     names = list(CONFIG.arm.tendon_names)
     message = joint_state(names[::-1], [0.4, -0.1, 0.02, 1.0], 'effort')
     twice = arm(tension_scale=[2.0] * 4)
     found = tensions_of(JOINT_STATE.read(message, CONFIG.arm), twice)
-    np.testing.assert_allclose(found.value, [2.0, 0.04, -0.2, 0.8])
-    np.testing.assert_allclose(np.diag(found.covariance), 0.02**2)
+    assert_allclose(found.value, [2.0, 0.04, -0.2, 0.8])
+    assert_allclose(np.diag(found.covariance), 0.02**2)
     field = FieldMessage('sensor_msgs/msg/JointState', 'effort')
     found = tensions_of(field.read(message, CONFIG.arm), arm())
     assert found.value.tolist() == [1.0, 0.02, -0.1, 0.4]
@@ -191,13 +186,13 @@ def test_readings_below_zero_are_measurements_as_calibrated() -> None:
         tensions_of(JOINT_STATE.read(message, CONFIG.arm), arm())
 
 
-def test_displacements_are_of_the_tendons_named(truth: Prediction) -> None:
+def test_displacements_are_of_the_tendons_named(truth):
     read = MEASUREMENT_TOPICS['tendon_displacements'].read
     drawn_in = truth.model.solver.rest_lengths.ravel() - truth.tendon_lengths
     names = list(CONFIG.arm.tendon_names)
     message = joint_state([names[2], names[0]], [drawn_in[2], drawn_in[0]], 'position')
     found = read(message, arm())
-    np.testing.assert_allclose(found.innovation(truth), 0.0, atol=1e-12)
+    assert_allclose(found.innovation(truth), 0.0, atol=1e-12)
     with pytest.raises(OctoArmError, match='it has no displacements'):
         read(joint_state([], [], 'position'), arm())
     with pytest.raises(OctoArmError, match='unknown tendon elbow'):
@@ -243,9 +238,7 @@ def test_displacements_are_of_the_tendons_named(truth: Prediction) -> None:
          'expected finite numbers'),
     ],
 )  # fmt: skip
-def test_what_is_no_measurement_is_refused_in_a_line(
-    name: str, message: Any, values: dict[str, Any], words: str
-) -> None:
+def test_what_is_no_measurement_is_refused_in_a_line(name, message, values, words):
     with pytest.raises(OctoArmError, match=words) as refused:
         MEASUREMENT_TOPICS[name].read(message, arm(values))
     assert '\n' not in str(refused.value)
@@ -253,7 +246,7 @@ def test_what_is_no_measurement_is_refused_in_a_line(
 
 @pytest.mark.parametrize('frame', [FRAME, 'camera'])
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e200, 1.7e308])
-def test_what_is_no_number_is_refused_as_it_came(frame: str, value: float) -> None:
+def test_what_is_no_number_is_refused_as_it_came(frame, value):
     """In a turned frame too, where one wrong number would make several, and without warnings."""
     seen, place, turned = arm(pose_of=pose_of), np.array([0.1, value, 0.2]), np.eye(4)[3]
     covariance = np.eye(6)
@@ -277,12 +270,12 @@ def test_what_is_no_number_is_refused_as_it_came(frame: str, value: float) -> No
 
 
 @pytest.mark.parametrize('variance', [1e-300, 5e-324])
-def test_a_covariance_too_small_for_numbers_is_refused(variance: float) -> None:
+def test_a_covariance_too_small_for_numbers_is_refused(variance):
     message = tip_pose(np.zeros(3), np.eye(4)[3], variance * np.eye(6), 'camera')
     with pytest.raises(MeasurementError, match='tip pose: noise has a standard deviation of'):
         MEASUREMENT_TOPICS['measured/tip_pose'].read(message, arm(pose_of=pose_of))
 
 
-def test_readings_that_no_number_holds_once_scaled_are_refused() -> None:
+def test_readings_that_no_number_holds_once_scaled_are_refused():
     with pytest.raises(MeasurementError, match='expected finite numbers'):
         tensions_of(np.full(CONFIG.arm.tension_shape, 1e308), arm(tension_scale=[10.0] * 4))

@@ -9,7 +9,7 @@ from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.stamp import Stamp, time_of
 
 
-def test_reasons_that_differ_in_numbers_are_one_and_names_tell_apart() -> None:
+def test_reasons_that_differ_in_numbers_are_one_and_names_tell_apart():
     found = Refusals()
     for value in (-0.001, -2.5e-07, -3):
         found.count('/a', f'tension of tendon_1_2 is {value!r} N, expected a finite number >= 0')
@@ -23,7 +23,7 @@ def test_reasons_that_differ_in_numbers_are_one_and_names_tell_apart() -> None:
     assert 'tension_deadband' in found.lines()[-1]
 
 
-def test_what_is_kept_is_bounded_whatever_comes() -> None:
+def test_what_is_kept_is_bounded_whatever_comes():
     found = Refusals()
     for number in range(10_000):
         found.count('/a', f'unknown tendon {"x" * number}')
@@ -32,7 +32,7 @@ def test_what_is_kept_is_bounded_whatever_comes() -> None:
     assert found.of('/a')['other reasons'] == 9_950
 
 
-def test_a_stamp_that_is_not_set_tells_no_time() -> None:
+def test_a_stamp_that_is_not_set_tells_no_time():
     assert time_of(None) is None
     assert time_of(Stamp(0, 0)) is None
     for stamp in (Stamp(0, 1), Stamp(3, 999_999_999), Stamp(2**31 - 1, 0)):
@@ -41,6 +41,6 @@ def test_a_stamp_that_is_not_set_tells_no_time() -> None:
 
 
 @pytest.mark.parametrize('stamp', [Stamp(-1, 0), Stamp(-(2**31), 1), Stamp(0, 10**9)])
-def test_a_stamp_that_is_no_time_is_refused(stamp: Stamp) -> None:
+def test_a_stamp_that_is_no_time_is_refused(stamp):
     with pytest.raises(MessageError, match=f'{stamp.sec} s and {stamp.nanosec} ns, expected'):
         time_of(stamp)

@@ -1,10 +1,6 @@
 """The command load: another arm for a client node."""
 
 import pytest
-
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
 from live_nodes import (
     CONFIG_FILE,
     DEADLINE,

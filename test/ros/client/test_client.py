@@ -4,14 +4,11 @@ import contextlib
 
 import numpy as np
 import pytest
-
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
+import rclpy
 from backbone_messages import messages_of
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from live_nodes import CONFIG_FILE, RosClient, new_domain
+from live_nodes import CONFIG_FILE, RosClient, new_domain, setting
 from std_msgs.msg import String
 
 from octo_arm_model import load_config
@@ -89,20 +86,6 @@ def _spoiled(part, change):
     return messages[part]
 
 
-def _set(path, value):
-    *places, last = path.split('.')
-
-    def change(message):
-        for place in places:
-            message = message[int(place)] if place.isdigit() else getattr(message, place)
-        if last.isdigit():
-            message[int(last)] = value
-        else:
-            setattr(message, last, value)
-
-    return change
-
-
 SPOILED = {
     ('backbone/poses', 'poses.3.position.x', np.nan): 'poses holds numbers that are not finite',
     ('backbone/poses', 'poses.3.orientation.w', 2.0): 'quaternions that are not of length 1',
@@ -126,7 +109,7 @@ def test_numbers_that_nothing_can_be_drawn_of_are_a_problem(case):
     name, path, value = case
     with contextlib.closing(Reading({**POSES, **DETAILS})) as ros:
         client, publisher = ros.reader, ros.publisher({**POSES, **DETAILS}[name], name)
-        publisher.publish(_spoiled(name, _set(path, value)))
+        publisher.publish(_spoiled(name, setting(path, value)))
         ros.read(lambda: client.problem, 'a problem')
         assert client.problem.startswith(f'{name}: ') and SPOILED[case] in client.problem
         assert client.shape is client.strains is client.covariance is client.force is None

@@ -4,10 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
 from diagnostic_msgs.msg import DiagnosticStatus
 from live_nodes import AFFORDED, NAMES, hosting
 from octo_arm_msgs.msg import TendonTensions

@@ -3,13 +3,9 @@
 import itertools
 
 import numpy as np
-import pytest
-
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
 from clouds import profiles_of
 from live_nodes import AFFORDED, CONFIG, CONFIG_FILE, hosting, tip_of
+from numpy.testing import assert_allclose, assert_array_equal
 from sensor_msgs.msg import PointCloud2
 
 from octo_arm_model import Solver
@@ -40,18 +36,16 @@ def test_a_loop_has_two_shapes_and_a_gap_ends_the_memory():
         # From the start: time goes back.
         client.stamps = itertools.count(1)
         client.ask('tendon_tensions', HIGH)
-        np.testing.assert_allclose(tip_of(client.ask('tendon_tensions', LOW)), down.tip, atol=1e-9)
+        assert_allclose(tip_of(client.ask('tendon_tensions', LOW)), down.tip, atol=1e-9)
         assert_profiles(client, profiles, LOW, down)
         # A parameter that the balance does not depend on leaves the history as it is.
         assert client.change(markers_rate=10.0) == (True, '')
-        np.testing.assert_allclose(tip_of(client.ask('tendon_tensions', LOW)), down.tip, atol=1e-9)
+        assert_allclose(tip_of(client.ask('tendon_tensions', LOW)), down.tip, atol=1e-9)
         _, values = client.status('solver')
         assert values['friction history kept'] == 'True'
         forgotten = int(values['friction history forgotten after a gap'])
         client.stamps = itertools.count(100)
-        np.testing.assert_allclose(
-            tip_of(client.ask('tendon_tensions', LOW)), fresh.tip, atol=1e-9
-        )
+        assert_allclose(tip_of(client.ask('tendon_tensions', LOW)), fresh.tip, atol=1e-9)
         _, values = client.status('solver')
         assert int(values['friction history forgotten after a gap']) == forgotten + 1
         # Where a tendon sticks there are no derivatives: a listener does not cost the shape.
@@ -80,7 +74,7 @@ def assert_profiles(client, profiles, tensions, expected):
     client.wait(arrived, 'the tensions along the tendons')
     assert profiles[-1].header.frame_id == CONFIG.base_frame
     found = profiles_of(profiles[-1])
-    np.testing.assert_array_equal(found[:, 3], expected.s)
-    np.testing.assert_allclose(found[:, 4:], expected.tendon_tensions, rtol=1e-9, atol=1e-12)
+    assert_array_equal(found[:, 3], expected.s)
+    assert_allclose(found[:, 4:], expected.tendon_tensions, rtol=1e-9, atol=1e-12)
     # Unloaded, tendons are tighter inside the arm than at the base.
     assert (found[5:, 4:] > 1.02 * found[0, 4:]).any()

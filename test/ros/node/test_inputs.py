@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
 from live_nodes import AFFORDED, CONFIG, NAMES, hosting, tip_of
+from numpy.testing import assert_allclose
 from octo_arm_msgs.msg import TendonTensions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
@@ -104,7 +101,7 @@ def test_readings_around_zero_are_answered_within_the_deadband_and_counted_beyon
     assert (readings < 0.0).any()
     try:
         assert client.change(tension_deadband=0.02) == (True, '')
-        np.testing.assert_allclose(tip_of(client.ask('tendon_tensions', readings)), expected)
+        assert_allclose(tip_of(client.ask('tendon_tensions', readings)), expected)
         client.send('tendon_tensions', readings - 0.05)
 
         def counted():
@@ -116,40 +113,35 @@ def test_readings_around_zero_are_answered_within_the_deadband_and_counted_beyon
         raw = (readings.ravel() - offset) / scale
         assert client.change(tension_scale=scale.tolist(), tension_offset=offset.tolist())[0]
         answers = client.ask('tendon_tensions/array', raw.reshape(3, 4))
-        np.testing.assert_allclose(tip_of(answers), expected, atol=1e-9)
+        assert_allclose(tip_of(answers), expected, atol=1e-9)
     finally:
         none = {'tension_scale': [], 'tension_offset': []}
         assert client.change(tension_deadband=0.0, **none) == (True, '')
 
 
-@pytest.mark.parametrize('topic', ['tendon_tensions', 'tendon_tensions/joint_state'])
-def test_names_of_a_laboratory_are_those_of_tension_names(client, topic):
-    names, pulled = CELLS.copy(), PLANE.copy()
-    names[5], pulled[1, 1] = '-', 0.0  # without a load cell
-    expected = CONFIG.solver().solve(pulled).tip
-    sent = [*CELLS[::-1], 'elbow']
-    values = np.append(PLANE.ravel()[::-1], 99.0)
+ORDER = np.random.default_rng(1).permutation(12)
+# What load cells are called by tendon, and what messages have of 13 readings: names, or numbers.
+LABORATORIES = {
+    'tendon_tensions': (CELLS, [*CELLS[::-1], 'elbow'], range(11, -1, -1)),
+    'tendon_tensions/joint_state': (CELLS, [*CELLS[::-1], 'elbow'], range(11, -1, -1)),
+    'tendon_tensions/array': (list(map(str, ORDER)), None, ORDER),
+    'tendon_tensions/float32_array': (list(map(str, ORDER)), None, ORDER),
+}
+
+
+@pytest.mark.parametrize('topic', LABORATORIES)
+def test_load_cells_are_those_of_tension_names_by_name_or_number(client, topic):
+    cells, sent, places = LABORATORIES[topic]
+    cells, pulled, values = list(cells), np.float64(np.float32(PLANE)), np.full(13, 99.0)
+    values[list(places)] = pulled.ravel()
+    cells[5], pulled[1, 1] = '-', 0.0  # without a load cell
     try:
-        assert client.change(tension_names=names) == (True, '')
-        np.testing.assert_allclose(tip_of(client.ask(topic, values, sent)), expected)
+        assert client.change(tension_names=cells) == (True, '')
+        expected = CONFIG.solver().solve(pulled).tip
+        assert_allclose(tip_of(client.ask(topic, values, sent)), expected, atol=1e-12)
     finally:
         assert client.change(tension_names=[]) == (True, '')
     assert client.ask(topic, PLANE, NAMES)
-
-
-@pytest.mark.parametrize('topic', ['tendon_tensions/array', 'tendon_tensions/float32_array'])
-def test_values_without_names_are_those_of_tension_names_by_number(client, topic):
-    order = np.random.default_rng(1).permutation(12)
-    numbers, pulled = list(map(str, order)), np.float64(np.float32(PLANE))
-    numbers[5], pulled[1, 1] = '-', 0.0  # without a load cell
-    values = np.full(15, 99.0)  # those of other cells as well
-    values[order] = pulled.ravel()
-    try:
-        assert client.change(tension_names=numbers) == (True, '')
-        expected = CONFIG.solver().solve(pulled).tip
-        np.testing.assert_allclose(tip_of(client.ask(topic, values)), expected, atol=1e-12)
-    finally:
-        assert client.change(tension_names=[]) == (True, '')
 
 
 WOUND = 0.5 * np.array(FETCHING_IN_SPACE)
@@ -197,19 +189,19 @@ def test_displacements_of_all_tendons_give_back_shape_and_tensions(wound):
     # Clearly slack: where one is just taut, the derivatives are those of either side.
     asked = displacements_of(wound.solver, expected).ravel() - 1e-3 * (WOUND.ravel() == 0.0)
     answers = reel(wound, dict(zip(NAMES, asked.tolist(), strict=True)))
-    np.testing.assert_allclose(tip_of(answers), expected.tip, atol=1e-8)
+    assert_allclose(tip_of(answers), expected.tip, atol=1e-8)
     wound.wait(lambda: wound.estimates, 'tension estimates')
     estimate = wound.estimates[-1]
     assert list(estimate.name) == NAMES
     assert estimate.header.stamp == answers[0].header.stamp
-    np.testing.assert_allclose(estimate.tension, WOUND.ravel(), atol=1e-8 * WOUND.max())
+    assert_allclose(estimate.tension, WOUND.ravel(), atol=1e-8 * WOUND.max())
     covariance = np.reshape(answers[3].pose.covariance, (6, 6))
     held = wound_sensitivity(
         wound.solver,
         solve_displacements(wound.solver, dict(zip(NAMES, asked.tolist(), strict=True))),
     ).held
     by_young = 0.05 * held.by_youngs_modulus.tip
-    np.testing.assert_allclose(
+    assert_allclose(
         covariance, by_young @ by_young.T, rtol=1e-4, atol=1e-6 * np.abs(by_young).max() ** 2
     )
 
@@ -221,20 +213,20 @@ def test_winches_and_load_cells_drive_different_tendons_together(wound):
     reel(wound, {})
     wound.ask('tendon_tensions', given)
     expected = solve_displacements(wound.solver, asked, {'tendon_3_1': 1.0}).backbone
-    np.testing.assert_allclose(tip_of(reel(wound, asked)), expected.tip, atol=1e-8)
+    assert_allclose(tip_of(reel(wound, asked)), expected.tip, atol=1e-8)
     given[2, 0] = 1.5
     given[0, 0] = 7.0  # its winch is driven by length
     expected = solve_displacements(wound.solver, asked, {'tendon_3_1': 1.5}).backbone
     answers = wound.ask('tendon_tensions', given)
-    np.testing.assert_allclose(tip_of(answers), expected.tip, atol=1e-8)
+    assert_allclose(tip_of(answers), expected.tip, atol=1e-8)
     lengths = answers[4]
-    np.testing.assert_allclose(lengths.effort, expected.tensions.ravel(), atol=1e-8)
+    assert_allclose(lengths.effort, expected.tensions.ravel(), atol=1e-8)
     status, _ = wound.status('input')
     assert 'several sources' not in status.message
     # Without names all tendons are let go, and follow the tensions again.
     reel(wound, {})
     alone = wound.solver.solve(given)
-    np.testing.assert_allclose(tip_of(wound.ask('tendon_tensions', given)), alone.tip, atol=1e-9)
+    assert_allclose(tip_of(wound.ask('tendon_tensions', given)), alone.tip, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -260,7 +252,7 @@ def test_displacements_that_are_none_are_refused_with_a_warning(wound, name, pos
     given = 0.2 * WOUND
     reel(wound, {})
     expected = wound.solver.solve(given).tip
-    np.testing.assert_allclose(tip_of(wound.ask('tendon_tensions', given)), expected, atol=1e-9)
+    assert_allclose(tip_of(wound.ask('tendon_tensions', given)), expected, atol=1e-9)
 
 
 def test_an_arm_without_the_tendon_lets_go_of_it(wound):
@@ -271,7 +263,7 @@ def test_an_arm_without_the_tendon_lets_go_of_it(wound):
     given = 0.2 * WOUND
     expected = wound.solver.solve(given).tip
     answers = wound.ask('tendon_tensions', given, other)
-    np.testing.assert_allclose(tip_of(answers), expected, atol=1e-9)
+    assert_allclose(tip_of(answers), expected, atol=1e-9)
     assert wound.change(tendon_names=NAMES)[0]
 
 

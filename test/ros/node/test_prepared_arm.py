@@ -7,9 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
 from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.config.parameter import Parameter

@@ -5,8 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
 
 from geometry_msgs.msg import TransformStamped, WrenchStamped

@@ -5,17 +5,10 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
-from geometry_msgs.msg import (
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    Quaternion,
-    Vector3Stamped,
-)
+import rclpy
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Quaternion, Vector3Stamped
 from live_nodes import RosClient, hosting, new_domain, tensions_message
+from numpy.testing import assert_allclose, assert_array_equal
 from octo_arm_msgs.msg import TendonTensions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -83,7 +76,7 @@ def test_the_moving_arm_is_published_paused_stepped_and_reset():
         commands = client.node.create_publisher(TendonTensions, 'tendon_commands', 10)
         client.wait(lambda: client.tips and joints, 'the arm')
         straight = client.tip()
-        np.testing.assert_allclose(straight, [0.27, 0.0, 0.0], atol=1e-9)
+        assert_allclose(straight, [0.27, 0.0, 0.0], atol=1e-9)
         assert list(joints[-1].name) == list(CONFIG.arm.tendon_names)
         message = tensions_message('tendon_commands', PULL, list(CONFIG.arm.tendon_names))
         expected = CONFIG.solver('exact').solve(PULL.reshape(1, 4)).tip
@@ -93,7 +86,7 @@ def test_the_moving_arm_is_published_paused_stepped_and_reset():
             return np.linalg.norm(client.tip() - expected) < 1e-4
 
         client.wait(is_there, 'the equilibrium')
-        np.testing.assert_allclose(joints[-1].effort, PULL, atol=1e-9)
+        assert_allclose(joints[-1].effort, PULL, atol=1e-9)
         assert joints[-1].position[0] > 0.0
         # It took its time: shapes in between were published.
         away = [np.linalg.norm([p.x - straight[0], p.y, p.z])
@@ -129,7 +122,7 @@ def test_rates_are_those_of_an_arm_that_is_slower_than_a_clock_that_jumps():
             assert client.change(push__force=[0.0, 0.02, 0.0]) == (True, '')
     before, after = (np.array(one.position) for one in joints)
     assert np.abs(after - before).max() > 1e-6
-    np.testing.assert_allclose(joints[-1].velocity, (after - before) / 0.1, rtol=1e-9, atol=1e-12)
+    assert_allclose(joints[-1].velocity, (after - before) / 0.1, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.1])
@@ -145,10 +138,10 @@ def test_a_state_that_is_saved_goes_on_to_the_same_bits(tmp_path, lag):
         assert np.abs(np.diff(expected, axis=0)).max() > 0.0
         for _ in range(2):
             assert client.trigger('restore_state') == (True, 'restored')
-            np.testing.assert_array_equal(client.steps(4), expected)
+            assert_array_equal(client.steps(4), expected)
         assert client.trigger('reset') == (True, 'at rest, tendons slack')
         assert client.trigger('restore_state')[0]
-        np.testing.assert_array_equal(client.steps(4), expected)
+        assert_array_equal(client.steps(4), expected)
 
         # What is none of this arm is refused, and the arm goes on.
         whole = file.read_bytes()
@@ -259,7 +252,7 @@ def test_an_arm_that_is_crushed_stays_as_it_was_and_is_not_published():
         assert 'steps failed: ' in client.status('simulator')[0].message and not client.tips
         assert client.change(push__force=[0.0, 0.0, 0.0]) == (True, '')
         client.wait(lambda: client.tips, 'the arm')
-        np.testing.assert_allclose(client.tip(), rest, atol=1e-9)
+        assert_allclose(client.tip(), rest, atol=1e-9)
 
 
 def test_what_is_not_finite_is_refused_in_a_sentence_and_the_arm_goes_on():
@@ -273,7 +266,7 @@ def test_what_is_not_finite_is_refused_in_a_sentence_and_the_arm_goes_on():
             assert not is_taken and name.replace('__', '.') in why and 'finite' in why, why
         client.tips.clear()
         client.wait(lambda: client.tips, 'the arm')
-        np.testing.assert_allclose(client.tip(), [0.27, 0.0, 0.0], atol=1e-9)
+        assert_allclose(client.tip(), [0.27, 0.0, 0.0], atol=1e-9)
 
 
 def test_the_base_and_the_water_move_as_messages_tell(tmp_path):
@@ -303,7 +296,7 @@ def test_the_base_and_the_water_move_as_messages_tell(tmp_path):
         assert client.trigger('save_state')[0]
         expected = client.steps(2)
         assert client.trigger('restore_state')[0]
-        np.testing.assert_array_equal(client.steps(2), expected)
+        assert_array_equal(client.steps(2), expected)
         client.pause(False)
         far, odd, strange = PoseStamped(), PoseStamped(), PoseStamped()
         far.pose.position.x, far.pose.orientation = 1.0, pose.pose.orientation
@@ -403,5 +396,5 @@ def test_a_reset_forgets_commands_pushes_and_the_history_of_friction(is_moving):
         tips.clear()
         client.wait(lambda: len(tips) > 5, 'the arm')
         place = tips[-1].pose.pose.position
-        np.testing.assert_allclose([place.x, place.y, place.z], [0.27, 0.0, 0.0], atol=1e-9)
-        np.testing.assert_allclose(settled(0.5), first, atol=1e-5)
+        assert_allclose([place.x, place.y, place.z], [0.27, 0.0, 0.0], atol=1e-9)
+        assert_allclose(settled(0.5), first, atol=1e-5)

@@ -4,13 +4,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import rclpy
 import yaml
 from checkout import ROOT
-
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
 from live_nodes import RosClient, hosting, new_domain
+from numpy.testing import assert_allclose
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
@@ -191,4 +189,4 @@ def test_other_commands_are_refused_counted_and_the_one_before_is_kept(system, c
         )
 
     system.wait(is_told, 'the refusal in log and diagnostics')
-    np.testing.assert_allclose(system.states[-1].effort, before, atol=1e-12)
+    assert_allclose(system.states[-1].effort, before, atol=1e-12)

@@ -3,18 +3,13 @@
 import json
 
 import numpy as np
-import pytest
-
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
 from live_nodes import RosClient, hosting, new_domain
+from numpy.testing import assert_allclose
 from std_srvs.srv import SetBool
 
 from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.estimator.main import EstimatorNode
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.simulation.touched_arm import touched
 
@@ -56,25 +51,23 @@ def test_sensors_measure_the_arm_that_is_pushed():
         shape = solver.solve(np.zeros((1, 4)), np.append(FORCE, np.zeros(3)))
         tip = heard['measured/tip_pose'][-1]
         place = tip.pose.pose.position
-        np.testing.assert_allclose([place.x, place.y, place.z], shape.tip, atol=1e-6)
+        assert_allclose([place.x, place.y, place.z], shape.tip, atol=1e-6)
         assert tip.header.frame_id == 'arm_base'
         places = [np.interp(OF_SIMULATOR['sensors.marker_s'], shape.s, one)
                   for one in shape.position.T]  # fmt: skip
         seen = [pose.position for pose in heard['measured/markers'][-1].poses]
-        np.testing.assert_allclose(
-            [(p.x, p.y, p.z) for p in seen], np.transpose(places), atol=1e-5
-        )
+        assert_allclose([(p.x, p.y, p.z) for p in seen], np.transpose(places), atol=1e-5)
         wrench = heard['measured/base_wrench'][-1].wrench
         moment = [wrench.torque.x, wrench.torque.y, wrench.torque.z]
-        np.testing.assert_allclose(moment, np.cross(shape.tip, FORCE), atol=1e-6)
+        assert_allclose(moment, np.cross(shape.tip, FORCE), atol=1e-6)
         true = heard['ground_truth/tip_wrench'][-1].wrench.force
-        np.testing.assert_allclose([true.x, true.y, true.z], FORCE, rtol=1e-12)
+        assert_allclose([true.x, true.y, true.z], FORCE, rtol=1e-12)
         # Nothing pushes any more, and another place cannot be pushed.
         assert client.change(push__force=[0.0, 0.0, 0.0]) == (True, '')
         heard['measured/tip_pose'].clear()
         client.wait(lambda: heard['measured/tip_pose'], 'the tip')
         place = heard['measured/tip_pose'][-1].pose.pose.position
-        np.testing.assert_allclose([place.x, place.y, place.z], [0.27, 0.0, 0.0], atol=1e-9)
+        assert_allclose([place.x, place.y, place.z], [0.27, 0.0, 0.0], atol=1e-9)
         done, why = client.change(push__s=1.0, push__force=[0.0, 0.0, 0.01])
         assert not done and 'push.s is 1.0' in why
 
@@ -105,24 +98,3 @@ def test_the_arm_is_pushed_and_let_go_when_asked():
         assert client.change(push__force=[0.0, 0.0, 0.0]) == (True, '')
         answer = client.call(SetBool, 'push', SetBool.Request(data=True))
         assert not answer.success and answer.message.startswith('push.force is 0, expected')
-
-
-def test_the_estimator_finds_what_pushes_the_simulated_arm():
-    domain = new_domain()
-    estimating = hosting(
-        EstimatorNode, *arguments(OF_ESTIMATOR), files=[FILE], client=RosClient,
-        node='octo_arm_estimator', domain=domain,
-    )  # fmt: skip
-    with simulating(domain) as simulator, estimating as client:
-        heard = client.hear(WrenchStamped, 'tip_wrench/estimate')
-
-        def is_found():
-            simulator.spin(0.01)
-            forces = [(f.x, f.y, f.z) for f in (one.wrench.force for one in heard[-20:])]
-            if len(forces) < 20:
-                return False
-            # Along the arm nothing is learnt.
-            away = np.mean(forces, axis=0)[1:] - FORCE[1:]
-            return np.linalg.norm(away) < 0.15 * np.linalg.norm(FORCE)
-
-        client.wait(is_found, 'the force')

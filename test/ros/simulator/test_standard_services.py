@@ -2,8 +2,6 @@
 
 import pytest
 
-rclpy = pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 pytest.importorskip('simulation_interfaces', reason='needs simulation_interfaces, in no wheel')
 
 from live_nodes import RosClient, hosting, new_domain

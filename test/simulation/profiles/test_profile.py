@@ -40,14 +40,6 @@ def test_between_two_rows_tensions_never_leave_their_range(profile, time) -> Non
     assert (tensions >= 0.0).all()
 
 
-@given(profiles(), st.lists(st.floats(-5.0, 100.0), min_size=1, max_size=5))
-def test_many_times_are_asked_at_once(profile, times) -> None:
-    together = profile.at(np.array([times]))
-    assert together.shape == (1, len(times), 2)
-    for time, tensions in zip(times, together[0]):
-        np.testing.assert_allclose(profile.at(time), tensions, atol=1e-12)
-
-
 @given(profiles(), st.floats(1e-3, 0.999), st.integers(0, 5))
 def test_a_loop_begins_anew(profile, part, rounds) -> None:
     # Away from the seam, where the profile may jump from its end to its start.
@@ -80,15 +72,6 @@ def test_a_transition_is_smooth_and_takes_tensions_as_an_arm_shapes_them() -> No
     np.testing.assert_allclose(way.at(1.0), np.full(12, 0.5))
     with pytest.raises(ProfileError, match=r'row 2: time is 0.0, expected more than 0.0'):
         transition(np.zeros(4), np.ones(4), 0.0)
-
-
-def test_profiles_do_not_change_behind_their_back() -> None:
-    times = np.array([5.0, 6.0])
-    profile = CommandProfile(times, np.zeros((2, 1)))
-    times[0] = 9.0
-    assert profile.times.tolist() == [0.0, 1.0]
-    with pytest.raises(ValueError, match='read-only'):
-        profile.tensions[0] = 1.0
 
 
 @pytest.mark.parametrize(
