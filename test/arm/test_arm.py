@@ -1,12 +1,36 @@
-"""The arm: derived quantities, and invalid input."""
+"""The arm, its profiles and loads: derived quantities, and invalid input."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from octo_arm_model import Arm, ArmDefinitionError, Body, Material, OctoArmError, Section
+from octo_arm_model import (
+    Arm,
+    ArmDefinitionError,
+    Body,
+    Constant,
+    Function,
+    Linear,
+    Loads,
+    Material,
+    OctoArmError,
+    PointLoad,
+    Section,
+    Table,
+    TensionError,
+    load_config,
+)
+from octo_arm_model.arm.errors import in_short, listed, shown
+from octo_arm_model.arm.loads import DistributedLoad, ScaledLoads
+from octo_arm_model.arm.stiffness import bending_force
+from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.rod.displacements import check_displacements
+from octo_arm_model.rod.sensitivity import Uncertainty
+from octo_arm_model.wire.tensions import values_by_name
 
 MATERIAL = Material(1.1e5)
 BODY = Body(0.4, 0.02, 0.01)
@@ -129,3 +153,166 @@ def test_sections_and_tendons_have_a_bound():
     many = Section(0.4, 0.0, 0.0, angles=(0.0,) * 257)
     with pytest.raises(ArmDefinitionError, match='number of tendons is 257, expected at most 256'):
         Arm(MATERIAL, BODY, (many,))
+
+
+# The force that bends an arm ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('part', [0.1, 0.02])
+def test_of_a_uniform_arm_it_is_that_of_a_cantilever(part):
+    """The tip of a cantilever moves by F L^3 / (3 E J)."""
+    arm = Arm(Material(2e5), Body(0.3, 0.01, 0.01), (Section(0.3, 0.005, 0.005),))
+    stiffness = 2e5 * 0.25 * np.pi * 0.01**4
+    expected = 3.0 * stiffness * part / 0.3**2
+    assert bending_force(arm, part) == pytest.approx(expected, rel=1e-3)
+
+
+# Messages of errors: on one line, bounded, and nothing in them that a terminal obeys -------------
+
+
+# Clears the screen, goes on in another line, and writes from right to left.
+HOSTILE = 'tendon\x1b[2J\n\u2028\u202e\x07'
+
+
+def test_names_from_outside_do_not_reach_a_terminal_as_they_are():
+    error = TensionError(HOSTILE * 100)
+    for text in (shown(HOSTILE), listed([HOSTILE, 'tendon']), in_short(error)):
+        assert text.isprintable()
+        assert 'tendon' in text
+    assert len(in_short(error)) <= 300
+
+
+def test_what_refuses_a_name_shows_it_printable():
+    arm = load_config(preset_path('renda2012_prototype')).arm
+    with pytest.raises(TensionError, match='more than once: tendon') as caught:
+        values_by_name([HOSTILE, HOSTILE], [1.0, 2.0], 'tension')
+    assert str(caught.value).isprintable()
+    with pytest.raises(TensionError, match="more than once: ''"):
+        values_by_name(['', ''], [1.0, 2.0], 'tension')
+    with pytest.raises(TensionError, match='unknown tendon tendon') as caught:
+        check_displacements(arm, {HOSTILE: 0.1}, {})
+    assert str(caught.value).isprintable()
+
+
+# Loads and uncertainties -------------------------------------------------------------------------
+
+
+POINT = PointLoad(0.1, (0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ('given', 'complaint'),
+    [
+        ({'points': POINT}, r'loads.points is PointLoad.*, expected a list of PointLoad'),
+        ({'points': [(0.1, (0.0, 0.0, 1.0))]}, 'loads.points is .*, expected a list of PointLoad'),
+        ({'distributed': [POINT]}, 'loads.distributed is .*, expected a list of DistributedLoad'),
+        ({'others': [POINT]}, 'loads.others is .*, expected a list of Load'),
+        ({'scaled': [Loads()]}, 'loads.scaled is .*, expected ScaledLoads or None'),
+    ],
+)
+def test_what_is_no_load_of_its_kind_is_refused(given, complaint):
+    with pytest.raises(ArmDefinitionError, match=complaint):
+        Loads(**given)
+
+
+@pytest.mark.parametrize(
+    ('s', 'force'), [(0.1, (0.0, 0.0, 1.0)), ('ab', ((0.0, 0.0, 1.0),)), ((0.0, 0.1), 1.0)]
+)
+def test_a_distributed_load_needs_lists(s, force):
+    with pytest.raises(ArmDefinitionError, match='expected lists of s and of force'):
+        DistributedLoad(s, force)
+
+
+@pytest.mark.parametrize(
+    'load',
+    [
+        Loads(tip_force=(0.0, 0.0, 1.0)),
+        Loads(tip_moment=(0.0, 0.0, 1.0)),
+        Loads(scaled=ScaledLoads([Loads(points=(POINT,))])),
+        POINT,
+    ],
+)
+def test_what_would_be_left_out_of_scaled_loads_is_refused(load):
+    with pytest.raises(ArmDefinitionError, match='expected dead Loads without a tip wrench'):
+        ScaledLoads([load])
+
+
+@pytest.mark.parametrize('value', [math.nan, -0.1, 'much', True])
+@pytest.mark.parametrize('name', ['tension', 'model_rotation', 'displacement'])
+def test_an_uncertainty_is_a_standard_deviation(name, value):
+    with pytest.raises(
+        ArmDefinitionError, match=f'uncertainty.{name} is .*, expected a finite st'
+    ):
+        Uncertainty(**{name: value})
+
+
+# Profiles along the arm --------------------------------------------------------------------------
+
+
+S = np.linspace(0.0, 0.4, 41)
+WAVY = Function(lambda s: 0.01 + 0.002 * np.sin(20.0 * s), 0.4)
+PROFILES = [
+    Constant(0.02),
+    Linear(0.02, 0.005, 0.4),
+    Table((0.0, 0.1, 0.25, 0.4), (0.02, 0.012, 0.011, 0.004)),
+    WAVY,
+    Function(lambda s: s**2, 0.4, lambda s: 2.0 * s),
+]
+
+
+@pytest.mark.parametrize('profile', PROFILES, ids=lambda profile: type(profile).__name__)
+def test_the_slope_is_the_derivative_of_the_value(profile):
+    h = 1e-6
+    inside = S[1:-1] + 1e-4  # not on a knot of the table
+    difference = (profile.value(inside + h) - profile.value(inside - h)) / (2.0 * h)
+    assert_allclose(profile.slope(inside), difference, atol=1e-7)
+
+
+def test_the_slope_of_a_function_is_as_good_at_the_ends_and_asks_for_nothing_beyond():
+    asked = []
+
+    def recorded(s):
+        asked.append(s)
+        return 0.01 + 0.002 * np.sin(20.0 * s)
+
+    slope = Function(recorded, 0.4).slope(S)
+    assert_allclose(slope, 0.04 * np.cos(20.0 * S), atol=1e-7)
+    assert min(map(np.min, asked)) >= -1e-12
+    assert max(map(np.max, asked)) <= 0.4 + 1e-12
+
+
+def test_a_table_passes_through_its_points_and_never_beyond_them():
+    table = Table((0.0, 0.1, 0.2, 0.4), (0.02, 0.02, 0.005, 0.004))
+    assert_allclose(table.value(table.s), table.values)
+    values = table.value(S)
+    assert values.max() <= 0.02 + 1e-12
+    assert values.min() >= 0.004 - 1e-12
+    assert table.knots == (0.1, 0.2)
+
+
+@pytest.mark.parametrize(
+    ('build', 'message'),
+    [
+        (lambda: Table((0.0,), (1.0,)), 'table.s is (0.0,), expected at least two'),
+        (lambda: Table((0.1, 0.2), (1.0, 1.0)), 'table.s is (0.1, 0.2), expected at least two'),
+        (lambda: Table((0.0, 0.2, 0.2), (1.0,) * 3), 'table.s is (0.0, 0.2, 0.2), expected'),
+        (lambda: Table((0.0, 0.2), (1.0,)), 'table.values is (1.0,), expected 2 values'),
+        (lambda: Table((0.0, 0.2), (1.0, math.nan)), 'table.values is (1.0, nan), expected'),
+        (lambda: Table((0.0, 'x'), (1.0, 2.0)), "table.s is (0.0, 'x'), expected finite numbers"),
+        (lambda: Table((0.0, 0.2), (1.0, 2.0), 'E').cover('E', 0.3), 'last s of E is 0.2, exp'),
+        (lambda: WAVY.cover('radius', 0.5), 'last s of radius is 0.4, expected at least 0.5 [m]'),
+    ],
+)
+def test_what_is_no_profile_is_refused(build, message):
+    with pytest.raises(ArmDefinitionError) as refusal:
+        build()
+    assert str(refusal.value).startswith(message)
+
+
+def test_a_table_has_a_bound_and_holds_numbers():
+    s = tuple(range(1001))
+    with pytest.raises(ArmDefinitionError, match=r'it\.s is \(0, 1, .*at most 1000 values'):
+        Table(s, s, 'it')
+    for values in ((True, 1.0), ('1', '2'), (1.0, None)):
+        with pytest.raises(ArmDefinitionError, match='expected finite numbers'):
+            Table((0.0, 1.0), values)  # type: ignore[arg-type]

@@ -138,14 +138,6 @@ def test_topics_are_named_or_left_out(tmp_path):
             find_sensors(reader, NONE, everything)
 
 
-def test_of_several_arms_one_is_to_be_named(tmp_path):
-    content = [tensions(0, [0.1, 0, 0, 0], f'/{one}/tendon_tensions') for one in ('left', 'right')]
-    with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
-        with pytest.raises(BagError, match='several topics of tensions, name one of /left/'):
-            find_sensors(reader)
-        assert find_sensors(reader, '/right/tendon_tensions').prefix == '/right/'
-
-
 def test_estimates_of_an_estimator_are_no_measurements(tmp_path):
     content = [tensions(0, [0.1, 0, 0, 0], topic)
                for topic in ('/tension_bias', '/tendon_tension_estimates', '/cells')]  # fmt: skip

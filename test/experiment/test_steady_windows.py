@@ -57,23 +57,6 @@ def test_what_is_read_in_messages_of_their_own_holds_until_it_is_read_again():
     assert [window.start for window in ramps] == pytest.approx([0.0, 4.0, 8.0], abs=0.03)
 
 
-def test_a_ramp_is_cut_into_windows_of_tension_and_steady_nowhere():
-    time = np.arange(0.0, 20.0, 0.01)
-    pulled = np.interp(time, [0.0, 10.0, 20.0], [0.0, 3.0, 0.0])[:, np.newaxis]
-    found = ramp_windows(time, pulled, 0.25)
-    for window in found[:-1]:
-        inside = pulled[(time >= window.start) & (time <= window.stop)]
-        assert np.ptp(inside) <= 0.25
-        assert window.tensions == pytest.approx([inside.mean()])
-    assert len(found) == pytest.approx(2 * 3.0 / 0.25, abs=2)
-    # Each sample is in one of them.
-    gaps = [b.start - a.stop for a, b in itertools.pairwise(found)]
-    assert gaps == pytest.approx([0.01] * len(gaps))
-    assert 0.1 < np.ptp(pulled[time <= ramp_windows(time, pulled, None)[0].stop]) <= 0.15
-    assert ramp_windows(np.zeros(0), np.zeros((0, 1)), None) == []
-    assert windows_of(time[:1000], 0.3 * time[:1000]) == []
-
-
 def test_a_glitch_does_not_end_a_window_and_does_not_count_and_a_hole_does():
     time = np.arange(0.0, 6.0, 0.01)
     (window,) = windows_of(time, np.where((time > 3.0) & (time < 3.05), 4.0, 2.0))

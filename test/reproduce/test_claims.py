@@ -9,21 +9,13 @@ from numpy.testing import assert_allclose
 from octo_arm_model import MODELS, Pose, Solver
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE
 from octo_arm_model.reproduce import cases
-from octo_arm_model.reproduce.claims import CLAIMS, PLANES
+from octo_arm_model.reproduce.claims import CLAIMS
 
 
 @pytest.mark.parametrize('claim', CLAIMS, ids=lambda claim: claim.where)
 def test_every_claim_of_the_paper_holds_for_its_own_model(claim):
     assert tuple(claim.findings) == MODELS
     assert not claim.fails, claim.findings['renda2012']
-
-
-@pytest.mark.parametrize('plane', PLANES)
-def test_the_pair_of_a_plane_is_at_most_two_neighbours_of_amplitude_one(plane):
-    pair = cases.pair(plane)
-    assert cases.angle_between(cases.law((pair,)), plane) < 1e-9
-    assert np.hypot(*(pair[j] - pair[j + 2] for j in (0, 1))) == pytest.approx(1.0)
-    assert min(pair[0], pair[2]) == min(pair[1], pair[3]) == 0.0
 
 
 def test_the_law_gives_the_captions_of_figure_11():

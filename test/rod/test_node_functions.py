@@ -14,11 +14,8 @@ from rods import CASES, TENSIONS, WRENCH, forms, rod_of, twists_at
 
 from octo_arm_model import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.elements import build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem
-from octo_arm_model.rod.paper_equations import ClosedForm, Renda2012
-from octo_arm_model.rod.several import Several
-from octo_arm_model.rod.tables import AXIAL, force_scale, places_at, work_arrays
+from octo_arm_model.rod.tables import AXIAL, force_scale, work_arrays
 from octo_arm_model.rod.unloaded import TOLERANCE, balance_sections
 
 CONDITION = Condition(TENSIONS, WRENCH)
@@ -70,36 +67,6 @@ def test_sections_that_said_to_be_in_balance_are(name, compiled):
                 over = np.abs(work.gradient[:, :3]) / force_scale(tables, tensions)[:, :1]
                 assert over.max() <= TOLERANCE
     assert balanced >= 20
-
-
-@pytest.mark.parametrize('model', [ClosedForm, Renda2012])
-def test_both_forms_solve_the_papers_models_alike(table4, model):
-    pytest.importorskip('numba')
-    tensions = np.random.default_rng(1).random((5, 12)) * np.repeat([0.2, 1.0, 3.0], 4)
-    nodes, stations = build_elements(table4.arm, added=3), np.linspace(0.0, 0.45, 17)
-    first, second = (model(table4.arm, nodes, stations, form).solve(tensions) for form in forms())
-    for one, other in zip(first, second, strict=True):
-        scale = np.abs(one).max(initial=1.0)
-        assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale)
-
-
-@pytest.mark.parametrize('arms', [1, 3])
-@pytest.mark.parametrize('name', CASES)
-def test_both_forms_put_places_where_they_are(name, arms):
-    pytest.importorskip('numba')
-    problem = rod_of(name).problem(0)
-    several = Several(problem, arms)
-    nodes = problem.elements.s
-    z = np.concatenate([(1 + i) * twists_at(nodes, problem.strains) for i in range(arms)])
-    places = places_at(problem.elements, np.linspace(0.0, problem.elements.edges[-1], 17))
-    found = []
-    for form in forms():
-        form.orientations(several.tables, z, several.work)
-        found.append(form.poses(several.tables, z, places, several.work))
-    first, second = found
-    for one, other in zip(first, second, strict=True):
-        scale = np.abs(one).max(initial=1.0)
-        assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale)
 
 
 @pytest.mark.parametrize(

@@ -117,6 +117,8 @@ def test_the_arm_is_pulled_and_seen(setup, browser):
     slacken(setup, browser)
     setup.client.command([0, 0, 0.42, 0, 0, 0, 3.7, 0, 0, 0, 13, 0])
     browser.until(lambda: 'passes through itself' in browser.text('overlap'), 'the note')
+    setup.client.command(np.zeros(12))
+    browser.until(lambda: browser.text('overlap') == '', 'the note going away')
     setup.node.close()
     browser.until(lambda: 'no shape for' in browser.text('problem'), 'the page missing the node')
     setup.node = setup.start_node()

@@ -1,5 +1,7 @@
 """Tensions out of messages, whichever library read them."""
 
+from __future__ import annotations
+
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +10,10 @@ from checkout import ROOT
 from numpy.testing import assert_array_equal
 
 from octo_arm_model import TensionError, load_config
+from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.stamp import Stamp, time_of
 from octo_arm_model.wire.tensions import FLOAT64_ARRAY, TENDON_TENSIONS, TENSION_TOPICS
 
 ARM = load_config(preset_path('renda2012_table4')).arm
@@ -54,3 +59,43 @@ def test_every_topic_is_documented(topic):
     pages = [ROOT / 'README.md', *ROOT.glob('docs/*.md')]
     row = f'| `{topic}` | `{TENSION_TOPICS[topic].type_name}` |'
     assert any(row in page.read_text(encoding='utf-8') for page in pages)
+
+
+# Stamps, and counts of what was left out ---------------------------------------------------------
+
+
+def test_reasons_that_differ_in_numbers_are_one_and_names_tell_apart():
+    found = Refusals()
+    for value in (-0.001, -2.5e-07, -3):
+        found.count('/a', f'tension of tendon_1_2 is {value!r} N, expected a finite number >= 0')
+    found.count('/a', 'tension of tendon_1_3 is nan N, expected a finite number >= 0')
+    found.count('/b', 'data has 3 values, expected 4')
+    assert found.total == 5
+    assert list(found.of('/a').values()) == [3, 1]
+    assert found.of('/b') == {'data has 3 values, expected 4': 1}
+    first = '/a: 3 left out, as tension of tendon_1_2 is -0.001 N, expected a finite number >= 0'
+    assert found.lines()[0] == first
+    assert 'tension_deadband' in found.lines()[-1]
+
+
+def test_what_is_kept_is_bounded_whatever_comes():
+    found = Refusals()
+    for number in range(10_000):
+        found.count('/a', f'unknown tendon {"x" * number}')
+    assert found.total == 10_000
+    assert len(found.counts) <= 51
+    assert found.of('/a')['other reasons'] == 9_950
+
+
+def test_a_stamp_that_is_not_set_tells_no_time():
+    assert time_of(None) is None
+    assert time_of(Stamp(0, 0)) is None
+    for stamp in (Stamp(0, 1), Stamp(3, 999_999_999), Stamp(2**31 - 1, 0)):
+        assert time_of(stamp) == stamp
+        assert Stamp.from_ns(stamp.ns) == stamp
+
+
+@pytest.mark.parametrize('stamp', [Stamp(-1, 0), Stamp(-(2**31), 1), Stamp(0, 10**9)])
+def test_a_stamp_that_is_no_time_is_refused(stamp):
+    with pytest.raises(MessageError, match=f'{stamp.sec} s and {stamp.nanosec} ns, expected'):
+        time_of(stamp)

@@ -9,6 +9,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from estimator_nodes import CONFIG, INPUTS, LENGTH, NAMES, STATIONS, TENSIONS, estimating_here
 from geometry_msgs.msg import Pose, TransformStamped
+from lifecycle_msgs.msg import Transition
 from live_nodes import setting
 from numpy.testing import assert_allclose, assert_array_equal
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -16,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import MarkerArray
 
 from octo_arm_model import Loads, PointLoad
+from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
 from octo_arm_model.ros.estimator.main import EstimatorNode
 
 FORCE = np.array([0.0, -0.004, 0.008])
@@ -449,3 +451,35 @@ def test_a_load_cell_that_lies_by_less_than_tensions_may_change_is_refused_alone
             assert int(values[f'{name} refused']) + int(values[f'{name} accepted']) == 4 + lies
     finally:
         assert client.change(estimator__tension_rate=0.05) == (True, '')
+
+
+# Managed -----------------------------------------------------------------------------------------
+
+
+def test_a_managed_estimator_estimates_while_it_is_active_and_then_anew():
+    with estimating_here(ManagedEstimatorNode) as client:
+        assert client.transition(Transition.TRANSITION_CONFIGURE)
+        client.wait(
+            lambda: client.node.count_publishers('backbone/covariance') == 1, 'a configured node'
+        )
+        assert not any(client.node.count_subscribers(topic) for topic in INPUTS)
+        client.force = np.array([0.0, -0.004, 0.008])
+        for _ in range(2):
+            assert client.transition(Transition.TRANSITION_ACTIVATE)
+            client.connect()
+            client.measure(1000.0 + 0.05 * np.arange(8))
+            found, stddev = client.wrench()
+            assert (np.abs(found - client.force) < 4.5 * stddev).all()
+            status, values = client.status('estimate')
+            assert status.message == 'estimating' and values['tip pose accepted'] == '8'
+            assert client.transition(Transition.TRANSITION_DEACTIVATE)
+            client.wait(
+                lambda: not any(client.node.count_subscribers(topic) for topic in INPUTS),
+                'an inactive node',
+            )
+            assert client.status('estimate')[0].message == 'inactive'
+        assert client.transition(Transition.TRANSITION_CLEANUP)
+        client.wait(
+            lambda: client.node.count_publishers('backbone/covariance') == 0,
+            'a node without publishers',
+        )

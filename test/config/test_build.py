@@ -1,0 +1,168 @@
+"""What parameters build: calibrated load cells, tendons on tabulated paths, obstacles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from octo_arm_model import (
+    ArmDefinitionError,
+    Config,
+    ConfigError,
+    Cylinder,
+    Plane,
+    Sphere,
+    TensionError,
+)
+from octo_arm_model.config.build import LoadCellCalibration
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
+
+TABLE4 = load_parameters(preset_path('renda2012_table4'))
+CONFIG = Config.from_parameters(TABLE4)
+OFFSETS = tuple(0.1 * n - 0.3 for n in range(12))
+SCALES = tuple(0.8 + 0.05 * n for n in range(12))
+
+
+def test_readings_are_scaled_then_moved_and_what_is_near_zero_is_zero():
+    cells = LoadCellCalibration(0.02, OFFSETS, SCALES)
+    readings = np.random.default_rng(0).uniform(0.5, 2.0, (5, 3, 4))
+    expected = np.reshape(SCALES, (3, 4)) * readings + np.reshape(OFFSETS, (3, 4))
+    assert_allclose(cells.tensions(CONFIG.arm, readings), expected, rtol=1e-12)
+    flat = cells.scale_and_offset(readings.reshape(5, 12))
+    assert_array_equal(flat, cells.tensions(CONFIG.arm, readings).reshape(5, 12))
+    zeroed = LoadCellCalibration(0.02).tensions(
+        CONFIG.arm, np.full((3, 4), -0.02) + 0.01 * np.eye(3, 4)
+    )
+    assert (zeroed == 0.0).all()
+    assert LoadCellCalibration(0.02).scale_and_offset(np.array([0.021])).item() == 0.021
+
+
+@pytest.mark.parametrize('reading', [-0.021, np.nan, np.inf, -np.inf])
+def test_what_is_below_the_deadband_or_no_number_is_refused(reading):
+    readings = np.zeros((3, 4))
+    readings[1, 2] = reading
+    with pytest.raises(TensionError, match=r'tension of tendon_2_3 is .*_deadband of 0.02 N'):
+        LoadCellCalibration(0.02).tensions(CONFIG.arm, readings)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'kind', 'message'),
+    [
+        ('tension_deadband', -0.1, ArmDefinitionError, 'tension_deadband is -0.1'),
+        ('tension_deadband', np.inf, ArmDefinitionError, 'tension_deadband is inf'),
+        ('tension_offset', [0.1], ConfigError, 'tension_offset has 1 values, expected 12'),
+        ('tension_offset', 12 * [np.nan], ArmDefinitionError, 'tension_offset is nan'),
+        ('tension_scale', 11 * [1.0], ConfigError, 'tension_scale has 11 values, expected 12'),
+        ('tension_scale', 12 * [0.0], ArmDefinitionError, 'tension_scale is 0.0'),
+    ],
+)
+def test_calibrations_that_cannot_be_are_refused(name, value, kind, message):
+    with pytest.raises(kind, match=message):
+        Config.from_parameters({**TABLE4, name: value})
+
+
+# Tendons on tabulated paths ----------------------------------------------------------------------
+
+
+PRESET = load_parameters(preset_path('renda2012_prototype'))
+LENGTH = Config.from_parameters(PRESET).arm.length
+KINK, NEAR, FAR = 0.4 * LENGTH, 2e-3, 8e-3  # where, and distances there and at the ends [m]
+
+
+def arm_of(s: np.ndarray, offset: np.ndarray, **more: object) -> Config:
+    """The prototype with all four tendons at an ``offset`` (n,) [m] at ``s`` (n,) [m]."""
+    values = {name: value for name, value in PRESET.items() if 'offset' not in name}
+    table = {'tendons.table_s': s.tolist(), 'tendons.table_offset': np.tile(offset, 4).tolist()}
+    more = {name.replace('__', '.'): value for name, value in more.items()}
+    whole = {'body.radius_tip': 9e-3, 'body.radius_base': 12e-3, 'model': 'exact', 'stations': 21}
+    return Config.from_parameters({**values, **table, **whole, **more})
+
+
+def tip_of(config: Config) -> np.ndarray:
+    pull = np.array([2.0, 0.7, 0.0, 0.0]).reshape(config.arm.tension_shape)
+    return config.solver().solve(pull).tip
+
+
+def test_a_linear_path_is_the_limit_of_smooth_ones_and_pchip_is_another():
+    s, offset = np.array([0.0, KINK, LENGTH]), np.array([FAR, NEAR, FAR])
+    kinked = tip_of(arm_of(s, offset, tendons__table_between='linear'))
+    away = []
+    for half in (0.02, 0.01, 0.005):
+        # Points of the same lines, but for those within `half` of the kink.
+        places = np.array(
+            [*np.linspace(0.0, KINK - half, 30), *np.linspace(KINK + half, LENGTH, 30)]
+        )
+        smooth = tip_of(arm_of(places, np.interp(places, s, offset)))
+        away.append(np.linalg.norm(smooth - kinked))
+    assert away[2] < away[1] < away[0] < 0.02 * LENGTH and away[2] < 0.2 * away[0]
+    assert np.linalg.norm(tip_of(arm_of(s, offset)) - kinked) > 0.01 * LENGTH
+
+
+def test_what_is_neither_and_friction_at_kinks_are_refused():
+    s, offset = np.array([0.0, KINK, LENGTH]), np.array([FAR, NEAR, FAR])
+    with pytest.raises(ConfigError, match="table_between is 'cubic', expected pchip or linear"):
+        arm_of(s, offset, tendons__table_between='cubic')
+    with pytest.raises(ConfigError, match=r'is linear, and tendons\.friction is given'):
+        arm_of(s, offset, tendons__table_between='linear', tendons__friction=[0.2])
+
+
+# Obstacles ---------------------------------------------------------------------------------------
+
+
+ARM: dict[str, Any] = {
+    'model': 'exact', 'material.youngs_modulus': 1e5, 'body.length': 0.4,
+    'body.radius_base': 0.01, 'body.radius_tip': 0.01, 'sections.anchorage': [0.4],
+    'sections.offset_base': [0.006], 'sections.offset_anchorage': [0.006],
+}  # fmt: skip
+THREE = {
+    'obstacles.type': ['plane', 'sphere', 'cylinder'],
+    'obstacles.position': [0.0, 0.0, -0.1, 0.3, 0.1, 0.0, 0.2, 0.2, 0.2],
+    'obstacles.direction': [0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 3.0, 4.0],
+    'obstacles.radius': [0.0, 0.03, 0.02],
+    'obstacles.stiffness': [1e6],
+    'obstacles.friction': [0.0, 0.1, 0.2],
+}
+
+
+def test_obstacles_are_lists_of_what_each_is():
+    loads = Config.from_parameters(ARM | THREE).loads
+    assert loads.obstacles == (
+        Plane((0.0, 0.0, -0.1), (0.0, 0.0, 1.0), stiffness=1e6),
+        Sphere((0.3, 0.1, 0.0), 0.03, stiffness=1e6, friction=0.1),
+        Cylinder((0.2, 0.2, 0.2), (0.0, 0.6, 0.8), 0.02, stiffness=1e6, friction=0.2),
+    )
+    floor = {'type': ['plane'], 'position': [0.0, 0.0, -0.1], 'stiffness': [1e6]}
+    given = {f'obstacles.{name}': value for name, value in floor.items()}
+    assert Config.from_parameters(ARM | given).loads.obstacles == loads.obstacles[:1]
+    assert Config.from_parameters(ARM).loads.obstacles == ()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'type': ['plane', 'cube', 'sphere']}, "obstacles.type has 'cube', expected plane, sph"),
+        ({'type': ['plane']}, 'obstacles.position has 9 values, expected 3, three for each of'),
+        ({'radius': [0.1]}, 'obstacles.radius has 1 values, expected 3, one per obstacle'),
+        ({'radius': [0.0, 0.0, 0.1]}, 'Sphere.radius is 0.0, expected a finite number > 0'),
+        (
+            {'stiffness': []},
+            'obstacles.stiffness has 0 values, expected 3, one for all or one per',
+        ),
+        ({'direction': [0.0] * 9}, r'Plane.normal is \(0.0, 0.0, 0.0\), expected a direction'),
+        ({'type': ['plane'] * 33}, 'obstacles.type has 33 values, expected at most 32'),
+        ({'position': [float('nan')] * 9}, 'Plane.point is .* expected three finite numbers'),
+    ],
+)
+def test_obstacles_that_cannot_be_are_refused_by_name(changes, message):
+    given = {f'obstacles.{name}': value for name, value in changes.items()}
+    with pytest.raises((ConfigError, ArmDefinitionError), match=message):
+        Config.from_parameters(ARM | THREE | given)
+
+
+def test_a_node_of_an_arm_that_rubs_says_that_there_are_no_shapes_at_rest():
+    config = Config.from_parameters(ARM | THREE)
+    with pytest.raises(ConfigError, match=r'loads.obstacles have friction'):
+        config.node_solver()
