@@ -114,19 +114,7 @@ class Config:
                     f'{parameter.description}'
                 )
             given[parameter.name] = parameter.convert(value)
-        if not given['base_frame']:
-            raise ConfigError("base_frame is '', expected the name of a frame")
-        for name in ('base_frame', 'frame_prefix'):
-            if given[name].startswith('/'):
-                expected = 'expected no / at its beginning, where tf2 refuses one'
-                raise ConfigError(f'{name} is {shown(given[name])}, {expected}')
-        for name in ('tension', 'displacement'):
-            kind, field = given[f'{name}_type'], given[f'{name}_field']
-            if bool(kind) != bool(field):
-                raise ConfigError(
-                    f'{name}_type is {kind!r} and {name}_field is {field!r}, expected both or '
-                    'neither'
-                )
+        _check_names(given)
         base = Pose(given['base.position'], given['base.quaternion'])
         arm = build_arm(given)
         uncertainty = build_uncertainty(given, arm)
@@ -254,6 +242,22 @@ def _check_unused(parameter: Parameter, given: Mapping[str, Any]) -> None:
     value = given.get(parameter.name)
     if value is not None and (value != 0.0 or not parameter.unless):
         parameter.check(value)
+
+
+def _check_names(given: Mapping[str, Any]) -> None:
+    """Check names of frames, and of message types and fields, which come in pairs."""
+    if not given['base_frame']:
+        raise ConfigError("base_frame is '', expected the name of a frame")
+    for name in ('base_frame', 'frame_prefix'):
+        if given[name].startswith('/'):
+            expected = 'expected no / at its beginning, where tf2 refuses one'
+            raise ConfigError(f'{name} is {shown(given[name])}, {expected}')
+    for name in ('tension', 'displacement'):
+        kind, field = given[f'{name}_type'], given[f'{name}_field']
+        if bool(kind) != bool(field):
+            raise ConfigError(
+                f'{name}_type is {kind!r} and {name}_field is {field!r}, expected both or neither'
+            )
 
 
 def _checked_rate(rate: float) -> float:

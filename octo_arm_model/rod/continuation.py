@@ -84,22 +84,22 @@ def tolerance_of(problem: Problem) -> float:
 
 def follow(
     problem: Problem, known: Condition, z: FloatArray, wanted: Condition, spending: Spending,
-    tolerance: float | None = None, step: float = 1.0, descends: bool = True,
+    step: float = 1.0, roughly: bool = False,
 ) -> Judged:  # fmt: skip
     """Follow the equilibrium of twists ``z`` (N, m) under ``known`` to the condition ``wanted``.
 
     In one step where Newton's method then converges, else in several, of which the first is the
-    fraction ``step`` of the way. Unless it ``descends`` it stops where the branch ends.
+    fraction ``step`` of the way.
 
     Returns:
-        A stable equilibrium whose residual is at most ``tolerance``, or `tolerance_of`; where it
-        stopped, the last one on the branch.
+        A stable equilibrium whose residual is at most `tolerance_of`; ``roughly`` one as on the
+        way, or, where the branch ends, the last one on it.
 
     Raises:
         ConvergenceError: if none was found.
         ContinuationError: if it would take more than the budget of ``spending``.
     """
-    tolerance = tolerance or tolerance_of(problem)
+    tolerance = ON_THE_WAY if roughly else tolerance_of(problem)
     done = 0.0
     last: tuple[FloatArray, float] | None = None
     reached: Judged | None = None
@@ -117,15 +117,16 @@ def follow(
         is_last = step <= _SMALLEST_STEP and not problem.others.without_tangent
         if is_found and (found.corrected <= MOST_CORRECTED or is_last):
             judged = judge_stable(problem, found.state)
-            if limit > _CLOSER and (is_last if judged is None else not judged.stability.is_firm):
+            is_firm = not is_last if judged is None else judged.stability.is_firm
+            if limit > _CLOSER and not is_firm:
                 # Near the end of a branch what a rough balance leaves decides where the arm goes.
                 found, judged = _closer(problem, found, judged)
                 spending.add(found.iterations, done, found.state.residual)
-        if judged is None and step <= _SMALLEST_STEP and not is_last:
-            # No direction of descent follows without the tangent.
-            raise _unbalanced(found.state, spending.iterations)
         if judged is None and step <= _SMALLEST_STEP:
-            if not descends and reached is not None:
+            if not is_last:
+                # No direction of descent follows without the tangent.
+                raise _unbalanced(found.state, spending.iterations)
+            if roughly and reached is not None:
                 return reached
             # The branch ends or is unstable. Just past its end the imbalance is small and descent
             # slow, so that it begins a little further on.
@@ -133,17 +134,20 @@ def follow(
             condition = known.towards(wanted, target)
             judged = descend(problem, condition, z, spending, done)
             last, step = None, _BEYOND
-        elif judged is not None:
+        elif judged is None:
+            step = max(_shorter(found, is_found) * (target - done), _SMALLEST_STEP)
+            continue
+        else:
             last = z, target - done
             step = last[1] * (growth(found.corrected) if found.iterations <= 5 else 1.0)
-        if judged is not None:
-            if target == 1.0:
-                return judged
-            done, z, reached = target, judged.state.z, judged
-        else:
-            # A converged step is shortened by how large its correction was, another by a factor.
-            shorter = min(growth(found.corrected), 0.7) if is_found else 0.25
-            step = max(shorter * (target - done), _SMALLEST_STEP)
+        if target == 1.0:
+            return judged
+        done, z, reached = target, judged.state.z, judged
+
+
+def _shorter(found: Found, is_found: bool) -> float:
+    """Factor on a step that was not accepted, by its correction, or that was not ``found``."""
+    return min(growth(found.corrected), 0.7) if is_found else 0.25
 
 
 def _closer(problem: Problem, found: Found, judged: Judged | None) -> tuple[Found, Judged | None]:

@@ -20,16 +20,31 @@ from octo_arm_model.rod.inertia_arrays import (
 )
 
 
-@compiled
 def moving_loads(
     tables: MotionTables, rule: TimeRule, base: FloatArray, slope: FloatArray,
     rotation: FloatArray, motion: Motion,
 ) -> None:  # fmt: skip
     """See `inertia_arrays`."""
-    place, velocity, acceleration = motion.place, motion.velocity, motion.acceleration
+    along = tables.from_base, tables.to_tip
+    before = rule.velocity, rule.acceleration
+    factors = rule.by_velocity, rule.by_acceleration, tables.in_water
+    _fill_motion(
+        along, tables.section, factors, before, rule.water, (base, slope, rotation), tuple(motion)
+    )
+
+
+@compiled
+def _fill_motion(
+    along: tuple[FloatArray, FloatArray], sections: FloatArray, factors: tuple[float, float, bool],
+    before: tuple[FloatArray, FloatArray], water: FloatArray,
+    rod: tuple[FloatArray, FloatArray, FloatArray], motion: tuple[FloatArray, ...],
+) -> None:  # fmt: skip
+    (from_base, to_tip), (by_velocity, by_acceleration, in_water) = along, factors
+    (velocities, accelerations), (base, slope, rotation) = before, rod
+    place, velocity, acceleration, load = motion
     nodes = place.shape[0]
     position, density, total = np.empty((3, nodes)), np.zeros((nodes, 6)), np.empty((6, nodes))
-    _integrate(tables.from_base, slope, position)
+    _integrate(from_base, slope, position)
     for i in range(nodes):
         for c in range(3):
             place[i, c] = position[c, i] + base[c]
@@ -37,20 +52,20 @@ def moving_loads(
             for c in range(3):
                 place[i, 3 + 3 * a + c] = rotation[i, c, a]
         for c in range(12):
-            velocity[i, c] = rule.by_velocity * place[i, c] - rule.velocity[i, c]
-            acceleration[i, c] = rule.by_acceleration * place[i, c] - rule.acceleration[i, c]
-        section, own, rates = tables.section[i], place[i], acceleration[i]
+            velocity[i, c] = by_velocity * place[i, c] - velocities[i, c]
+            acceleration[i, c] = by_acceleration * place[i, c] - accelerations[i, c]
+        section, own, rates = sections[i], place[i], acceleration[i]
         force, moment = density[i, :3], density[i, 3:]
         for c in range(3):
             force[c] = -section[MASS] * rates[c]
         _add_cross(-section[ROTARY_N], own[6:9], rates[6:9], moment)
         _add_cross(-section[ROTARY_B], own[9:12], rates[9:12], moment)
-        if tables.in_water:
-            _add_water(section, rule.water, own[3:6], velocity[i], rates, force, moment)
-    _integrate(tables.to_tip, density, total)
+        if in_water:
+            _add_water(section, water, own[3:6], velocity[i], rates, force, moment)
+    _integrate(to_tip, density, total)
     for i in range(nodes):
         for c in range(3):
-            motion.load[0, i, c], motion.load[1, i, c] = total[c, i], total[3 + c, i]
+            load[0, i, c], load[1, i, c] = total[c, i], total[3 + c, i]
 
 
 @helper

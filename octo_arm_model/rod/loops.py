@@ -2,18 +2,25 @@
 
 All take `Tables` and `Work`; z is (N, m), ``tensions`` (N, J) [N], ``force`` and ``couple`` the
 force and the free moment of all that acts beyond each node, (N, 3) in base_frame. Those of cross
-sections, with their equations, are in `section_loops`.
+sections, with their equations, are in `section_loops`. Each gives what is compiled the arrays that
+this needs alone, as numba takes up to a microsecond for every field of a tuple with names.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.compiled import compiled, helper, inlined
 from octo_arm_model.rod.paper_loops import paper_twists
 from octo_arm_model.rod.resolution import OF_BENDS, OF_DIRECTIONS
-from octo_arm_model.rod.section_loops import angles, balance, cross, section, sections
+from octo_arm_model.rod.section_loops import (
+    add_gradients,
+    angles,
+    balance,
+    cross,
+    sections,
+)
 from octo_arm_model.rod.tables import Places, Tables, Work
 
 # The node functions, see `forms.Form`.
@@ -29,13 +36,21 @@ _ROUNDING = 2e-13  # change by a sweep, which leaves a thirtieth of it
 # Orientations ----------------------------------------------------------------------------------
 
 
-@compiled
 def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
     """Orientation and r' of every node: q' = q (0, kappa) / 2 collocated in each element.
 
     Of several arms where there are several times as many nodes.
     """
-    lengths, to_point, weights, base = tables.lengths, tables.to_point, tables.weights, tables.base
+    rule = tables.lengths, tables.weights, tables.to_point
+    _fill_orientations(rule, tables.base, z, work.quaternion, work.rotation, work.slope)
+
+
+@compiled
+def _fill_orientations(
+    rule: tuple[FloatArray, FloatArray, FloatArray], base: FloatArray, z: FloatArray,
+    quaternion: FloatArray, rotation: FloatArray, slope: FloatArray,
+) -> None:  # fmt: skip
+    lengths, weights, to_point = rule
     elements, points = lengths.size, to_point.shape[0]
     rate, first = np.empty((points, 4)), np.empty(4)
     for number in range(z.shape[0] // points):
@@ -43,13 +58,13 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
         if e == 0:
             for c in range(4):
                 first[c] = base[c]
-        quaternion = work.quaternion[start : start + points]
-        _collocate(first, z[start : start + points], 0.5 * lengths[e], to_point, rate, quaternion)
+        own = quaternion[start : start + points]
+        _collocate(first, z[start : start + points], 0.5 * lengths[e], to_point, rate, own)
         for k in range(points):
             for c in range(4):
                 first[c] += weights[k] / lengths[0] * rate[k, c]
         _normalise(first)
-    _orient(z, work.quaternion, work.rotation, work.slope)
+    _orient(z, quaternion, rotation, slope)
 
 
 @helper
@@ -130,7 +145,6 @@ def _orient(
 # Poses -----------------------------------------------------------------------------------------
 
 
-@compiled
 def poses(
     tables: Tables, z: FloatArray, places: Places, work: Work
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -142,30 +156,43 @@ def poses(
         Positions from the base (A, S, 3) [m], orientations x, y, z, w (A, S, 4) and the estimated
         error of positions over the length of the arm (A,), see `resolution`, of A arms.
     """
-    lengths, weights, integration = tables.lengths, tables.weights, places.integration
-    nodes, elements, stations = integration.shape[1], lengths.size, integration.shape[0]
-    points, arms = nodes // elements, z.shape[0] // nodes
-    position, quaternion = np.empty((arms, stations, 3)), np.empty((arms, stations, 4))
+    arms = z.shape[0] // places.integration.shape[1]
+    position, quaternion = np.empty((2, arms, places.element.size, 4))
+    error = np.empty(arms)
+    rule, at = (tables.lengths, tables.weights), (places.element, places.integration, places.tail)
+    nodes = z, work.slope, work.quaternion
+    _fill_poses(rule, tables.base, at, nodes, position, quaternion, error)
+    return position[..., :3], quaternion, error
+
+
+@compiled
+def _fill_poses(
+    rule: tuple[FloatArray, FloatArray], base: FloatArray,
+    places: tuple[IntArray, FloatArray, FloatArray],
+    of_nodes: tuple[FloatArray, FloatArray, FloatArray],
+    position: FloatArray, quaternion: FloatArray, error: FloatArray,
+) -> None:  # fmt: skip
+    (lengths, weights), (element, integration, tail) = rule, places
+    z, slopes, quaternions = of_nodes
+    nodes, elements, points = integration.shape[1], lengths.size, tail.shape[1]
     # Of x, y, z, position and quaternion: rates, at the starts of elements, and at a place.
     rate, reached, now = np.empty((nodes, 7)), np.zeros((elements + 1, 7)), np.empty(7)
-    error = np.empty(arms)
     for c in range(4):
-        reached[0, 3 + c] = tables.base[c]
-    for arm in range(arms):
+        reached[0, 3 + c] = base[c]
+    for arm in range(error.size):
         first = arm * nodes
-        slope, own = work.slope[first : first + nodes], z[first : first + nodes]
-        _rates(slope, work.quaternion[first : first + nodes], own, rate)
+        slope, own = slopes[first : first + nodes], z[first : first + nodes]
+        _rates(slope, quaternions[first : first + nodes], own, rate)
         for e in range(elements):
             _advance(reached[e], weights, rate, e * points, points, reached[e + 1])
-        for at in range(stations):
-            e = places.element[at]
+        for at in range(element.size):
+            e = element[at]
             _advance(reached[e], integration[at], rate, e * points, points, now)
             _normalise(now[3:])
             for c in range(3):
                 position[arm, at, c], quaternion[arm, at, c] = now[c], now[4 + c]
             quaternion[arm, at, 3] = now[3]
-        error[arm] = _position_error(lengths, places.tail, own, slope)
-    return position, quaternion, error
+        error[arm] = _position_error(lengths, tail, own, slope)
 
 
 @helper
@@ -223,7 +250,6 @@ def _position_error(
 # The whole arm ---------------------------------------------------------------------------------
 
 
-@compiled
 def residual(
     tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
     work: Work,
@@ -240,48 +266,34 @@ def residual(
     return oriented_residual(tables, z, tensions, force, couple, work)
 
 
-@compiled
 def oriented_residual(
     tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
     work: Work,
 ) -> float:  # fmt: skip
     """As `residual`, after `orientations` of the same z."""
     wrenches(tables, force, couple, work)
-    left, scale, count = work.residual, work.scale, z.shape[1]
-    body, tendons, compliance = tables.body, tables.tendons, tables.compliance
-    active, offsets = tables.active, work.offsets
-    g, h, room = np.empty(6), np.empty((0, 6)), np.zeros((6, 6))
-    largest, worst = np.zeros(6), 0.0
-    for i in range(z.shape[0]):
-        gradient, own = work.gradient[i], left[i]
-        section(
-            tables.widens, body[i], tendons[i], compliance, active[i],
-            z[i], tensions[i], offsets[i], g, h, room,
-        )  # fmt: skip
-        for c in range(count):
-            largest[c] = max(largest[c], abs(own[c]))
-            gradient[c] = g[c]
-            own[c] += g[c]
-    for i in range(z.shape[0]):
-        for c in range(count):
-            value = abs(left[i, c]) / (scale[i, c // 3] + largest[c])
-            if not (value <= worst or worst != worst):  # also NaN, which stays
-                worst = value
-    return worst
+    return add_gradients(tables, z, tensions, work)
 
 
-@compiled
 def wrenches(tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
     """Minus what all beyond exerts on every cross section, as its residual without its gradient.
 
     Moment and force in the axes of the section, after `orientations`.
     """
-    moment = work.moment
-    _moments(tables.lengths, tables.weights, tables.to_end, work.slope, force, couple, moment)
+    rule = tables.lengths, tables.weights, tables.to_end
+    _fill_wrenches(rule, work.rotation, work.slope, force, couple, work.moment, work.residual)
+
+
+@compiled
+def _fill_wrenches(
+    rule: tuple[FloatArray, FloatArray, FloatArray], rotation: FloatArray, slope: FloatArray,
+    force: FloatArray, couple: FloatArray, moment: FloatArray, residual: FloatArray,
+) -> None:  # fmt: skip
+    lengths, weights, to_end = rule
+    _moments(lengths, weights, to_end, slope, force, couple, moment)
     for i in range(moment.shape[0]):
-        turn, own = work.rotation[i], work.residual[i]
-        _turn_back(turn, moment[i], own[:3])
-        _turn_back(turn, force[i], own[3:])
+        _turn_back(rotation[i], moment[i], residual[i, :3])
+        _turn_back(rotation[i], force[i], residual[i, 3:])
 
 
 @inlined
@@ -314,7 +326,6 @@ def _moments(
                 beyond[c] += weights[start + k] * rate[k, c]
 
 
-@compiled
 def jacobian(
     tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, work: Work
 ) -> None:
@@ -326,11 +337,24 @@ def jacobian(
     within one; by the stretch of k it is R_i^T (F_k x t_k) B_ik.
     """
     sections(tables, z, tensions, work)
-    lengths, weights, to_end, moment = tables.lengths, tables.weights, tables.to_end, work.moment
-    (count, strains), points = z.shape, to_end.shape[0]
+    rule = tables.to_point, tables.to_end, tables.twice
+    of_nodes = work.slope, work.rotation, work.moment
+    _fill_jacobian(
+        (tables.lengths, tables.weights), rule, force, of_nodes, work.hessian, work.jacobian
+    )
+
+
+@compiled
+def _fill_jacobian(
+    sizes: tuple[FloatArray, FloatArray], rule: tuple[FloatArray, FloatArray, FloatArray],
+    force: FloatArray, of_nodes: tuple[FloatArray, FloatArray, FloatArray], hessian: FloatArray,
+    jacobian: FloatArray,
+) -> None:  # fmt: skip
+    (lengths, weights), (_, to_end, _), (slope, rotation, moment) = sizes, rule, of_nodes
+    count, strains, points = hessian.shape[0], hessian.shape[1], to_end.shape[0]
     # X, and rows of R^T, then t x F and what shear has of it.
     lever, axes = np.empty((count, 9)), np.empty((count, strains, 3))
-    _levers(work.slope, work.rotation, force, lever, axes)
+    _levers(slope, rotation, force, lever, axes)
     # Rows of node i times 1 and k before; columns of node k times R^T and i before.
     left, base_side = np.zeros((count, strains, 3)), np.zeros((3, count * strains))
     tip_side = np.zeros((3, count * strains))
@@ -345,18 +369,18 @@ def jacobian(
                     own[c] += h * to_end[i - start, k] * lever[start + k, c]
             _sides(weights[i], own, moment[i], axes[i], left[i], i, base_side, tip_side)
         _own_element(
-            (h, weights[start : start + points]), (tables.to_point, to_end, tables.twice), beyond,
+            (h, weights[start : start + points]), rule, beyond,
             lever[start : start + points], moment[start : start + points],
-            axes[start : start + points], start * strains, work.jacobian,
+            axes[start : start + points], start * strains, jacobian,
         )  # fmt: skip
         for k in range(start, start + points):
             for c in range(9):
                 beyond[c] += weights[k] * lever[k, c]
-    _other_elements(points * strains, left, axes, base_side, tip_side, work.jacobian)
+    _other_elements(points * strains, left, axes, base_side, tip_side, jacobian)
     for i in range(count):
         for a in range(strains):
             for c in range(strains):
-                work.jacobian[i * strains + a, i * strains + c] += work.hessian[i, a, c]
+                jacobian[i * strains + a, i * strains + c] += hessian[i, a, c]
 
 
 @helper

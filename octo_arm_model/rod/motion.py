@@ -50,7 +50,7 @@ TOLERANCE = 1e-7  # residual of the balance at the end of a step
 # Shorter steps leave more, as places are rounded: times the square of this over the step [s].
 _ROUNDED = 5e-4
 # Any progress serves: a step in time is halved where a search fails.
-_RULE = Rule(iterations=30, again=0.4, predicted=1.0, first=1.0, progress=1.0, shortest=0.01)
+_RULE = Rule(iterations=30, again=0.6, predicted=1.0, first=1.0, progress=1.0, shortest=0.01)
 _FEWER_POINTS = -2  # in each element than an equilibrium has
 _LEAST_HALF = 2e-5  # step that is halved no more [s]
 # A longer step than this [s] that takes more iterations than _CALM is not accurate: the arm whips.

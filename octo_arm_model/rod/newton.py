@@ -45,8 +45,6 @@ class Rule(NamedTuple):
 STATICS = Rule()
 # Where a load states no tangent stiffness convergence is linear.
 WITHOUT_TANGENT = Rule(iterations=200, again=0.99, progress=0.99)
-
-
 # Contacts begin and end along a step, which is shortened where that leaves more.
 TOUCHING = Rule(iterations=40, predicted=0.5, first=1.0, progress=1.0, shortest=0.05)
 
@@ -133,10 +131,7 @@ def settle(
     """
     iterations, predicted, first, errors = 0, None, state, [state.residual]
     chord = None if factors is None else Chord(equations.measure)
-    if equations.others.without_tangent:
-        rule = WITHOUT_TANGENT
-    elif rule is STATICS and equations.others.has_obstacles:
-        rule = TOUCHING
+    rule = _rule_of(equations.others, rule)
     while state.residual > tolerance and iterations < rule.iterations:
         new = None
         with contextlib.suppress(SolveError):
@@ -168,3 +163,10 @@ def settle(
         state, is_near = new, False
     corrected = 0.0 if predicted is None else equations.turn(state.z - predicted.z)
     return Found(state, factors, iterations, corrected)
+
+
+def _rule_of(others: OtherLoads, rule: Rule) -> Rule:
+    """The ``rule`` of a search, or what ``others`` take instead of it."""
+    if others.without_tangent:
+        return WITHOUT_TANGENT
+    return TOUCHING if rule is STATICS and others.has_obstacles else rule

@@ -399,21 +399,19 @@ class Rod:
             try:
                 roughly = self.at_level(given, COARSE)
                 start, rough = self._known(coarse, roughly)
-                near = follow(
-                    coarse, start, rough, roughly, spending, ON_THE_WAY, _FIRST_STEP, False
-                ).state
+                near = follow(coarse, start, rough, roughly, spending, _FIRST_STEP, True).state
                 guess, reached = moved(near.z, coarse.elements, fine.elements), wanted
                 step = 1.0
                 if near.acting.condition is not roughly:
                     # A branch of few nodes may end where that of the arm does not.
                     reached = near.acting.condition._replace(before=wanted.before)
                     step = _FIRST_STEP
-                return follow(fine, reached, guess, wanted, spending, tolerance, step)
+                return follow(fine, reached, guess, wanted, spending, step)
             except ContinuationError:
                 raise  # Its budget is spent.
             except ConvergenceError:
                 pass  # Too few nodes, perhaps.
-        return follow(fine, known, z, wanted, spending, tolerance, _FIRST_STEP)
+        return follow(fine, known, z, wanted, spending, _FIRST_STEP)
 
     def _resolved(self, found: Equilibrium, wanted: Condition, spending: Spending) -> Equilibrium:
         """What was ``found``, on as many nodes as it takes."""

@@ -11,15 +11,16 @@ e_rest, the bend at rest, changes with the stretch of rubber, see `at_rest`.
 With c = u / |u|, the gradient of |u| by e is g = c . du/de, and its Hessian
 (du/de . du/de - g g^T) / |u|.
 
-What is compiled by itself takes the arrays that it needs, as a call would copy the hundreds of
-numbers of tables, and what is inlined may as well: some have more than seven arguments for that.
+What is compiled takes the arrays that it needs, see `loops`, some more than seven of them.
 """
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
-from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.hints import BoolArray, FloatArray, IntArray
 from octo_arm_model.rod.compiled import compiled, helper, inlined
 from octo_arm_model.rod.section_formulas import (
     at_rest,
@@ -54,6 +55,12 @@ MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `section
 _density, _widening = inlined(density), inlined(widening)
 _offset_stiffness, _bent_by = inlined(offset_stiffness), helper(bent_by)
 _at_rest, _residual_left = inlined(at_rest), inlined(residual_left)
+# `Tables.widens`, `body`, `tendons`, `compliance` and `active`.
+_OfSections: TypeAlias = tuple[bool, FloatArray, FloatArray, FloatArray, IntArray]
+
+
+def _of_sections(tables: Tables) -> _OfSections:
+    return tables.widens, tables.body, tables.tendons, tables.compliance, tables.active
 
 
 @inlined
@@ -159,18 +166,57 @@ def _add_rest(
         h[3, 2] -= by_b
 
 
-@compiled
 def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient and Hessian of the energy of every cross section by the twist."""
-    body, tendons, compliance = tables.body, tables.tendons, tables.compliance
-    active, offsets = tables.active, work.offsets
+    own = _of_sections(tables)
+    _fill_sections(own, z, tensions, work.offsets, work.gradient, work.hessian)
+
+
+@compiled
+def _fill_sections(
+    of_sections: _OfSections, z: FloatArray, tensions: FloatArray, offsets: FloatArray,
+    gradient: FloatArray, hessian: FloatArray,
+) -> None:  # fmt: skip
+    widens, body, tendons, compliance, active = of_sections
     g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
     for i in range(z.shape[0]):
         section(
-            tables.widens, body[i], tendons[i], compliance, active[i],
-            z[i], tensions[i], offsets[i], g, h, room,
+            widens, body[i], tendons[i], compliance, active[i], z[i], tensions[i], offsets[i],
+            g, h, room,
         )  # fmt: skip
-        _keep(g, h, work.gradient[i], work.hessian[i])
+        _keep(g, h, gradient[i], hessian[i])
+
+
+def add_gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> float:
+    """Add the gradient of every cross section to its residual; see `loops.residual`."""
+    return _add_gradients(
+        _of_sections(tables), z, tensions, work.offsets, work.scale, work.gradient, work.residual
+    )
+
+
+@compiled
+def _add_gradients(
+    of_sections: _OfSections, z: FloatArray, tensions: FloatArray, offsets: FloatArray,
+    scale: FloatArray, gradient: FloatArray, residual: FloatArray,
+) -> float:  # fmt: skip
+    widens, body, tendons, compliance, active = of_sections
+    g, h, room = np.empty(6), np.empty((0, 6)), np.zeros((6, 6))
+    largest, worst, count = np.zeros(6), 0.0, z.shape[1]
+    for i in range(z.shape[0]):
+        section(
+            widens, body[i], tendons[i], compliance, active[i], z[i], tensions[i], offsets[i],
+            g, h, room,
+        )  # fmt: skip
+        for c in range(count):
+            largest[c] = max(largest[c], abs(residual[i, c]))
+            gradient[i, c] = g[c]
+            residual[i, c] += g[c]
+    for i in range(z.shape[0]):
+        for c in range(count):
+            value = abs(residual[i, c]) / (scale[i, c // 3] + largest[c])
+            if not (value <= worst or worst != worst):  # also NaN, which stays
+                worst = value
+    return worst
 
 
 @inlined
@@ -318,7 +364,6 @@ def _unscale(
         g[c] *= width
 
 
-@compiled
 def balance(
     tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, tolerance: float,
     work: Work,
@@ -332,20 +377,33 @@ def balance(
     Returns:
         The largest of these residuals, and the largest number of steps.
     """
+    found = work.offsets, work.gradient, work.hessian, work.residual
+    return _balance(
+        _of_sections(tables), tables.least_scale, z, tensions, wrench, tolerance, found
+    )
+
+
+@compiled
+def _balance(
+    of_sections: _OfSections, least_scale: FloatArray, z: FloatArray, tensions: FloatArray,
+    wrench: FloatArray, tolerance: float,
+    found: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+) -> tuple[float, int]:  # fmt: skip
+    widens, bodies, paths, compliance, actives = of_sections
+    all_offsets, gradients, hessians, residuals = found
     g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
     largest, worst, most = np.zeros(6), 0.0, 0
-    compliance = tables.compliance
     step, scale, count = np.zeros(6), np.zeros(6), z.shape[1]
     for i in range(z.shape[0]):
         for c in range(count):
             largest[c] = max(largest[c], abs(wrench[i, c]))
     for i in range(z.shape[0]):
-        body, tendons, active = tables.body[i], tables.tendons[i], tables.active[i]
-        own, pulls, offsets = z[i], tensions[i], work.offsets[i]
-        gradient, hessian, left = work.gradient[i], work.hessian[i], work.residual[i]
+        body, tendons, active = bodies[i], paths[i], actives[i]
+        own, pulls, offsets = z[i], tensions[i], all_offsets[i]
+        gradient, hessian, left = gradients[i], hessians[i], residuals[i]
         if own[3] == 0.0:
-            _guess(tables.widens, body, tendons, active, pulls, own)
-        force = tables.least_scale[i]
+            _guess(widens, body, tendons, active, pulls, own)
+        force = least_scale[i]
         for j in range(active):
             force += pulls[j]
         for c in range(count):
@@ -354,9 +412,7 @@ def balance(
         while steps < MOST_STEPS and not expected <= tolerance:
             steps += 1
             last = size
-            section(
-                tables.widens, body, tendons, compliance, active, own, pulls, offsets, g, h, room,
-            )  # fmt: skip
+            section(widens, body, tendons, compliance, active, own, pulls, offsets, g, h, room)
             along, size = 0.0, 0.0
             for c in range(count):
                 left[c] = g[c] - wrench[i, c]
@@ -433,7 +489,6 @@ def _solve_ldl(h: FloatArray, left: FloatArray, x: FloatArray) -> None:
 # Tendons with friction -------------------------------------------------------------------------
 
 
-@compiled
 def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Angle by which every tendon under tension has turned between the base and every node.
 
@@ -441,34 +496,49 @@ def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> N
     and the angles between tangents where strains jump; its length has a kink where it vanishes,
     and is taken at fine points where it may. ``tensions`` displace tendons in sheaths.
     """
-    lengths, to_point, friction = tables.lengths, tables.to_point, tables.friction
-    points, angle, strain = to_point.shape[0], work.angle, np.empty(6)
+    sizes = tables.lengths, tables.weights, tables.sharp
+    rule = (
+        tables.to_point, tables.differentiation, tables.ends, tables.to_fine, tables.fine_weights
+    )  # fmt: skip
+    own = _of_sections(tables)
+    _fill_angles(sizes, rule, own, (z, tensions), tables.friction, work.offsets, work.angle)
+
+
+@compiled
+def _fill_angles(
+    sizes: tuple[FloatArray, FloatArray, BoolArray], rule: tuple[FloatArray, ...],
+    of_sections: _OfSections, of_nodes: tuple[FloatArray, FloatArray], friction: FloatArray,
+    offsets: FloatArray, angle: FloatArray,
+) -> None:  # fmt: skip
+    lengths, weights, sharp = sizes
+    to_point, differentiation, ends, to_fine, fine_weights = rule
+    widens, body, tendons, compliance, active = of_sections
+    z, tensions = of_nodes
+    points, strain = to_point.shape[0], np.empty(6)
     unit, bend, rate = np.empty((points, 3)), np.empty((points, 3)), np.empty(points)
     last, total = np.zeros((friction.size, 3)), np.zeros(friction.size)
     angle[:] = 0.0
     for e in range(lengths.size):
         start, h = e * points, lengths[e]
-        for j in range(tables.active[start]):
+        for j in range(active[start]):
             if tensions[start, j] == 0.0 or friction[j] == 0.0:
                 continue
             for k in range(points):
                 i = start + k
                 _tangent(
-                    tables.widens, z[i], tables.tendons[i, j], tables.body[i, LEVER],
-                    tables.compliance[j] * tensions[i, j], strain, work.offsets[i, j], unit[k],
+                    widens, z[i], tendons[i, j], body[i, LEVER], compliance[j] * tensions[i, j],
+                    strain, offsets[i, j], unit[k],
                 )  # fmt: skip
-            kink = _kink(tables.ends, unit, last[j])
-            if tables.sharp[e]:
+            kink = _kink(ends, unit, last[j])
+            if sharp[e]:
                 total[j] += kink
-            _bends(tables.differentiation, h, z[start : start + points], unit, bend, rate)
+            _bends(differentiation, h, z[start : start + points], unit, bend, rate)
             along, end = 0.0, points - 1
             for c in range(3):
                 along += bend[0, c] * bend[end, c]
             own = angle[start : start + points, j]
             if along < _ROUGH * rate[0] * rate[end]:
-                total[j] = _turn_finely(
-                    tables.to_fine, tables.fine_weights, h, bend, total[j], own
-                )
+                total[j] = _turn_finely(to_fine, fine_weights, h, bend, total[j], own)
                 continue
             for i in range(points):
                 value = 0.0
@@ -476,7 +546,7 @@ def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> N
                     value += to_point[i, k] * rate[k]
                 own[i] = total[j] + h * value
             for k in range(points):
-                total[j] += tables.weights[start + k] * rate[k]
+                total[j] += weights[start + k] * rate[k]
 
 
 @helper

@@ -21,7 +21,7 @@ from octo_arm_model.arm.errors import (
     TensionError,
     shown,
 )
-from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.arm.pose import Pose
@@ -35,7 +35,7 @@ from octo_arm_model.rod.paper_equations import ClosedForm, Renda2012
 from octo_arm_model.rod.papers import Papers
 from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.statics import Setup, Shape, Statics
+from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics
 from octo_arm_model.rod.stations import DEFAULT_STATIONS, StationGrid
 
 STATICS: dict[str, Callable[[Setup], Statics]] = {
@@ -161,10 +161,9 @@ class Solver:
         From positions (S, 3) [m] on, under ``tensions`` (J,) [N] and a ``wrench`` (6,) on the tip.
         """
         residual, iterations = found
-        return self._made(
-            tensions.reshape(self.arm.tension_shape), wrench, position, quaternion, strains,
-            np.array(residual), np.array(iterations), None,
-        )  # fmt: skip
+        how = np.array(residual), np.array(iterations)
+        shapes = Shapes(position, quaternion, strains, None, *how)
+        return self._made(tensions.reshape(self.arm.tension_shape), wrench, shapes)
 
     def with_loads(self, loads: Loads) -> Solver:
         """The same under other ``loads``; errors are those of `Solver`."""
@@ -253,32 +252,30 @@ class Solver:
         on_tips = wrenches.reshape(count, 6)
         found = self._statics.solve_many(rows, on_tips, near, history)
         along = found.tensions
-        return self._made(
-            tensions, wrenches, found.position.reshape(*lead, stations, 3),
+        shapes = Shapes(
+            found.position.reshape(*lead, stations, 3),
             found.quaternion.reshape(*lead, stations, 4),
             found.strains.reshape(4, *lead, stations),
-            found.residual.reshape(lead), found.iterations.reshape(lead),
             None if along is None else along.reshape(*lead, *self._reach.shape),
-        )  # fmt: skip
+            found.residual.reshape(lead),
+            found.iterations.reshape(lead),
+        )
+        return self._made(tensions, wrenches, shapes)
 
     def _of_one(self, tensions: FloatArray, wrench: FloatArray, shape: Shape) -> Backbone:
         found = shape.equilibrium
         history = None
         if self.arm.friction:
             history = self._statics.history(found).T
-        return self._made(
-            tensions, wrench, shape.position, shape.quaternion, shape.strains,
-            np.array(found.state.residual), np.array(found.iterations), shape.tensions,
-            found, history,
-        )  # fmt: skip
+        how = np.array(found.state.residual), np.array(found.iterations)
+        return self._made(tensions, wrench, Shapes(*shape[:4], *how), found, history)
 
     def _made(
-        self, tensions: FloatArray, wrench: FloatArray, position: FloatArray,
-        quaternion: FloatArray, strains: FloatArray, residual: FloatArray, iterations: IntArray,
-        along: FloatArray | None, found: Equilibrium | None = None,
-        history: FloatArray | None = None,
+        self, tensions: FloatArray, wrench: FloatArray, shapes: Shapes,
+        found: Equilibrium | None = None, history: FloatArray | None = None,
     ) -> Backbone:  # fmt: skip
         """A `Backbone` of these arrays, which are read-only from now on."""
+        position, quaternion, strains, along, residual, iterations = shapes
         if along is not None:
             along = along * self._reach
             # At the base they are given, not interpolated from points beyond.

@@ -100,20 +100,18 @@ def tensions_by_names(
         raise TensionError(f'{len(values)} values, expected at most {MAX_VALUES}')
     if names is not None and len(names) != len(values):
         raise TensionError(f'{len(names)} names but {len(values)} values')
-    if not wanted:
-        count = len(arm.tendons)
-        if names is None and len(values) != count:
-            raise TensionError(
-                f'{len(values)} values, expected {count}, one for each tendon, or {hint} that say '
-                'which is which'
-            )
-        wanted = arm.tendon_names if names is not None else list(map(str, range(count)))
+    count = len(arm.tendons)
+    if not (wanted or names is not None or len(values) == count):
+        raise TensionError(
+            f'{len(values)} values, expected {count}, one for each tendon, or {hint} that say '
+            'which is which'
+        )
+    wanted = wanted or (arm.tendon_names if names is not None else list(map(str, range(count))))
     places = {str(n): n for n in range(len(values))}
-    if names is not None:
-        places |= {name: n for n, name in enumerate(names)}
-        for name, count in Counter(names).items():
-            if count > 1 and name in wanted:
-                raise TensionError(f'named more than once: {listed([name])}')
+    places |= {name: n for n, name in enumerate(names or ())}
+    repeated = [name for name, times in Counter(names).items() if times > 1 and name in wanted]
+    if repeated:
+        raise TensionError(f'named more than once: {listed(repeated[:1])}')
     tensions = np.zeros(len(arm.tendons))
     for tendon, name in enumerate(wanted):
         if name == NONE:

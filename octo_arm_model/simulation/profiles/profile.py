@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,12 +59,7 @@ class CommandProfile:
             raise ProfileError(f'{len(times)} rows, expected at most {MAX_PROFILE_ROWS}')
         if len(times) < 2:
             raise ProfileError(f'{len(times)} row(s), expected at least two')
-        for row, time in enumerate(times.tolist()):
-            if not np.isfinite(time):
-                raise ProfileError(f'time is {time}, expected a finite number [s]', row)
-            if row and time <= times[row - 1]:
-                before = float(times[row - 1])
-                raise ProfileError(f'time is {time}, expected more than {before} [s]', row)
+        _check_times(times.tolist())
         wrong = ~(np.isfinite(tensions) & (tensions >= 0.0))
         if wrong.any():
             row, tendon = np.argwhere(wrong)[0].tolist()
@@ -103,6 +99,15 @@ class CommandProfile:
         times = np.concatenate(([-1.0], self.times, [self.duration + 1.0]))
         rows = np.concatenate((self.tensions[:1], self.tensions, self.tensions[-1:]))
         return PchipInterpolator(times, rows, axis=0)
+
+
+def _check_times(times: list[float]) -> None:
+    for row, time in enumerate(times):
+        if not math.isfinite(time):
+            raise ProfileError(f'time is {time}, expected a finite number [s]', row)
+        if row and time <= times[row - 1]:
+            expected = f'expected more than {times[row - 1]} [s]'
+            raise ProfileError(f'time is {time}, {expected}', row)
 
 
 def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> CommandProfile:
