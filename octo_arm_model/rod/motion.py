@@ -39,7 +39,7 @@ from octo_arm_model.rod.inertia_arrays import POSITION, TimeRule
 from octo_arm_model.rod.inputs import check_tensions
 from octo_arm_model.rod.motion_state import Driven, Inputs, MotionState, load_state, save_state
 from octo_arm_model.rod.newton import Rule, settle
-from octo_arm_model.rod.reeling import Reeling
+from octo_arm_model.rod.reeling import Border, Reeling
 from octo_arm_model.rod.rod import moved
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.rod.statics import strains_of
@@ -367,9 +367,14 @@ class Dynamics:
                 tensions=np.where(given.driven, state.tensions, given.tensions),
                 lengths=given.displacements, driven=given.driven,
             )  # fmt: skip
-            begun = self.reeling.evaluate(condition, guess)
-            found = settle(self.reeling, begun, tolerance, rule=_RULE)
-            return found.state, None, found.iterations
+            reeling = self.reeling
+            begun = reeling.evaluate(condition, guess)
+            # Lengths count little beside the balance: the first step may leave any.
+            change, border = reeling.step(begun, reeling.linearise(begun))
+            begun = reeling.moved(begun, change, border)
+            found = settle(reeling, begun, tolerance, border, rule=_RULE)
+            assert isinstance(found.factors, Border)
+            return found.state, found.factors.factors, found.iterations
         problem = self.problem
         begun = problem.evaluate(problem.acting(condition), guess)
         found = settle(problem, begun, tolerance, factors, rule=_RULE)

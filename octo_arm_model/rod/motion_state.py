@@ -105,10 +105,7 @@ class MotionState:
 
 
 def save_state(state: MotionState, path: Path) -> None:
-    """Write a ``state`` to the file ``path``, from which `load_state` restores it to the bit.
-
-    Factors of an arm with winches are left out: its next step finds its own.
-    """
+    """Write a ``state`` to the file ``path``, from which `load_state` restores it to the bit."""
     arrays = {name: getattr(state, name) for name in _ARRAYS}
     arrays['numbers'] = np.array(
         [_VERSION, state.time, state.residual, state.iterations, state.dt]

@@ -8,7 +8,7 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zipfile import ZipFile
 
 import numpy as np
@@ -26,14 +26,28 @@ from octo_arm_model.simulation.surroundings import Surroundings, current_of, pos
 
 SUFFIX = '.npz'  # of files of a state
 _PART = 'simulator.json'  # in them, beside the arrays of `Dynamics.save`
-_VERSION = 2
+_VERSION = 3
 _MOST_BYTES = 2**20
 
 _STEP = 5e-3  # of the integration, at most [s]
 
 
+class Reeled(NamedTuple):
+    """What winches hold at a length.
+
+    Attributes:
+        lengths: reeled in, by tendon name [m].
+        least: tension that winches keep, reeling in [N].
+        most: tensions at which they give way, (tendons,) [N].
+    """
+
+    lengths: Mapping[str, float]
+    least: float
+    most: FloatArray
+
+
 class DynamicArm:
-    """The motion of an arm under tensions and a push, and what sensors read of it."""
+    """The motion of an arm under tensions, winches and a push, and what sensors read of it."""
 
     def __init__(self, config: Config, push: Push, sensors: Sensors) -> None:
         """Of the arm of ``config``, by the model exact.
@@ -52,6 +66,8 @@ class DynamicArm:
         self._config, self._dynamics = config, config.dynamics()
         # Several sensors and the ground truth see one state.
         self._shape_of = functools.lru_cache(1)(self._dynamics.backbone)
+        self._names = config.arm.tendon_names
+        self._held: dict[str, float] = {}
         self._noise = Noise(sensors)
         self._state: MotionState | None = None
         self.surroundings = Surroundings(config.base, config.motion.current)
@@ -68,12 +84,13 @@ class DynamicArm:
         mine, theirs = (one._dynamics.nodes.s for one in (self, before))
         if configs[0].has_balance_of(configs[1]) and np.array_equal(mine, theirs):
             self._state, self.surroundings = before._state, before.surroundings
+            self._held = before._held
             return False
         return before._state is not None and before._state.history is not None
 
     def reset(self) -> None:
         """Be at rest again, tendons with friction pulled from slack, base and current as first."""
-        self._state = None
+        self._state, self._held = None, {}
         self.surroundings = Surroundings(self._config.base, self._config.motion.current)
 
     def check_force(self, force: FloatArray) -> None:
@@ -84,8 +101,22 @@ class DynamicArm:
         """
         self._dynamics.solver.check_tip_wrench(np.append(force, np.zeros(3)))
 
-    def advance(self, tensions: FloatArray, force: FloatArray, elapsed: float) -> None:
+    def check_lengths(self, lengths: Mapping[str, float]) -> None:
+        """Check ``lengths`` that winches are to reel in, by tendon name [m].
+
+        Raises:
+            TensionError: if a name is unknown, or a length more than there is.
+        """
+        self._dynamics.driven(Inputs(np.zeros(self._config.arm.tension_shape), lengths))
+
+    def advance(
+        self, tensions: FloatArray, force: FloatArray, elapsed: float,
+        reeled: Reeled | None = None,
+    ) -> None:  # fmt: skip
         """Move on by ``elapsed`` [s] to ``tensions`` (tendons,) and a ``force`` of the push (3,).
+
+        And to what is ``reeled`` in: a winch whose tendon would bear more than it gives way, or
+        less than it keeps reels in. At rest, at first, tensions alone act.
 
         Raises:
             SolveError: if no step succeeds; the last state stays.
@@ -96,15 +127,35 @@ class DynamicArm:
         inputs = Inputs(tensions.reshape(self._config.arm.tension_shape), tip_wrench=wrench)
         state = self._state
         if state is None:
-            self._state = self._dynamics.at_rest(inputs)
+            self._state, self._held = self._dynamics.at_rest(inputs), {}
             return
         if elapsed <= 0.0:
             return
         around = self.surroundings.after(elapsed)
         if self.surroundings.is_told:
             inputs = dataclasses.replace(inputs, base=pose_of(around), current=current_of(around))
-        self._state = self._dynamics.go_on(state, inputs, elapsed, _STEP)
+        self._state, self._held = self._moved(state, inputs, elapsed, reeled)
         self.surroundings.values = around
+
+    def _moved(
+        self, state: MotionState, inputs: Inputs, elapsed: float, reeled: Reeled | None
+    ) -> tuple[MotionState, dict[str, float]]:
+        """The state after that, and lengths of winches that hold them."""
+        held, tensions = dict(reeled.lengths) if reeled else {}, np.array(inputs.tensions)
+        while True:
+            given = dataclasses.replace(inputs, tensions=tensions, displacements=held)
+            found = self._dynamics.go_on(state, given, elapsed, _STEP)
+            if reeled is None:
+                return found, held
+            kept = np.clip(found.tensions, reeled.least, reeled.most)
+            # What was set to a bound is there, but for rounding.
+            beyond = np.flatnonzero(np.abs(kept - found.tensions) > 1e-9 * (1.0 + kept))
+            gives = [number for number in beyond.tolist() if self._names[number] in held]
+            if not gives:
+                return found, held
+            for number in gives:
+                del held[self._names[number]]
+                tensions.flat[number] = kept[number]
 
     def save(self, path: Path, values: Mapping[str, FloatArray | float]) -> None:
         """Write the state, and ``values`` of what pulls the arm, to a file, whole or not at all.
@@ -156,7 +207,7 @@ class DynamicArm:
 
     def restore(self, state: MotionState, around: FloatArray) -> None:
         """Go on from a ``state`` and the values of its surroundings."""
-        self._state = state
+        self._state, self._held = state, {}
         self.surroundings.values, self.surroundings.is_told = around, True
 
     @property
@@ -176,8 +227,12 @@ class DynamicArm:
         return self._shape_of(self.state)
 
     def reeled_in(self) -> FloatArray:
-        """Length that winches have reeled in [m], (tendons,)."""
-        return self._dynamics.displacements(self.state)
+        """Length that winches have reeled in [m], (tendons,).
+
+        Of slack tendons what they hold, or what makes them taut where tensions are commanded.
+        """
+        taut = self._dynamics.displacements(self.state).tolist()
+        return np.array([self._held.get(name, one) for name, one in zip(self._names, taut)])
 
     @property
     def base_position(self) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
@@ -32,9 +33,13 @@ class Winches(ParameterGroup):
     rate_limit: float = stated(
         'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0, '>= 0', 'rate'
     )
+    speed_limit: float = stated(
+        'largest rate at which lengths of an arm that moves are reeled in or out [m/s]; 0 for no '
+        'limit', 0.0, '>= 0', 'rate',
+    )  # fmt: skip
     lag: float = stated(
-        'time constant with which tensions follow the set point [s]; 0 for at once', 0.0, '>= 0',
-        'time',
+        'time constant with which tensions, or lengths, follow the set point [s]; 0 for at once',
+        0.0, '>= 0', 'time',
     )  # fmt: skip
     encoders: bool = stated(
         'whether lengths that the winches have reeled in are published, on '
@@ -64,8 +69,19 @@ class Winches(ParameterGroup):
         if self.rate_limit:
             most = self.rate_limit * dt
             wanted = np.clip(wanted, set_point - most, set_point + most)
-        left = math.exp(-dt / self.lag) if self.lag else 0.0
+        left = self._left(dt)
         return (1.0 - left) * wanted + left * tension, wanted
+
+    def reel(self, length: FloatArray, command: FloatArray, dt: float) -> FloatArray:
+        """Lengths after ``command`` has been given for ``dt`` [s] from ``length``, all in [m]."""
+        change = (1.0 - self._left(dt)) * (command - length)
+        if self.speed_limit:
+            most = self.speed_limit * dt
+            change = np.clip(change, -most, most)
+        return np.asarray(length + change)
+
+    def _left(self, dt: float) -> float:
+        return math.exp(-dt / self.lag) if self.lag else 0.0
 
 
 @dataclass(frozen=True)
@@ -99,8 +115,21 @@ class Relaxation(ParameterGroup):
 
         ``crept`` is that before; all (tendons,) [N].
         """
-        left = math.exp(-dt / ((1.0 + self.ratio) * self.time)) if self.ratio else 0.0
+        left = self._left(dt)
         return (1.0 - left) * tension + left * crept
+
+    def effective(self, crept: FloatArray, tension: FloatArray) -> FloatArray:
+        """Of a ``tension`` when the material has given way to ``crept``, (tendons,) [N]."""
+        return (tension + self.ratio * crept) / (1.0 + self.ratio)
+
+    def tension(self, crept: FloatArray, effective: FloatArray, dt: float) -> FloatArray:
+        """Tension that is ``effective`` after it has acted for ``dt`` [s] from ``crept`` on."""
+        left = self._left(dt)
+        kept = (1.0 + self.ratio) * effective - self.ratio * left * crept
+        return np.maximum(kept / (1.0 + self.ratio * (1.0 - left)), 0.0)
+
+    def _left(self, dt: float) -> float:
+        return math.exp(-dt / ((1.0 + self.ratio) * self.time)) if self.ratio else 0.0
 
 
 @dataclass(frozen=True)
@@ -169,13 +198,14 @@ class SimulatedHardware:
     """The hardware over time, initially with slack tendons.
 
     Attributes:
-        state: tensions, set points and crept tensions (3, tendons) [N]; noise is none of it.
+        state: tensions, set points and crept tensions [N], and lengths that winches of an arm that
+            moves have reeled in [m], (4, tendons); noise is none of it.
     """
 
     def __init__(self, hardware: Hardware, tendons: int) -> None:
         """Begin with ``tendons`` slack tendons."""
         self._own = hardware
-        self.state: FloatArray = np.zeros((3, tendons))
+        self.state: FloatArray = np.zeros((4, tendons))
         self._draw()
 
     def change(self, hardware: Hardware) -> None:
@@ -186,13 +216,32 @@ class SimulatedHardware:
 
     def step(self, command: FloatArray, dt: float) -> Moment:
         """Tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s]."""
-        tension, set_point, crept = self.state
+        effective = self.pull(command, dt, np.zeros(command.size, np.bool_))
+        return Moment(self.read(), effective)
+
+    def pull(self, command: FloatArray, dt: float, held: NDArray[np.bool_]) -> FloatArray:
+        """As `step`, without a reading; of tendons ``held`` at a length nothing changes."""
+        tension, set_point, crept, length = self.state
         tension, set_point = self._own.winches.step(tension, set_point, command, dt)
         crept = self._own.relaxation.step(crept, tension, dt)
-        self.state = np.array([tension, set_point, crept])
-        ratio = self._own.relaxation.ratio
-        effective = (tension + ratio * crept) / (1.0 + ratio)
-        return Moment(self._read(self._own.calibration.readings(tension)), effective)
+        self.state = np.where(held, self.state, [tension, set_point, crept, length])
+        return self._own.relaxation.effective(self.state[2], self.state[0])
+
+    def hold(
+        self, effective: FloatArray, length: FloatArray, dt: float, held: NDArray[np.bool_]
+    ) -> None:
+        """Take what an arm did in ``dt`` [s]: ``effective`` tensions [N] of tendons ``held``.
+
+        And the ``length`` that winches have reeled in [m]; each (tendons,).
+        """
+        crept, relaxation = self.state[2], self._own.relaxation
+        tension = relaxation.tension(crept, effective, dt)
+        new = [tension, tension, relaxation.step(crept, tension, dt)]
+        self.state = np.array([*np.where(held, new, self.state[:3]), length])
+
+    def read(self) -> FloatArray | None:
+        """What load cells read of the tensions now, (tendons,) [N]; None where it is lost."""
+        return self._read(self._own.calibration.readings(self.state[0]))
 
     def _draw(self) -> None:
         # A stream for each, so that switching one on does not change the others.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import subprocess
 import sys
 
@@ -104,16 +103,19 @@ def test_creep_under_a_steady_pull_is_that_of_the_standard_linear_solid(ratio, t
 def test_held_at_a_strain_the_pull_relaxes_like_the_modulus() -> None:
     # The tension that keeps the effective one at 1 N, step by step, is E(t) / E.
     ratio, time, dt = 0.5, 2.0, 1e-3
-    relaxing = SimulatedHardware(Hardware(relaxation=Relaxation(ratio, time)), 1)
+    relaxing = SimulatedHardware(Hardware(relaxation=Relaxation(ratio, time)), 2)
+    held = np.array([True, False])
     for step in range(1000):
-        # Effective is affine in the tension of the step: two trials tell which one it takes.
-        low, high = (
-            copy.deepcopy(relaxing).step(np.full(1, t), dt).effective[0] for t in (0.0, 1.0)
-        )
-        pull = (1.0 - low) / (high - low)
-        assert relaxing.step(np.full(1, pull), dt).effective[0] == pytest.approx(1.0)
+        effective = relaxing.pull(np.ones(2), dt, held)
+        relaxing.hold(np.ones(2), np.full(2, 0.01), dt, held)
         expected = 1.0 + ratio * np.exp(-step * dt / time)
-        assert pull == pytest.approx(expected, abs=2.0 * ratio * dt / time)
+        assert relaxing.state[0, 0] == pytest.approx(expected, abs=2.0 * ratio * dt / time)
+    # It is what is effective, and leaves the other tendon alone.
+    assert relaxing.pull(np.ones(2), 0.0, held)[0] == pytest.approx(1.0)
+    alone = SimulatedHardware(Hardware(relaxation=Relaxation(ratio, time)), 1)
+    for _ in range(1000):
+        last = alone.step(np.ones(1), dt)
+    assert (last.effective[0], relaxing.state[0, 1]) == (effective[1], 1.0)
 
 
 def test_at_once_the_shape_is_that_of_the_stiffer_arm_at_any_strain(model: str) -> None:

@@ -10,6 +10,7 @@ arm may be pushed, and seen by sensors on ``measured/...``, which `octo_arm_esti
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping
 from functools import partial
@@ -47,13 +48,11 @@ from octo_arm_model.ros.simulator.services import offer_services
 from octo_arm_model.ros.simulator.simulation_clock import SimulationClock
 from octo_arm_model.ros.work import until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
-from octo_arm_model.simulation.hardware import SimulatedHardware
-from octo_arm_model.simulation.length_control import LengthControl
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.simulation.profiles.limits import check_command
-from octo_arm_model.simulation.pushed_arm import PushedArm
 from octo_arm_model.simulation.surroundings import SHAPE, check_values
+from octo_arm_model.simulation.tendon_drive import TendonDrive
 from octo_arm_model.wire.tensions import (
     DISPLACEMENTS,
     NONE,
@@ -62,6 +61,8 @@ from octo_arm_model.wire.tensions import (
     read_displacements,
     read_joint_commands,
 )
+
+_MOST = 2.0  # periods that the arm goes on by at most
 
 
 class SimulatorNode(CheckedNode):
@@ -76,7 +77,6 @@ class SimulatorNode(CheckedNode):
         super().__init__('octo_arm_sim', **options)
         self._configured: SimulatorConfig | None = None
         self._folder: Path | None = None  # of files of states
-        self._control: LengthControl | None = None
         self._set_point: FloatArray = np.zeros(0)
         self._measured, self._effective = (
             create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
@@ -132,39 +132,22 @@ class SimulatorNode(CheckedNode):
         if any(name.startswith('push.') for name in names):
             self._push.forget()
         tendons = config.arm.tendon_names
-        if before is not None:
-            self._go_on(before, config)
-        if before is None or tendons != before.arm.tendon_names:
-            self._hardware = SimulatedHardware(config.hardware, len(tendons))
-            self._command: FloatArray = np.zeros(len(tendons))
+        if before is None:
+            self._drive = TendonDrive(config)
         else:
-            self._hardware.change(config.hardware)
-            if (self._command > config.limits).any():
-                self._command = np.minimum(self._command, config.limits)
-                self.get_logger().warning('tendons go down to their new limits')
+            for lost in self._drive.go_on_with(config):
+                self.get_logger().warning(lost)
+        if before is None or tendons != before.arm.tendon_names:
+            self._command: FloatArray = np.zeros(len(tendons))
+        elif (self._command > config.limits).any():
+            self._command = np.minimum(self._command, config.limits)
+            self.get_logger().warning('tendons go down to their new limits')
         if before is None or 'profile.name' in names:
             self._is_playing, self._played = config.profile is not None, 0.0
-            if self._is_playing and self._held:
-                driven = ' '.join(self._held)
+            if self._is_playing and self._drive.held:
+                driven = ' '.join(self._drive.held)
                 self.get_logger().warning(f'the profile leaves out, as driven by length: {driven}')
         self._time.use(config.rate, config.publish_clock, config.real_time_factor)
-
-    def _go_on(self, before: SimulatorConfig, config: SimulatorConfig) -> None:
-        """Go on with the arm ``before``, pushed and driven by length, if ``config`` has it too."""
-        pushed = config.pushed_arm
-        if pushed and before.pushed_arm and _goes_on(pushed, before.pushed_arm):
-            self.get_logger().warning(
-                'friction history forgotten: another arm, or pushed at another s'
-            )
-        is_same = config.model.has_balance_of(before.model)
-        if is_same and (config.limits == before.limits).all():
-            if self._control is not None and config.model != before.model:
-                self._control.go_on_with(config.solver)  # whose budget may be another
-            return
-        if self._control is not None and self._control.displacements:
-            other = 'other limits' if is_same else 'another arm'
-            self.get_logger().warning(f'tendons are no longer driven by length: {other}')
-        self._control = None
 
     @property
     def _config(self) -> SimulatorConfig:
@@ -188,7 +171,7 @@ class SimulatorNode(CheckedNode):
     ) -> None:  # fmt: skip
         """Follow a ``command`` of ``tensions``, but of tendons that are held, and ``lengths``."""
         self._command, self._is_playing = command, False
-        held = self._held
+        held = self._drive.held
         pulled = {name: ('N', float(one)) for name, one in tensions.items() if name not in held}
         self._commanders.note(topic, pulled | {name: ('m', one) for name, one in lengths.items()})
 
@@ -198,15 +181,15 @@ class SimulatorNode(CheckedNode):
         tensions, lengths = read_joint_commands(message, arm)
         wanted = [tensions.get(*named) for named in zip(arm.tendon_names, self._command)]
         command = check_command(arm, np.array(wanted), self._config.limits)
-        left = {name: length for name, length in self._held.items() if name not in tensions}
-        if lengths or left != self._held:
-            self._length_control().command({**left, **lengths}, command)
+        left = {name: length for name, length in self._drive.held.items() if name not in tensions}
+        if lengths or left != self._drive.held:
+            self._drive.hold({**left, **lengths}, command)
         self._follow(topic, command, tensions, lengths)
 
     def _on_lengths(self, topic: str, message: JointState) -> None:
         """Reel in the tendons that are named from now on; all others follow tensions."""
         found = read_displacements(message, self._config.arm)
-        self._length_control().command(found, self._command)
+        self._drive.hold(found, self._command)
         self._follow(topic, self._command, {}, found)
 
     def _on_push(self, topic: str, message: Vector3Stamped) -> None:
@@ -234,27 +217,15 @@ class SimulatorNode(CheckedNode):
             raise ConfigError('dynamics is false, expected true for an arm that messages move')
         return arm
 
-    @property
-    def _held(self) -> Mapping[str, float]:
-        """Lengths that winches hold [m], by name of the tendons."""
-        return {} if self._control is None else self._control.displacements
-
-    def _length_control(self) -> LengthControl:
-        """Length control of the present arm, made at its first use."""
-        if self._control is None:
-            self._control = LengthControl(self._config.solver, self._config.limits)
-        return self._control
-
     def _reset(self) -> None:
         """Begin anew: slack tendons, no commands, the arm at rest and without history."""
         config = self._config
-        self._hardware = SimulatedHardware(config.hardware, len(config.arm.tendons))
-        self._command, self._control = np.zeros(len(config.arm.tendons)), None
+        self._drive, self._command = TendonDrive(config), np.zeros(len(config.arm.tendons))
+        if config.pushed_arm is not None:
+            config.pushed_arm.reset()
         self._is_playing, self._played = config.profile is not None, 0.0
         self._push.forget()
         self._sensors.time = 0.0
-        if config.pushed_arm is not None:
-            config.pushed_arm.reset()
 
     def _stored(self) -> tuple[DynamicArm, Path]:
         """The arm whose state is saved and restored, and the file of it."""
@@ -268,9 +239,9 @@ class SimulatorNode(CheckedNode):
     def _save(self) -> None:
         """Write the state of arm, winches and commands to the file of the parameters."""
         arm, path = self._stored()
-        held, names = self._held, self._config.arm.tendon_names
+        held, names = self._drive.held, self._config.arm.tendon_names
         arm.save(path, {
-            'hardware': self._hardware.state,
+            'hardware': self._drive.hardware.state,
             'command': self._command,
             'lengths': np.array([held.get(name, 0.0) for name in names]),
             'driven': np.array([name in held for name in names], dtype=np.float64),
@@ -286,18 +257,16 @@ class SimulatorNode(CheckedNode):
         config, names = self._config, self._config.arm.tendon_names
         each = (len(names),)
         state, values = arm.read(path, {
-            'hardware': (3, *each), 'command': each, 'lengths': each, 'driven': each,
+            'hardware': (4, *each), 'command': each, 'lengths': each, 'driven': each,
             'played': (), 'time': (), 'playing': (), 'surroundings': SHAPE,
         })  # fmt: skip
         check_values(values['surroundings'], state.base)
-        for tensions in (values['command'], *values['hardware']):
+        for tensions in (values['command'], *values['hardware'][:-1]):
             check_command(config.arm, tensions, config.limits)
         lengths = zip(names, values['lengths'].tolist(), values['driven'], strict=True)
         held = {name: length for name, length, is_driven in lengths if is_driven}
-        control = LengthControl(config.solver, config.limits) if held else None
-        if control is not None:
-            control.command(held, values['command'])
-        self._hardware.state, self._control = values['hardware'], control
+        arm.check_lengths(held)
+        self._drive.hardware.state, self._drive.held = values['hardware'], held
         self._command, self._played = values['command'], float(values['played'])
         self._is_playing = bool(values['playing']) and config.profile is not None
         self._sensors.time = float(values['time'])
@@ -311,16 +280,25 @@ class SimulatorNode(CheckedNode):
         if self._is_playing and config.profile is not None:
             self._command = config.profile.at(self._played, loop=config.loop)
             self._played += config.speed * elapsed
+        arm, frame, stamp = config.arm, config.base_frame, now.to_msg()
         try:
-            control = self._control
-            self._set_point = control.tensions(self._command) if control else self._command
+            self._set_point = self._drive.set_points(self._command)
         except OctoArmError as error:
             # Winches stay where they are.
             self._diagnostics.warn(self._lengths.topic, error)
-        measured, effective = self._hardware.step(self._set_point, elapsed)
-        stamp = now.to_msg()
-        arm, frame = config.arm, config.base_frame
+        effective = self._drive.advance(self._set_point, elapsed)
+        pushed = self._push.at(self._sensors.time + elapsed)
+        # Where a call comes late the arm is slower than a clock that does not wait.
+        most = math.inf if config.publish_clock else _MOST / config.rate
+        is_moved = config.pushed_arm is not None
+        try:
+            effective = self._drive.move(effective, pushed, min(elapsed, most))
+        except OctoArmError as error:
+            self._fail(error)
+            is_moved = False
+            self._sensors.time += elapsed
         self._effective.publish(tensions_message(effective, arm, stamp, frame))
+        measured = self._drive.hardware.read()
         if measured is None:
             self._diagnostics.counts['lost'] += 1
         else:
@@ -328,27 +306,22 @@ class SimulatorNode(CheckedNode):
             self._diagnostics.counts['published'] += 1
         if config.hardware.winches.encoders:
             self._publish_encoders(effective, stamp)
-        if config.pushed_arm is not None:
-            self._move(effective, elapsed, stamp)
-
-    def _move(self, tensions: FloatArray, elapsed: float, stamp: Time) -> None:
-        """Advance the arm; where that fails it stays as it was, and is not published."""
-        config = self._config
-        assert config.pushed_arm is not None
-        try:
-            self._sensors.publish(config, self._push.at, tensions, elapsed, stamp)
+        if is_moved:
+            self._sensors.publish(config, pushed, elapsed, stamp)
             if isinstance(config.pushed_arm, DynamicArm):
                 self._motion.publish(config.model, config.pushed_arm, stamp)
-        except OctoArmError as error:
-            self._diagnostics.fail(error)
-            if config.pauses and not self._time.is_paused:
-                self._time.is_paused = True
-                self.get_logger().error(f'paused, as no step succeeds: {in_short(error)}')
+
+    def _fail(self, error: OctoArmError) -> None:
+        """Say why the arm does not move, and pause if the parameters say so."""
+        self._diagnostics.fail(error)
+        if self._config.pauses and not self._time.is_paused:
+            self._time.is_paused = True
+            self.get_logger().error(f'paused, as no step succeeds: {in_short(error)}')
 
     def _publish_encoders(self, tensions: FloatArray, stamp: Time) -> None:
         """Publish what encoders read of the arm under ``tensions`` (tendons,) [N]."""
         try:
-            reeled_in = self._length_control().encoders(tensions)
+            reeled_in = self._drive.encoders(tensions)
         except OctoArmError as error:
             self._diagnostics.warn(self._encoders.topic_name, error)
             return
@@ -373,13 +346,6 @@ class SimulatorNode(CheckedNode):
             source = 'nothing, as it is paused'
         with until_shutdown(self.context):
             self._diagnostics.publish(source, self._commanders.report(), self._time.simulated)
-
-
-def _goes_on(arm: PushedArm | DynamicArm, before: PushedArm | DynamicArm) -> bool:
-    """Let ``arm`` go on from one ``before``; whether a history of friction is lost."""
-    if isinstance(arm, DynamicArm):
-        return isinstance(before, DynamicArm) and arm.go_on_from(before)
-    return isinstance(before, PushedArm) and arm.go_on_from(before)
 
 
 def main(arguments: list[str] | None = None) -> int:

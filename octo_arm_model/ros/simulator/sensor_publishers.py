@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -26,7 +25,6 @@ from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.simulation.parameters import SimulatorConfig
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, TIP_POSE
 
-_MOST = 2.0  # periods that one call goes on by
 TRUE_WRENCH = 'ground_truth/tip_wrench'
 
 
@@ -51,28 +49,12 @@ class SensorPublishers:
         self.time = 0.0
 
     def publish(
-        self,
-        config: SimulatorConfig,
-        push: Callable[[float], FloatArray],
-        tensions: FloatArray,
-        elapsed: float,
-        stamp: Time,
+        self, config: SimulatorConfig, pushed: FloatArray, elapsed: float, stamp: Time
     ) -> None:
-        """Publish what is due after ``elapsed`` [s] under ``tensions`` (tendons,) [N].
-
-        ``push`` returns the force that pushes the arm at a time [s], (3,) [N].
-
-        Raises:
-            SolveError: if the arm has no shape; nothing is published.
-        """
+        """Publish what is due after ``elapsed`` [s], of an arm ``pushed`` by a force (3,) [N]."""
         arm, sensors = config.pushed_arm, config.sensors
         assert arm is not None
         before, self.time = self.time, self.time + elapsed
-        pushed = push(self.time)
-        if not config.publish_clock:
-            # Where a call comes late the arm is slower than a clock that does not wait.
-            elapsed = min(elapsed, _MOST / config.rate)
-        arm.advance(tensions, pushed, elapsed)
         header = Header(stamp=stamp, frame_id=config.base_frame)
         if config.push.is_at_tip(config.arm.length):
             # What a node of the true shape needs beside the true tensions.

@@ -149,7 +149,7 @@ def test_a_state_that_is_saved_goes_on_to_the_same_bits(tmp_path, lag):
         is_done, why = client.trigger('restore_state')
         assert not is_done and why.startswith(f'{file} cannot be read as a state: ')
         for old, new, reason in (
-            ('"version": 2', '"version": 1', 'is of version 1, expected 2'),
+            ('"version": 3', '"version": 2', 'is of version 2, expected 3'),
             ('"command": [', '"command": [9', 'tension of tendon_1_1 is 9'),
             ('"played": ', '"other": ', 'played is None, expected numbers ()'),
             (

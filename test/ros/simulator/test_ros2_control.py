@@ -168,6 +168,8 @@ REFUSED = {
     'an unknown effort': (['elbow'], {'effort': [0.1]}, 'unknown tendon elbow'),
     'an unknown position': (['elbow'], {'position': [0.1]}, 'unknown tendon elbow'),
     'twice': (['tendon_1_1'] * 2, {'effort': [0.1] * 2}, 'named more than once: tendon_1_1'),
+    'too long': (NAMES[:1], {'position': [2.0]},
+                 'displacement of tendon_1_1 is 2 m, expected less than there is to reel in'),
     'too high': (NAMES, {'effort': [1e3] * 4}, 'expected at most its limit'),
 }  # fmt: skip
 

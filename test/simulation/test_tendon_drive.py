@@ -1,0 +1,124 @@
+"""Winches that hold the tendons of an arm that moves at a length: what bears a push, and gives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from octo_arm_model import TensionError, load_config, solve_displacements
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.simulation.parameters import SimulatorConfig
+from octo_arm_model.simulation.tendon_drive import TendonDrive
+
+NAMES = load_config('renda2012_prototype').arm.tendon_names
+NONE, SLACK = np.zeros(3), np.zeros(4)
+PUSH = np.array([0.0, 0.01, 0.01])
+TAUT = dict(zip(NAMES, (0.0095, 0.009, 0.0085, 0.009), strict=True))
+TO_SIDES = np.array([1.0, 1.0, -1.0, -1.0])
+
+
+def drive(**more: Any) -> tuple[TendonDrive, SimulatorConfig]:
+    """Winches of an arm that moves, strongly damped, with elastic tendons."""
+    values = load_parameters(preset_path('renda2012_prototype')) | {
+        'dynamics': True, 'model': 'exact', 'material.density': 1080.0, 'stations': 21,
+        'motion.damping_time': 0.3, 'tendons.axial_stiffness': 4 * [500.0],
+    }  # fmt: skip
+    values |= {name.replace('__', '.'): value for name, value in more.items()}
+    config = SimulatorConfig.from_parameters(values)
+    return TendonDrive(config), config
+
+
+def go(own: TendonDrive, tensions: FloatArray, force: FloatArray, periods: int = 1) -> FloatArray:
+    """Tensions of all tendons after so many periods of 50 ms."""
+    for _ in range(periods):
+        found = own.move(own.advance(tensions, 0.05), force, 0.05)
+    return found
+
+
+def test_winches_that_hold_lengths_bear_a_push_and_the_arm_springs_back() -> None:
+    """By as much as statics say, against all tendons on that side."""
+    own, config = drive()
+    arm: Any = config.pushed_arm
+    go(own, SLACK, NONE)
+    own.hold(TAUT, SLACK)
+    found = []
+    for force in (NONE, PUSH, NONE):
+        tensions = go(own, SLACK, force, 40)
+        expected = solve_displacements(config.solver, TAUT, None, None, np.append(force, NONE))
+        np.testing.assert_allclose(tensions, expected.backbone.tensions.ravel(), atol=2e-4)
+        np.testing.assert_allclose(arm.backbone.tip, expected.backbone.tip, atol=2e-5)
+        np.testing.assert_array_equal(own.hardware.read(), tensions)
+        np.testing.assert_allclose(arm.reeled_in(), list(TAUT.values()), atol=1e-9)
+        found.append((tensions, arm.backbone.tip))
+    more, far = (np.array(found[1][part]) - found[0][part] for part in (0, 1))
+    # Tendons on the side that it is pushed from are stretched, those opposite let go.
+    assert (more * TO_SIDES > 0.1).all()
+    # With the tensions held instead of the lengths the arm gives way by more.
+    held = found[0][0].reshape(1, 4)
+    tips = [config.solver.solve(held, np.append(force, NONE)).tip for force in (NONE, PUSH)]
+    assert np.linalg.norm(tips[1] - tips[0]) > 3.0 * np.linalg.norm(far)
+
+
+def test_a_length_beside_a_tension_and_back() -> None:
+    own, config = drive()
+    tensions = np.array([0.0, 0.0, 0.0, 0.4])
+    go(own, tensions, NONE)
+    length = {NAMES[0]: 0.01}
+    own.hold(length, tensions)
+    found = go(own, tensions, NONE, 60)
+    expected = solve_displacements(config.solver, length, {NAMES[3]: 0.4}).backbone
+    np.testing.assert_allclose(found, expected.tensions.ravel(), atol=2e-4)
+    # Commanded by tension again the winch begins with that of the tendon.
+    own.hold({}, found)
+    np.testing.assert_allclose(go(own, found, NONE), found, atol=1e-6)
+
+
+def test_winches_follow_a_length_with_their_lag_and_speed() -> None:
+    own, config = drive(winches__lag=0.1)
+    arm: Any = config.pushed_arm
+    go(own, SLACK, NONE)
+    own.hold({NAMES[0]: 0.01}, SLACK)
+    for period in range(1, 5):
+        go(own, SLACK, NONE)
+        expected = 0.01 * -np.expm1(-0.5 * period)
+        assert arm.reeled_in()[0] == pytest.approx(expected, abs=1e-9)
+    own, config = drive(winches__speed_limit=0.02)
+    arm = config.pushed_arm
+    go(own, SLACK, NONE)
+    own.hold({NAMES[0]: 0.0025}, SLACK)
+    reeled = [go(own, SLACK, NONE) is None or arm.reeled_in()[0] for _ in range(4)]
+    np.testing.assert_allclose(reeled, [0.001, 0.002, 0.0025, 0.0025], atol=1e-9)
+
+
+def test_a_winch_gives_way_where_its_tendon_would_bear_more_than_it_may() -> None:
+    """And takes the length back where that is over."""
+    own, config = drive(winches__force_limit=0.5, winches__slack_floor=0.02)
+    arm: Any = config.pushed_arm
+    go(own, np.full(4, 0.02), NONE)
+    own.hold({NAMES[0]: 0.05, NAMES[2]: -0.05}, SLACK)  # at once
+    found = go(own, np.full(4, 0.02), NONE, 40)
+    np.testing.assert_allclose(found[[0, 2]], [0.5, 0.02], atol=1e-9)
+    rest = config.solver.solve([[0.5, 0.02, 0.02, 0.02]])
+    np.testing.assert_allclose(arm.backbone.tip, rest.tip, atol=1e-4)
+    assert arm.reeled_in()[0] < 0.05 and arm.reeled_in()[2] > -0.05
+    own.hold({NAMES[0]: 0.002}, SLACK)
+    go(own, np.full(4, 0.02), NONE, 10)
+    assert arm.reeled_in()[0] == pytest.approx(0.002, abs=1e-9)
+
+
+def test_a_length_beyond_what_there_is_is_refused_and_the_arm_goes_on() -> None:
+    own, config = drive()
+    arm: Any = config.pushed_arm
+    go(own, SLACK, NONE)
+    own.hold({NAMES[0]: 0.01}, SLACK)
+    for lengths, reason in (
+        ({NAMES[0]: 2.0}, 'displacement of tendon_1_1 is 2 m, expected less than there is'),
+        ({'elbow': 0.01}, 'unknown tendon elbow'),
+    ):
+        with pytest.raises(TensionError, match=reason):
+            own.hold(lengths, SLACK)
+    go(own, SLACK, NONE, 2)
+    assert arm.reeled_in()[0] == pytest.approx(0.01, abs=1e-9)
