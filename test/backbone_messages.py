@@ -1,7 +1,5 @@
 """Messages of a backbone as objects, independent of the bytes that the node writes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A real browser without a screen, for tests and for the pictures of the documentation."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from typing import Any

@@ -3,8 +3,6 @@
 Written by rosbags and by hand, not by our own writers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

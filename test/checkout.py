@@ -1,7 +1,5 @@
 """The folder of the checkout, and the preset arms in it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent

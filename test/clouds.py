@@ -1,7 +1,5 @@
 """What a sensor_msgs/PointCloud2 holds, read by its table of fields alone."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`octo-arm` for tests: arguments, output and exit status."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json

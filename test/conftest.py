@@ -1,7 +1,5 @@
 """Settings of all tests, and fixtures of the solvers; nothing of ROS."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """Arms for the tests of the estimator."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from octo_arm_model import Arm, Body, Loads, Material, Section

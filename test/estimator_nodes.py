@@ -1,7 +1,5 @@
 """The estimator's node, and a client that tells it what sensors of a simulated arm measure."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Experiments for tests: recordings and shapes of an arm whose truth is known."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A cone with two sections of tendons that wind around it and converge towards the tip."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ The shapes are those of validation/results.json, which no model here has made. B
 rosbags itself.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from functools import partial

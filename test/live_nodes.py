@@ -3,8 +3,6 @@
 Every process started here is in a ROS domain of its own, see `ros_domains`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import itertools

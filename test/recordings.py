@@ -1,7 +1,5 @@
 """Bags for tests, made by rosbags itself."""
 
-from __future__ import annotations
-
 import hashlib
 import tempfile
 from collections.abc import Iterable, Sequence

@@ -5,8 +5,6 @@ published scalar equations, collocation, quaternions and a Lie-group integrator,
 vectors, 3x3 matrices and an ODE solver at tight tolerance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

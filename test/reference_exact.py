@@ -9,8 +9,6 @@ A strain is (kappa, v): rotation of the frame and motion of the midline per refe
 the axes t, n, b, as (4, nodes) without shear and (6, nodes) with it; kappa = (1 + q) omega.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

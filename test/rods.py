@@ -1,7 +1,5 @@
 """Arms, loads and node values that the tests of the rod share."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import ModuleType
 

@@ -5,8 +5,6 @@ stands for each domain: whoever has bound its name has the domain, at most until
 names are seen from where the ports of DDS are seen, which differ by domain.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import itertools

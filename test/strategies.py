@@ -1,7 +1,5 @@
 """Hypothesis strategies for valid arms and tensions within their limits."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import strategies as st
 

@@ -1,7 +1,5 @@
 """The line of a terminal that is overwritten, and how often."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -1,7 +1,5 @@
 """A synthetic record of an arm that is touched, with few messages."""
 
-from __future__ import annotations
-
 import functools
 import tempfile
 from pathlib import Path

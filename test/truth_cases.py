@@ -13,8 +13,6 @@ of 1e-8 to 1e-12.
 Nothing here uses more of the package than its parameters and its public names.
 """
 
-from __future__ import annotations
-
 import functools
 import gzip
 import json

@@ -1,7 +1,5 @@
 """Boxes of tensions for tests of workspaces, and how two workspaces are compared."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is drawn: tubes and arrows of what is probable, colours of tensions, bases of arms."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Messages of tensions and displacements in turn: what is known, remembered and forgotten."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Tensions for targets: reached, bounded and of least effort; the Jacobians of targets."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Workspaces: sampled tensions and their tips, in this process, in others and on clusters."""
 
-from __future__ import annotations
-
 import dataclasses
 import multiprocessing
 import socket

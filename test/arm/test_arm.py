@@ -1,7 +1,5 @@
 """The arm, its profiles and loads: derived quantities, and invalid input."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

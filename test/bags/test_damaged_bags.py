@@ -1,7 +1,5 @@
 """Bags that are damaged or mean harm: refused in one line, within bounds, and no loss unsaid."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

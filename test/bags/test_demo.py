@@ -1,7 +1,5 @@
 """The simulated experiment."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

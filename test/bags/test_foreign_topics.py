@@ -1,7 +1,5 @@
 """Tensions on topics of any type, under any names."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Bags of every version and storage read, their tensions, and those that are refused."""
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Replay: the shapes that belong to the tensions in a bag, as the node answers them."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import resource

@@ -1,7 +1,5 @@
 """Replay of displacements: by themselves, beside tensions, and beside the node."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

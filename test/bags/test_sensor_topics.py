@@ -1,7 +1,5 @@
 """What a bag holds for an estimator: its topics, in order of stamps, and what is left out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

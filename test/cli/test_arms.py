@@ -1,7 +1,5 @@
 """`octo-arm solve`, `inverse`, `workspace` and `play`: what they print, write and draw."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

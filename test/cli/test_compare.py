@@ -1,7 +1,5 @@
 """`octo-arm compare`, and the CSV files of compare, identify and replay."""
 
-from __future__ import annotations
-
 import csv
 import functools
 import json

@@ -1,7 +1,5 @@
 """Recordings of an arm that moves: `replay --dynamic`, `compare --dynamic` and fits."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

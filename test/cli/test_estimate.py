@@ -1,7 +1,5 @@
 """`octo-arm estimate`: two commands tell where and how hard an arm was touched."""
 
-from __future__ import annotations
-
 import csv
 import json
 

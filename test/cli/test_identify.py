@@ -1,7 +1,5 @@
 """`octo-arm identify`: what it prints and writes, also of shapes that no model here made."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from experiments import (

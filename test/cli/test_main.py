@@ -1,7 +1,5 @@
 """The command line: wrong input and usage, exit statuses, and that it runs as a module."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

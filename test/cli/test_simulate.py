@@ -1,7 +1,5 @@
 """`octo-arm simulate` and `octo-arm modes`: files, output and wrong input."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

@@ -1,7 +1,5 @@
 """What commands write: whole or as it was, also on a disk that is full; and their progress."""
 
-from __future__ import annotations
-
 import contextlib
 import resource
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What parameters build: calibrated load cells, tendons on tabulated paths, obstacles."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

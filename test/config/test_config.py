@@ -1,7 +1,5 @@
 """Parameter files: reading them, and the errors of invalid ones."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """From the files of built robots to fitted parameters, by the commands of the manual."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from built_robots import (

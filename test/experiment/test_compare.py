@@ -1,7 +1,5 @@
 """The comparison of model and measurement, with errors and cameras known by construction."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """CSV files of laboratories, without a bag: load cells and image tracking of finite elements."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

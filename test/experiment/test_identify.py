@@ -1,7 +1,5 @@
 """Known parameters come back from synthetic measurements, by every model."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Markers: points at known arc coordinates, seen on the arm that finite elements have."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from labs import MARKER_S, TENSIONS, TIP_ERRORS, WAYS, marker_bag, pose_array

@@ -1,7 +1,5 @@
 """From a recording to the steps of an experiment, and the midlines of these."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

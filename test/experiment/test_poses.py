@@ -1,7 +1,5 @@
 """Tables of static poses, a row for each: a set of tensions and the tip that it has."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Quasi-static recordings without steps, of the arm that finite elements have."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Encoders of winches in recordings, of bags and CSV files, beside load cells and alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A recording of an arm that is touched, through filter and smoother: the truth in its bands."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable

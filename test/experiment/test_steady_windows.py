@@ -1,7 +1,5 @@
 """Steady windows of recorded tensions, and the noise and rate that these show."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

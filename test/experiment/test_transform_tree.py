@@ -1,7 +1,5 @@
 """Markers as frames of TF whose transforms form chains, static ones and moving ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Intervals, correlations, what data leave undetermined, and which loss and model are taken."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

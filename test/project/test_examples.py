@@ -1,7 +1,5 @@
 """The examples, benchmarks and simulated laboratories run as they stand."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

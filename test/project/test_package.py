@@ -1,7 +1,5 @@
 """The package as a whole: its exports, imports, documentation and manifests."""
 
-from __future__ import annotations
-
 import pkgutil
 import re
 import shutil

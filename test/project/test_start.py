@@ -1,7 +1,5 @@
 """Start of programs: interrupted while they are imported, and where ROS or an extra is missing."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

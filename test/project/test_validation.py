@@ -1,7 +1,5 @@
 """Finite elements, and the models against them on coarse meshes; see `validation/run.py`."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import sys

@@ -1,7 +1,5 @@
 """Claims of the paper, and the quantities of shapes that they are judged by."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

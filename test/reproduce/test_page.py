@@ -1,7 +1,5 @@
 """The page of the paper's figures, tables and claims, as the command writes it."""
 
-from __future__ import annotations
-
 import base64
 import re
 import xml.etree.ElementTree as ElementTree

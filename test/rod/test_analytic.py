@@ -1,7 +1,5 @@
 """Analytic first derivatives of the shape against finite differences, and what they must obey."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 A few of each for every change; all of them in the tests of endurance.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Tubes, rectangles, measured stiffness and rods that are bent at rest, against closed forms."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Tendons straight between discs: against an energy minimum of its own, and what must hold."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Tendons with friction that are driven by length: closed forms, round trips, memory."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """The model exact without loads: the least energy of every cross section, by other means."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

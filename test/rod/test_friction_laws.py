@@ -1,7 +1,5 @@
 """Friction of the tendons, in sheaths too: closed forms, balance, hysteresis, derivatives."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

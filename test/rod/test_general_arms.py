@@ -1,7 +1,5 @@
 """Arms beyond the paper's: any tendons, bodies and materials, in Python and in YAML."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

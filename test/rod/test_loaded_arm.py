@@ -1,7 +1,5 @@
 """The loaded arm: textbook answers, balance, and the same physics solved by other means."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The node functions: both forms compute the same."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import subprocess

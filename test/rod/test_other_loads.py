@@ -1,7 +1,5 @@
 """Loads that change with the shape, and derivatives by the magnitudes of dead ones."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The paper's models: its statements by other means, properties, and derivatives."""
 
-from __future__ import annotations
-
 import dataclasses
 from unittest.mock import patch
 

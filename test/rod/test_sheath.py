@@ -1,7 +1,5 @@
 """Tendons that stand off their paths, against minimisation over strains and places at once."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

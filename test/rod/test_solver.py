@@ -1,7 +1,5 @@
 """Physics of every model, and the contract of `Solver`."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import math

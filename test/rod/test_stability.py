@@ -1,7 +1,5 @@
 """Whether a balance is seen to be one of least energy, and what it is refused for."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stations, and what the nodes between them resolve."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -1,7 +1,5 @@
 """What the launch files start, where a ROS with launch is installed, which is in no wheel."""
 
-from __future__ import annotations
-
 import re
 import runpy
 from pathlib import Path

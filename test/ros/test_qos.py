@@ -1,7 +1,5 @@
 """Settings of the middleware: policies, security, and what remains of a client."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib.util
 import re

@@ -1,7 +1,5 @@
 """The solver against what is known: a spread of the cases always, all with time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from truth_cases import Case, distance, read_cases, refusal_of

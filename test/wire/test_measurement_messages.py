@@ -1,7 +1,5 @@
 """Messages of what is measured: read as what they say, in whatever frame."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

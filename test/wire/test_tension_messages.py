@@ -1,7 +1,5 @@
 """Tensions out of messages, whichever library read them."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

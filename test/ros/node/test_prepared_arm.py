@@ -1,7 +1,5 @@
 """An arm is prepared, and answers, or its parameters are refused, whatever numbers they are."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -15,7 +15,7 @@ from octo_arm_model.simulation.touched_arm import touched
 
 FILE = preset_path('renda2012_prototype')
 CONFIG = load_config(FILE)
-OF_SIMULATOR, OF_ESTIMATOR = touched(CONFIG)
+OF_SIMULATOR, _ = touched(CONFIG)
 FORCE = np.array(OF_SIMULATOR['push.force'])
 KINDS = {
     'measured/tip_pose': PoseWithCovarianceStamped,
