@@ -26,9 +26,6 @@ from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.estimation.gaussian import (
     Gaussian,
-    gain,
-    lower_root,
-    solve_lower,
     square_of,
     volume_of,
 )
@@ -58,8 +55,7 @@ _FAR = 0.02  # of the length, by which a station moves, to linearise others anew
 _BETTER = 0.01  # nat for a normalised square
 _UNSURE = 2.0  # times the gate, for a square that is not exact
 _HALFWAY = 0.25  # part of the squares of noise and change, that is left where it led somewhere
-_NEGLIGIBLE = 1e-7  # probability
-_RESOLVED = 1e-14  # part of a standard deviation before, that one of a measurement may be
+_RESOLVED = 1e-14  # part of a variance before, that one of a measurement may be
 _NOBODY: Doubts = frozenset()
 
 
@@ -68,7 +64,8 @@ class Bank(NamedTuple):
 
     Attributes:
         doubts: sensors of which each uses nothing.
-        each: what each knows of the state, (hypotheses, n).
+        mean: of the state by each, (hypotheses, n).
+        covariance: of it, (hypotheses, n, n).
         contradiction: of each [nat], (hypotheses,).
         leader: number of the most probable one, which is published.
         heard: sensors other than load cells that were heard so far.
@@ -76,7 +73,8 @@ class Bank(NamedTuple):
     """
 
     doubts: tuple[Doubts, ...]
-    each: Gaussian
+    mean: FloatArray
+    covariance: FloatArray
     contradiction: FloatArray
     leader: int
     heard: Doubts
@@ -89,30 +87,32 @@ class Bank(NamedTuple):
 
     def one(self, number: int) -> Gaussian:
         """What one hypothesis knows."""
-        return Gaussian(self.each.mean[number], self.each.root[number])
+        return Gaussian.of(self.mean[number], self.covariance[number])
 
     def some(self, numbers: IntArray | list[int]) -> Bank:
         """Some hypotheses alone, in this order; the leader is no longer known."""
-        each = Gaussian(self.each.mean[numbers], self.each.root[numbers])
-        doubts = tuple(self.doubts[number] for number in numbers)
         return self._replace(
-            doubts=doubts, each=each, contradiction=self.contradiction[numbers], leader=-1
-        )
+            doubts=tuple(self.doubts[number] for number in numbers), mean=self.mean[numbers],
+            covariance=self.covariance[numbers], contradiction=self.contradiction[numbers],
+            leader=-1,
+        )  # fmt: skip
 
     def after(self, model: ArmModel, elapsed: float) -> Bank:
         """All of them ``elapsed`` [s] later."""
         decay, growth = model.state.decay(elapsed), model.state.growth(elapsed)
         forgotten = math.exp(-elapsed / MEMORY)
+        covariance = np.outer(decay, decay) * self.covariance + np.diag(growth**2)
         return self._replace(
-            each=self.each.after(decay, growth), contradiction=forgotten * self.contradiction
-        )
+            mean=decay * self.mean, covariance=covariance,
+            contradiction=forgotten * self.contradiction,
+        )  # fmt: skip
 
 
 def new_bank(model: ArmModel) -> Bank:
     """Of one hypothesis, that believes everything and knows the prior of ``model``."""
     stddev = model.state.prior_stddev()
-    each = Gaussian(np.zeros((1, stddev.size)), np.diag(stddev)[np.newaxis])
-    return Bank((_NOBODY,), each, np.zeros(1), 0, _NOBODY, Agreement())
+    mean, covariance = np.zeros((1, stddev.size)), np.diag(stddev**2)[np.newaxis]
+    return Bank((_NOBODY,), mean, covariance, np.zeros(1), 0, _NOBODY, Agreement())
 
 
 class Judged(NamedTuple):
@@ -120,21 +120,21 @@ class Judged(NamedTuple):
 
     Attributes:
         mean: of the state after them, (hypotheses, n).
-        root: of its covariance, (hypotheses, n, n).
+        covariance: of it, (hypotheses, n, n).
         is_used: which numbers each used, (hypotheses, m).
         cost: by how much they contradict each [nat], (hypotheses,).
         innovation: measured less predicted before, (hypotheses, m).
-        told: root of the covariance of what was predicted, (hypotheses, m, n).
+        expected: covariance of that, (hypotheses, m, m).
         square: normalised square of what each used together, (hypotheses,).
         volume: twice the logarithm of the denominator of its density, (hypotheses,).
     """
 
     mean: FloatArray
-    root: FloatArray
+    covariance: FloatArray
     is_used: NDArray[np.bool_]
     cost: FloatArray
     innovation: FloatArray
-    told: FloatArray
+    expected: FloatArray
     square: FloatArray
     volume: FloatArray
 
@@ -170,8 +170,8 @@ class Judge:
     def linear(self, bank: Bank, rows: Rows, at: Prediction) -> tuple[Bank, Judged]:
         """All hypotheses after ``rows``, linearised about ``at``."""
         judged = self._judge(bank, rows, at)
-        told = (judged.told[bank.leader] ** 2).sum(axis=-1)
-        if (rows.noise.diagonal() < _RESOLVED**2 * told).any():
+        expected = judged.expected[bank.leader].diagonal()
+        if (rows.noise.diagonal() < _RESOLVED * expected).any():
             raise np.linalg.LinAlgError('what is measured is far more exact than what was known')
         return _charged(bank, judged), judged
 
@@ -182,12 +182,12 @@ class Judge:
         leader = int(total.argmin())
         known = bank.one(leader)
         mean = nearest_possible(self._model, known.root, known.mean)
-        means = bank.each.mean.copy()
+        means = bank.mean.copy()
         means[leader] = mean
         # Where no work is left the shape nearby is moved to the mean to first order.
         if self._work.is_left or at.shape is None:
             at = reached(at, mean, self._work)
-        return bank._replace(each=bank.each._replace(mean=means), leader=leader), at
+        return bank._replace(mean=means, leader=leader), at
 
     def shaped(
         self, bank: Bank, rows: Rows, at: Prediction, *, is_new: bool
@@ -269,9 +269,9 @@ class Judge:
         is_lost[bank.leader] = False
         if not is_lost.any():
             return bank
-        mean, root = bank.each.mean.copy(), bank.each.root.copy()
-        mean[is_lost], root[is_lost] = bank.leading.mean, bank.leading.root
-        return bank._replace(each=self._widened(bank, Gaussian(mean, root), is_lost))
+        mean, covariance, leader = bank.mean.copy(), bank.covariance.copy(), bank.leader
+        mean[is_lost], covariance[is_lost] = mean[leader], covariance[leader]
+        return self._widened(bank._replace(mean=mean, covariance=covariance), is_lost)
 
     def mixture(self, bank: Bank) -> Gaussian:
         """The mean of the leader, and a covariance that holds what others think possible."""
@@ -280,29 +280,35 @@ class Judge:
         total = bank.contradiction + self.improbability(bank)
         weight = np.exp(total.min() - total)
         weight /= weight.sum()
-        some = np.flatnonzero(weight > _NEGLIGIBLE)
-        scale, mean = np.sqrt(weight[some]), bank.leading.mean
-        away = scale[:, np.newaxis] * (bank.each.mean[some] - mean)
-        roots = scale[:, np.newaxis, np.newaxis] * bank.each.root[some]
-        return Gaussian(mean, lower_root(np.concatenate([*roots, away.T], axis=1)))
+        mean = bank.mean[bank.leader]
+        away = bank.mean - mean
+        covariance = np.tensordot(weight, bank.covariance, axes=1) + (weight * away.T) @ away
+        return Gaussian.of(mean, covariance)
 
     def _judge(self, bank: Bank, rows: Rows, at: Prediction) -> Judged:
         """All hypotheses after ``rows``, linearised about ``at``."""
         jacobian, channels = rows.jacobian(at), channels_of(rows.channels(at))
-        innovation = rows.left(at) + (at.x - bank.each.mean) @ jacobian.T
-        told = jacobian @ bank.each.root
-        squares = channels.squares(innovation, told, rows.noise)
+        innovation = rows.left(at) + (at.x - bank.mean) @ jacobian.T
+        across = jacobian @ bank.covariance
+        expected = across @ jacobian.T + rows.noise
+        squares = channels.squares(innovation, expected)
         is_doubted = np.array([channels.is_in(doubts) for doubts in bank.doubts])
         is_used = ~is_doubted & (squares <= channels.limits(self._rules.gate))
-        masked = is_used[..., np.newaxis] * jacobian
-        by = gain(bank.each.root, masked, rows.noise_root)
-        left = np.where(is_used, innovation, 0.0)
-        square = (solve_lower(by.innovation_root, left) ** 2).sum(axis=-1)
-        mean = bank.each.mean + (by.gain @ left[..., np.newaxis])[..., 0]
+        # Numbers that are not used are of noise alone.
+        some = is_used[..., np.newaxis]
+        noise = ~some * np.diag(rows.noise.diagonal())
+        across, left = some * across, (is_used * innovation)[..., np.newaxis]
+        root = np.linalg.cholesky(some * expected * is_used[:, np.newaxis] + noise)
+        white = np.linalg.solve(root, np.concatenate([across, left], axis=-1))
+        told = white.swapaxes(-1, -2) @ white  # of what is known, and of the mean
+        square = told[:, -1, -1]
         cost = channels.cost(is_used, ~is_used & ~is_doubted, squares, square, self._rules.gate)
-        volume = 2.0 * np.log(np.einsum('hii->hi', by.innovation_root)).sum(axis=-1)
+        volume = 2.0 * np.log(np.einsum('hii->hi', root)).sum(axis=-1)
         volume += len(rows) * math.log(2.0 * math.pi)
-        return Judged(mean, by.root.copy(), is_used, cost, innovation, told, square, volume)
+        return Judged(
+            bank.mean + told[:, :-1, -1], bank.covariance - told[:, :-1, :-1], is_used, cost,
+            innovation, expected, square, volume,
+        )  # fmt: skip
 
     def _fit(
         self, bank: Bank, number: int, rows: Rows, at: Prediction, *, is_new: bool
@@ -321,8 +327,9 @@ class Judge:
             jacobian = rows.jacobian(at)
             left = rows.left(at)
             innovation = (left + jacobian @ (at.x - before.mean))[np.newaxis]
-            told = (jacobian @ before.root)[np.newaxis]
-            squares = channels.squares(innovation, told, rows.noise)
+            told = jacobian @ before.root
+            expected = (told @ told.T + rows.noise)[np.newaxis]
+            squares = channels.squares(innovation, expected)
             is_refused = is_used & (squares[0] > limits)
             if not fit.is_converged:
                 # Squares are not exact then; what led nowhere is refused.
@@ -342,8 +349,9 @@ class Judge:
             self._rules.gate,
         )  # fmt: skip
         return fit, Judged(
-            fit.known.mean[np.newaxis], fit.known.root[np.newaxis], is_used[np.newaxis], cost,
-            innovation, told, square, np.array([volume_of(fit.innovation_root)]),
+            fit.known.mean[np.newaxis], (fit.known.root @ fit.known.root.T)[np.newaxis],
+            is_used[np.newaxis], cost, innovation, expected, square,
+            np.array([volume_of(fit.innovation_root)]),
         )  # fmt: skip
 
     def _about(self, bank: Bank, root: Doubts) -> tuple[Bank, list[int]]:
@@ -366,25 +374,20 @@ class Judge:
         sources = [known.get(one, bank.leader) for one in doubts]
         is_new = np.array([one not in known for one in doubts])
         made = bank.some(sources)._replace(doubts=doubts, leader=doubts.index(leading))
-        return made._replace(each=self._widened(made, made.each, is_new)), sources
+        return self._widened(made, is_new), sources
 
-    def _widened(self, bank: Bank, each: Gaussian, is_new: NDArray[np.bool_]) -> Gaussian:
-        """``each`` hypothesis, of which new ones know no more of what a doubted sensor told."""
-        believed, state = bank.doubts[bank.leader], self._model.state
-        extra = np.zeros(each.mean.shape)
+    def _widened(self, bank: Bank, is_new: NDArray[np.bool_]) -> Bank:
+        """``bank`` whose new hypotheses know no more of what a doubted sensor told."""
+        believed = bank.doubts[bank.leader]
+        extra = np.zeros(bank.mean.shape)
         for number in np.flatnonzero(is_new):
             doubts = bank.doubts[number]
             if doubts != self._cells:
                 for name in doubts - believed:
                     for where in self._told_by(name):
                         extra[number, where] = self._prior[where]
-        some = np.flatnonzero(extra.any(axis=1))
-        if not some.size:
-            return each
-        wide = extra[some, :, np.newaxis] * np.eye(state.size)
-        root = each.root.copy()
-        root[some] = lower_root(np.concatenate([root[some], wide], axis=-1))
-        return Gaussian(each.mean, root)
+        wide = extra[..., np.newaxis] ** 2 * np.eye(extra.shape[1])
+        return bank._replace(covariance=bank.covariance + wide)
 
     def _told_by(self, name: str) -> list[slice]:
         """Which components of the state follow from the sensor ``name`` before all others."""
@@ -400,4 +403,6 @@ class Judge:
 def _charged(bank: Bank, judged: Judged) -> Bank:
     """``bank`` after measurements as they are ``judged``."""
     contradiction = np.minimum(bank.contradiction + judged.cost, MOST)
-    return bank._replace(each=Gaussian(judged.mean, judged.root), contradiction=contradiction)
+    return bank._replace(
+        mean=judged.mean, covariance=judged.covariance, contradiction=contradiction
+    )

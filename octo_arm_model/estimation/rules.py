@@ -98,17 +98,15 @@ class Channels:
         """Which numbers are of sensors that are doubted, (m,)."""
         return np.array([name in doubts for name in self.names])
 
-    def squares(self, innovation: FloatArray, told: FloatArray, noise: FloatArray) -> FloatArray:
+    def squares(self, innovation: FloatArray, expected: FloatArray) -> FloatArray:
         """Normalised square of the sensor of each number, (hypotheses, m).
 
-        Of an ``innovation`` (hypotheses, m), by the root ``told`` (hypotheses, m, n) of the
-        covariance of what was predicted, and the covariance ``noise`` (m, m).
+        Of an ``innovation`` (hypotheses, m), by its covariance ``expected`` (hypotheses, m, m).
         """
-        found = innovation**2 / ((told**2).sum(axis=-1) + noise.diagonal())
+        found = innovation**2 / np.einsum('hii->hi', expected)
         for own in self._blocks:
-            rows, left = told[:, own], innovation[:, own, np.newaxis]
-            block = rows @ rows.swapaxes(-1, -2) + noise[np.ix_(own, own)]
-            solved = np.linalg.solve(block, left)
+            left = innovation[:, own, np.newaxis]
+            solved = np.linalg.solve(expected[:, own[:, np.newaxis], own], left)
             found[:, own] = (solved * left).sum(axis=1)
         return np.asarray(found)
 

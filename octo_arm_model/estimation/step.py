@@ -181,8 +181,8 @@ class _Update:
         """Of every measurement, and of every load cell that was refused by itself."""
         whole, cells = {}, []
         for rows, judged in parts:
-            used, value, told = judged.is_used[leader], judged.innovation[leader], judged.told
-            covariance = told[leader] @ told[leader].T + rows.noise
+            used, value = judged.is_used[leader], judged.innovation[leader]
+            covariance = judged.expected[leader]
             names, first = rows.channels(at), 0
             for one in rows.measurements:
                 own = range(first, first + one.value.size)
