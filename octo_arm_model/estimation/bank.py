@@ -55,7 +55,7 @@ _FAR = 0.02  # of the length, by which a station moves, to linearise others anew
 _BETTER = 0.01  # nat for a normalised square
 _UNSURE = 2.0  # times the gate, for a square that is not exact
 _HALFWAY = 0.25  # part of the squares of noise and change, that is left where it led somewhere
-_RESOLVED = 1e-14  # part of a variance before, that one of a measurement may be
+_RESOLVED = 1e-14  # part of a standard deviation before, that one of a measurement may be
 _NOBODY: Doubts = frozenset()
 
 
@@ -171,7 +171,7 @@ class Judge:
         """All hypotheses after ``rows``, linearised about ``at``."""
         judged = self._judge(bank, rows, at)
         expected = judged.expected[bank.leader].diagonal()
-        if (rows.noise.diagonal() < _RESOLVED * expected).any():
+        if (rows.noise.diagonal() < _RESOLVED**2 * expected).any():
             raise np.linalg.LinAlgError('what is measured is far more exact than what was known')
         return _charged(bank, judged), judged
 
@@ -300,14 +300,19 @@ class Judge:
         across, left = some * across, (is_used * innovation)[..., np.newaxis]
         root = np.linalg.cholesky(some * expected * is_used[:, np.newaxis] + noise)
         white = np.linalg.solve(root, np.concatenate([across, left], axis=-1))
-        told = white.swapaxes(-1, -2) @ white  # of what is known, and of the mean
-        square = told[:, -1, -1]
+        square = (white[..., -1] ** 2).sum(axis=-1)
+        gain = np.linalg.solve(root.swapaxes(-1, -2), white)[..., :-1]
+        mean = bank.mean + (gain * left).sum(axis=1)
+        # Joseph's form, exact too where measurements are far more exact than what was known.
+        covariance = bank.covariance - gain.swapaxes(-1, -2) @ across
+        told = jacobian @ covariance * some
+        covariance += (rows.noise @ gain - told).swapaxes(-1, -2) @ gain
+        covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
         cost = channels.cost(is_used, ~is_used & ~is_doubted, squares, square, self._rules.gate)
         volume = 2.0 * np.log(np.einsum('hii->hi', root)).sum(axis=-1)
         volume += len(rows) * math.log(2.0 * math.pi)
         return Judged(
-            bank.mean + told[:, :-1, -1], bank.covariance - told[:, :-1, :-1], is_used, cost,
-            innovation, expected, square, volume,
+            mean, covariance, is_used, cost, innovation, expected, square, volume
         )  # fmt: skip
 
     def _fit(
@@ -386,7 +391,7 @@ class Judge:
                 for name in doubts - believed:
                     for where in self._told_by(name):
                         extra[number, where] = self._prior[where]
-        wide = extra[..., np.newaxis] ** 2 * np.eye(extra.shape[1])
+        wide = extra[..., np.newaxis] ** 2 * np.eye(self._model.state.size)
         return bank._replace(covariance=bank.covariance + wide)
 
     def _told_by(self, name: str) -> list[slice]:

@@ -16,6 +16,7 @@ from octo_arm_model.estimation.measurement import Measurement, Rows
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.posterior import Work
 from octo_arm_model.estimation.rules import CONTRADICTED, Doubts, Innovation, Rules
+from octo_arm_model.estimation.together import NOTHING, Together
 from octo_arm_model.rod.sensitivity import chi_square_limit
 
 EVALUATIONS, ITERATIONS = 7, 50  # of shapes for one message, and of the solver for them
@@ -39,6 +40,7 @@ class Step:
         doubted: names of the sensors that the leader does not believe.
         contradicted_since: since when even the leader is contradicted [s]; None if it is not.
         patience: how many times as long as usual it takes to begin anew.
+        together: what may be so where sensors lie together.
         begins_anew: whether it is of the prior and its own measurements alone.
     """
 
@@ -54,6 +56,7 @@ class Step:
     doubted: Doubts
     contradicted_since: float | None
     patience: int
+    together: Together
     begins_anew: bool = False
 
     def innovations_after(self, before: Step | None) -> tuple[Innovation, ...]:
@@ -168,11 +171,16 @@ class _Update:
         refused = [one.value.size for one in innovations if not one.is_accepted]
         volume += sum(chi_square_limit(self._rules.gate, size) for size in refused)
         bank = judge.followed(bank)
+        known, together = judge.mixture(bank), NOTHING
+        if last is not None and self._rules.doubts_any:
+            expected = last.together.after(model, last.known, self._time - last.time)
+            together = expected.with_jump(known, at, last.innovations, innovations)
+            known = together.held(known)
         return Step(
-            self._time, self._measurements, bank, judge.mixture(bank), at,
+            self._time, self._measurements, bank, known, at,
             tuple(innovations), tuple(one for one in accepted if len(one)),
             (square, sum(len(one) for one in accepted)), -0.5 * (square + volume), doubted,
-            since, 1 if last is None else last.patience,
+            since, 1 if last is None else last.patience, together,
         )  # fmt: skip
 
     def _innovations(

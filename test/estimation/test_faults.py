@@ -44,6 +44,12 @@ def test_a_sensor_that_lies_is_named_at_once_and_believed_again(bench: Bench, ca
     [
         Case(ARM, 'drift', 6, 'tip', 10.0),
         Case(ARM, 'stuck', 6, 'markers', 10.0),
+        # What goes together cannot be told from an arm that moved, and is still held.
+        Case(ARM, 'tip and cells by 50 mm', 5, 'tip', 10.0),
+        pytest.param(
+            Case(ARM, 'tip and cells by 50 mm', 0, 'both', 50.0, is_moving=False),
+            marks=pytest.mark.endurance,
+        ),
         pytest.param(Case(ARM, 'tip 5 mm off', 0, 'tip', 20.0), marks=pytest.mark.endurance),
         pytest.param(Case(ARM, 'marker jumps', 0, 'both', 20.0), marks=pytest.mark.endurance),
         pytest.param(Case(ARM, 'none', 0, 'both', 20.0), marks=pytest.mark.endurance),

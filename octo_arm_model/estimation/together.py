@@ -1,0 +1,88 @@
+"""Sensors that lie together: what was known before they moved the arm is held for a while.
+
+A load cell and a camera that are wrong by what goes together cannot be told from an arm that
+moved, by nothing that is measured. So where the tip jumps much farther than it has lately, while a
+tension does too or a sensor begins to contradict it, the covariance holds for some seconds where
+the arm was, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.estimation.gaussian import Gaussian
+from octo_arm_model.estimation.model import ArmModel, Prediction
+from octo_arm_model.estimation.rules import Innovation
+
+_SUDDEN = 4.0  # times what they changed by lately, of tensions and of the tip that jump
+_LATELY, _FEWEST = 20, 3  # steps over which that is averaged, and from which on it is known
+_WEIGHT = 0.1  # probability of a sensor to lie where a load cell does
+_LASTING, _LEAST = 5.0, 0.02  # [s] in which it falls by e, and where it is forgotten
+
+
+class Together(NamedTuple):
+    """What may be so where sensors lie together.
+
+    Attributes:
+        before: what was known before they jumped, without all since; None where they did not.
+        weight: its probability.
+        expected: of what is known now, from the last step; None before the second.
+        usual: mean squares of changes of all tensions [N^2] and the tip [m^2] of late.
+        steps: how many.
+    """
+
+    before: Gaussian | None = None
+    weight: float = 0.0
+    expected: Gaussian | None = None
+    usual: FloatArray = np.zeros(1)
+    steps: int = 0
+
+    def after(self, model: ArmModel, known: Gaussian, elapsed: float) -> Together:
+        """The same ``elapsed`` [s] after a step at which a state was ``known``."""
+        decay, growth = model.state.decay(elapsed), model.state.growth(elapsed)
+        weight, before = math.exp(-elapsed / _LASTING) * self.weight, None
+        if self.before is not None and weight >= _LEAST:
+            before = self.before.after(decay, growth)
+        return self._replace(before=before, weight=weight, expected=known.after(decay, growth))
+
+    def with_jump(
+        self, known: Gaussian, at: Prediction, last: Sequence[Innovation],
+        new: Sequence[Innovation],
+    ) -> Together:  # fmt: skip
+        """With what is ``known`` now, ``at`` a prediction of it, after ``new`` innovations.
+
+        Of those before the ``last`` were.
+        """
+        assert self.expected is not None
+        change, state = known.mean - self.expected.mean, at.model.state
+        jump = at.change.tip[:3] @ change
+        squares = np.append(change[state.tension] ** 2, jump @ jump)
+        steps = min(self.steps + 1, _LATELY)
+        usual = self.usual + (squares - self.usual) / steps
+        found = self._replace(usual=usual, steps=steps)
+        if self.before is not None or steps <= _FEWEST:
+            return found
+        refused = {one.name for one in new if not one.is_accepted}
+        refused -= {one.name for one in last if not one.is_accepted}
+        is_sudden = squares > _SUDDEN**2 * self.usual
+        others = sum(one.is_accepted and one.name != 'tensions' for one in new)
+        if not (is_sudden[-1] and (is_sudden[:-1].any() or refused) and others):
+            return found
+        return found._replace(before=self.expected, weight=_WEIGHT**others)
+
+    def held(self, known: Gaussian) -> Gaussian:
+        """What is ``known``, with a covariance that holds what was before."""
+        if self.before is None:
+            return known
+        away = self.before.mean - known.mean
+        each = [(1.0 - self.weight, known.root), (self.weight, self.before.root)]
+        covariance = sum(weight * root @ root.T for weight, root in each)
+        return Gaussian.of(known.mean, covariance + self.weight * np.outer(away, away))
+
+
+NOTHING = Together()
