@@ -72,6 +72,7 @@ bench: prepare
 	@tools/with_ros python benchmarks/dynamics.py
 	@tools/with_ros python benchmarks/node.py
 	@tools/with_ros python benchmarks/floods.py
+	@tools/with_ros python benchmarks/estimation.py
 	@tools/with_ros python benchmarks/faults.py
 	@tools/with_ros python benchmarks/estimator_node.py
 	@tools/with_ros python benchmarks/octopus_estimation.py

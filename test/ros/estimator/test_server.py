@@ -419,6 +419,44 @@ def test_an_arm_that_moved_faster_than_told_is_found_again(client):
     assert_allclose(found.tension, client.tensions, atol=0.05)
 
 
+def test_who_lies_is_named_with_since_when_busy_is_busy_and_silent_is_silent(client):
+    steps = itertools.count()
+
+    def lie(message):
+        message.tension[2] += 2.0
+
+    def said(tip=1, cells=1):
+        """What the next diagnosis says, by its part, while so many messages come at a time."""
+        client.diagnostics.clear()
+        while not client.diagnostics:
+            for topic, count in (('tendon_tensions', cells), ('measured/tip_pose', tip)):
+                for _ in range(count):
+                    change = lie if topic == 'tendon_tensions' else None
+                    client.send(topic, 1000.3 + 0.001 * next(steps), change)
+            client.spin(0.1)
+        found = client.diagnostics[-1].status
+        return {status.name.split(': ')[1]: status.message for status in found}
+
+    client.measure(1000.0 + 0.05 * np.arange(6))
+    assert client.change(diagnostics__silence_limit=2.0) == (True, '')
+    try:
+        named = f'load cell {NAMES[2]} is refused since 1000.300 s'
+        client.wait(lambda: named in said()['estimate'], 'its name')
+        busy = client.wait(lambda: (now := said(20, 20))['output'] and now, 'a warning')
+        assert 'skipped for newer ones' in busy['output'] and 'silent' not in busy['input']
+        assert named in busy['estimate']
+        client.wait(
+            lambda: (
+                '/measured/tip_pose is silent for' in (now := said(tip=0))['input']
+                and 'tendon_tensions is silent' not in now['input']
+            ),
+            'a warning',
+        )
+        client.wait(lambda: 'silent' not in said()['input'], 'an end of the warning')
+    finally:
+        assert client.change(diagnostics__silence_limit=1e6) == (True, '')
+
+
 @pytest.mark.parametrize('lies', [2, pytest.param(4, marks=pytest.mark.endurance)])
 def test_a_load_cell_that_lies_by_less_than_tensions_may_change_is_refused_alone(client, lies):
     """What sensors measured at one time is judged together, whichever message comes first."""
