@@ -6,7 +6,7 @@
 #                 all three move with their inertia in water, MOTION= without
 # make test       what a change must pass; ARGS='-k name' passes options to pytest, -n 0 among
 #                 them for one process, as a debugger needs
-# make test-all   all tests, statistics and endurance too; once more with other rounding
+# make test-all   all tests, statistics and endurance too
 # make test-oldest  what solves and fits on the oldest NumPy and SciPy: PYTHON=python3.12
 # make lint       style (ruff's and ROS's), types, what may import what, and how large folders may be
 # make bench      speed, as ratios
@@ -43,10 +43,8 @@ octopus: prepare
 test: prepare
 	@tools/with_ros python $(PYTEST) -m 'not endurance' $(ARGS)
 
-# Nehalem: a kernel of OpenBLAS that rounds otherwise, without fused products.
 test-all: prepare
 	@tools/with_ros python $(PYTEST) $(ARGS)
-	@$(if $(ARGS),,OPENBLAS_CORETYPE=Nehalem tools/with_ros python $(PYTEST) -m 'not endurance' $(NUMERIC))
 
 # Without numba, which Ubuntu 24.04 does not have.
 test-oldest: $(OLDEST)/installed
