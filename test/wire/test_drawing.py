@@ -10,7 +10,7 @@ pytest.importorskip('visualization_msgs', reason='needs visualization_msgs')
 
 from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
-from rotations import matrix_of
+from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model import load_config
@@ -44,7 +44,7 @@ def coordinates(points):
     return np.array([[point.x, point.y, point.z] for point in points])
 
 
-FRAMES = np.array([matrix_of(quaternion) for quaternion in SHAPE.quaternion])
+FRAMES = Rotation.from_quat(SHAPE.quaternion).as_matrix()
 
 
 @pytest.mark.parametrize('widen', [False, True])
@@ -120,7 +120,9 @@ def test_discs_lie_across_the_arm_at_the_anchorages():
         pose = marker.pose
         assert marker.type == Marker.CYLINDER
         assert_array_equal(coordinates([pose.position])[0], SHAPE.position[station])
-        turned = matrix_of([getattr(pose.orientation, name) for name in 'xyzw'])
+        turned = Rotation.from_quat(
+            [getattr(pose.orientation, name) for name in 'xyzw']
+        ).as_matrix()
         assert_allclose(turned[:, 2], FRAMES[station, :, 0], atol=1e-12)
         assert_allclose(turned[:, 1], FRAMES[station, :, 1], atol=1e-12)
         assert marker.scale.x == marker.scale.y

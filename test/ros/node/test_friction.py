@@ -5,7 +5,6 @@ import itertools
 
 import numpy as np
 import pytest
-from clouds import profiles_of
 from live_nodes import AFFORDED, CONFIG, CONFIG_FILE, hosting, tip_of
 from numpy.testing import assert_allclose, assert_array_equal
 from sensor_msgs.msg import PointCloud2
@@ -69,6 +68,18 @@ def test_a_loop_has_two_shapes_and_a_gap_ends_the_memory():
         assert values['shapes without tip_pose'] == '1'
         refused = (False, 'friction_memory is -1.0, expected a finite time >= 0 [s]')
         assert client.change(friction_memory=-1.0) == refused
+
+
+def profiles_of(message):
+    """Every field of every point of a PointCloud2 as a column, (points, fields)."""
+    assert message.height == 1 and not message.is_bigendian
+    names, kinds, offsets = zip(*(
+        (field.name, {7: '<f4', 8: '<f8'}[field.datatype], field.offset)
+        for field in message.fields
+    ))  # fmt: skip
+    layout = {'names': names, 'formats': kinds, 'offsets': offsets, 'itemsize': message.point_step}
+    points = np.frombuffer(bytes(message.data), np.dtype(layout))
+    return np.stack([points[name].astype(float) for name in names], axis=1)
 
 
 def assert_profiles(client, profiles, tensions, expected):
