@@ -91,7 +91,7 @@ class LoadedBvp:
             s=np.minimum(s, panel.stop), section=np.full(s.size, section)
         )
         base = np.array([1.0, 0.0, 0.0, 0.0])
-        tables = tabulate(self._arm, within, base, widens=self._law.widens)
+        tables = tabulate(self._arm, within, base, law=self._law.number)
         work = work_arrays(tables, 4, has_jacobian=False)
         pulls = np.broadcast_to(self._tensions, (s.size, self._tensions.size)).copy()
         start = self._unloaded

@@ -19,6 +19,7 @@ from octo_arm_model import (
     Table,
 )
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.rod import Rod, Setting
 
@@ -40,15 +41,15 @@ CURVED = dataclasses.replace(SHEATHED, body=STRIP, rest=BENT)
 GIVEN = GivenStiffness(bending_b=Linear(4e-3, 1e-3, HELICAL.length), torsion=5e-4)
 TUBE = ProfiledBody(HELICAL.length, Linear(0.02, 0.01, HELICAL.length), 0.02, 0.006)
 CASES: dict[str, tuple[Arm, Setting]] = {
-    'linear': (HELICAL, Setting(widens=False)),
+    'linear': (HELICAL, Setting(law=LINEAR)),
     'neo_hookean': (HELICAL, Setting()),
-    'shear': (HELICAL, Setting(widens=False, shear=True)),
-    'linear in sheaths': (SHEATHED, Setting(widens=False)),
+    'shear': (HELICAL, Setting(law=LINEAR, shear=True)),
+    'linear in sheaths': (SHEATHED, Setting(law=LINEAR)),
     'neo_hookean in sheaths': (SHEATHED, Setting()),
-    'shear in sheaths': (SHEATHED, Setting(widens=False, shear=True)),
-    'linear bent strip': (dataclasses.replace(CURVED, stiffness=GIVEN), Setting(widens=False)),
+    'shear in sheaths': (SHEATHED, Setting(law=LINEAR, shear=True)),
+    'linear bent strip': (dataclasses.replace(CURVED, stiffness=GIVEN), Setting(law=LINEAR)),
     'neo_hookean bent strip': (CURVED, Setting()),
-    'shear bent strip': (CURVED, Setting(widens=False, shear=True)),
+    'shear bent strip': (CURVED, Setting(law=LINEAR, shear=True)),
     'neo_hookean tube': (dataclasses.replace(HELICAL, body=TUBE, stiffness=GIVEN), Setting()),
 }
 

@@ -9,10 +9,12 @@ import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.arm.obstacles import Cylinder, Obstacle, Plane, Sphere
 from octo_arm_model.arm.stiffness import bending_force
 from octo_arm_model.rod.interpolation import interpolated, nearest
 from octo_arm_model.rod.rotations import axes_of, quaternion_product
+from octo_arm_model.rod.section_formulas import widening
 from octo_arm_model.rod.sensitivity import chi_square_limit
 
 SIDES = 12
@@ -61,19 +63,17 @@ class Drawing:
         line_width: of a tendon [m].
     """
 
-    def __init__(
-        self, arm: Arm, s: FloatArray, *, widen: bool = False, sides: int = SIDES
-    ) -> None:
+    def __init__(self, arm: Arm, s: FloatArray, law: int = LINEAR, *, sides: int = SIDES) -> None:
         """Prepare to draw ``arm``.
 
         Args:
             arm: the arm.
             s: stations of the backbones to come [m], (stations,), as `Solver.grid` has them.
-            widen: whether cross sections and the distances of their tendons are scaled by
-                (1 + q)^-1/2, as in an elastic law of constant volume.
+            law: number of the elastic law, by which cross sections and the distances of their
+                tendons widen.
             sides: corners of the polygons drawn for circles.
         """
-        self._widen = widen
+        self._law = law
         self._anchorages = anchorage_stations(arm, s)
         self._rings = np.union1d(ring_stations(s.size), self._anchorages)
         ends = np.searchsorted(self._rings, self._anchorages)
@@ -99,7 +99,7 @@ class Drawing:
             quaternion: their orientation x, y, z, w, (stations, 4).
             q: their longitudinal strain [-], (stations,).
         """
-        width = (1.0 + q) ** -0.5 if self._widen else np.ones(q.size)
+        width, _, _ = widening(self._law, 1.0 + q)
         centre = position[self._rings]
         frame = axes_of(quaternion[self._rings])
         # Rows are x, y, z in the frame of the backbone, columns the axes n and b.

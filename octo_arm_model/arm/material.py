@@ -14,18 +14,19 @@ from octo_arm_model.arm.validation import finite, not_negative, positive, set_fi
 
 
 class Law(NamedTuple):
-    """An elastic law of a cross section; `rod.section_loops` has its energy.
+    """An elastic law of a cross section.
 
     Attributes:
-        widens: whether a section widens as it is compressed, by 1 / sqrt(stretch).
+        number: by which `rod.section_formulas`, which has its energy, knows it.
         meant_for: the kind of arm it is for, in one or two words.
     """
 
-    widens: bool
+    number: int
     meant_for: str
 
 
-LAWS = {'neo_hookean': Law(True, 'soft'), 'linear': Law(False, 'stiff')}
+LINEAR, NEO_HOOKEAN = range(2)
+LAWS = {'neo_hookean': Law(NEO_HOOKEAN, 'soft'), 'linear': Law(LINEAR, 'stiff')}
 DEFAULT_LAW = 'neo_hookean'
 
 

@@ -34,27 +34,16 @@ class SensorNoise:
 
     Attributes:
         tension: [N].
-        displacement: [m].
-        marker: of each coordinate [m].
-        marker_s: arc coordinates of the markers [m].
-        tip_position: of each coordinate, where the message does not say [m].
-        tip_rotation: likewise of the rotation vector [rad].
-        base_force: [N].
-        base_moment: [N m].
         model_position: of each coordinate of tip and markers, by the error of the model [m].
         model_rotation: of the rotation vector of the tip, likewise [rad].
+        given: all parameters of the estimator, without `PREFIX`: also those of other sensors, as
+            'marker_stddev', and where they are, as 'marker_s'.
     """
 
     tension: float
-    displacement: float
-    marker: float
-    marker_s: tuple[float, ...]
-    tip_position: float
-    tip_rotation: float
-    base_force: float
-    base_moment: float
     model_position: float
     model_rotation: float
+    given: Mapping[str, Any]
 
 
 class TensionStatistics(NamedTuple):
@@ -250,15 +239,4 @@ def _noise(
     elif not tension:
         tension = _TENSION
         notes.append(f'tensions are measured to {tension:g} N (tension_stddev is not given)')
-    return SensorNoise(
-        tension,
-        given['displacement_stddev'],
-        given['marker_stddev'],
-        given['marker_s'],
-        given['tip_position_stddev'],
-        given['tip_rotation_stddev'],
-        given['base_force_stddev'],
-        given['base_moment_stddev'],
-        known.model_position,
-        known.model_rotation,
-    )
+    return SensorNoise(tension, known.model_position, known.model_rotation, given)

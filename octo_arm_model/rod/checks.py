@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 
 from octo_arm_model.arm.errors import ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod.equilibrium import Problem, State
+from octo_arm_model.rod.section_formulas import rest_bend, widening
 from octo_arm_model.rod.tables import (
     ALONG_B,
     ALONG_N,
@@ -86,10 +88,10 @@ def explain_discs(
 def check_stretches(problem: Problem, z: FloatArray) -> None:
     """Refuse twists ``z`` (N, m) that compress a section, or a fibre of rubber, to nothing.
 
-    Laws with widening have unbounded stress at zero length, unlike any material.
+    The stress of rubber is unbounded at zero length, unlike that of any material.
     """
     stretch = z[:, 3]
-    if problem.tables.widens:
+    if problem.tables.law != LINEAR:
         shortest = _shortest_fibres(problem.tables, z)
         node = int(np.argmin(shortest))
         if not shortest[node] > SHORTEST_FIBRE:
@@ -109,18 +111,17 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
 def are_stretched(tables: Tables, z: FloatArray, arms: int) -> NDArray[np.bool_]:
     """Whether `check_stretches` passes for each of ``arms`` with twists ``z`` (A N, m), (A,)."""
     fine = z[:, 3] > 0.0
-    if tables.widens:
+    if tables.law != LINEAR:
         fine &= _shortest_fibres(tables, z) > SHORTEST_FIBRE
     return np.asarray(fine.reshape(arms, -1).all(axis=1), np.bool_)
 
 
 def _shortest_fibres(tables: Tables, z: FloatArray) -> FloatArray:
     """Length of the shortest fibre of sections of twists ``z`` (N, m) over that at rest, (N,)."""
-    # The area of a section is 1 / stretch of what it was.
     body, stretch = tables.body, z[:, 3]
-    width = 1.0 / np.sqrt(stretch)
-    about_n = width * z[:, 1] - stretch * body[:, REST_N]
-    about_b = width * z[:, 2] - stretch * body[:, REST_B]
+    (width, _, _), (rest, _) = widening(tables.law, stretch), rest_bend(tables.law, stretch)
+    about_n = width * z[:, 1] - rest * body[:, REST_N]
+    about_b = width * z[:, 2] - rest * body[:, REST_B]
     bend = body[:, SQUARED_N] * about_n**2 + body[:, SQUARED_B] * about_b**2
     return np.asarray(stretch - np.sqrt(bend))
 

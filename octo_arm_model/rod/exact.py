@@ -12,6 +12,7 @@ from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
+from octo_arm_model.arm.material import LAWS
 from octo_arm_model.rod.checks import are_stretched
 from octo_arm_model.rod.derivatives import Derivatives
 from octo_arm_model.rod.equilibrium import Condition, Problem
@@ -43,7 +44,7 @@ class Exact(Statics):
         """
         super().__init__(setup)
         self.law, self.strains = setup.law, 6 if setup.shear else 4
-        setting = Setting(setup.law == 'neo_hookean', setup.shear, setup.accuracy, setup.compiled)
+        setting = Setting(LAWS[setup.law].number, setup.shear, setup.accuracy, setup.compiled)
         # The rod begins at the origin.
         loads = setup.loads.moved(-setup.base[0])
         self.rod = Rod(setup.arm, loads, setup.base[1], setting)

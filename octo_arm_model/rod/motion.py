@@ -121,7 +121,7 @@ class Dynamics:
             raise ConfigError(f'level is {level!r}, expected 0 to {len(LEVELS) - 1}')
         elements = build_elements(arm, loads.breaks, loads.knots, level, _FEWER_POINTS)
         base = base_of(solver.base)
-        tables = tabulate(arm, elements, base[3:], widens=solver.law.widens)
+        tables = tabulate(arm, elements, base[3:], law=solver.law.number)
         form = choose_form(solver.is_compiled)
         self.problem = MovingProblem(
             arm, elements, tables, loads, form, solver.strains, properties

@@ -110,7 +110,7 @@ class Readout:
         if finer.problem.friction is not None:
             section = elements.section[self.places.element * elements.points]
             at_stations = elements._replace(s=s, section=section)
-            self._tables = tabulate(arm, at_stations, own.tables.base, widens=own.tables.widens)
+            self._tables = tabulate(arm, at_stations, own.tables.base, law=own.tables.law)
             self._work = work_arrays(self._tables, own.strains, has_jacobian=False)
 
     def read(

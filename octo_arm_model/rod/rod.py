@@ -14,6 +14,7 @@ from octo_arm_model.arm.errors import ConfigError, ContinuationError, Convergenc
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_NODES
 from octo_arm_model.arm.loads import Loads
+from octo_arm_model.arm.material import NEO_HOOKEAN
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.checks import check_solution, explain, explain_discs
 from octo_arm_model.rod.continuation import (
@@ -59,13 +60,13 @@ class Setting(NamedTuple):
     """How an arm is modelled.
 
     Attributes:
-        widens: whether the law is neo_hookean; else linear.
+        law: number of the elastic law, see `arm.material.LAWS`.
         shear: whether cross sections shear; linear law only.
         accuracy: of the position, over the length [-].
         compiled: see `forms.choose_form`.
     """
 
-    widens: bool = True
+    law: int = NEO_HOOKEAN
     shear: bool = False
     accuracy: float = 1e-8
     compiled: bool | None = None
@@ -151,7 +152,7 @@ class Rod:
         """The equations on elements of a ``level``, with so many points ``added`` to each."""
         breaks, knots = self._loads.breaks, self._loads.knots
         elements = build_elements(self.arm, breaks, knots, level, added)
-        tables = tabulate(self.arm, elements, self._base, widens=self.setting.widens)
+        tables = tabulate(self.arm, elements, self._base, law=self.setting.law)
         loads = DeadLoads(self.arm, elements, self._loads)
         return Problem(
             elements, tables, loads, self._form, self._strains, has_jacobian=not added,

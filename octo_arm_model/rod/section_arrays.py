@@ -7,12 +7,13 @@ from typing import TypeAlias
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray, Number
+from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod.section_formulas import (
-    at_rest,
     bent_by,
     density,
     offset_stiffness,
     residual_left,
+    rest_bend,
     widening,
 )
 from octo_arm_model.rod.tables import (
@@ -191,9 +192,9 @@ def _from_rest(tables: Tables, strain: FloatArray, width: FloatArray) -> FloatAr
     rest = tables.body[:, REST_T:].T
     if not rest.any():
         return strain
-    twist, bend = at_rest(tables.widens, strain[3], width)
+    bend, _ = rest_bend(tables.law, strain[3])
     strain = strain.copy()
-    strain[:3] -= np.stack([twist, bend, bend]) * rest
+    strain[:3] -= np.stack([width, bend, bend]) * rest
     return strain
 
 
@@ -201,7 +202,7 @@ def _density_at(tables: Tables, strain: FloatArray) -> _Density:
     """`density` of scaled strains (6, n)."""
     squares = tables.body[:, SQUARED_N : SQUARED_B + 1].T
     bend = (strain[1:3] * strain[1:3] * squares).sum(axis=0)
-    return density(tables.widens, strain[3], bend)
+    return density(tables.law, strain[3], bend)
 
 
 def _stress(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
@@ -234,17 +235,18 @@ def _stiffness(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArra
 
 
 def _add_rest(
-    tables: Tables, slope: FloatArray, bend: FloatArray, g: FloatArray, h: FloatArray | None = None
-) -> None:
+    tables: Tables, strain: FloatArray, widening: tuple[FloatArray, FloatArray, FloatArray],
+    g: FloatArray, h: FloatArray | None = None,
+) -> None:  # fmt: skip
     """What the bend at rest, which changes with the stretch, adds to the rows of the stretch.
 
     Of the gradient (6, n) and the Hessian (6, 6, n) of the energy of the material.
     """
     rest = tables.body[:, REST_T:].T
-    if not (tables.widens and rest.any()):
+    if tables.law == LINEAR or not rest.any():
         return
-    d = rest.copy()
-    d[0] *= slope
+    (_, slope, bend), (_, by_stretch) = widening, rest_bend(tables.law, strain[3])
+    d = rest * np.stack([slope, by_stretch, by_stretch])
     torque = g[0].copy()
     g[3] -= (d * g[:3]).sum(axis=0)
     if h is not None:
@@ -259,7 +261,7 @@ def _unscale(
     g: FloatArray, h: FloatArray | None = None,
 ) -> None:  # fmt: skip
     """From gradient (m, n) and Hessian (m, m, n) by the scaled strain to those by the twist."""
-    if not tables.widens:
+    if tables.law == LINEAR:
         return
     (width, slope, bend), bends = widening, z.T[:3]
     along = (bends * g[:3]).sum(axis=0)
@@ -274,11 +276,11 @@ def _unscale(
 
 def gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient of the energy of every cross section."""
-    strains, (width, slope, bend) = z.shape[1], widening(tables.widens, z[:, 3])
+    strains, (width, slope, bend) = z.shape[1], widening(tables.law, z[:, 3])
     strain = _scaled(z, width)
     own = _from_rest(tables, strain, width)
     g = _stress(tables, own, _density_at(tables, own))
-    _add_rest(tables, slope, bend, g)
+    _add_rest(tables, strain, (width, slope, bend), g)
     tendons = PulledTendons(tables, strain, width, tensions, work)
     g[:strains] += np.einsum('ajn,jn->an', tendons.by_strain(slope), tendons.tension)
     _unscale(tables, z, (width, slope, bend), g)
@@ -287,12 +289,12 @@ def gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -
 
 def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient and Hessian of the energy of every cross section by the twist."""
-    strains, (width, slope, bend) = z.shape[1], widening(tables.widens, z[:, 3])
+    strains, (width, slope, bend) = z.shape[1], widening(tables.law, z[:, 3])
     strain = _scaled(z, width)
     own = _from_rest(tables, strain, width)
     parts = _density_at(tables, own)
     g, h = _stress(tables, own, parts), _stiffness(tables, own, parts)
-    _add_rest(tables, slope, bend, g, h)
+    _add_rest(tables, strain, (width, slope, bend), g, h)
     tendons = PulledTendons(tables, strain, width, tensions, work)
     by_strain, twice = tendons.derivatives(slope, bend)
     g[:strains] += by_strain
@@ -362,15 +364,15 @@ def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatA
     paths = tables.tendons[..., [ALONG_B, ALONG_N]] * (1.0, -1.0)
     about = (pull[..., np.newaxis] * paths).sum(axis=1).T / (axial * radii)
     moment = np.hypot(*about)
-    straight, stretch, curvature = bent_by(tables.widens, force, moment)
+    straight, stretch, curvature = bent_by(tables.law, force, moment)
     # Scaled curvatures; moments are those of the tendons' pull with opposite sign.
     bends = about * (-curvature / np.maximum(moment, 1e-300)) / radii
     fails = ~(stretch > np.hypot(*bends) * body[LEVER])
     stretch, bends = np.where(fails, straight, stretch), np.where(fails, 0.0, bends)
-    width, _, _ = widening(tables.widens, stretch)
-    twist, bend = at_rest(tables.widens, stretch, width)
+    width, _, _ = widening(tables.law, stretch)
+    bend, _ = rest_bend(tables.law, stretch)
     z = np.zeros((len(tensions), strains))
-    z[:, 0] = twist * body[REST_T] / width
+    z[:, 0] = body[REST_T]
     z[:, 1:3] = ((bends + bend * body[REST_T + 1 :]) / width).T
     z[:, 3] = stretch
     return z
@@ -429,7 +431,7 @@ class Bends:
 
 def tendons_at(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> PulledTendons:
     """Those under ``tensions`` (n, J) [N], which displace them in sheaths."""
-    width, _, _ = widening(tables.widens, z[:, 3])
+    width, _, _ = widening(tables.law, z[:, 3])
     return PulledTendons(tables, _scaled(z, width), width, tensions, work)
 
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.arm.hints import Number
+from octo_arm_model.arm.material import LINEAR
 
 # What is left of a residual: how many times as much is said, and the least that is.
 _MARGIN, _LEAST = 20.0, 1e-12
 
 
 def density(
-    widens: bool, stretch: Number, bend: Number
+    law: int, stretch: Number, bend: Number
 ) -> tuple[Number, Number, Number, Number, Number]:
     """Derivatives of psi_material / (E A) by lambda and ``bend``, (c R)^2 for a curvature c.
 
@@ -22,7 +23,7 @@ def density(
     moments, of semi-axes a and b: (c_n b)^2 + (c_b a)^2. By lambda, by bend, by both twice: ss,
     sb, bb. NaN where a fibre has no length.
     """
-    if not widens:
+    if law == LINEAR:
         return stretch - 1.0, 0.125, 1.0, 0.0, 0.0
     # Rubber: the mean of 1 / l over the circle of fibres of stretch l is 2 / (lambda + root).
     root = np.sqrt(stretch * np.abs(stretch) - bend)
@@ -39,9 +40,9 @@ def density(
     )
 
 
-def widening(widens: bool, stretch: Number) -> tuple[Number, Number, Number]:
+def widening(law: int, stretch: Number) -> tuple[Number, Number, Number]:
     """Radius over reference radius, and its two derivatives by the stretch."""
-    if not widens:
+    if law == LINEAR:
         none = 0.0 * stretch
         return 1.0 + none, none, none
     over = 1.0 / stretch
@@ -50,13 +51,13 @@ def widening(widens: bool, stretch: Number) -> tuple[Number, Number, Number]:
     return width, slope, -1.5 * slope * over
 
 
-def bent_by(widens: bool, force: Number, moment: Number) -> tuple[Number, Number, Number]:
+def bent_by(law: int, force: Number, moment: Number) -> tuple[Number, Number, Number]:
     """Stretch of the straight section, and of the bent one with its curvature times R [-].
 
     Under a pull ``force`` over E A and a ``moment`` over E A R that do not depend on the strain:
     exact to first order in the moment, for rubber from the straight section and a secant.
     """
-    if not widens:
+    if law == LINEAR:
         straight = np.maximum(1.0 - force, 0.05)
         return straight, straight, 4.0 * moment
     # Straight rubber is in balance where this is lambda + 3 force, nearly, and 1 / lambda^2.
@@ -69,16 +70,15 @@ def bent_by(widens: bool, force: Number, moment: Number) -> tuple[Number, Number
     return straight, stretch, stretch * ratio / secant
 
 
-def at_rest(widens: bool, stretch: Number, width: Number) -> tuple[Number, Number]:
-    """What torsion and curvature at rest are multiplied by in a section without moment.
+def rest_bend(law: int, stretch: Number) -> tuple[Number, Number]:
+    """What curvature at rest is multiplied by in a section without moment, and its derivative.
 
-    There the fibres of a bent rod are all stretched alike, and those of a twisted one are not
-    sheared, while their distances change by the ``width``.
+    By the stretch, in which it is linear: the fibres of a bent rod are all stretched alike there.
+    Torsion at rest is multiplied by the `widening`: fibres of a twisted rod are not sheared.
     """
-    if not widens:
-        one = 1.0 + 0.0 * stretch
-        return one, one
-    return width, stretch
+    if law == LINEAR:
+        return 1.0 + 0.0 * stretch, 0.0 * stretch
+    return stretch, 1.0 + 0.0 * stretch
 
 
 def offset_stiffness(

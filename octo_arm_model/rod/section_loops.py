@@ -7,7 +7,7 @@ The energy of a cross section per reference length, of scaled strain e = (w kapp
 
 for a tendon of tension T at the offset r that stands off its path by d in a sheath of stiffness k;
 w(lambda) is the widening of the section, lambda^-1/2 for rubber. d is the one of least energy.
-e_rest, the bend at rest, changes with the stretch of rubber, see `at_rest`.
+e_rest, the bend at rest, changes with the stretch of rubber, see `rest_bend`.
 With c = u / |u|, the gradient of |u| by e is g = c . du/de, and its Hessian
 (du/de . du/de - g g^T) / |u|.
 
@@ -21,13 +21,14 @@ from typing import TypeAlias
 import numpy as np
 
 from octo_arm_model.arm.hints import BoolArray, FloatArray, IntArray
+from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod.compiled import compiled, helper, inlined
 from octo_arm_model.rod.section_formulas import (
-    at_rest,
     bent_by,
     density,
     offset_stiffness,
     residual_left,
+    rest_bend,
     widening,
 )
 from octo_arm_model.rod.tables import (
@@ -54,13 +55,13 @@ _SETTLED = 1e-14  # change of an offset, over the lever
 MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `section_arrays.balance`
 _density, _widening = inlined(density), inlined(widening)
 _offset_stiffness, _bent_by = inlined(offset_stiffness), helper(bent_by)
-_at_rest, _residual_left = inlined(at_rest), inlined(residual_left)
-# `Tables.widens`, `body`, `tendons`, `compliance` and `active`.
-_OfSections: TypeAlias = tuple[bool, FloatArray, FloatArray, FloatArray, IntArray]
+_rest_bend, _residual_left = inlined(rest_bend), inlined(residual_left)
+# `Tables.law`, `body`, `tendons`, `compliance` and `active`.
+_OfSections: TypeAlias = tuple[int, FloatArray, FloatArray, FloatArray, IntArray]
 
 
 def _of_sections(tables: Tables) -> _OfSections:
-    return tables.widens, tables.body, tables.tendons, tables.compliance, tables.active
+    return tables.law, tables.body, tables.tendons, tables.compliance, tables.active
 
 
 @inlined
@@ -119,16 +120,16 @@ def _along(
 
 @inlined
 def _material(
-    widens: bool, body: FloatArray, strain: FloatArray, widening: tuple[float, float, float],
+    law: int, body: FloatArray, strain: FloatArray, widening: tuple[float, float, float],
     g: FloatArray, h: FloatArray,
 ) -> None:  # fmt: skip
     """Gradient and lower half of the Hessian of the energy of the material by the strain."""
     axial, about_n, about_b = body[AXIAL], body[SQUARED_N], body[SQUARED_B]
-    twist, bend = _at_rest(widens, strain[3], widening[0])
-    t = strain[0] - twist * body[REST_T]
+    bend, by_stretch = _rest_bend(law, strain[3])
+    t = strain[0] - widening[0] * body[REST_T]
     n, b = strain[1] - bend * body[REST_N], strain[2] - bend * body[REST_B]
     by_s, by_bend, by_ss, by_sb, by_bb = _density(
-        widens, strain[3], n * n * about_n + b * b * about_b
+        law, strain[3], n * n * about_n + b * b * about_b
     )
     twice = 2.0 * axial
     x, y, once = about_n * n, about_b * b, twice * by_bend
@@ -143,17 +144,18 @@ def _material(
         h[1, 1], h[2, 1] = once * about_n + second * x * x, second * x * y
         h[2, 2] = once * about_b + second * y * y
         h[3, 1], h[3, 2], h[3, 3] = both * x, both * y, axial * by_ss
-    if widens:
-        _add_rest(body, widening, g, h)
+    if law != LINEAR:
+        _add_rest(body, widening, by_stretch, g, h)
 
 
 @inlined
 def _add_rest(
-    body: FloatArray, widening: tuple[float, float, float], g: FloatArray, h: FloatArray
-) -> None:
+    body: FloatArray, widening: tuple[float, float, float], by_stretch: float, g: FloatArray,
+    h: FloatArray,
+) -> None:  # fmt: skip
     """What the bend at rest, which changes with the stretch, adds to the rows of the stretch."""
     _, slope, second = widening
-    t, n, b = slope * body[REST_T], body[REST_N], body[REST_B]
+    t, n, b = slope * body[REST_T], by_stretch * body[REST_N], by_stretch * body[REST_B]
     if t == 0.0 and n == 0.0 and b == 0.0:
         return
     g[3] -= t * g[0] + n * g[1] + b * g[2]
@@ -177,11 +179,11 @@ def _fill_sections(
     of_sections: _OfSections, z: FloatArray, tensions: FloatArray, offsets: FloatArray,
     gradient: FloatArray, hessian: FloatArray,
 ) -> None:  # fmt: skip
-    widens, body, tendons, compliance, active = of_sections
+    law, body, tendons, compliance, active = of_sections
     g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
     for i in range(z.shape[0]):
         section(
-            widens, body[i], tendons[i], compliance, active[i], z[i], tensions[i], offsets[i],
+            law, body[i], tendons[i], compliance, active[i], z[i], tensions[i], offsets[i],
             g, h, room,
         )  # fmt: skip
         _keep(g, h, gradient[i], hessian[i])
@@ -199,12 +201,12 @@ def _add_gradients(
     of_sections: _OfSections, z: FloatArray, tensions: FloatArray, offsets: FloatArray,
     scale: FloatArray, gradient: FloatArray, residual: FloatArray,
 ) -> float:  # fmt: skip
-    widens, body, tendons, compliance, active = of_sections
+    law, body, tendons, compliance, active = of_sections
     g, h, room = np.empty(6), np.empty((0, 6)), np.zeros((6, 6))
     largest, worst, count = np.zeros(6), 0.0, z.shape[1]
     for i in range(z.shape[0]):
         section(
-            widens, body[i], tendons[i], compliance, active[i], z[i], tensions[i], offsets[i],
+            law, body[i], tendons[i], compliance, active[i], z[i], tensions[i], offsets[i],
             g, h, room,
         )  # fmt: skip
         for c in range(count):
@@ -230,7 +232,7 @@ def _keep(g: FloatArray, h: FloatArray, gradient: FloatArray, hessian: FloatArra
 
 @inlined
 def section(
-    widens: bool, body: FloatArray, tendons: FloatArray, compliance: FloatArray, active: int,
+    law: int, body: FloatArray, tendons: FloatArray, compliance: FloatArray, active: int,
     z: FloatArray, tensions: FloatArray, offsets: FloatArray, g: FloatArray, h: FloatArray,
     room: FloatArray,
 ) -> None:  # fmt: skip
@@ -240,9 +242,9 @@ def section(
     and C, and the scaled strain, as the last.
     """
     strain = room[5]
-    width, slope, bend = _widening(widens, z[3])
+    width, slope, bend = _widening(law, z[3])
     _scaled(z, width, strain)
-    _material(widens, body, strain, (width, slope, bend), g, h)
+    _material(law, body, strain, (width, slope, bend), g, h)
     for j in range(active):
         tension = tensions[j]
         if tension == 0.0:
@@ -287,7 +289,7 @@ def section(
             room[1, 0], room[2, 0], room[0, 1], room[0, 2] = -y, x, y, -x
             room[0, 3], room[1, 3], room[2, 3], room[1, 4], room[2, 5] = 1.0, dx, dy, 1.0, 1.0
             _condense(compliance[j], tension, (u_t, u_n, u_b, over), room, h)
-    if widens:
+    if law != LINEAR:
         _unscale(z, (width, slope, bend), g, h)
 
 
@@ -389,7 +391,7 @@ def _balance(
     wrench: FloatArray, tolerance: float,
     found: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
 ) -> tuple[float, int]:  # fmt: skip
-    widens, bodies, paths, compliance, actives = of_sections
+    law, bodies, paths, compliance, actives = of_sections
     all_offsets, gradients, hessians, residuals = found
     g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
     largest, worst, most = np.zeros(6), 0.0, 0
@@ -402,7 +404,7 @@ def _balance(
         own, pulls, offsets = z[i], tensions[i], all_offsets[i]
         gradient, hessian, left = gradients[i], hessians[i], residuals[i]
         if own[3] == 0.0:
-            _guess(widens, body, tendons, active, pulls, own)
+            _guess(law, body, tendons, active, pulls, own)
         force = least_scale[i]
         for j in range(active):
             force += pulls[j]
@@ -412,7 +414,7 @@ def _balance(
         while steps < MOST_STEPS and not expected <= tolerance:
             steps += 1
             last = size
-            section(widens, body, tendons, compliance, active, own, pulls, offsets, g, h, room)
+            section(law, body, tendons, compliance, active, own, pulls, offsets, g, h, room)
             along, size = 0.0, 0.0
             for c in range(count):
                 left[c] = g[c] - wrench[i, c]
@@ -442,7 +444,7 @@ def _balance(
 
 @helper
 def _guess(
-    widens: bool, body: FloatArray, tendons: FloatArray, active: int, tensions: FloatArray,
+    law: int, body: FloatArray, tendons: FloatArray, active: int, tensions: FloatArray,
     z: FloatArray,
 ) -> None:  # fmt: skip
     """Twist of a node as if tendons were parallel, see `arrays.initial_twists`."""
@@ -455,14 +457,14 @@ def _guess(
         about_b -= pull * tendons[j, ALONG_N]
     about_n, about_b = about_n / radius_n, about_b / radius_b
     moment = np.sqrt(about_n * about_n + about_b * about_b)
-    straight, stretch, curvature = _bent_by(widens, force, moment)
+    straight, stretch, curvature = _bent_by(law, force, moment)
     curvature /= -max(moment, 1e-300)
     n, b = about_n * curvature / radius_n, about_b * curvature / radius_b
     if not stretch > np.sqrt(n * n + b * b) * body[LEVER]:
         stretch, n, b = straight, 0.0, 0.0
-    width, _, _ = _widening(widens, stretch)
-    twist, bend = _at_rest(widens, stretch, width)
-    z[0] = twist * body[REST_T] / width
+    width, _, _ = _widening(law, stretch)
+    bend, _ = _rest_bend(law, stretch)
+    z[0] = body[REST_T]
     z[1], z[2] = (n + bend * body[REST_N]) / width, (b + bend * body[REST_B]) / width
     z[3] = stretch
 
@@ -512,7 +514,7 @@ def _fill_angles(
 ) -> None:  # fmt: skip
     lengths, weights, sharp = sizes
     to_point, differentiation, ends, to_fine, fine_weights = rule
-    widens, body, tendons, compliance, active = of_sections
+    law, body, tendons, compliance, active = of_sections
     z, tensions = of_nodes
     points, strain = to_point.shape[0], np.empty(6)
     unit, bend, rate = np.empty((points, 3)), np.empty((points, 3)), np.empty(points)
@@ -526,7 +528,7 @@ def _fill_angles(
             for k in range(points):
                 i = start + k
                 _tangent(
-                    widens, z[i], tendons[i, j], body[i, LEVER], compliance[j] * tensions[i, j],
+                    law, z[i], tendons[i, j], body[i, LEVER], compliance[j] * tensions[i, j],
                     strain, offsets[i, j], unit[k],
                 )  # fmt: skip
             kink = _kink(ends, unit, last[j])
@@ -551,11 +553,11 @@ def _fill_angles(
 
 @helper
 def _tangent(
-    widens: bool, z: FloatArray, tendon: FloatArray, lever: float, yielding: float,
+    law: int, z: FloatArray, tendon: FloatArray, lever: float, yielding: float,
     strain: FloatArray, offset: FloatArray, unit: FloatArray,
 ) -> None:  # fmt: skip
     """Unit tangent of a tendon and its offset in its sheath, see `_offset`."""
-    width, _, _ = _widening(widens, z[3])
+    width, _, _ = _widening(law, z[3])
     _scaled(z, width, strain)
     d_n = d_b = 0.0
     if yielding > 0.0:

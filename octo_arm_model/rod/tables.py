@@ -27,7 +27,7 @@ class Tables(NamedTuple):
     """An arm at N nodes in E elements of p points, with J tendons.
 
     Attributes:
-        widens: whether the law is neo_hookean, whose sections widen; else it is linear.
+        law: number of the elastic law, see `arm.material.LAWS`.
         lengths: reference lengths of the elements [m], (E,).
         weights: of the integral along the arm [m], (N,).
         to_point: weights of the integral over an element of length one from its start to a point,
@@ -54,7 +54,7 @@ class Tables(NamedTuple):
         fine_weights: of the integrals from its start to each point and to its end, (p + 1, M / E).
     """
 
-    widens: bool
+    law: int
     lengths: FloatArray
     weights: FloatArray
     to_point: FloatArray
@@ -175,7 +175,7 @@ def work_arrays(tables: Tables, strains: int, *, has_jacobian: bool = True) -> W
     )
 
 
-def tabulate(arm: Arm, elements: Elements, base: FloatArray, *, widens: bool) -> Tables:
+def tabulate(arm: Arm, elements: Elements, base: FloatArray, *, law: int) -> Tables:
     """Tables of ``arm`` at the nodes of ``elements``, or what else these have as s and section.
 
     ``base`` is the orientation of the base, a quaternion w, x, y, z.
@@ -190,7 +190,7 @@ def tabulate(arm: Arm, elements: Elements, base: FloatArray, *, widens: bool) ->
     for column in (AXIAL, TORSION, SHEAR):
         body[arm.discs.cover(s), column] *= _RIGID
     return Tables(
-        widens,
+        law,
         elements.lengths,
         elements.weights,
         rule.from_start,

@@ -70,7 +70,7 @@ class Tendons:
         """Of twists ``z`` (N, m) under local ``tensions`` (N, J) [N] with `Work.offsets`."""
         columns = z.T[..., np.newaxis]
         self._kappa, stretch = columns[:3], columns[3]
-        self.width, self.widening, _ = widening(tables.widens, stretch)
+        self.width, self.widening, _ = widening(tables.law, stretch)
         self.scaled, self._strains = self.width * self._kappa, z.shape[1]
         self.tension = tensions * tables.reach
         paths = np.ascontiguousarray(tables.tendons.transpose(2, 0, 1))

@@ -17,6 +17,7 @@ from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.section_formulas import widening
 from octo_arm_model.ros.client.client import (
     DETAILS,
     POSES,
@@ -237,7 +238,7 @@ class Page:
 
     def _radius(self, q: FloatArray) -> FloatArray:
         radius = self._config.arm.body.radius(self._solver.grid.s)
-        return radius * (1.0 + q) ** -0.5 if self._solver.law.widens else radius
+        return radius * widening(self._solver.law.number, 1.0 + q)[0]
 
     def _add_ghost(self) -> None:
         rest = np.zeros(self._solver.arm.tension_shape)

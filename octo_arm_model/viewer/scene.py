@@ -70,7 +70,7 @@ class ArmScene:
         """
         self._scene, self._colour, self._opacity = scene, colour, opacity
         self._has_tendons = has_tendons
-        self._drawing = Drawing(solver.arm, solver.grid.s, widen=solver.law.widens, sides=_SIDES)
+        self._drawing = Drawing(solver.arm, solver.grid.s, solver.law.number, sides=_SIDES)
         self._name = f'/{name}'
         self.root = scene.add_frame(
             self._name, show_axes=False, position=np.zeros(3) if offset is None else offset

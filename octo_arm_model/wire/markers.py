@@ -17,6 +17,7 @@ from octo_arm_model.analysis.drawing import (
 )
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire.cdr import Layout, Template, text_field
 
@@ -36,13 +37,13 @@ class MarkersWriter:
     before: ``body`` 0, ``anchorages`` and ``tendons`` from 1 on, in the arm's order.
     """
 
-    def __init__(self, arm: Arm, s: FloatArray, frame_id: str, *, widen: bool = False) -> None:
-        """Lay out the markers of ``arm`` in ``frame_id``; ``s`` and ``widen`` as in `Drawing`.
+    def __init__(self, arm: Arm, s: FloatArray, frame_id: str, law: int = LINEAR) -> None:
+        """Lay out the markers of ``arm`` in ``frame_id``; ``s`` and ``law`` as in `Drawing`.
 
         Raises:
             ConfigError: if UTF-8 cannot hold ``frame_id``.
         """
-        self._drawing = drawing = Drawing(arm, s, widen=widen)
+        self._drawing = drawing = Drawing(arm, s, law)
         self._corners = drawing.triangles.ravel()
         frame = text_field('frame_id', frame_id)
         layout = Layout()

@@ -115,7 +115,9 @@ def displacements_of(message: Any, arm: MeasuredArm, field: str = '') -> Measure
     found = read_displacements(message, arm.config.arm, arm.config.encoders, field)
     if not found:
         raise TensionError('it has no displacements')
-    return TendonDisplacements(list(found.values()), arm.noise.displacement, tuple(found))
+    return TendonDisplacements(
+        list(found.values()), arm.noise.given['displacement_stddev'], tuple(found)
+    )
 
 
 def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
@@ -145,9 +147,9 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
             f'its covariance is {own[i, j]:g} at {i}, {j} and {own[j, i]:g} at {j}, {i}, '
             'expected a symmetric one'
         )
-    for part, stddev in ((slice(0, 3), noise.tip_position), (slice(3, 6), noise.tip_rotation)):
+    for part, what in ((slice(0, 3), 'position'), (slice(3, 6), 'rotation')):
         if not own[part, part].any():
-            own[part, part] = stddev**2 * np.eye(3)
+            own[part, part] = noise.given[f'tip_{what}_stddev'] ** 2 * np.eye(3)
     if not own[:3, :3].any():
         raise MeasurementError(
             'its covariance is zero and estimator.tip_position_stddev is 0: its noise is not known'
@@ -178,14 +180,15 @@ def markers_of(
         TensionError: if there is no such field.
     """
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
-    if not noise.marker_s:
+    places = noise.given['marker_s']
+    if not places:
         raise MeasurementError(
             'estimator.marker_s is empty: where the markers are on the arm is not known'
         )
     points = points_of(field_of(message, field) if field else message.poses, names)
-    if len(points) != len(noise.marker_s):
+    if len(points) != len(places):
         raise MeasurementError(
-            f'it has {len(points)} marker(s), expected {len(noise.marker_s)}, one for each of '
+            f'it has {len(points)} marker(s), expected {len(places)}, one for each of '
             'estimator.marker_s'
         )
     if np.isinf(points).any():
@@ -193,15 +196,16 @@ def markers_of(
     seen = ~np.isnan(points).any(axis=1)
     if not seen.any():
         raise MeasurementError('it shows no marker')
-    s = np.array(noise.marker_s)[seen]
-    stddev = float(np.hypot(noise.marker, noise.model_position))
+    s = np.array(places)[seen]
+    stddev = float(np.hypot(noise.given['marker_stddev'], noise.model_position))
     shown = magnitudes('markers: value', points[seen])
     return Markers(s, rotation.apply(shown) + origin, stddev)
 
 
 def _base_wrench(message: Any, arm: MeasuredArm) -> Measurement:
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
-    if not (noise.base_force and noise.base_moment):
+    stddevs = [noise.given[f'base_{part}_stddev'] for part in ('force', 'moment')]
+    if not all(stddevs):
         raise MeasurementError(
             'estimator.base_force_stddev or base_moment_stddev is 0: its noise is not known'
         )
@@ -212,7 +216,7 @@ def _base_wrench(message: Any, arm: MeasuredArm) -> Measurement:
     turn = np.kron(np.eye(2), rotation.as_matrix())
     away = skew(origin - np.array(arm.config.base.position))
     turn[3:, :3] = away @ rotation.as_matrix()
-    stddev = np.repeat([noise.base_force, noise.base_moment], 3)
+    stddev = np.repeat(stddevs, 3)
     return BaseWrench(turn @ wrench, (turn * stddev**2) @ turn.T)
 
 

@@ -32,6 +32,7 @@ from octo_arm_model import (
     Solver,
     Sphere,
 )
+from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.arm.obstacles import Obstacle
 from octo_arm_model.rod.contact import Contact, Sliding
 from octo_arm_model.rod.elements import build_elements
@@ -169,7 +170,7 @@ def test_obstacles_have_an_energy() -> None:
     assert (np.abs(LEANING.contacts(found).force).max(axis=1) > 1e-3).all()
     equilibrium = found.equilibrium
     assert equilibrium is not None
-    rod = Rod(ROD, LEANING.loads, setting=Setting(widens=False))
+    rod = Rod(ROD, LEANING.loads, setting=Setting(law=LINEAR))
     problem = rod.problem(equilibrium.level)
     problem.fill_jacobian(equilibrium.state)
     weights = problem.elements.weights

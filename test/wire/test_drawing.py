@@ -15,6 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from octo_arm_model import load_config
 from octo_arm_model.analysis.drawing import MOST_RINGS, anchorage_stations, tension_colours
+from octo_arm_model.arm.material import LINEAR, NEO_HOOKEAN
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.wire.markers import MarkersWriter
@@ -47,14 +48,14 @@ def coordinates(points):
 FRAMES = Rotation.from_quat(SHAPE.quaternion).as_matrix()
 
 
-@pytest.mark.parametrize('widen', [False, True])
-def test_vertices_of_the_body_lie_on_its_surface(widen):
-    (body,) = named(draw(widen=widen), 'body')
+@pytest.mark.parametrize('law', [LINEAR, NEO_HOOKEAN])
+def test_vertices_of_the_body_lie_on_its_surface(law):
+    (body,) = named(draw(law=law), 'body')
     vertices = np.unique(coordinates(body.points), axis=0)
     # In the plane of the nearest cross section that they are in at all.
     local = np.einsum('nji,vnj->vni', FRAMES, vertices[:, np.newaxis] - SHAPE.position)
     distance = np.linalg.norm(local[..., 1:], axis=-1)
-    radius = ARM.body.radius(S) * ((1.0 + SHAPE.q) ** -0.5 if widen else 1.0)
+    radius = ARM.body.radius(S) * ((1.0 + SHAPE.q) ** -0.5 if law == NEO_HOOKEAN else 1.0)
     on_surface = (np.abs(local[..., 0]) < 1e-12) & (np.abs(distance - radius) < 1e-12)
     centres = (np.linalg.norm(local, axis=-1) < 1e-12).any(axis=1)
     assert (on_surface.any(axis=1) | centres).all()
@@ -94,12 +95,12 @@ def test_the_body_is_closed_and_its_triangles_wind_outwards():
     assert volume == pytest.approx(expected, rel=5e-3)
 
 
-@pytest.mark.parametrize('widen', [False, True])
-def test_tendons_follow_their_offsets_up_to_their_anchorage(widen):
-    tendons = named(draw(widen=widen), 'tendons')
+@pytest.mark.parametrize('law', [LINEAR, NEO_HOOKEAN])
+def test_tendons_follow_their_offsets_up_to_their_anchorage(law):
+    tendons = named(draw(law=law), 'tendons')
     assert len(tendons) == len(ARM.tendons)
     along_n, along_b = ARM.tendon_offsets(S)
-    width = (1.0 + SHAPE.q) ** -0.5 if widen else np.ones(S.size)
+    width = (1.0 + SHAPE.q) ** -0.5 if law == NEO_HOOKEAN else np.ones(S.size)
     for index, marker in enumerate(tendons):
         end = ARM.sections[ARM.tendon_section[index] - 1].anchorage
         inside = end + 1e-12 >= S

@@ -112,7 +112,7 @@ def all_written(frame, names, stations, stamp, seed):
     yield JointState, writer.tendon_lengths(lengths, tensions, *stamp)
     yield TFMessage, FramesWriter(CONFIG.arm, s, frame, names[0]).write(shape, *stamp)
     yield PointCloud2, TensionProfilesWriter(frame, s, names).write(shape, *stamp)
-    markers = MarkersWriter(CONFIG.arm, s, frame, widen=bool(seed % 2))
+    markers = MarkersWriter(CONFIG.arm, s, frame, seed % 2)
     for largest in (None, 0.1):  # the template holds another message by then
         yield MarkerArray, markers.write(shape, *stamp, largest)
     known, of_force = np.tile(1e-6 * np.eye(3), (21, 1, 1)), 1e-6 * np.eye(3)

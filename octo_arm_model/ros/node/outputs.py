@@ -246,7 +246,7 @@ class BackbonePublishers:
         ]
         if self._transforms is not None:
             self._written.append((self._transforms, frames.write))
-        markers = MarkersWriter(arm, grid.s, frame, widen=solver.law.widens)
+        markers = MarkersWriter(arm, grid.s, frame, solver.law.number)
         self._drawing.describe(markers, config.markers_rate, config.arm)
 
     def announce(self, description: str) -> None:

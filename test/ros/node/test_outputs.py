@@ -87,7 +87,7 @@ def test_markers_of_the_same_arm_are_replaced_and_those_of_another_deleted(make_
 
     def draw(config):
         solver, arm = config.solver(compiled=None), config.arm
-        markers.describe(MarkersWriter(arm, solver.grid.s, 'arm_base', widen=False), 0.0, arm)
+        markers.describe(MarkersWriter(arm, solver.grid.s, 'arm_base'), 0.0, arm)
         actions.clear()
         markers.publish(solver.solve(FETCHING_IN_PLANE), Stamp(1, 0))
         spin_until(node.executor, lambda: actions and actions[-1] == Marker.ADD)
