@@ -297,6 +297,18 @@ class Loads:
             expected = f'at most the length of the arm, {length} [m]'
             raise ArmDefinitionError('loads: s', last, expected)
 
+    def check_base(self, position: Vector) -> None:
+        """Check that no obstacle is around a base at a ``position`` in base_frame [m].
+
+        Raises:
+            ArmDefinitionError: if one is.
+        """
+        for number, one in enumerate(self.obstacles):
+            distance = float(one.nearest(np.array([position]))[0][0])
+            if distance < 0.0:
+                expected = f'one outside of loads.obstacles[{number}], not {-distance:.3g} m deep'
+                raise ArmDefinitionError('base.position', position, expected)
+
     @property
     def breaks(self) -> tuple[float, ...]:
         """Arc coordinates at which a load begins or ends, or is concentrated [m]."""

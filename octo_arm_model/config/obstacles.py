@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from octo_arm_model.arm.errors import ConfigError, shown
+from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, shown
 from octo_arm_model.arm.hints import Vector
 from octo_arm_model.arm.limits import MAX_FRICTION, MAX_OBSTACLES
 from octo_arm_model.arm.obstacles import Cylinder, Obstacle, Plane, Sphere
 from octo_arm_model.config.parameter import Parameter, Values, check_length
 
 _TYPES = 'plane', 'sphere', 'cylinder'
+# Parameters that fields of obstacles are made from.
+_VECTORS = {'point': 'position', 'centre': 'position', 'normal': 'direction', 'axis': 'direction'}
 _EACH = 'one for all or one per obstacle'
 
 OBSTACLE_PARAMETERS = (
@@ -59,7 +61,8 @@ def build_obstacles(given: Values) -> tuple[Obstacle, ...]:
         _each(given, 'creep_speed', Obstacle.creep_speed),
     )  # fmt: skip
     found = []
-    for kind, point, direction, radius, surface in zip(types, points, directions, radii, surfaces):
+    each = zip(types, points, directions, radii, surfaces)
+    for number, (kind, point, direction, radius, surface) in enumerate(each):
         if kind not in _TYPES:
             raise ConfigError(f'obstacles.type has {shown(kind)}, expected {", ".join(_TYPES)}')
         stiffness, friction, creep_speed = surface
@@ -68,8 +71,19 @@ def build_obstacles(given: Values) -> tuple[Obstacle, ...]:
             'sphere': lambda **of: Sphere(point, radius, **of),
             'cylinder': lambda **of: Cylinder(point, direction, radius, **of),
         }[kind]
-        found.append(make(stiffness=stiffness, friction=friction, creep_speed=creep_speed))
+        try:
+            found.append(make(stiffness=stiffness, friction=friction, creep_speed=creep_speed))
+        except ArmDefinitionError as error:
+            raise _named(error, number) from None
     return tuple(found)
+
+
+def _named(error: ArmDefinitionError, number: int) -> ArmDefinitionError:
+    """The ``error`` of the obstacle of a ``number``, by its place in the lists of the file."""
+    name = error.field.partition('.')[2]
+    at = f'{3 * number}:{3 * number + 3}' if name in _VECTORS else f'{number}'
+    name = f'obstacles.{_VECTORS.get(name, name)}[{at}]'
+    return ArmDefinitionError(name, error.value, error.expected)
 
 
 def _each(given: Values, name: str, default: float | None = None) -> tuple[float, ...]:

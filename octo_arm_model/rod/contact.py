@@ -242,15 +242,19 @@ class Contact:
         Raises:
             SolveError: if an obstacle is too soft for the force on it, or lies in the arm.
         """
+        if where := self.inside(place):
+            raise SolveError(f'the midline of the arm is {where}: it is too soft, or begins there')
+
+    def inside(self, place: FloatArray) -> str:
+        """Where a midline with nodes at ``place`` (N, 3) [m] is inside an obstacle; or nothing."""
         for touch in self._touches(place):
             over = touch.depth - self._radius[touch.where]
             worst = int(np.argmax(over))
             if over[worst] > 0.0:
-                raise SolveError(
-                    f'the midline of the arm is {over[worst]:.3g} m inside '
-                    f'loads.obstacles[{touch.number}] at s = '
-                    f'{self._s[touch.where[worst]]:.4g} m: it is too soft, or begins there'
-                )
+                s = self._s[touch.where[worst]]
+                number = touch.number
+                return f'{over[worst]:.3g} m inside loads.obstacles[{number}] at s = {s:.4g} m'
+        return ''
 
     def has_passed(self, before: FloatArray, after: FloatArray) -> bool:
         """Whether the arm went through an obstacle between two places of the nodes, (N, 3) [m]."""

@@ -190,11 +190,23 @@ class Rod:
                 except ContinuationError:
                     raise
                 except ConvergenceError as error:
-                    raise explain_discs(self.problem(0), tensions, error) from None
+                    why = self._explained(wanted, error)
+                    raise explain_discs(self.problem(0), tensions, why) from None
             else:
                 found = self._unloaded_equilibrium(wanted)
             check_solution(self.problem(found.level), found.state, is_loaded)
         return found
+
+    def _explained(self, wanted: Condition, error: ConvergenceError) -> ConvergenceError:
+        """Why there is no balance after ``error``, where an obstacle is in the way."""
+        problem = self.problem(0)
+        if problem.contact is None:
+            return error
+        problem.orient(self.unloaded(problem, wanted)[0])
+        if not (where := problem.contact.inside(problem.places())):
+            return error
+        what = f'the balance of an arm that under its tensions alone is {where}'
+        return ConvergenceError(what, error.residual, error.iterations)
 
     def _loaded_equilibrium(
         self, wanted: Condition, start: Equilibrium | None, spending: Spending

@@ -112,6 +112,7 @@ class Solver:
             compiled=compiled, budget=budget, accuracy=accuracy,
         )  # fmt: skip
         loads.check_inside(arm.length)
+        loads.check_base(base.position)
         self.grid = StationGrid.build(arm, stations, loads.breaks)
         self._allowance = Allowance(budget)
         x, y, z, w = base.quaternion

@@ -17,6 +17,7 @@ from octo_arm_model import (
     Backbone,
     Body,
     ConfigError,
+    ConvergenceError,
     Cylinder,
     Dynamics,
     Inputs,
@@ -267,6 +268,11 @@ def test_what_has_no_contact_is_refused() -> None:
     ball = Sphere((0.2, 0.0, 0.1), 0.05, stiffness=1e6)
     with pytest.raises(SolveError, match=r'inside loads.obstacles\[0\] at s = 0.1'):
         solver_of(Sphere((0.2, 0.0, 0.03), 0.05, stiffness=1e-3)).solve(SLACK)
+    with pytest.raises(ArmDefinitionError, match=r'outside of loads.obstacles\[1\], not 0.01'):
+        solver_of(ball, floor(-2.0 * RADIUS, 1e6))
+    way = r'under its tensions alone is 0.0\d* m inside loads.obstacles\[1\] at s = 0.2'
+    with pytest.raises(ConvergenceError, match=way):
+        solver_of(ball, Sphere((0.2, 0.0, 0.0), 0.03, stiffness=1e6), stations=11).solve(SLACK)
     strip = dataclasses.replace(ROD, body=RectangularBody(LENGTH, 0.02, 0.02))
     with pytest.raises(ArmDefinitionError, match='a rectangular body has no contact'):
         Solver(strip, 'exact', loads=Loads(obstacles=(ball,)))
