@@ -1,6 +1,7 @@
 """Arms, loads and node values that the tests of the rod share."""
 
 import dataclasses
+import math
 from types import ModuleType
 
 import numpy as np
@@ -8,14 +9,17 @@ from helical_arm import HELICAL, PULL
 
 from octo_arm_model import (
     Arm,
+    Body,
     DistributedLoad,
     GivenStiffness,
     Linear,
     Loads,
+    Material,
     PointLoad,
     ProfiledBody,
     RectangularBody,
     RestShape,
+    Section,
     Table,
 )
 from octo_arm_model.arm.hints import FloatArray
@@ -28,6 +32,13 @@ EVERYTHING = Loads(
     fluid_density=400.0,
     points=(PointLoad(0.15, (0.0, 0.05, 0.02), (1e-4, 0.0, 2e-4)), PointLoad(0.25, (0.02, 0, 0))),
     distributed=(DistributedLoad((0.1, 0.2, 0.3), ((0, 0, 0), (0, 0.3, 0.2), (0, 0, 0.1))),),
+)
+THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
+# The metal rod of Rao et al. 2021: nickel-titanium, tendons in spacer discs.
+METAL = Arm(
+    Material.from_moduli(54e9, 54e9 / 2.6, 6450.0),
+    Body(0.4, 0.0007, 0.0007, disc_radius=0.011),
+    tuple(Section(anchorage, 0.01, 0.01, angles=THIRDS) for anchorage in (0.4, 0.2)),
 )
 WRENCH = np.array([0.01, 0.02, -0.01, 1e-4, -2e-4, 1e-4])
 TENSIONS = PULL.ravel()

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 from recordings import TYPES, Sample, write_bag
 from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touched, touched_bag
 
@@ -176,18 +175,6 @@ def test_the_smoother_begins_anew_with_what_the_filter_does():
     assert last.any() and own.tip[0][last].min() > 3.0 * smoothed.camera.tip[0][last].max()
 
 
-def test_a_sensor_may_be_silent_for_seconds(tmp_path):
-    def silence(one, at):
-        return None if one.topic.startswith('/measured') and 5.0 < at < 9.0 else one
-
-    found = estimate(read(changed(tmp_path / 'bag', silence), others=TIP_ALONE))
-    time, _, stddev = forces(found)
-    blind, seeing = stddev[(time > 6.5) & (time < 9.0)], stddev[(time > 9.5) & (time < 10.0)]
-    assert np.median(blind[:, 2]) > 3.0 * np.median(seeing[:, 2])
-    (touch,) = found.touches
-    assert touch.start > 9.5
-
-
 def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path):
     path = record(tmp_path / 'bag', stiffness=1.15, markers=MARKERS, camera_rate=0.1)
     ratios = []
@@ -206,14 +193,6 @@ def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path):
         and (np.abs(touch.force - PUSH) < 4.0 * touch.stddev).all()
         for touch in found.touches
     )
-
-
-def test_of_tensions_alone_it_is_the_model_and_says_what_is_not_observable():
-    found = estimate(read(touched_bag(), others={'measured/tip_pose': '-', **TIP_ALONE}))
-    assert not found.touches
-    assert {f'tip_force {axis} keeps its prior' for axis in 'xyz'} <= set(found.unlearnt)
-    assert found.camera is not None
-    assert_allclose(*found.camera.tip, atol=3e-3)
 
 
 def test_the_place_of_a_touch_is_told_by_probabilities():

@@ -10,6 +10,7 @@ from differences import along
 from helical_arm import CONE, HELICES
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import ArrayLike
+from rods import THIRDS
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
@@ -35,7 +36,6 @@ from octo_arm_model import (
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 
-THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 # Away from nu = 0.5, beyond which there is no material.
 RUBBER = Material(1.1e5, 0.4, 1080.0)
 STRAIGHT = (Section(0.4, 0.008, 0.004), Section(0.25, 0.01, 0.007))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from rods import THIRDS
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -38,7 +39,6 @@ from octo_arm_model.config.parameter_files import load_parameters, preset_path
 LENGTH = 0.25
 STEEL = Material(40e9, 1.0 / 3.0, 7800.0)
 
-THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 # A nitinol rod as built robots have it, one tendon wound once about it.
 SECTIONS = (
     Section(LENGTH, 0.01, 0.01, THIRDS, (2.0 * math.pi, 0.0, 0.5)),

@@ -10,6 +10,7 @@ from helical_arm import CONE, HELICAL, RUBBER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from rods import THIRDS
 from scipy.optimize import brentq, root
 from strategies import arms, extreme_arms, fractions, loaded_arms, tensions_for
 
@@ -28,7 +29,6 @@ from octo_arm_model import (
 LAWS = ('linear', 'neo_hookean')
 # Largest tensions of the paper on each arm [N], by section, as in test_renda2012.
 PAPER_SIZE = {0.3: (0.3,), 0.27: (3.95,), 0.31: (1.75, 4.0, 13.0), 0.45: (0.5, 4.0, 13.0)}
-THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 THREE_TENDONS = Arm(
     RUBBER,
     CONE,

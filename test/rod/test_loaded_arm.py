@@ -7,9 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import reference_exact as reference
+import rods
 from differences import jacobian
 from helical_arm import CONE, HELICAL, RUBBER
 from numpy.testing import assert_allclose
+from rods import METAL
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
@@ -36,23 +38,11 @@ from octo_arm_model.arm.errors import ContinuationError
 from octo_arm_model.arm.hints import FloatArray
 
 LAWS = ('linear', 'neo_hookean')
-THIRDS = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
 GRAVITY = (0.0, 0.0, -9.81)
-# The metal rod of Rao et al. 2021: nickel-titanium, tendons in spacer discs.
-ROD = Arm(
-    Material.from_moduli(54e9, 54e9 / 2.6, 6450.0),
-    Body(0.4, 0.0007, 0.0007, disc_radius=0.011),
-    tuple(Section(anchorage, 0.01, 0.01, angles=THIRDS) for anchorage in (0.4, 0.2)),
-)
 HELICAL_TENSIONS = np.array([[0.5, 1.0, 0.0], [2.0, 0.5, 3.0]])
 ROD_TENSIONS = np.array([[3.0, 0.0, 1.0], [0.0, 4.0, 0.0]])
-EVERYTHING = Loads(
-    gravity=(0.0, 3.0, -5.0),
-    fluid_density=400.0,
-    tip_force=(0.01, 0.02, -0.01),
-    tip_moment=(1e-4, -2e-4, 1e-4),
-    points=(PointLoad(0.15, (0.0, 0.05, 0.02), (1e-4, 0.0, 2e-4)), PointLoad(0.25, (0.02, 0, 0))),
-    distributed=(DistributedLoad((0.1, 0.2, 0.3), ((0, 0, 0), (0, 0.3, 0.2), (0, 0, 0.1))),),
+EVERYTHING = dataclasses.replace(
+    rods.EVERYTHING, tip_force=(0.01, 0.02, -0.01), tip_moment=(1e-4, -2e-4, 1e-4)
 )
 POINTS = dataclasses.replace(EVERYTHING, gravity=(0.0, 0.0, 0.0), distributed=())
 
@@ -379,12 +369,12 @@ def test_positions_are_as_accurate_as_was_asked_for(table4):
 
 def test_the_metal_rod_is_that_of_a_boundary_value_solver():
     loads = Loads(tip_force=(0.0, 0.0, 0.1))
-    found = Solver(ROD, 'exact', 21, material='linear', loads=loads).solve(ROD_TENSIONS)
-    expected = reference.loaded_bvp(ROD, ROD_TENSIONS, found, loads, tol=1e-7)
+    found = Solver(METAL, 'exact', 21, material='linear', loads=loads).solve(ROD_TENSIONS)
+    expected = reference.loaded_bvp(METAL, ROD_TENSIONS, found, loads, tol=1e-7)
     assert_allclose(found.position, expected.position, atol=1e-6 * 0.4)
     rotation = Rotation.from_quat(found.quaternion).as_matrix()
     assert_allclose(rotation, expected.rotation, atol=1e-5)
-    assert np.linalg.norm(found.tip - Solver(ROD, 'exact', material='linear').solve(
+    assert np.linalg.norm(found.tip - Solver(METAL, 'exact', material='linear').solve(
         ROD_TENSIONS).tip) > 0.05  # fmt: skip
 
 
@@ -540,14 +530,14 @@ def test_the_papers_models_know_no_loads(table4, papers_model):
 def test_a_slender_arm_that_coils_is_resolved_however_even_its_curvature(turns):
     # Its twist is that of a circle, which a single point would resolve; its midline is not.
     tensions = np.array([[16.0 * turns, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    solver, step = Solver(ROD, 'exact', 41), 1e-4 * tensions[0, 0]
-    unloaded = Solver(ROD, 'exact', 1601)
+    solver, step = Solver(METAL, 'exact', 41), 1e-4 * tensions[0, 0]
+    unloaded = Solver(METAL, 'exact', 1601)
     coiled = unloaded.solve(tensions)
     found = solver.solve(tensions, tip_wrench=[0.0, 0.0, 1e-12, 0.0, 0.0, 0.0])
     turned = np.sum(np.diff(coiled.s) * np.hypot(coiled.xi, coiled.k)[1:])
     assert turned > 0.9 * math.tau * turns
     error = np.abs(found.position - coiled.position[::40]).max()
-    assert error < 2e-7 * ROD.length
+    assert error < 2e-7 * METAL.length
     expected = jacobian(
         lambda first: unloaded.solve([[first[0], 0.0, 0.0], [0.0, 0.0, 0.0]]).tip,
         [tensions[0, 0]], step,

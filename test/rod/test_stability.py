@@ -1,12 +1,20 @@
 """Whether a balance is seen to be one of least energy, and what it is refused for."""
 
 import dataclasses
+import itertools
+import math
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from rods import METAL
 
 from octo_arm_model import Arm, Body, Loads, Material, Section, SolveError, Solver
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.material import LINEAR
+from octo_arm_model.rod.continuation import judge
+from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 
 COLUMN = Arm(Material(1e5), Body(0.4, 0.01, 0.01), (Section(0.4, 0.005, 0.005),))
 EULER = 1e5 * np.pi**3 * 0.01**4 / (16.0 * 0.4**2)  # [N], of a column that is held at its base
@@ -108,3 +116,128 @@ def test_an_unloaded_arm_is_stable_in_its_sheaths():
     assert says.endswith('m: sheaths are too soft')
     # Under a load it buckles, and is stable there or finds nothing.
     assert not says == refusal(arm, 4 * [1.1], True, 'linear')
+
+
+# Hard sets: arms from nothing, columns, and random walks; all of them in the tests of endurance --
+
+
+NOTHING = np.zeros(6)
+LAWS = pytest.mark.parametrize('law', ['linear', 'neo_hookean'])
+# Part of the stiffness of the sections that may be missing where an arm may turn about a vertical.
+NEUTRAL = -1e-6
+
+
+def family_of(sets: int, seed: int = 2012) -> Iterator[FloatArray]:
+    """Random tensions (12,) of the arm of Table 4 [N], as large as its sections bear."""
+    random, largest = np.random.default_rng(seed), np.array([0.5, 4.0, 13.0])[:, np.newaxis]
+    for _ in range(sets):
+        shares = random.uniform(size=(3, 4)) * random.integers(0, 2, (3, 4))
+        given = largest * shares / np.maximum(1.0, shares.sum(axis=1, keepdims=True))
+        yield given.ravel()
+
+
+def columns() -> Iterator[tuple[FloatArray, float]]:
+    """312 forces (3,) over Euler's load: 13 along, 6 aside in 4 directions; and the one aside."""
+    along = (0.9, 1.0, 1.02, 1.1, 1.3, 1.6, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0, 9.5)
+    asides = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1)
+    for part, aside, angle in itertools.product(along, asides, (0.0, 0.3, 2.0, 4.4)):
+        yield np.array([-part, aside * math.cos(angle), aside * math.sin(angle)]), angle
+
+
+def is_stable(rod: Rod, found: Equilibrium) -> bool:
+    """Whether the system at the equilibrium itself says so."""
+    least = judge(rod.problem(found.level), found.state).variation.softest()[0]
+    return bool(least > NEUTRAL and found.state.residual <= 1e-7)
+
+
+def refused(rod: Rod, family: Iterator[FloatArray], wrench: FloatArray = NOTHING) -> list[str]:
+    """What is refused of a ``family`` of tensions from nothing, or is unstable."""
+    problems = []
+    for number, tensions in enumerate(family):
+        try:
+            found = rod.solve(tensions, wrench)
+        except SolveError as error:
+            problems.append(f'{number}: {error}')
+            continue
+        if not is_stable(rod, found):
+            problems.append(f'{number}: unstable')
+    return problems
+
+
+@LAWS
+@pytest.mark.parametrize('direction', [(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)],
+                         ids=['level', 'hanging', 'upright'])  # fmt: skip
+@pytest.mark.parametrize('sets', [8, pytest.param(1525, marks=pytest.mark.endurance)])
+def test_arms_in_air_are_balanced_from_nothing(table4, law, direction, sets):
+    x, y, z = direction
+    loads = Loads(gravity=(9.81 * x, 9.81 * y, 9.81 * z))
+    rod = Rod(table4.arm.with_density(1080.0), loads, setting=Setting(law == 'neo_hookean'))
+    assert refused(rod, family_of(sets)) == []
+
+
+@pytest.mark.parametrize('sets', [8, pytest.param(1000, marks=pytest.mark.endurance)])
+@pytest.mark.parametrize('force', [(0.0, 0.0, 0.0), (0.0, 0.0, 0.1), (0.0, -0.1, 0.0)])
+def test_the_metal_rod_is_balanced_under_any_tensions(force, sets):
+    random = np.random.default_rng(2021)
+    rod = Rod(METAL, setting=Setting(law=LINEAR))
+    family = iter(random.uniform(0.0, 6.0, (sets, 6)))
+    assert refused(rod, family, np.array([*force, 0.0, 0.0, 0.0])) == []
+
+
+@LAWS
+@pytest.mark.parametrize('every', [26, pytest.param(1, marks=pytest.mark.endurance)])
+def test_columns_fall_to_the_side_that_they_are_pushed_to(law, every):
+    rod, problems = Rod(COLUMN, setting=Setting(law == 'neo_hookean')), []
+    for number, (force, angle) in enumerate(itertools.islice(columns(), 0, None, every)):
+        wrench = np.array([*(EULER * force), 0.0, 0.0, 0.0])
+        try:
+            found = rod.solve(np.zeros(4), wrench)
+        except SolveError as error:
+            problems.append(f'{number}: {error}')
+            continue
+        s = np.array([0.0, COLUMN.length])
+        tip = rod.readout(found.level, s).read(found.state)[0][-1]
+        aside = float(tip[1] * math.cos(angle) + tip[2] * math.sin(angle))
+        least = 0.1 * COLUMN.length if -force[0] > 1.05 else 0.0
+        if not (is_stable(rod, found) and aside > least):
+            problems.append(f'{number}: {force} leads to {tip}')
+    assert problems == []
+
+
+@pytest.mark.parametrize('pace', [0.05, 0.3, 1.0])
+@pytest.mark.parametrize('gravity', [(0.0, 0.0, -9.81), (-9.81, 0.0, 0.0)], ids=['level', 'up'])
+@pytest.mark.parametrize('steps', [15, pytest.param(1000, marks=pytest.mark.endurance)])
+def test_a_random_walk_stays_on_stable_balances(table4, pace, gravity, steps):
+    rod = Rod(table4.arm.with_density(1080.0), Loads(gravity=gravity))
+    random, found, problems = np.random.default_rng(7), None, []
+    largest = np.repeat([0.2, 1.5, 5.0], 4)
+    tensions = 0.3 * largest * random.uniform(size=12)
+    wrench = np.zeros(6)
+    for number in range(steps):
+        step = pace * largest * random.standard_normal(12)
+        tensions = np.clip(np.abs(tensions + 0.2 * step), 0.0, largest)
+        wrench[:3] = 0.9 * wrench[:3] + 0.005 * pace * random.standard_normal(3)
+        try:
+            found = rod.solve(tensions, wrench.copy(), found)
+        except SolveError as error:
+            problems.append(f'{number}: {error}')
+            found = None
+            continue
+        if not is_stable(rod, found):
+            problems.append(f'{number}: unstable')
+    assert problems == []
+
+
+@LAWS
+@pytest.mark.parametrize('part', [0.0, 0.1, pytest.param(0.2, marks=pytest.mark.endurance)])
+def test_an_upright_arm_may_fall_to_any_side(table4, law, part):
+    # Energy is level all around the vertical, but for little that four tendons add.
+    rod = Rod(
+        table4.arm.with_density(1080.0),
+        Loads(gravity=(-9.81, 0.0, 0.0)),
+        setting=Setting(law == 'neo_hookean'),
+    )
+    found = rod.solve(part * np.repeat([1.0, 2.0, 3.0], 4), NOTHING)
+    assert is_stable(rod, found)
+    tip = rod.readout(found.level, np.array([0.0, 0.45])).read(found.state)[0][-1]
+    assert tip[0] < -0.1 and 0.05 < np.hypot(tip[1], tip[2]) < 0.2

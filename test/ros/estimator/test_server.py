@@ -14,9 +14,10 @@ from live_nodes import setting
 from numpy.testing import assert_allclose, assert_array_equal
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from octo_arm_model import Loads, PointLoad
+from octo_arm_model import Loads, PointLoad, displacements_of
 from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
 from octo_arm_model.ros.estimator.main import EstimatorNode
 
@@ -387,6 +388,32 @@ def test_another_type_of_tensions_leaves_the_publishers_of_other_topics_counted(
     finally:
         assert client.change(tension_type='', tension_field='') == (True, '')
     assert count() == before
+
+
+def test_what_motors_read_in_a_field_is_a_measurement(client):
+    shape = client.solver.solve(TENSIONS.reshape(1, 4))
+    turns = 1e3 * displacements_of(client.solver, shape).ravel()
+    field = {'displacement_type': 'sensor_msgs/msg/JointState', 'displacement_field': 'velocity'}
+    assert client.change(**field, displacement_scale=[1e-3]) == (True, '')
+    motors = client.node.create_publisher(JointState, 'tendon_displacements/field', 10)
+    try:
+        message = JointState(name=NAMES, velocity=turns.tolist())
+        message.header.stamp.sec = 1000
+
+        def is_accepted():
+            motors.publish(message)
+            client.spin(0.1)
+            _, values = client.status('estimate')
+            return int(values.get('tendon displacements accepted', 0)) > 0
+
+        client.wait(is_accepted, 'an estimate')
+        tip = client.newest('tip_pose').pose.pose.position
+        # Without load cells it is what the encoders say, against a wide prior of the tensions.
+        assert_allclose([tip.x, tip.y, tip.z], shape.tip, atol=2e-3)
+    finally:
+        done = client.change(displacement_type='', displacement_field='', displacement_scale=[1.0])
+        assert done == (True, '')
+        client.node.destroy_publisher(motors)
 
 
 def test_rviz_sees_the_tube_and_the_arrow(client):
