@@ -32,19 +32,20 @@ class MotionControls:
             numbers.note('For a simulated arm that moves: drag the point at its tip to pull it.')
         )
         shown = gui.add_checkbox('Pull the tip', initial_value=False)
-        paused = gui.add_checkbox('Pause', initial_value=False)
+        self._paused = paused = gui.add_checkbox('Pause', initial_value=False)
+        self._is_told = False
         self._handle = server.scene.add_transform_controls(
             '/pull', scale=0.18 * length, disable_rotations=True, depth_test=False, visible=False
         )
         shown.on_update(lambda event: later(lambda: self._show(shown.value)))
-        step = gui.add_button('Step', disabled=True)
+        self._step = step = gui.add_button('Step', disabled=True)
         reset = gui.add_button('Begin anew')
 
         def pause() -> None:
             simulator.pause(paused.value)
             step.disabled = not paused.value  # one that moves refuses steps
 
-        paused.on_update(lambda event: later(pause))
+        paused.on_update(lambda event: later(pause) if event.client else None)  # not of `tell`
         step.on_click(lambda event: later(lambda: simulator.trigger('step')))
         reset.on_click(lambda event: later(lambda: simulator.trigger('reset')))
         self._handle.on_update(lambda event: later(lambda: self._drag(event.phase != 'end')))
@@ -59,6 +60,13 @@ class MotionControls:
             self._simulator.pull(self._stiffness * (np.array(self._handle.position) - tip))
         else:
             self._handle.position = tip
+
+    def tell(self, is_paused: bool | None) -> None:
+        """Show whether the simulator stands still where that changes, as others stop it too."""
+        if is_paused is not None and is_paused is not self._is_told:
+            self._is_told = is_paused
+            self._paused.value = is_paused  # type: ignore[misc]
+            self._step.disabled = not is_paused
 
     def _show(self, is_shown: bool) -> None:
         self._handle.visible = is_shown

@@ -215,6 +215,7 @@ class Page:
             if now - self._read > _READING:
                 self._read = now
                 self._text.content = numbers.live(client)
+                self._motion.tell(client.is_paused)
                 self._controls.follow()
 
     def _draw_arm(self, shape: PublishedShape, strains: PublishedStrains, now: float) -> None:

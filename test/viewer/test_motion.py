@@ -5,13 +5,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3, Vector3Stamped
 from live_nodes import RosClient, hosting, new_domain
 from numpy.testing import assert_allclose
+from std_srvs.srv import SetBool
 
 from octo_arm_model import ConfigError, MotionProperties, load_config
 from octo_arm_model.arm.stiffness import bending_force
 from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.ros.client.simulator_client import SimulatorClient
 from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
@@ -36,7 +39,7 @@ class Page:
         handle = self._handles[label]
         handle._impl.value = value
         for callback in handle._impl.update_cb:
-            callback(SimpleNamespace(target=handle))
+            callback(SimpleNamespace(target=handle, client=self))
 
     def drag(self, phase):
         for callback in self._handle._impl_aux.update_cb:
@@ -78,6 +81,17 @@ def test_the_mouse_pulls_the_tip_until_it_lets_go_and_buttons_stop_and_step(serv
         page.drag('end')
         client.wait(lambda: np.linalg.norm(tip() - [LENGTH, 0.0, 0.0]) < 1e-3, 'the arm at rest')
 
+        # Others stop the simulator too, of which its diagnostics tell.
+        arm = ArmClient(rclpy.create_node('page', context=client.context))
+
+        def is_paused(value):
+            arm.poll()
+            page.controls.tell(arm.is_paused)
+            return page.controls._paused.value is value is not page.controls._step.disabled
+
+        for value in (True, False):
+            assert client.call(SetBool, 'pause', SetBool.Request(data=value)).success
+            client.wait(lambda value=value: is_paused(value), f'paused: {value}')
         page.tell('Pause')
         client.spin(0.2)
         tips.clear()

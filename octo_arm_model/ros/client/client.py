@@ -30,6 +30,7 @@ from octo_arm_model.ros.client.commands import CommandPublisher
 from octo_arm_model.ros.client.simulator_client import SimulatorClient
 from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
+from octo_arm_model.ros.simulator.diagnostics import PAUSED
 from octo_arm_model.simulation.profiles.commands import TOPIC
 from octo_arm_model.wire.backbone import TENDON_LENGTHS, read_poses
 from octo_arm_model.wire.estimate import (
@@ -247,6 +248,7 @@ class ArmClient:
         tip_deviation: standard deviation of the tip's position along x, y, z [m], (3,).
         covariance: newest covariance of shape and contact, from an estimator; None until received.
         force: newest estimated force on the arm [N], (3,); None until received.
+        is_paused: whether a simulator says that it stands still; None until one says anything.
     """
 
     def __init__(self, node: Node, namespace: str = '') -> None:
@@ -273,6 +275,7 @@ class ArmClient:
         self._meter, self._counted = Meter(), 0
         self._text = ''
         self.config: Config | None = None
+        self.is_paused: bool | None = None
         self._forget()
 
     @functools.cached_property
@@ -393,6 +396,8 @@ class ArmClient:
             if status.hardware_id.rpartition('/')[0] != self._namespace:
                 continue
             what = status.name.rpartition(': ')[2]
+            if what == 'simulator':
+                self.is_paused = any(one.value == PAUSED for one in status.values)
             if status.name not in self._problems and len(self._problems) >= _MOST_PROBLEMS:
                 continue
             self._problems[status.name] = ''

@@ -10,6 +10,8 @@ from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.ros.refusal_log import RefusalLog
 
+PAUSED = 'nothing, as it is paused'  # source of one that stands still
+
 
 class SimulatorDiagnostics:
     """Counts what a simulator is commanded and publishes.

@@ -38,7 +38,7 @@ from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.qos import check_overrides, create_publisher
 from octo_arm_model.ros.simulator.commanders import Commanders
-from octo_arm_model.ros.simulator.diagnostics import SimulatorDiagnostics
+from octo_arm_model.ros.simulator.diagnostics import PAUSED, SimulatorDiagnostics
 from octo_arm_model.ros.simulator.motion_publishers import MotionPublishers
 from octo_arm_model.ros.simulator.push_service import TOPIC as PUSH_TOPIC
 from octo_arm_model.ros.simulator.push_service import PushService, check_frame
@@ -343,7 +343,7 @@ class SimulatorNode(CheckedNode):
     def _report(self) -> None:
         source = 'profile' if self._is_playing else 'commands'
         if self._time.is_paused:
-            source = 'nothing, as it is paused'
+            source = PAUSED
         with until_shutdown(self.context):
             self._diagnostics.publish(source, self._commanders.report(), self._time.simulated)
 
