@@ -171,7 +171,7 @@ _TOGETHER = 128  # messages of tensions at a time, and less where others come be
 _LARGEST = 8 * 2**20  # messages at a time [bytes]
 
 
-def replay(
+def replay(  # noqa: PLR0913 - options by keyword
     reader: BagReader,
     writer: BagWriter,
     arms: Sequence[RecordedArm],

@@ -268,11 +268,7 @@ class McapFile:
         self._check_overlap()
         said = None if statistics is None else self._said(statistics)
         if said is None or not said.keys() <= self._channels.keys():
-            for chunk in self._chunks:
-                for kind, data in _records_in(self._expanded(chunk)):
-                    self._define(kind, data)
-                    if kind == _MESSAGE:
-                        counts[_MESSAGE_HEAD.unpack_from(data)[0]] += 1
+            counts += self._look_in_chunks()
             said = said or counts
         if unknown := said.keys() - self._channels.keys():
             raise ValueError(f'{said[min(unknown)]} message(s) of a topic that it does not have')
@@ -281,6 +277,16 @@ class McapFile:
         ]
         times = [*self._loose, *(time for one in self._chunks for time in one[2:4])]
         self.start_ns, self.stop_ns = min(times, default=0), max(times, default=0)
+
+    def _look_in_chunks(self) -> Counter[int]:
+        """Find topics in chunks, and how many messages each has there."""
+        counts = Counter[int]()
+        for chunk in self._chunks:
+            for kind, data in _records_in(self._expanded(chunk)):
+                self._define(kind, data)
+                if kind == _MESSAGE:
+                    counts[_MESSAGE_HEAD.unpack_from(data)[0]] += 1
+        return counts
 
     def _check_overlap(self) -> None:
         changes = [(one.start, one.size) for one in self._chunks]
@@ -421,7 +427,7 @@ def _records_in(data: bytes) -> Iterator[tuple[int, bytes]]:
         place += length
 
 
-def _connection(
+def _connection(  # noqa: PLR0913 - the fields of a Connection
     number: int, topic: str, type_name: str, definition: MessageDefinition, digest: str,
     count: int, qos: str, owner: Any,
 ) -> Connection:  # fmt: skip

@@ -172,21 +172,7 @@ def _unknowns(
         most = f'up to {max(highest):.3g} N'
         notes.append(f'tensions change by {most} in a second (what each tendon is pulled by)')
     fixed: dict[str, Any] = {'tension': tuple(Walk(max(h, rate), rate or h) for h in highest)}
-    if given['tension_bias_stddev']:
-        bias = given['tension_bias_stddev'], given['tension_bias_rate']
-        fixed['tension_bias'] = Walk(*bias)
-    loss = given['tension_loss_stddev'] or TURNED * max(arm.friction, default=0.0)
-    if loss:
-        fixed['tension_loss'] = Walk.stationary(loss, time)
-        if not given['tension_loss_stddev']:
-            notes.append(f'friction may hold back {loss:.3g} of each tension')
-    if config.uncertainty.youngs_modulus:
-        if arm.sheath_stiffness:
-            raise ConfigError(
-                f'material.youngs_modulus_stddev is {config.uncertainty.youngs_modulus:g}, '
-                'expected 0 with tendons.sheath_stiffness, which is not in proportion to E'
-            )
-        fixed['log_modulus'] = Walk(config.uncertainty.youngs_modulus)
+    fixed |= _slow_unknowns(given, config, notes)
     if given['contact'] == 'none':
         return {'none': Unknowns(**fixed)}
     stddev = given['force_stddev'] or bending_force(arm, BENT)
@@ -210,6 +196,26 @@ def _unknowns(
     for name, s in zip(place_names(places), places, strict=True):
         hypotheses[name] = Unknowns(**fixed, point_forces=(PointForce(s, force),))
     return hypotheses
+
+
+def _slow_unknowns(given: Mapping[str, Any], config: Config, notes: list[str]) -> dict[str, Walk]:
+    """Those of load cells, friction and the material, which change slowly."""
+    found, arm = {}, config.arm
+    if given['tension_bias_stddev']:
+        found['tension_bias'] = Walk(given['tension_bias_stddev'], given['tension_bias_rate'])
+    loss = given['tension_loss_stddev'] or TURNED * max(arm.friction, default=0.0)
+    if loss:
+        found['tension_loss'] = Walk.stationary(loss, given['force_time'])
+        if not given['tension_loss_stddev']:
+            notes.append(f'friction may hold back {loss:.3g} of each tension')
+    if config.uncertainty.youngs_modulus:
+        if arm.sheath_stiffness:
+            raise ConfigError(
+                f'material.youngs_modulus_stddev is {config.uncertainty.youngs_modulus:g}, '
+                'expected 0 with tendons.sheath_stiffness, which is not in proportion to E'
+            )
+        found['log_modulus'] = Walk(config.uncertainty.youngs_modulus)
+    return found
 
 
 def _check_recorded(what: str, value: float, unit: str, name: str) -> None:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from octo_arm_model.experiment.bag_recording import BagRecording
 
 
-def read_recording(
+def read_recording(  # noqa: PLR0913 - options of a command
     path: Path | str | None,
     config: str | None = None,
     tensions: str | None = None,

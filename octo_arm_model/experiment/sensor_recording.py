@@ -14,7 +14,6 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.bags.arms import describe
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.sensor_topics import (
-    RecordedTensions,
     SensorTopics,
     StampedMeasurement,
     find_sensors,
@@ -136,7 +135,13 @@ def read_recorded(
     camera = None
     if topic is not None:
         try:
-            camera = _camera(reader, topic, config, sensors, tensions, sources, refusals, notes)
+            if not len(time):
+                raise MeasurementError(
+                    'there are no tensions to tell a shape without the estimator'
+                )
+            pulled = tensions.stamps_ns.tolist(), list(tensions.rows)
+            stamped = Stamped(sensors.tensions, *pulled)
+            camera = _camera(reader, topic, config, stamped, sources, refusals, notes)
         except MeasurementError as error:
             notes.append(f'{topic} is not compared with: {error}')
     if sources.alignment is not None and not turned and camera is None:
@@ -193,23 +198,19 @@ def _camera(
     reader: BagReader,
     topic: str,
     config: Config,
-    sensors: SensorTopics,
-    tensions: RecordedTensions,
+    stamped: Stamped,
     sources: Sources,
     refusals: Refusals,
     notes: list[str],
 ) -> CameraCheck:
     """Midlines or tips on a ``topic``, to compare estimates and the shapes by tensions with.
 
-    ``refusals`` count the messages left out; decisions are added to ``notes``.
+    The tensions are ``stamped``. ``refusals`` count messages left out; ``notes`` get decisions.
 
     Raises:
         BagError: if there is no such topic, or of another type.
         MeasurementError: if there is nothing to compare, or neither end is clearly the base.
     """
-    if not len(tensions.rows):
-        raise MeasurementError('there are no tensions to tell a shape without the estimator')
-    stamped = Stamped(sensors.tensions, tensions.stamps_ns.tolist(), list(tensions.rows))
     measured = Measured((topic,))
     points = MeasuredPoints(measured, config.arm.length)
     topics = MeasuredTopics(reader, measured, points, config.base_frame)

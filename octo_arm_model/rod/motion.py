@@ -370,7 +370,7 @@ class Dynamics:
             reeling = self.reeling
             begun = reeling.evaluate(condition, guess)
             # Lengths count little beside the balance: the first step may leave any.
-            change, border = reeling.step(begun, reeling.linearise(begun))
+            change, border = reeling.step(begun, reeling.linearise(begun, factors))
             begun = reeling.moved(begun, change, border)
             found = settle(reeling, begun, tolerance, border, rule=_RULE)
             assert isinstance(found.factors, Border)

@@ -66,7 +66,7 @@ class Solver:
         grid: the stations.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - options by keyword
         self,
         arm: Arm,
         model: str = DEFAULT_MODEL,

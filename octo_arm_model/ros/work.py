@@ -159,7 +159,7 @@ class _Abandoned(BaseException):
     """Raised in a suspended function whose result is no longer needed."""
 
 
-def sliced(
+def sliced(  # noqa: C901 - with what runs on its thread
     function: Callable[[Callable[[], None]], Result], seconds: float
 ) -> Generator[None, None, Result]:
     """Run ``function(pause)``, which calls ``pause`` now and then, in slices of ``seconds`` [s].

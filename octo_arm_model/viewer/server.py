@@ -188,7 +188,7 @@ class Guard:
         self._refusals.add(why)
         return connection.respond(status, f'{why}\n')
 
-    def _make_connection(self) -> type[ServerConnection]:
+    def _make_connection(self) -> type[ServerConnection]:  # noqa: C901 - a class of this server
         connections, refusals, requests = self._connections, self._refusals, self.requests
 
         class Connection(ServerConnection):

@@ -210,20 +210,19 @@ class UncertaintyMarkersWriter:
         position: FloatArray,
         quaternion: FloatArray,
         covariance: FloatArray,
-        s: float,
-        force: FloatArray,
-        of_force: FloatArray,
+        contact: tuple[float, FloatArray, FloatArray],
         sec: int,
         nanosec: int,
     ) -> bytes:
         """Markers of one estimate; see `UncertaintyDrawing.tube` and `UncertaintyDrawing.arrow`.
 
-        ``force`` (3,) [N] acts at ``s`` [m], see `UncertaintyDrawing.place`; ``of_force`` (3, 3)
-        [N^2] is its covariance.
+        ``contact`` is the s [m] of a force, see `UncertaintyDrawing.place`, the force (3,) [N] and
+        its covariance (3, 3) [N^2].
 
         Raises:
             ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
         """
+        s, force, of_force = contact
         tube = self._drawing.tube(position, quaternion, covariance)[self._drawing.triangles]
         arrow = self._drawing.arrow(self._drawing.place(position, s), force, of_force)
         if arrow is None:

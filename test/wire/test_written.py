@@ -120,7 +120,7 @@ def all_written(frame, names, stations, stamp, seed):
         yield (
             MarkerArray,
             UncertaintyMarkersWriter(ARM, BENT.s, frame).write(
-                BENT.position, BENT.quaternion, known, ARM.length, force, of_force, *stamp
+                BENT.position, BENT.quaternion, known, (ARM.length, force, of_force), *stamp
             ),
         )
 

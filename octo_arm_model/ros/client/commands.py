@@ -67,7 +67,7 @@ _FLUSH_TIMEOUT = 5.0  # [s] for the last command to arrive
 Report = Callable[[str, float, float], None]
 
 
-def play(
+def play(  # noqa: PLR0913 - options by keyword
     profile: CommandProfile,
     config: Config,
     *,

@@ -43,7 +43,7 @@ class EstimatePublishers(BackbonePublishers):
         def markers() -> bytes:
             return self._tube.write(
                 backbone.position, backbone.quaternion, estimate.pose_covariance[:, :3, :3],
-                known.s, known.wrench[:3], known.covariance[:3, :3], *stamp,
+                (known.s, known.wrench[:3], known.covariance[:3, :3]), *stamp,
             )  # fmt: skip
 
         of_tip = estimate.pose_covariance[-1] if self.is_tip_heard else None
