@@ -92,10 +92,11 @@ def run(options: argparse.Namespace) -> None:
             with unwritten(options.out), BagWriter(options.out, options.storage, custom) as writer:
                 made = add_motion(writer, config, parameters, moments)
     elapsed = time.monotonic() - began
+    around, what = config.loads.obstacles, options.profile
     for path, write in (
         (options.csv, lambda place: write_motion_csv(place, made, config.arm.tendon_names)),
-        (options.plot, lambda place: draw_motion(place, made, options.profile)),
-        (options.animate, lambda place: animate(place, made, options.rate, options.profile)),
+        (options.plot, lambda place: draw_motion(place, made, what, around)),
+        (options.animate, lambda place: animate(place, made, options.rate, what, around)),
     ):
         if path is not None:
             with writing(path) as place:

@@ -8,13 +8,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from octo_arm_model.analysis.drawing import obstacle_mesh
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROFILE_ROWS
+from octo_arm_model.arm.obstacles import Obstacle
 from octo_arm_model.arm.validation import not_negative, positive
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.motion import Dynamics
@@ -98,8 +100,10 @@ def write_motion_csv(path: Path, moments: Sequence[Moment], names: Sequence[str]
     np.savetxt(path, rows, '%.9g', ',', header=','.join(['time', *tip, *names]), comments='')
 
 
-def draw_motion(path: Path, moments: Sequence[Moment], title: str) -> None:
-    """Draw the tip over time, and shapes on the way, into a PNG file."""
+def draw_motion(
+    path: Path, moments: Sequence[Moment], title: str, obstacles: Sequence[Obstacle] = ()
+) -> None:
+    """Draw the tip over time, and shapes on the way past ``obstacles``, into a PNG file."""
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 
@@ -117,11 +121,14 @@ def draw_motion(path: Path, moments: Sequence[Moment], title: str) -> None:
     for number in numbers.tolist():
         colour = colormaps['viridis'](number / max(len(moments) - 1, 1))
         space.plot(*moments[number].backbone.position.T, color=colour)
-    _frame(space, moments)
+    _frame(space, moments, obstacles)
     figure.savefig(path, dpi=120, format='png')
 
 
-def animate(path: Path, moments: Sequence[Moment], rate: float, title: str) -> None:
+def animate(
+    path: Path, moments: Sequence[Moment], rate: float, title: str,
+    obstacles: Sequence[Obstacle] = (),
+) -> None:  # fmt: skip
     """Draw ``moments`` one after the other, ``rate`` of them a second, into a GIF file."""
     from matplotlib.animation import FuncAnimation, PillowWriter
     from matplotlib.figure import Figure
@@ -131,7 +138,7 @@ def animate(path: Path, moments: Sequence[Moment], rate: float, title: str) -> N
     figure = Figure(figsize=(5.0, 5.0), layout='constrained')
     space = figure.add_subplot(projection='3d')
     (line,) = space.plot(*moments[0].backbone.position.T, linewidth=3.0)
-    _frame(space, moments)
+    _frame(space, moments, obstacles)
 
     def show(number: int) -> None:
         line.set_data_3d(*moments[number].backbone.position.T)
@@ -140,11 +147,15 @@ def animate(path: Path, moments: Sequence[Moment], rate: float, title: str) -> N
     FuncAnimation(figure, show, len(moments)).save(path, PillowWriter(round(rate)), dpi=80)
 
 
-def _frame(space: object, moments: Sequence[Moment]) -> None:
-    """Equal scales in all directions."""
+def _frame(space: Any, moments: Sequence[Moment], obstacles: Sequence[Obstacle]) -> None:
+    """Equal scales in all directions, and what of ``obstacles`` is there."""
     points = np.concatenate([one.backbone.position for one in moments])
     low, high = points.min(axis=0), points.max(axis=0)
     half, middle = 0.5 * float((high - low).max()), 0.5 * (low + high)
     limits = {f'{name}lim': (c - half, c + half) for name, c in zip(_AXES, middle)}
     labels = {f'{name}label': f'{name} [m]' for name in _AXES}
-    space.set(**limits, **labels, box_aspect=(1.0, 1.0, 1.0))  # type: ignore[attr-defined]
+    space.set(**limits, **labels, box_aspect=(1.0, 1.0, 1.0))
+    for obstacle in obstacles:
+        vertices, triangles = obstacle_mesh(obstacle, middle, half)
+        if (np.abs(vertices - middle) < half).all(axis=1).any():
+            space.plot_trisurf(*vertices.T, triangles=triangles, color='grey', alpha=0.3)

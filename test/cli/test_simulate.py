@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from octo_arm_model import Config, MotionProperties
+from octo_arm_model import Config, MotionProperties, Sphere, load_config
+from octo_arm_model.simulation.moving_arm import Moment, draw_motion
 
 ARM = ('renda2012_table4', '--density', '1080', '--viscosity', '300', '--stations', '11')
 WATER = ('--fluid-density', '1000', '--water', 'renda2018')
@@ -60,6 +61,13 @@ def test_pictures_of_a_simulation(profile, tmp_path, cli):
     assert cli(*SIMULATE, profile, '--rate', '10', '--plot', plot, '--animate', gif)[0] == 0
     assert np.ptp(matplotlib.imread(plot)) > 0.5
     assert gif.read_bytes().startswith(b'GIF8')
+    # An obstacle is in the picture where it is near the arm.
+    shape = load_config('renda2012_table4').solver('exact').solve(np.zeros((3, 4)))
+    moments, seen = [Moment(time, shape, np.zeros(3)) for time in (0.0, 1.0)], []
+    for centre in ((0.2, 0.0, 0.1), (0.2, 0.0, 9.0)):
+        draw_motion(plot, moments, 'ball', [Sphere(centre, 0.05, stiffness=1e6)])
+        seen.append(matplotlib.imread(plot))
+    assert (np.abs(seen[0] - seen[1]).max(axis=2) > 0.1).sum() > 2000
 
 
 @pytest.mark.parametrize(
