@@ -38,12 +38,16 @@ def arm_of(*sections: tuple[float, float, float], names: tuple[str, ...] = ()) -
     return Arm(MATERIAL, BODY, tuple(Section(*section) for section in sections), names)
 
 
+def named(names):
+    return arm_of((0.4, 0.0, 0.0), names=tuple(names))
+
+
 def test_tendons_are_named_by_section_and_number_unless_named():
     assert arm_of((0.4, 0.0, 0.0), (0.2, 0.0, 0.0)).tendon_names[3:5] == (
         'tendon_1_4',
         'tendon_2_1',
     )
-    assert arm_of((0.4, 0.0, 0.0), names=tuple('ABCD')).tendon_names == ('A', 'B', 'C', 'D')
+    assert named('ABCD').tendon_names == ('A', 'B', 'C', 'D')
 
 
 @pytest.mark.parametrize('given', [Section(0.4, 0.0, 0.0), None, 'sections', (0.4,)])
@@ -79,18 +83,15 @@ def test_what_must_be_positive_is_refused_otherwise(field, build, bad):
         (lambda: Section(1.0, -1e-9, 0.0), 'section.offset_base is -1e-09, expected a finite'),
         (lambda: Section(1.0, 0.0, math.inf), 'section.offset_anchorage is inf, expected'),
         (lambda: arm_of(), 'sections is (), expected at least one section'),
-        (
-            lambda: arm_of((0.41, 0.0, 0.0)),
-            'sections[1].anchorage is 0.41, expected at most the length of the arm, 0.4 [m]',
-        ),
+        (lambda: arm_of((0.41, 0.0, 0.0)), 'sections[1].anchorage is 0.41, expected at most the'),
         (
             lambda: arm_of((0.2, 0.0, 0.0), (0.4, 0.0, 0.0)),
             'sections[2].anchorage is 0.4, expected less than that of the section before it, '
             '0.2 [m]: sections are listed from the tip to the base',
         ),
         (
-            lambda: arm_of((0.2, 0.0, 0.0), (0.2, 0.0, 0.0)),
-            'sections[2].anchorage is 0.2, expected less than',
+            lambda: arm_of((0.2, 0, 0), (0.2, 0, 0)),
+            'sections[2].anchorage is 0.2, expected less t',
         ),
         (
             lambda: arm_of((0.4, 0.0, 0.0), (0.2, 0.0201, 0.0)),
@@ -102,17 +103,11 @@ def test_what_must_be_positive_is_refused_otherwise(field, build, bad):
             'sections[1].offset_anchorage is 0.0151, expected at most the radius of the body at '
             's = 0.2 m, 0.015 [m]',
         ),
+        (lambda: named('AB'), "tendon_names is ['A', 'B'], expected 4 names, one per tendon"),
+        (lambda: named('ABCA'), "tendon_names is ['A', 'B', 'C', 'A'], expected distinct, non-em"),
         (
-            lambda: arm_of((0.4, 0.0, 0.0), names=('A', 'B')),
-            "tendon_names is ['A', 'B'], expected 4 names, one per tendon",
-        ),
-        (
-            lambda: arm_of((0.4, 0.0, 0.0), names=('A', 'B', 'C', 'A')),
-            "tendon_names is ['A', 'B', 'C', 'A'], expected distinct, non-empty names",
-        ),
-        (
-            lambda: arm_of((0.4, 0.0, 0.0), names=('A', 'B', 'C', '')),
-            "tendon_names is ['A', 'B', 'C', ''], expected distinct, non-empty names",
+            lambda: named([*'ABC', '']),
+            "tendon_names is ['A', 'B', 'C', ''], expected distinct, no",
         ),
     ],
 )
@@ -140,7 +135,7 @@ def test_a_tendon_may_end_on_the_midline(length, base):
 @pytest.mark.parametrize('name', ['a\0b', '\ud800', 'x' * 256, 5, b'a', True])
 def test_names_are_texts_that_a_message_can_carry(name):
     with pytest.raises(ArmDefinitionError, match='expected distinct, non-empty names of at most'):
-        arm_of((0.4, 0.0, 0.0), names=('a', 'b', 'c', name))  # type: ignore[arg-type]
+        named(('a', 'b', 'c', name))  # type: ignore[arg-type]
 
 
 def test_sections_and_tendons_have_a_bound():

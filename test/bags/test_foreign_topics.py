@@ -95,29 +95,13 @@ def test_any_numbers_are_tensions_where_it_is_said_whose(way, tmp_path, cli):
     ('cell', 'options', 'message'),
     [
         (wrench, [], 'any numeric field will do, as TOPIC:FIELD: /daq/cells:{wrench.force.x,'),
-        (
-            wrench,
-            ['--tensions', CELLS],
-            '/daq/cells:{wrench.force.x,wrench.force.y,wrench.force.z',
-        ),
-        (
-            wrench,
-            ['--tensions', f'{CELLS}:force'],
-            "no numeric field 'force'; it has wrench.force",
-        ),
+        (wrench, ['--tensions', CELLS], '/daq/cells:{wrench.force.x,wrench.force.y,wrench.force.'),
+        (wrench, ['--tensions', f'{CELLS}:force'], "no numeric field 'force'; it has wrench.forc"),
         (wrench, ['--tensions', '/none:data'], 'no topic /none for tensions; it has'),
         (wrench, ['--tensions', f'{CELLS}:wrench.force.z'], '1 values, expected 4, one for each'),
-        (
-            six_channels,
-            ['--tendons', '0', '1', '2', '9'],
-            "no value '9' for tendon_1_4; there are",
-        ),
+        (six_channels, ['--tendons', '0', '1', '2', '9'], "no value '9' for tendon_1_4; there ar"),
         (six_channels, ['--tensions', f'{CELLS}:data[9]'], 'it has no entry 9'),
-        (
-            joints,
-            ['--tendons', 'a', 'b', 'c', 'd'],
-            "no value 'a' for tendon_1_1; there are elbow",
-        ),
+        (joints, ['--tendons', 'a', 'b', 'c', 'd'], "no value 'a' for tendon_1_1; there are elbo"),
         (joints, ['--tendons', 'a'], 'tension_names has 1 values, expected 4, one per tendon'),
         (joints, ['--tendons', 'a', 'a', '-', '-'], 'expected distinct names or -'),
     ],

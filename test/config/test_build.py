@@ -145,10 +145,7 @@ def test_obstacles_are_lists_of_what_each_is():
         ({'type': ['plane']}, 'obstacles.position has 9 values, expected 3, three for each of'),
         ({'radius': [0.1]}, 'obstacles.radius has 1 values, expected 3, one per obstacle'),
         ({'radius': [0.0, 0.0, 0.1]}, r'obstacles\.radius\[1\] is 0.0, expected a finite'),
-        (
-            {'stiffness': []},
-            'obstacles.stiffness has 0 values, expected 3, one for all or one per',
-        ),
+        ({'stiffness': []}, 'obstacles.stiffness has 0 values, expected 3, one for all or one pe'),
         ({'direction': [0.0] * 9}, r'obstacles\.direction\[0:3\] is \(0.0, .*, expected a dir'),
         ({'type': ['plane'] * 33}, 'obstacles.type has 33 values, expected at most 32'),
         ({'position': [float('nan')] * 9}, r'obstacles\.position\[0:3\] is .* expected three fin'),

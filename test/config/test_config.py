@@ -176,14 +176,10 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path, name):
 @pytest.mark.parametrize(
     ('old', 'new', 'message'),
     [
-        (
-            'stations: 101', 'solve_budget.iterations: 0',
-            'solve budget: iterations is 0, expected a number > 0',
-        ),
-        (
-            'stations: 101', 'solve_budget.seconds: .nan',
-            'solve budget: seconds is nan, expected a number > 0',
-        ),
+        ('stations: 101', 'solve_budget.iterations: 0',
+         'solve budget: iterations is 0, expected a number > 0'),
+        ('stations: 101', 'solve_budget.seconds: .nan',
+         'solve budget: seconds is nan, expected a number > 0'),
         (
             'youngs_modulus:', 'young_modulus:',
             'material.young_modulus is no parameter of the arm; did you mean '
@@ -205,18 +201,14 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path, name):
         ('length: 0.45', 'length: {m: 1}', 'body.length.m is no parameter of the arm; did you me'),
         ('length: 0.45', 'length: .nan', 'body.length is nan, expected a finite number > 0 [m]'),
         ('length: 0.45', 'length: 0', 'body.length is 0.0, expected a finite number > 0 [m]'),
-        (
-            'anchorage: [0.45, 0.315, 0.135]', 'anchorage: 0.45',
-            'sections.anchorage is 0.45, expected double[]',
-        ),
+        ('anchorage: [0.45, 0.315, 0.135]', 'anchorage: 0.45',
+         'sections.anchorage is 0.45, expected double[]'),
         (
             'anchorage: [0.45, 0.315, 0.135]', 'anchorage: [0.45, here, 0.135]',
             "sections.anchorage is [0.45, 'here', 0.135], expected a list of values of one type",
         ),
-        (
-            '    stations: 101', '    markers_rate: 1.0e-11',
-            'markers_rate is 1e-11, expected 0, or at least 1e-06 [Hz]',
-        ),
+        ('    stations: 101', '    markers_rate: 1.0e-11',
+         'markers_rate is 1e-11, expected 0, or at least 1e-06 [Hz]'),
     ],
 )  # fmt: skip
 def test_a_bad_value_is_named_with_what_was_expected(tmp_path, old, new, message):
@@ -247,10 +239,8 @@ def _length(text: str) -> str:
         ('just words', ': no node name at the top'),
         ('body:\n  length: 1.0\n', ': ros__parameters found below no node name, expected exactly'),
         ('/**:\n  ros__parameters:\n', ': ros__parameters is None, expected parameters'),
-        (
-            'a:\n  ros__parameters: {}\nb/c:\n  ros__parameters: {}\n',
-            ": ros__parameters found below ['/a', '/b/c'], expected exactly one, best",
-        ),
+        ('a:\n  ros__parameters: {}\nb/c:\n  ros__parameters: {}\n',
+         ": ros__parameters found below ['/a', '/b/c'], expected exactly one, best"),
         ('/**:\n  a: [1\n', ', line 3: not valid YAML, '),
         ('/**:\n\tros__parameters: 1\n', ", line 2: not valid YAML, found character '\\t'"),
         (GOOD + '---\n' + GOOD, 'not valid YAML, but found another document'),
@@ -362,24 +352,12 @@ def test_a_text_that_no_message_can_carry_is_refused(name, text):
         ({'base.position': [0.0] * 10**6}, 'base.position has 1000000 values, expected at most'),
         ({'base.position': [0.0] * 999}, r'base.position is \(0.0, .*\.\.\., expected 3'),
         # Of what nothing is built from.
-        (
-            {'body.table_radius': [0.01] * 1001},
-            'body.table_radius has 1001 values, expected at mo',
-        ),
+        ({'body.table_radius': [0.01] * 1001}, 'body.table_radius has 1001 values, expected at m'),
         ({'body.table_radius': [0.01, -0.01]}, 'body.table_radius is -0.01, expected a finite nu'),
-        (
-            {'material.table_youngs_modulus': [NAN]},
-            'material.table_youngs_modulus is nan, expected',
-        ),
+        ({'material.table_youngs_modulus': [NAN]}, 'material.table_youngs_modulus is nan, expect'),
         ({'material.table_poisson_ratio': [INF]}, 'material.table_poisson_ratio is inf, expected'),
-        (
-            {'tendons.table_angle': [1e31]},
-            'tendons.table_angle is 1e.31, expected .* at most 1e.30',
-        ),
-        (
-            {'tendons.table_offset': [0.0] * 20_001},
-            'tendons.table_offset has 20001 values, expect',
-        ),
+        ({'tendons.table_angle': [1e31]}, 'tendons.table_angle is 1e.31, expected .* at most 1e.'),
+        ({'tendons.table_offset': [0.0] * 20_001}, 'tendons.table_offset has 20001 values, expec'),
         (
             {
                 'body.table_s': [0.0, 0.4],

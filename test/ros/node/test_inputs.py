@@ -236,10 +236,7 @@ def test_winches_and_load_cells_drive_different_tendons_together(wound):
         (['tendon_1_1'], [], 'name has 1 entries but position has 0'),
         (['tendon_1_1'] * 2, [0.01, 0.02], 'tendon named more than once: tendon_1_1'),
         (['tendon_1_1'], [float('nan')], 'displacement of tendon_1_1 is nan m'),
-        (
-            ['tendon_1_1', 'tendon_2_2'], [0.01, 15.0],  # in other units
-            'displacement of tendon_2_2 is 15 m, expected less than there is to reel in: ',
-        ),
+        (['tendon_1_1', 'tendon_2_2'], [0.01, 15.0], 'displacement of tendon_2_2 is 15 m, expect'),
     ],
 )  # fmt: skip
 def test_displacements_that_are_none_are_refused_with_a_warning(wound, name, position, problem):
