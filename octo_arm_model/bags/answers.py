@@ -16,6 +16,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config
+from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.simulation.driven_motion import LONGEST_GAP, DrivenMotion
 from octo_arm_model.wire.backbone import (
     TENDON_LENGTHS,
@@ -26,7 +27,7 @@ from octo_arm_model.wire.backbone import (
 
 _KNOWN = np.zeros((6, 6))  # covariance of a tip that nothing is uncertain of
 # What differs between the shapes of a batch, of all that is written.
-_OF_EACH = ('position', 'quaternion', 'tau', 'xi', 'k', 'q')
+_OF_EACH = ('tensions', 'position', 'quaternion', 'tau', 'xi', 'k', 'q')
 
 
 class Answer(NamedTuple):
@@ -38,13 +39,13 @@ class Answer(NamedTuple):
             of one that cannot be written. None at all where there is no trustworthy answer.
         reason: why one or all are missing, or ''.
         is_failure: whether the model had no answer, and not the message nothing for the arm.
-        tensions: those of all tendons that hold the shape [N]; None if the message had them.
+        backbone: the shape; None where there is no trustworthy answer.
     """
 
     messages: Sequence[bytes | None]
     reason: str = ''
     is_failure: bool = False
-    tensions: FloatArray | None = None
+    backbone: Backbone | None = None
 
 
 class Answers:
@@ -111,7 +112,7 @@ class Answers:
         if are_wound:
             messages.append(writer.tensions(backbone.tensions, *stamp))
         reason = '' if unknown is None else f'{TIP_POSE} unknown: {unknown}'
-        return Answer(messages, reason, tensions=backbone.tensions)
+        return Answer(messages, reason, backbone=backbone)
 
     def _found(self, reading: Reading) -> tuple[DrivenShape, FloatArray | None, bool]:
         """The shape, lengths of tendons where wanted, and whether some are driven by length."""
@@ -153,5 +154,6 @@ class Answers:
                 shape = dataclasses.replace(
                     found, **{name: getattr(found, name)[number] for name in _OF_EACH}
                 )
-                answers.append(Answer([*self._writer.all(shape, _KNOWN, *reading.stamp)]))
+                messages = [*self._writer.all(shape, _KNOWN, *reading.stamp)]
+                answers.append(Answer(messages, backbone=shape))
         return answers

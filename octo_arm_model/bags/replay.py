@@ -7,23 +7,21 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
 from rosbags.interfaces import Connection
 
 from octo_arm_model.arm.errors import BagError, SolveError
 from octo_arm_model.bags.answers import Answer, Answers
 from octo_arm_model.bags.arms import RecordedArm
 from octo_arm_model.bags.reader import BagReader, Record
-from octo_arm_model.bags.tensions import Reading, read_lengths, read_tensions
+from octo_arm_model.bags.tensions import read_lengths, read_tensions
 from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
-from octo_arm_model.bags.types import known_types
 from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, tension_columns
+from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, station_rows, tension_columns
 from octo_arm_model.config.parameter_files import parameters_as_yaml
-from octo_arm_model.wire.backbone import read_poses
+from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire.refusals import Refusals
 
 _LISTED = 100  # of the messages left out of each topic; all are counted
@@ -138,32 +136,20 @@ class CsvAnswers(CsvFiles):
         self._begun: set[str] = set()
         self._origin: int | None = None
 
-    def write(
-        self, topic: str, reading: Reading, answer: Answer, topics: Sequence[str],
-        tendons: Sequence[str],
-    ) -> None:  # fmt: skip
-        """Write the ``answer`` to a ``reading``, whose messages are those on ``topics``.
+    def write(self, topic: str, stamp_ns: int, shape: Backbone, tendons: Sequence[str]) -> None:
+        """Write the ``shape`` that answers a message.
 
         Raises:
             OSError: if it cannot be written.
         """
-        if not answer.messages:
-            return
         if self._origin is None:
-            self._origin = reading.stamp_ns
-        time = 1e-9 * (reading.stamp_ns - self._origin)
+            self._origin = stamp_ns
+        time = round(1e-9 * (stamp_ns - self._origin), 9)
         if topic not in self._begun:
             self._begun.add(topic)
             self._tensions[topic].writerow(tension_columns(tendons))
-        tensions = reading.tensions if answer.tensions is None else answer.tensions
-        assert tensions is not None
-        self._tensions[topic].writerow([round(time, 9), *tensions.ravel().tolist()])
-        data = {name: bytes(one) for name, one in zip(topics, answer.messages) if one is not None}
-        _, poses = read_poses(data['backbone/poses'])
-        one: Any = known_types().deserialize_cdr(data['strains'], ANSWERS['strains'])
-        table = np.column_stack([one.s, poses[:, :3], one.tau, one.xi, one.k, one.q])
-        head = (topic, reading.stamp_ns, round(time, 9))
-        self._stations.writerows([*head, *row] for row in table.tolist())
+        self._tensions[topic].writerow([time, *shape.tensions.ravel().tolist()])
+        self._stations.writerows([topic, stamp_ns, time, *row] for row in station_rows(shape))
 
 
 _WRENCH = 'tip_wrench'
@@ -284,9 +270,8 @@ class _Output:
         for place, answer in zip(readings, answers):
             topic, stamp = records[place].topic, readings[place].stamp_ns
             report.topics[topic].count(stamp, answer)
-            if table is not None:
-                names = self.answers.topics
-                table.write(topic, readings[place], answer, names, self._tendons)
+            if table is not None and answer.backbone is not None:
+                table.write(topic, stamp, answer.backbone, self._tendons)
             report.topics[topic].unsorted += stamp < self._newest.get(topic, stamp)
             self._newest[topic] = stamp
         return dict(zip(readings, answers))

@@ -16,10 +16,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from octo_arm_model.arm.errors import OctoArmError, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES, MAX_YAML_DEPTH, MAX_YAML_VALUES
+from octo_arm_model.rod.backbone import Backbone
 
 _TAG = 'tag:yaml.org,2002:'
 _NULL = re.compile(r'^(~|null|Null|NULL|)$')
@@ -227,6 +229,12 @@ NUMBER = re.compile(r'\s*[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?\s*$
 STATION_COLUMNS = (
     's [m]', 'x [m]', 'y [m]', 'z [m]', 'tau [1/m]', 'xi [1/m]', 'k [1/m]', 'q [-]'
 )  # fmt: skip
+
+
+def station_rows(shape: Backbone) -> list[list[float]]:
+    """The `STATION_COLUMNS` of each station of a ``shape``."""
+    columns = shape.s, shape.position, shape.tau, shape.xi, shape.k, shape.q
+    return np.column_stack(columns).tolist()
 
 
 class CsvFiles(contextlib.ExitStack):

@@ -14,7 +14,7 @@ import numpy as np
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, tension_columns
+from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, station_rows, tension_columns
 from octo_arm_model.experiment.branches import STILL, directions, part_along, remarks
 from octo_arm_model.experiment.camera import Alignment, undetermined
 from octo_arm_model.experiment.fit import fit_alignment, shape_residuals
@@ -243,9 +243,7 @@ def _midlines(comparisons: Sequence[ModelComparison]) -> Iterator[list[Any]]:
 def _stations(comparisons: Sequence[ModelComparison]) -> Iterator[list[Any]]:
     for comparison in comparisons:
         for step in comparison.steps:
-            one = step.backbone
-            columns = [one.s, one.position, one.tau, one.xi, one.k, one.q]
-            for row in np.column_stack(columns).tolist():
+            for row in station_rows(step.backbone):
                 yield [comparison.model, step.number, *row]
 
 
