@@ -16,6 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+
 from live_nodes import DEADLINE, RosClient, hosting, new_domain, spinning
 
 from octo_arm_model import load_config

@@ -9,8 +9,6 @@ need an installed ROS or files of the reader.
 
 import re
 import shlex
-import subprocess
-import sys
 from itertools import pairwise
 from unittest.mock import patch
 
@@ -20,7 +18,6 @@ from checkout import ROOT
 from octo_arm_model import load_config
 from octo_arm_model.arm.material import LAWS
 from octo_arm_model.cli.main import build_parser, main
-from octo_arm_model.config.parameters import PARAMETERS
 
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
 LANGUAGES = {'python', 'sh', 'yaml', 'text', 'output'}
@@ -123,20 +120,4 @@ def test_links_of_the_readme_lead_to_files():
     links = re.findall(r'\]\((?!http)([^)#]+)', PAGES[0].read_text())
     assert links
     missing = [link for link in links if not (ROOT / link).exists()]
-    assert not missing
-
-
-@pytest.mark.endurance  # a change must pass `make docs`
-def test_manual_builds_without_a_warning(tmp_path):
-    pytest.importorskip('sphinx', reason='needs sphinx')
-    pytest.importorskip('myst_parser', reason='needs myst-parser')
-    command = [sys.executable, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', 'html']
-    ran = subprocess.run(
-        [*command, '-d', tmp_path / 'trees', ROOT / 'docs', tmp_path / 'html'],
-        capture_output=True,
-        text=True,
-    )
-    assert ran.returncode == 0, ran.stderr
-    page = (tmp_path / 'html' / 'node.html').read_text()
-    missing = [parameter.name for parameter in PARAMETERS if parameter.name not in page]
     assert not missing

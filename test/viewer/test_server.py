@@ -69,10 +69,3 @@ def test_wrong_input_is_one_clear_line(program, arguments, words, capsys):
             signal.signal(number, handler)
     complaint = capsys.readouterr().err
     assert complaint.count('\n') == 1 and words in complaint
-
-
-def test_options_that_are_none_are_refused(capsys):
-    with pytest.raises(SystemExit) as ended:
-        viewer.main(['--prot', '8081', '--ros-args', '-r', '__node:=other'])
-    assert ended.value.code == 2
-    assert 'unrecognized arguments: --prot 8081' in capsys.readouterr().err
