@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from checkout import PRESETS
+from numpy.testing import assert_array_equal
 
 import octo_arm_model
 from octo_arm_model import ArmDefinitionError, ConfigError, TensionError, load_config
@@ -37,9 +38,9 @@ def test_every_movement_of_an_arm_is_within_its_limits(name):
 
 
 def test_limits_given_take_the_place_of_what_the_arm_bears():
-    np.testing.assert_array_equal(tendon_limits(CONFIG), highest_tensions(CONFIG.arm))
+    assert_array_equal(tendon_limits(CONFIG), highest_tensions(CONFIG.arm))
     given = [0.1 * (j + 1) for j in range(12)]
-    np.testing.assert_array_equal(tendon_limits(with_limits(given)), given)
+    assert_array_equal(tendon_limits(with_limits(given)), given)
 
 
 @pytest.mark.parametrize(
@@ -60,9 +61,7 @@ def test_limits_that_are_none_are_refused(limits, error, message):
 def test_what_is_at_its_limit_is_commanded_and_what_is_beyond_is_not():
     limits = tendon_limits(CONFIG)
     for shape in (12, (3, 4)):
-        np.testing.assert_array_equal(
-            check_command(CONFIG.arm, limits.reshape(shape), limits), limits
-        )
+        assert_array_equal(check_command(CONFIG.arm, limits.reshape(shape), limits), limits)
     for tendon in range(12):
         beyond = np.zeros(12)
         beyond[tendon] = limits[tendon] * 1.001

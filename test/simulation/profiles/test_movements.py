@@ -1,11 +1,10 @@
 """Movements that are built in: those of the paper, and those of any arm."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from octo_arm_model import Config, TensionError
+from octo_arm_model import TensionError
 from octo_arm_model.arm.errors import ProfileError
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
@@ -13,7 +12,7 @@ from octo_arm_model.simulation.profiles.commands import find_profile, profile_na
 ANY_ARM = ('ramps', 'steps', 'sweeps')
 
 
-def test_every_movement_of_every_arm_can_be_answered_by_its_model(preset: Config) -> None:
+def test_every_movement_of_every_arm_can_be_answered_by_its_model(preset):
     solver = preset.solver()
     assert set(ANY_ARM) < set(profile_names(preset.arm))
     for name in profile_names(preset.arm):
@@ -26,13 +25,13 @@ def test_every_movement_of_every_arm_can_be_answered_by_its_model(preset: Config
             assert not profile.at(end).any(), f'{name} does not begin and end slack'
 
 
-def test_movements_of_any_arm_are_for_rods_of_three_tendons_too(rod: Config) -> None:
+def test_movements_of_any_arm_are_for_rods_of_three_tendons_too(rod):
     assert tuple(profile_names(rod.arm)) == ANY_ARM
     with pytest.raises(ProfileError, match='four tendons in section 1, this arm has 3'):
         find_profile('rotating', rod.arm)
 
 
-def test_the_papers_tensions_are_held(table2: Config, table4: Config) -> None:
+def test_the_papers_tensions_are_held(table2, table4):
     for arm, name, postures in (
         (table4.arm, 'fetching_in_plane', [FETCHING_IN_PLANE]),
         (table4.arm, 'fetching_in_space', [FETCHING_IN_SPACE]),
@@ -47,9 +46,7 @@ def test_the_papers_tensions_are_held(table2: Config, table4: Config) -> None:
         assert (np.diff([np.argmax(is_there) for is_there in moments]) > 0).all(), name
 
 
-def test_the_papers_tensions_are_refused_where_they_are_of_no_use(
-    table4: Config, prototype: Config
-) -> None:
+def test_the_papers_tensions_are_refused_where_they_are_of_no_use(table4, prototype):
     assert 'bending' not in profile_names(table4.arm)
     with pytest.raises(ProfileError, match=r'are for renda2012_table2, and would compress'):
         find_profile('bending', table4.arm)
@@ -59,27 +56,27 @@ def test_the_papers_tensions_are_refused_where_they_are_of_no_use(
         find_profile('fetching', table4.arm, 1.0)
 
 
-def test_the_bending_plane_goes_round_steadily(table2: Config) -> None:
+def test_the_bending_plane_goes_round_steadily(table2):
     profile = find_profile('rotating', table2.arm)
     times = np.linspace(0.3, 0.7, 200) * profile.duration
     t1, t2, t3, t4 = profile.at(times)[:, :4].T
     turned = np.diff(np.unwrap(np.arctan2(t3 - t1, t2 - t4)))
-    np.testing.assert_allclose(turned, turned.mean(), rtol=0.01)
+    assert_allclose(turned, turned.mean(), rtol=0.01)
     assert abs(turned.sum()) > 2.0 * np.pi
     assert not profile.tensions[:, 4:].any()
 
 
 @pytest.mark.parametrize('name', ANY_ARM)
-def test_tendons_are_pulled_one_by_one_up_to_their_highest(table4: Config, name: str) -> None:
+def test_tendons_are_pulled_one_by_one_up_to_their_highest(table4, name):
     highest = np.arange(1.0, 13.0).reshape(3, 4)
     profile = find_profile(name, table4.arm, highest)
     assert ((profile.tensions > 0.0).sum(axis=1) <= 1).all()
-    np.testing.assert_allclose(profile.tensions.max(axis=0), highest.ravel(), rtol=0.01)
+    assert_allclose(profile.tensions.max(axis=0), highest.ravel(), rtol=0.01)
     first = np.argmax(profile.tensions > 0.0, axis=0)
     assert (np.diff(first) > 0).all()
 
 
-def test_sweeps_sweep_up_in_frequency(prototype: Config) -> None:
+def test_sweeps_sweep_up_in_frequency(prototype):
     profile = find_profile('sweeps', prototype.arm)
     tensions = profile.tensions[:, 0]
     inside = tensions[1:-1]
@@ -92,12 +89,12 @@ def test_sweeps_sweep_up_in_frequency(prototype: Config) -> None:
 @pytest.mark.parametrize(
     'highest', [-1.0, np.nan, np.inf, 'much', [1.0, 2.0], [[1.0], [2.0, 3.0]]]
 )
-def test_highest_tensions_that_are_none_are_refused(table4: Config, highest: object) -> None:
+def test_highest_tensions_that_are_none_are_refused(table4, highest):
     with pytest.raises(TensionError, match='highest'):
         find_profile('ramps', table4.arm, highest)
 
 
-def test_an_unknown_name_is_answered_with_those_there_are(prototype: Config) -> None:
+def test_an_unknown_name_is_answered_with_those_there_are(prototype):
     with pytest.raises(ProfileError) as caught:
         find_profile('dance', prototype.arm)
     assert str(caught.value) == (

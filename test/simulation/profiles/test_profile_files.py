@@ -1,15 +1,13 @@
 """Command profiles in CSV and YAML files, and what is refused of them."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
-from octo_arm_model import Config
 from octo_arm_model.arm.errors import ProfileError
 from octo_arm_model.simulation.profiles.commands import find_profile
 from octo_arm_model.simulation.profiles.profile_files import read_profile, write_csv
@@ -39,16 +37,14 @@ def written(tmp_path: Path, text: str | bytes, suffix: str) -> Path:
     return path
 
 
-def test_csv_columns_are_taken_by_name_and_time_from_the_first_row(
-    tmp_path: Path, prototype: Config
-) -> None:
+def test_csv_columns_are_taken_by_name_and_time_from_the_first_row(tmp_path, prototype):
     profile = find_profile(str(written(tmp_path, CSV, '.csv')), prototype.arm)
     assert profile.times.tolist() == [0.0, 1.5]
     assert profile.tensions.tolist() == [[0.0, 1.0, 0.0, 0.0], [0.1, 2.0, 0.0, 0.0]]
     assert profile.interpolation == 'smooth'
 
 
-def test_yaml_rows_are_in_the_order_of_the_tendons(tmp_path: Path, prototype: Config) -> None:
+def test_yaml_rows_are_in_the_order_of_the_tendons(tmp_path, prototype):
     profile = find_profile(str(written(tmp_path, YAML, '.yaml')), prototype.arm)
     assert profile.times.tolist() == [0.0, 1.0, 2.5]
     assert profile.tensions[1].tolist() == [1.0, 0.0, 0.0, 0.1]
@@ -56,9 +52,7 @@ def test_yaml_rows_are_in_the_order_of_the_tendons(tmp_path: Path, prototype: Co
 
 
 @pytest.mark.parametrize('name', ['time_left', 'timer [N]', 's [s]'])
-def test_names_like_that_of_the_time_are_those_of_tendons(
-    tmp_path: Path, prototype: Config, name: str
-) -> None:
+def test_names_like_that_of_the_time_are_those_of_tendons(tmp_path, prototype, name):
     arm = dataclasses.replace(prototype.arm, tendon_names=(name, 'b', 'c', 'd'))
     times, tensions = np.arange(2.0), np.arange(8.0).reshape(2, 4)
     file = io.StringIO()
@@ -68,9 +62,7 @@ def test_names_like_that_of_the_time_are_those_of_tendons(
     )
 
 
-def test_a_tendon_called_time_is_not_mistaken_for_the_time(
-    tmp_path: Path, prototype: Config
-) -> None:
+def test_a_tendon_called_time_is_not_mistaken_for_the_time(tmp_path, prototype):
     arm = dataclasses.replace(prototype.arm, tendon_names=('time', 'b', 'c', 'd'))
     profile = read_profile(written(tmp_path, YAML, '.yaml'), arm)
     assert profile.times.tolist() == [0.0, 1.0, 2.5]
@@ -81,13 +73,13 @@ def test_a_tendon_called_time_is_not_mistaken_for_the_time(
             read_profile(written(tmp_path, f'{header}\n{rows}', '.csv'), arm)
 
 
-def test_a_written_profile_is_read_again(tmp_path: Path, table4: Config) -> None:
+def test_a_written_profile_is_read_again(tmp_path, table4):
     profile = find_profile('fetching', table4.arm)
     file = io.StringIO()
     write_csv(file, profile.times, profile.tensions, table4.arm)
     again = read_profile(written(tmp_path, file.getvalue(), '.csv'), table4.arm)
-    np.testing.assert_array_equal(again.times, profile.times)
-    np.testing.assert_array_equal(again.tensions, profile.tensions)
+    assert_array_equal(again.times, profile.times)
+    assert_array_equal(again.tensions, profile.tensions)
 
 
 HEADER = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\n'
@@ -137,8 +129,8 @@ HEADER = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\n'
     ],
 )
 def test_bad_files_are_refused_in_one_line_that_names_theirs(
-    tmp_path: Path, prototype: Config, suffix: str, text: str | bytes, complaint: str
-) -> None:
+    tmp_path, prototype, suffix, text, complaint
+):
     path = written(tmp_path, text, suffix)
     with pytest.raises(ProfileError) as caught:
         read_profile(path, prototype.arm)
