@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.validation import LARGEST
-from octo_arm_model.bags.reader import BagReader, Record
+from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.tensions import (
     TYPES,
     pick_displacements,
@@ -36,11 +35,8 @@ from octo_arm_model.wire.measurements import (
     MARKERS,
     MEASUREMENT_TOPICS,
     MeasuredArm,
-    displacements_of,
-    markers_of,
 )
 from octo_arm_model.wire.refusals import Refusals
-from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS
 
 NONE = '-'  # in place of a topic that is not to be used
@@ -83,15 +79,13 @@ class SensorTopics:
         tensions: that of the tensions; '' for none.
         field: what holds them, where that is not the usual field.
         others: topics by their row of `MEASUREMENT_TOPICS`.
-        fields: likewise of other topics.
-        marker_names: of the markers, see `points_of`; empty for all as they are.
+        options: how each of these is read, besides its message and the arm.
     """
 
     tensions: str
     field: str
     others: Mapping[str, str]
-    fields: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    marker_names: Sequence[str] = ()
+    options: Mapping[str, Mapping[str, Any]]
 
     @property
     def all(self) -> list[str]:
@@ -125,23 +119,24 @@ def find_sensors(
         BagError: if a topic is missing, of another type, or there are several; if there is
             nothing at all.
     """
-    found, fields = {}, {}
+    found: dict[str, str] = {}
+    options: dict[str, dict[str, Any]] = {}
     for name, row in MEASUREMENT_TOPICS.items():
         wanted = (others or {}).get(name)
         if wanted == NONE:
             continue
-        where = ''
+        own: dict[str, Any] = {'names': marker_names} if name == MARKERS else {}
         if name == DISPLACEMENTS:
-            topic, where = pick_displacements(reader, wanted) or ('', '')
+            topic, own['field'] = pick_displacements(reader, wanted) or ('', '')
         elif name == MARKERS and ':' in (wanted or ''):
-            topic, _, where = str(wanted).partition(':')
+            topic, _, own['field'] = str(wanted).partition(':')
             topic = pick_topic(reader, topic, None, name)
         else:
             topic = pick_usual(reader, wanted, name, (row.type_name,), name) or ''
         if topic:
-            found[name], fields[topic] = topic, where
+            found[name], options[topic] = topic, own
     topic, held = _tensions(reader, tensions, set(found.values()))
-    sensors = SensorTopics(topic, held, found, fields, marker_names)
+    sensors = SensorTopics(topic, held, found, options)
     if not sensors.all:
         raise BagError(
             f'{reader.path}: nothing is measured there, expected tensions or '
@@ -228,18 +223,10 @@ def read_measured(
     ]
     rows = {topic: MEASUREMENT_TOPICS[name] for name, topic in sensors.others.items()}
 
-    def read(record: Record) -> tuple[Stamp, Measurement | None, str]:
-        where, names = sensors.fields.get(record.topic, ''), sensors.marker_names
-        if record.topic == sensors.others.get(DISPLACEMENTS):
-            return reader.read(record, lambda message: displacements_of(message, arm, where))
-        if record.topic == sensors.others.get(MARKERS):
-            return reader.read(record, lambda message: markers_of(message, arm, where, names))
-        row = rows[record.topic]
-        return reader.read(record, lambda message: row.read(message, arm))
-
     for record in reader.messages(list(rows)):
         done(1)
-        stamp, measurement, reason = read(record)
+        read = partial(rows[record.topic].read, arm=arm, **sensors.options[record.topic])
+        stamp, measurement, reason = reader.read(record, read)
         if measurement is None:
             refusals.count(record.topic, reason)
         else:

@@ -86,12 +86,12 @@ class MeasurementMessage:
     Attributes:
         type_name: its name, such as 'geometry_msgs/msg/PoseArray'.
         description: what it says, for the manual.
-        read: what a message of an arm measures; raises OctoArmError where that is nothing.
+        read: what a message measures of an ``arm``; raises OctoArmError where that is nothing.
     """
 
     type_name: str
     description: str
-    read: Callable[[Any, MeasuredArm], Measurement]
+    read: Callable[..., Measurement]
 
 
 def tensions_of(readings: FloatArray, arm: MeasuredArm) -> Tensions:
