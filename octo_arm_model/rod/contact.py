@@ -25,7 +25,7 @@ from octo_arm_model.arm.obstacles import Obstacle
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.gauss import gauss_rule
 from octo_arm_model.rod.local_loads import LocalTangents
-from octo_arm_model.rod.rotations import skew
+from octo_arm_model.rod.rotations import dot, outer, skew
 
 _SPACING, _POINTS = 0.5, 3  # parts of an element over R, and points of each
 _PARTS = 4, 48  # of an element, at least and at most, if its parts are not longer than R then
@@ -181,8 +181,8 @@ class Contact:
         nodes = len(sliding.spin)
         spin = (between @ sliding.spin.reshape(nodes, 9)).reshape(-1, 3, 3)
         slip = between @ sliding.velocity - (spin @ self._lever(touch)[..., np.newaxis])[..., 0]
-        along = slip - _dot(n, slip) * n
-        speed = np.sqrt(_dot(along, along) + touch.obstacle.creep_speed**2)
+        along = slip - dot(n, slip) * n
+        speed = np.sqrt(dot(along, along) + touch.obstacle.creep_speed**2)
         return -touch.obstacle.friction * touch.push * along / speed, slip, speed, spin
 
     def _with_drag(
@@ -195,12 +195,12 @@ class Contact:
         lever, part = skew(self._lever(touch)), (size / speed)[..., np.newaxis]
         # Of the velocity of the surface by displacement and turn, then of its part along it.
         by_place, by_turn = c * one - radius * spin @ turn, c * lever - spin @ lever
-        project = one - _outer(n, n)
-        tilted = (_dot(n, slip)[..., np.newaxis] * one + _outer(n, slip)) @ turn
+        project = one - outer(n, n)
+        tilted = (dot(n, slip)[..., np.newaxis] * one + outer(n, slip)) @ turn
         by_place, by_turn = project @ by_place - tilted, project @ by_turn
         unit = -drag / size
-        less = part * (one - _outer(unit, unit))
-        force_by_place = _outer(drag, n) / -touch.depth[:, np.newaxis, np.newaxis]
+        less = part * (one - outer(unit, unit))
+        force_by_place = outer(drag, n) / -touch.depth[:, np.newaxis, np.newaxis]
         force_by_place -= less @ by_place
         force_by_turn = -less @ by_turn
         return own._replace(
@@ -290,11 +290,3 @@ def _points(arm: Arm, elements: Elements) -> tuple[FloatArray, FloatArray]:
     starts = np.append(0.0, np.cumsum(lengths)[:-1])
     s = starts[:, np.newaxis] + lengths[:, np.newaxis] * rule.points
     return s.ravel(), (lengths[:, np.newaxis] * rule.weights).ravel()
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray((a * b).sum(axis=1, keepdims=True))
-
-
-def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[:, :, np.newaxis] * b[:, np.newaxis])

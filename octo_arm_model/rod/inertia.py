@@ -44,11 +44,10 @@ from octo_arm_model.rod.inertia_arrays import (
     Motion,
     MotionTables,
     TimeRule,
-    dot,
 )
 from octo_arm_model.rod.local_loads import LocalTangents
 from octo_arm_model.rod.other_loads import NodeRod
-from octo_arm_model.rod.rotations import skew
+from octo_arm_model.rod.rotations import dot, outer, skew
 from octo_arm_model.rod.section_arrays import cross
 from octo_arm_model.rod.tables import RADIUS, Tables
 
@@ -222,7 +221,7 @@ class MovingProblem(Problem):
         one, nodes = np.eye(3), len(place)
         by_turn, moment_by_place = np.zeros((2, nodes, 3, 3))
         # Each of rho J d x d'' gives rho J (d d''^T - d . d'' + c0 (1 - d d^T)).
-        t, tt = place[:, TANGENT], _outer(place[:, TANGENT], place[:, TANGENT])
+        t, tt = place[:, TANGENT], outer(place[:, TANGENT], place[:, TANGENT])
         axes, spun = (x[:, 6:].reshape(-1, 2, 3) for x in (place, acceleration))
         rotary = section[:, ROTARY_N : ROTARY_B + 1, np.newaxis]
         weighed = (rotary * axes).swapaxes(1, 2)
@@ -234,23 +233,23 @@ class MovingProblem(Problem):
         (u, rate), dt = self.rule.water, velocity[:, TANGENT]
         w, a = velocity[:, POSITION] - u, acceleration[:, POSITION] - rate
         tw, size = dot(t, w)[..., np.newaxis], np.sqrt(dot(w, w))[..., np.newaxis]
-        turned = _outer(dt, t)
+        turned = outer(dt, t)
         by_acceleration = -added * (one - tt)
         by_velocity = added * (turned + turned.swapaxes(1, 2))
         by_velocity -= size * (across * one + along * tt)
         drag = across * w[..., np.newaxis] + along * tw * t[..., np.newaxis]
         by_velocity -= drag * (w / np.maximum(size[..., 0], 1e-300))[:, np.newaxis]
         by_tangent = added * (
-            (dot(t, a) + dot(dt, w))[..., np.newaxis] * one + _outer(t, a) + _outer(dt, w)
+            (dot(t, a) + dot(dt, w))[..., np.newaxis] * one + outer(t, a) + outer(dt, w)
         )
-        by_tangent -= size * along * (tw * one + _outer(t, w))
-        by_tangent += c1 * added * (tw * one + _outer(t, w))
+        by_tangent -= size * along * (tw * one + outer(t, w))
+        by_tangent += c1 * added * (tw * one + outer(t, w))
         by_place += c0 * by_acceleration + c1 * by_velocity
         turns = -skew(t)
         by_turn += by_tangent @ turns
         across_flow = cross(t, w)
-        moment_by_place = -c1 * added * (_outer(across_flow, t) + tw * skew(t))
-        moment_by_turn -= added * (_outer(across_flow, w) - tw * skew(w)) @ turns
+        moment_by_place = -c1 * added * (outer(across_flow, t) + tw * skew(t))
+        moment_by_turn -= added * (outer(across_flow, w) - tw * skew(w)) @ turns
         return LocalTangents(by_place, by_turn, moment_by_place, moment_by_turn)
 
 
@@ -272,7 +271,3 @@ def _viscosities(
     area = body.area
     parts = [body.torsion, 3.0 * body.about_n, 3.0 * body.about_b, 3.0 * area, area, area]
     return eta * np.stack(parts[:strains], axis=1)
-
-
-def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[:, :, np.newaxis] * b[:, np.newaxis])

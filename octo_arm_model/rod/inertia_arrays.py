@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.rotations import dot
 from octo_arm_model.rod.section_arrays import LAST, NEXT, cross
 
 # Columns of `MotionTables.section`.
@@ -117,8 +118,3 @@ def imbalance(
     residual[:] += viscous * rate
     scale = scale[:, np.arange(rate.shape[1]) // 3] + reference
     return float((np.abs(residual) / scale).max())
-
-
-def dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Scalar products (N, 1)."""
-    return np.asarray((a * b).sum(axis=1, keepdims=True))

@@ -33,6 +33,16 @@ _TO_RATE[[2, 2, 2], [1, 9, 5]] = 0.5, 0.5, -0.5
 _TO_RATE[[3, 3, 3], [2, 4, 6]] = 0.5, 0.5, -0.5
 
 
+def dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Scalar products of vectors (n, 3), (n, 1)."""
+    return np.asarray((a * b).sum(axis=1, keepdims=True))
+
+
+def outer(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Dyadic products of vectors (n, 3), (n, 3, 3)."""
+    return np.asarray(a[:, :, np.newaxis] * b[:, np.newaxis])
+
+
 def skew(v: FloatArray) -> FloatArray:
     """Matrices (..., 3, 3) that take w to v x w, for vectors v (..., 3)."""
     return np.asarray((v @ _SKEW).reshape(*v.shape, 3))
