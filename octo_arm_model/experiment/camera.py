@@ -10,6 +10,7 @@ friction would make of them, both at once: what friction explains no offset is n
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -98,19 +99,15 @@ class Alignment:
 def align(camera: FloatArray, base: FloatArray, weight: ArrayLike = 1.0) -> Alignment:
     """The rigid motion that brings points ``camera`` (n, 3) nearest to ``base`` (n, 3).
 
-    In the least squares sense, each with its ``weight`` (Kabsch 1976). For points on a line
-    the rotation about it is undetermined and arbitrary; see `undetermined`.
+    In the least squares sense, each with its ``weight``. For points on a line the rotation about
+    it is undetermined and arbitrary; see `undetermined`.
     """
     weight = np.broadcast_to(np.asarray(weight, dtype=np.float64), (len(camera),))
-    share = (weight / weight.sum())[:, np.newaxis]
-    from_mean, to_mean = (share * camera).sum(axis=0), (share * base).sum(axis=0)
-    covariance = (base - to_mean).T @ (share * (camera - from_mean))
-    left, _, right = np.linalg.svd(covariance)
-    # A proper rotation, even where a reflection would fit better.
-    left[:, 2] *= np.sign(np.linalg.det(left @ right))
-    rotation = left @ right
-    turn = Rotation.from_matrix(rotation).as_rotvec()
-    return Alignment(turn, to_mean - rotation @ from_mean)
+    from_mean, to_mean = (np.average(points, 0, weight) for points in (camera, base))
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', UserWarning)  # of points on a line
+        turn, _ = Rotation.align_vectors(base - to_mean, camera - from_mean, weight)
+    return Alignment(turn.as_rotvec(), to_mean - turn.apply(from_mean))
 
 
 def undetermined(points: FloatArray, noise: float) -> tuple[str, ...]:
