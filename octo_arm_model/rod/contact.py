@@ -27,8 +27,8 @@ from octo_arm_model.rod.gauss import gauss_rule
 from octo_arm_model.rod.local_loads import LocalTangents
 from octo_arm_model.rod.rotations import dot, outer, skew
 
-_SPACING, _POINTS = 0.5, 3  # parts of an element over R, and points of each
-_PARTS = 4, 48  # of an element, at least and at most, if its parts are not longer than R then
+_SPACING, _POINTS = 0.2, 3  # parts of an element over R, and points of each
+_PARTS = 4, 120  # of an element, at least and at most, if its parts are not longer than R then
 _MOST_PARTS = 1000  # of an element
 _ROUNDED = 4e-7  # as `tables.force_scale`: of the stiffest obstacle all along the arm
 

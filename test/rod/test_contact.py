@@ -262,11 +262,22 @@ def test_a_slender_arm_does_not_pass_through_a_post_as_thin_as_itself(at: float)
     assert 0.5 * radius < height < 1.5 * radius
 
 
+def test_a_thin_post_takes_more_points_and_not_more_nodes() -> None:
+    post = Cylinder((0.2, 0.0, -0.025), (0.0, 1.0, 0.0), 0.005, stiffness=1e6)
+    solver = solver_of(post, loads=Loads(gravity=GRAVITY), stations=51)
+    found = solver.solve(SLACK)
+    assert found.equilibrium is not None
+    assert solver.elements(found.equilibrium.level).s.size < 100
+    # By four times as many points.
+    assert solver.contacts(found).penetration.max() == pytest.approx(4.741e-3, rel=1e-3)
+    assert found.tip == pytest.approx([0.241758, 0.0, -0.257987], abs=1e-5 * LENGTH)
+
+
 def test_what_has_no_contact_is_refused() -> None:
     with pytest.raises(ArmDefinitionError, match=r'radius of the arm .* is 5e-05, expected at l'):
         Solver(slender(5e-5), 'exact', loads=Loads(obstacles=(floor(0.1, 1e6),)))
     ball = Sphere((0.2, 0.0, 0.1), 0.05, stiffness=1e6)
-    with pytest.raises(SolveError, match=r'inside loads.obstacles\[0\] at s = 0.1'):
+    with pytest.raises(SolveError, match=r'inside loads.obstacles\[0\] at s = 0\.2'):
         solver_of(Sphere((0.2, 0.0, 0.03), 0.05, stiffness=1e-3)).solve(SLACK)
     with pytest.raises(ArmDefinitionError, match=r'outside of loads.obstacles\[1\], not 0.01'):
         solver_of(ball, floor(-2.0 * RADIUS, 1e6))
