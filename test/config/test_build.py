@@ -46,6 +46,13 @@ def test_what_is_below_the_deadband_or_no_number_is_refused(reading):
         LoadCellCalibration(0.02).tensions(CONFIG.arm, readings)
 
 
+@pytest.mark.parametrize('wrong', [np.zeros(5), [['a', 'b']], np.zeros((4, 3)), [[1.0], [1.0, 2]]])
+def test_shapes_of_another_arm_are_refused(wrong):
+    readings = np.array(wrong, dtype=object) if len(wrong) == 2 else wrong
+    with pytest.raises(TensionError, match='expected'):
+        LoadCellCalibration(0.02, OFFSETS).tensions(CONFIG.arm, readings)
+
+
 @pytest.mark.parametrize(
     ('name', 'value', 'kind', 'message'),
     [
