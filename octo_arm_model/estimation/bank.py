@@ -387,10 +387,14 @@ class Judge:
         extra = np.zeros(bank.mean.shape)
         for number in np.flatnonzero(is_new):
             doubts = bank.doubts[number]
-            if doubts != self._cells:
-                for name in doubts - believed:
-                    for where in self._told_by(name):
-                        extra[number, where] = self._prior[where]
+            told = frozenset() if doubts == self._cells else doubts - believed
+            for name in told:
+                for where in self._told_by(name):
+                    extra[number, where] = self._prior[where]
+            if believed == self._cells != doubts:
+                # Nothing tells the leader of tensions, and load cells that are right again do.
+                tension = self._model.state.tension
+                extra[number, tension] = self._prior[tension]
         wide = extra[..., np.newaxis] ** 2 * np.eye(self._model.state.size)
         return bank._replace(covariance=bank.covariance + wide)
 
