@@ -92,10 +92,11 @@ def test_any_stretching_arm_follows_its_lengths(case, friction, part):
     wound = solve_displacements(solver, {}, by_name(solver, tensions))
     for each in (pulled, released):
         wound = solve_displacements(solver, reeled_in(solver, each), start=wound)
-        assert_allclose(wound.backbone.position, each.position, rtol=0.0, atol=1e-6 * arm.length)
         reeled = displacements_of(solver, each)
         assert_allclose(wound.displacement, reeled, rtol=0.0, atol=1e-9 * arm.length)
-        # Lengths do not tell by which tension a tendon sticks before it slips at the first point.
+        # Lengths do not tell by which tension a tendon sticks before it slips at the first point,
+        # and so not how it bends the arm up to there.
+        assert_allclose(wound.backbone.position, each.position, rtol=0.0, atol=2e-5 * arm.length)
         scale = max(float(np.max(tensions)), 1e-6)
         assert_allclose(wound.backbone.tensions, each.tensions, atol=2e-2 * scale)
 
