@@ -23,7 +23,8 @@ from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.winches import Winches
 
-_SHAPES_WITH_FACTORS = 32
+# Shapes whose factors are kept, and numbers in all of these: 128 MB.
+_SHAPES_WITH_FACTORS, _NUMBERS = 32, 2**24
 
 
 class Exact(Statics):
@@ -50,7 +51,7 @@ class Exact(Statics):
         self.rod = Rod(setup.arm, loads, setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
         self._winches = Winches(self.rod)
-        self._recent = RecentFactors(_SHAPES_WITH_FACTORS)
+        self._recent = RecentFactors(_SHAPES_WITH_FACTORS, _NUMBERS)
         self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
         self._several = functools.lru_cache(8)(
             lambda level, arms: Several(self.rod.finer(level).own, arms)
@@ -70,7 +71,7 @@ class Exact(Statics):
         found = self.rod.solve(tensions, tip_wrench, near, spending, before)
         if near is not None and near.key and near.factors is None and found.factors is not None:
             # The next set that is solved from this shape begins with these.
-            self._recent.add(near.key, found.factors)
+            self._keep(near.key, found)
         return self.shape(found)
 
     def _loaded(self, tip_wrenches: FloatArray) -> bool:
@@ -110,9 +111,14 @@ class Exact(Statics):
         position = position + self._setup.base[0]
         if found.factors is not None:
             key = object()
-            self._recent.add(key, found.factors)
+            self._keep(key, found)
             found = found._replace(factors=None, key=key)
         return Shape(position, quaternion, strains_of(twist), along, found)
+
+    def _keep(self, key: object, found: Equilibrium) -> None:
+        """Keep the factors of ``found`` for the shape of this ``key``."""
+        if found.factors is not None:
+            self._recent.add(key, found.factors, found.state.z.size)
 
     def _with_factors(self, found: Equilibrium) -> Equilibrium:
         """The equilibrium of a shape with its factors, while they are among the recent ones."""

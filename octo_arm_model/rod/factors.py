@@ -93,9 +93,10 @@ class RecentFactors:
     They take a hundred times the memory of a shape, of which there may be thousands.
     """
 
-    def __init__(self, most: int) -> None:
-        """Of so many shapes at ``most``."""
-        self._most, self._factors = most, OrderedDict[object, Linear]()
+    def __init__(self, most: int, numbers: int) -> None:
+        """Of so many shapes, and of matrices of so many ``numbers`` in all, at ``most``."""
+        self._most, self._numbers = most, numbers
+        self._factors, self._sizes = OrderedDict[object, Linear](), dict[object, int]()
 
     def find(self, key: object) -> Linear | None:
         """The factors of the shape of this ``key``; None where others have replaced them."""
@@ -103,11 +104,14 @@ class RecentFactors:
             self._factors.move_to_end(key)
         return self._factors.get(key)
 
-    def add(self, key: object, factors: Linear) -> None:
-        """Keep the ``factors`` of the shape of this ``key``."""
-        self._factors[key] = factors
-        if len(self._factors) > self._most:
-            self._factors.popitem(last=False)
+    def add(self, key: object, factors: Linear, rows: int) -> None:
+        """Keep the ``factors`` of the shape of this ``key``, of a matrix of so many ``rows``."""
+        self._factors[key], self._sizes[key] = factors, rows * rows
+        while len(self._factors) > self._most or (
+            sum(self._sizes.values()) > self._numbers and len(self._factors) > 1
+        ):
+            oldest, _ = self._factors.popitem(last=False)
+            del self._sizes[oldest]
 
 
 class Deferred:
