@@ -20,7 +20,7 @@ from octo_arm_model.arm.limits import MAX_DISCS
 from octo_arm_model.arm.material import Material
 from octo_arm_model.arm.profile import BETWEEN, LINEAR, Constant, Linear, Profile, Table
 from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
-from octo_arm_model.arm.validation import finite, not_negative, positive
+from octo_arm_model.arm.validation import positive
 from octo_arm_model.config.parameter import Values, check_length
 from octo_arm_model.rod.inputs import check_tensions
 from octo_arm_model.rod.sensitivity import Uncertainty
@@ -158,12 +158,9 @@ def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
 
     Raises:
         ConfigError: if their number is not that of the tendons.
-        ArmDefinitionError: if one is not finite or not > 0.
     """
-    limits = given['tendon_limits']
-    if limits:
-        check_length('tendon_limits', limits, len(arm.tendons), ', one per tendon')
-    return tuple(positive('tendon_limits', limit, 'N') for limit in limits)
+    _check_each(given, arm, 'tendon_limits')
+    return tuple(given['tendon_limits'])
 
 
 def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
@@ -171,24 +168,14 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
 
     Raises:
         ConfigError: if there are offsets, scales or names, but not one for each tendon.
-        ArmDefinitionError: if a value is not finite, or a deadband < 0 or a scale <= 0.
     """
     names = given['tension_names']
     distinct = [name for name in names if name != '-']
     if len(set(distinct)) < len(distinct) or '' in names:
         raise ConfigError(f'tension_names is {shown(list(names))}, expected distinct names or -')
-    for name in ('tension_offset', 'tension_scale', 'tension_names'):
-        if given[name]:
-            check_length(name, given[name], len(arm.tendons), ', one per tendon')
-    return LoadCellCalibration(
-        not_negative('tension_deadband', given['tension_deadband'], 'tension', 'N'),
-        tuple(
-            finite('tension_offset', offset, 'a finite tension [N]')
-            for offset in given['tension_offset']
-        ),
-        tuple(positive('tension_scale', scale, '-') for scale in given['tension_scale']),
-        tuple(names),
-    )
+    lists = 'tension_offset', 'tension_scale', 'tension_names'
+    _check_each(given, arm, *lists)
+    return LoadCellCalibration(given['tension_deadband'], *(tuple(given[name]) for name in lists))
 
 
 def build_encoders(given: Values, arm: Arm) -> EncoderCalibration:
@@ -196,41 +183,35 @@ def build_encoders(given: Values, arm: Arm) -> EncoderCalibration:
 
     Raises:
         ConfigError: if there are offsets, scales or names, but not one for each tendon.
-        ArmDefinitionError: if a value is not finite, or a scale is 0.
+        ArmDefinitionError: if a scale is 0.
     """
-    names, scale = given['displacement_names'], given['displacement_scale']
+    names, scale = given['displacement_names'], tuple(given['displacement_scale'])
     if '' in names:
         raise ConfigError(f'displacement_names is {shown(list(names))}, expected names or -')
-    for name in ('displacement_names', 'displacement_scale', 'displacement_offset'):
-        if given[name] and (len(given[name]) != 1 or name != 'displacement_scale'):
-            check_length(name, given[name], len(arm.tendons), ', one per tendon')
     for one in scale:
         positive('displacement_scale', abs(one), 'm per unit of the reading')
-    offset = [
-        finite('displacement_offset', one, 'a finite length [m]')
-        for one in given['displacement_offset']
-    ]
-    scale = len(arm.tendons) * tuple(scale) if len(scale) == 1 else tuple(scale)
-    return EncoderCalibration(tuple(names), scale, tuple(offset))
+    scale = len(arm.tendons) * scale if len(scale) == 1 else scale
+    all_given = {**given, 'displacement_scale': scale}
+    _check_each(all_given, arm, 'displacement_names', 'displacement_scale', 'displacement_offset')
+    return EncoderCalibration(tuple(names), scale, tuple(given['displacement_offset']))
+
+
+def _check_each(given: Values, arm: Arm, *names: str) -> None:
+    """Check that each of the lists ``names`` is empty or has a value for each tendon."""
+    for name in names:
+        if given[name]:
+            check_length(name, given[name], len(arm.tendons), ', one per tendon')
 
 
 def build_uncertainty(given: Values, arm: Arm) -> Uncertainty:
-    """Standard deviations of tensions, displacements, material and tendon offsets of ``arm``.
-
-    Raises:
-        ArmDefinitionError: if a standard deviation is negative or not finite.
-    """
-
-    def stddev(name: str, unit: str) -> float:
-        return not_negative(name, given[name], 'standard deviation', unit)
-
-    model = stddev('model_error_stddev', '-')
+    """Standard deviations of tensions, displacements, material and tendon offsets of ``arm``."""
+    model = given['model_error_stddev']
     return Uncertainty(
-        tension=stddev('tension_stddev', 'N'),
-        displacement=stddev('displacement_stddev', 'm'),
-        youngs_modulus=stddev('material.youngs_modulus_stddev', '-'),
-        poisson_ratio=stddev('material.poisson_ratio_stddev', '-'),
-        offset=stddev('tendons.offset_stddev', 'm'),
+        tension=given['tension_stddev'],
+        displacement=given['displacement_stddev'],
+        youngs_modulus=given['material.youngs_modulus_stddev'],
+        poisson_ratio=given['material.poisson_ratio_stddev'],
+        offset=given['tendons.offset_stddev'],
         # An error of the curvature, constant along the arm, that moves the tip by d turns it by
         # 2 d / length.
         model_position=model * arm.length,

@@ -32,7 +32,7 @@ from octo_arm_model.config.build import (
     build_uncertainty,
 )
 from octo_arm_model.config.motion import build_motion
-from octo_arm_model.config.parameter import Parameter, refuse_unknown
+from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS, DiagnosticLimits, build_loads
 from octo_arm_model.rod.motion import Dynamics
@@ -135,7 +135,7 @@ class Config:
             loads=build_loads(given),
             motion=build_motion(given),
             uncertainty=uncertainty,
-            friction_memory=not_negative('friction_memory', given['friction_memory'], 'time', 's'),
+            friction_memory=given['friction_memory'],
             markers_rate=_checked_rate(given['markers_rate']),
             diagnostic_limits=DiagnosticLimits.of(given),
             tendon_limits=build_limits(given, arm),
@@ -147,8 +147,10 @@ class Config:
             displacement_field=given['displacement_field'],
             solve_budget=Budget(given['solve_budget.iterations'], given['solve_budget.seconds']),
         )
-        for parameter in PARAMETERS:
-            _check_unused(parameter, given)
+        for parameter in PARAMETERS:  # what no part is built from, too, as a table without table_s
+            value = given.get(parameter.name)
+            if value is not None and (value != 0.0 or not parameter.unless):
+                parameter.check(value)
         return found
 
     def solver(
@@ -231,17 +233,6 @@ def load_config(name: str | Path) -> Config:
     values = load_parameters(path)
     with naming(path):
         return Config.from_parameters(values)
-
-
-def _check_unused(parameter: Parameter, given: Mapping[str, Any]) -> None:
-    """Check values that no part of the arm is built from, as of a table without table_s.
-
-    Raises:
-        ArmDefinitionError: if one is not finite or outside its range.
-    """
-    value = given.get(parameter.name)
-    if value is not None and (value != 0.0 or not parameter.unless):
-        parameter.check(value)
 
 
 def _check_names(given: Mapping[str, Any]) -> None:

@@ -8,7 +8,7 @@ from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, shown
 from octo_arm_model.arm.hints import Vector
 from octo_arm_model.arm.limits import MAX_FRICTION, MAX_OBSTACLES
 from octo_arm_model.arm.obstacles import Cylinder, Obstacle, Plane, Sphere
-from octo_arm_model.config.parameter import Parameter, Values, check_length
+from octo_arm_model.config.parameter import Parameter, Values, check_length, vectors_of
 
 _TYPES = 'plane', 'sphere', 'cylinder'
 # Parameters that fields of obstacles are made from.
@@ -101,6 +101,4 @@ def _each(given: Values, name: str, default: float | None = None) -> tuple[float
 def _vectors(given: Values, name: str, default: tuple[float, ...]) -> tuple[Vector, ...]:
     """Three values of each obstacle."""
     name, count = f'obstacles.{name}', len(given['obstacles.type'])
-    flat: tuple[float, ...] = given[name] or count * default
-    check_length(name, flat, 3 * count, ', three for each of obstacles.type')
-    return tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, 3 * count, 3))
+    return vectors_of(name, given[name] or count * default, count, 'obstacles.type')

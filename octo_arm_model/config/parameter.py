@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
 from octo_arm_model.arm.errors import ConfigError, listed, shown
+from octo_arm_model.arm.hints import Vector
 from octo_arm_model.arm.limits import MAX_NAME, MAX_TABLE_POINTS
 from octo_arm_model.arm.validation import (
     finite,
@@ -130,6 +131,16 @@ def check_length(name: str, column: Sequence[Any], count: int, what: str) -> Non
     """
     if len(column) != count:
         raise ConfigError(f'{name} has {len(column)} values, expected {count}{what}')
+
+
+def vectors_of(name: str, flat: Sequence[float], count: int, of: str) -> tuple[Vector, ...]:
+    """The vectors that the list ``name`` has, as many as ``count``, one after the other.
+
+    Raises:
+        ConfigError: if it has not three numbers for each of the list ``of``.
+    """
+    check_length(name, flat, 3 * count, f', three for each of {of}')
+    return tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, 3 * count, 3))
 
 
 def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) -> None:

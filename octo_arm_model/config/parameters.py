@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from octo_arm_model.arm.errors import ConfigError, shown
-from octo_arm_model.arm.hints import Vector
 from octo_arm_model.arm.limits import (
     MAX_DISCS,
     MAX_FRICTION,
@@ -30,8 +29,8 @@ from octo_arm_model.config.parameter import (
     Parameter,
     ParameterGroup,
     Values,
-    check_length,
     stated,
+    vectors_of,
 )
 from octo_arm_model.rod.solver import DEFAULT_MODEL, MODELS
 from octo_arm_model.rod.stations import DEFAULT_STATIONS
@@ -89,8 +88,10 @@ def build_loads(given: Values) -> Loads:
         ConfigError: if lists do not have the lengths they need.
         ArmDefinitionError: if a load is invalid.
     """
-    points = _vectors(given, 'loads.point_force', 'loads.point_s')
-    along = _vectors(given, 'loads.distributed_force', 'loads.distributed_s')
+    points, along = (
+        vectors_of(f'{of}_force', given[f'{of}_force'], len(given[f'{of}_s']), f'{of}_s')
+        for of in ('loads.point', 'loads.distributed')
+    )
     if given['loads.tip_frame'] not in TIP_FRAMES:
         problem = f'loads.tip_frame is {shown(given["loads.tip_frame"])}'
         raise ConfigError(f'{problem}, expected {" or ".join(TIP_FRAMES)}')
@@ -104,12 +105,6 @@ def build_loads(given: Values) -> Loads:
         obstacles=build_obstacles(given),
     )
     return loads.following(given['body.length']) if given['loads.tip_frame'] == TIP else loads
-
-
-def _vectors(given: Values, name: str, of: str) -> tuple[Vector, ...]:
-    flat, count = given[name], len(given[of])
-    check_length(name, flat, 3 * count, f', three for each of {of}')
-    return tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, 3 * count, 3))
 
 
 _LAWS = ', '.join(f'{name} ({law.meant_for})' for name, law in LAWS.items())
