@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, refuse_inside, writing
-from octo_arm_model.cli.options import add_json, add_path
 from octo_arm_model.cli.recordings import RECORDINGS, add_recording, of_each, read_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import CsvFiles
@@ -51,8 +51,8 @@ ERRORS = ('tip', 'mean', 'max', 'hausdorff')
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
     add_recording(parser)
-    add_path(parser, '--out', 'DIR', 'folder for tables and pictures')
-    add_json(parser)
+    arguments.add_path(parser, '--out', 'DIR', 'folder for tables and pictures')
+    arguments.add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -15,21 +15,8 @@ import numpy as np
 
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.validation import finite, not_negative
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, refuse_inside, unwritten, writing
-from octo_arm_model.cli.options import (
-    add_config_option,
-    add_flag,
-    add_json,
-    add_number,
-    add_path,
-    add_storage,
-    add_tendons,
-    add_value,
-    add_values,
-    read_calibration,
-    read_config_option,
-    refuse_without_effect,
-)
 from octo_arm_model.cli.recordings import add_columns, read_alignment, read_columns
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.estimation.estimator import Estimated
@@ -327,15 +314,15 @@ cannot be written, 130 interrupted
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
     text = 'rosbag2 folder, .mcap, .db3 or .csv file; it stays as it is'
-    add_path(parser, 'bag', 'BAG', text)
-    add_config_option(parser, None, 'the arm_description in the bag')
+    arguments.add_path(parser, 'bag', 'BAG', text)
+    arguments.add_config_option(parser, None, 'the arm_description in the bag')
     text = 'estimate each time from the whole recording instead of what was measured before'
-    add_flag(parser, '--smooth', text)
+    arguments.add_flag(parser, '--smooth', text)
     topics = parser.add_argument_group(
         'topics', 'by default those of the names above, in whatever namespace; - for none'
     )
     text = 'tensions, or any numeric field of any topic'
-    add_value(topics, '--tensions', 'TOPIC[:FIELD]', text)
+    arguments.add_value(topics, '--tensions', 'TOPIC[:FIELD]', text)
     for name, row in MEASUREMENT_TOPICS.items():
         topics.add_argument(
             f'--{name.rsplit("/", 1)[-1].replace("_", "-")}',
@@ -344,14 +331,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
             help=f'in place of {name} ({row.type_name})',
         )
     text = 'of a camera, to compare with: nav_msgs/Path, PoseArray, or tips (default: '
-    add_value(topics, '--midlines', 'TOPIC', f'{text}camera/midline)')
-    add_tendons(parser)
+    arguments.add_value(topics, '--midlines', 'TOPIC', f'{text}camera/midline)')
+    arguments.add_tendons(parser)
     add_columns(topics)
     text = (
         'markers at --marker-s, by their names or numbers in a message of --markers TOPIC:FIELD, '
         'or as columns NAME_x, NAME_y and NAME_z of a table'
     )
-    add_values(topics, '--marker-names', 'NAME', text)
+    arguments.add_values(topics, '--marker-names', 'NAME', text)
     topics.add_argument(
         '--align',
         nargs='+',
@@ -361,17 +348,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'such a frame are refused)',
     )
     text = 'to add to the stamps of --midlines [s]; by default found from the motion'
-    add_value(topics, '--clock-offset', 'S', text, float)
+    arguments.add_value(topics, '--clock-offset', 'S', text, float)
     add_estimator(parser)
     output = parser.add_argument_group('output', 'besides the summary')
     text = 'bag to write, not there yet: what BAG holds, and the topics of octo_arm_estimator'
-    add_path(output, '--out', 'OUT', text)
-    add_number(output, '--rate', 10.0, 'estimates a second in OUT at most; 0 for all', 'HZ')
-    add_flag(output, '--no-copy', 'write to OUT the estimates alone')
-    add_storage(parser)
-    add_path(output, '--csv', 'DIR', 'folder for estimate.csv and innovations.csv')
-    add_path(output, '--plot', 'PNG', 'picture of force and tip with their bands of 95 percent')
-    add_json(parser)
+    arguments.add_path(output, '--out', 'OUT', text)
+    arguments.add_number(
+        output, '--rate', 10.0, 'estimates a second in OUT at most; 0 for all', 'HZ'
+    )
+    arguments.add_flag(output, '--no-copy', 'write to OUT the estimates alone')
+    arguments.add_storage(parser)
+    arguments.add_path(output, '--csv', 'DIR', 'folder for estimate.csv and innovations.csv')
+    arguments.add_path(
+        output, '--plot', 'PNG', 'picture of force and tip with their bands of 95 percent'
+    )
+    arguments.add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -386,7 +377,9 @@ def run(options: argparse.Namespace) -> int:
     check_out(options, '--plot', folder=False, draws=True)
     not_negative('--rate', options.rate, 'rate', 'Hz')
     if options.out is None:
-        refuse_without_effect(options, ('--rate', '--no-copy', '--storage'), 'without --out')
+        arguments.refuse_without_effect(
+            options, ('--rate', '--no-copy', '--storage'), 'without --out'
+        )
     sources, out = _sources(options), options.out
     with contextlib.ExitStack() as opened:
         columns = read_columns(options.columns)
@@ -406,7 +399,9 @@ def run(options: argparse.Namespace) -> int:
         sensors = ([TENSIONS] if recorded.sensors.tensions else []) + list(recorded.sensors.others)
         refuse_idle(options, sensors, recorded.settings.unknowns)
         if recorded.camera is None:
-            refuse_without_effect(options, ('--clock-offset',), 'without --midlines to compare')
+            arguments.refuse_without_effect(
+                options, ('--clock-offset',), 'without --midlines to compare'
+            )
         outputs = []
         if out is not None:
             opened.enter_context(unwritten(out))
@@ -439,9 +434,9 @@ def _sources(options: argparse.Namespace) -> Sources:
         options.tensions,
         {name: getattr(options, name) for name in MEASUREMENT_TOPICS},
         options.midlines,
-        read_config_option(options),
+        arguments.read_config_option(options),
         read_estimator(options),
-        read_calibration(options),
+        arguments.read_calibration(options),
         None if options.align is None else read_alignment(options.align),
         options.clock_offset,
         tuple(options.marker_names),

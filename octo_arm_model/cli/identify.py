@@ -7,21 +7,14 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, refuse_inside, writing
-from octo_arm_model.cli.options import add_json, add_path
 from octo_arm_model.cli.recordings import ALL, RECORDINGS, add_recording, of_each, read_options
 from octo_arm_model.config.config import Config
+from octo_arm_model.experiment import identification
 from octo_arm_model.experiment.compare import compare, write_tables
 from octo_arm_model.experiment.fit import LOSSES
-from octo_arm_model.experiment.identification import (
-    Identification,
-    as_config,
-    best_of,
-    disagreements,
-    envelope_of,
-    in_words,
-    rank,
-)
+from octo_arm_model.experiment.identification import Identification
 from octo_arm_model.experiment.identify import identify
 from octo_arm_model.experiment.motion import identify_motion
 from octo_arm_model.experiment.observations import Observations
@@ -61,7 +54,7 @@ def as_dict(
                 'stddev': one.stddev,
                 'interval95': None if one.interval95 is None else list(one.interval95),
                 'model_stddev': one.model_stddev,
-                'interval95_near_models': envelope_of(fitted, name),
+                'interval95_near_models': identification.envelope_of(fitted, name),
                 'unit': one.unit,
             }
             for name, one in best.estimates.items()
@@ -100,7 +93,7 @@ def summary(best: Identification, fitted: Sequence[Identification], notes: Seque
     lines = [*notes, '', f'model {best.model}']
     width = max(len(name) for name in best.estimates)
     for name, estimate in best.estimates.items():
-        lines.append(f'  {name:{width}}  {in_words(estimate)}')
+        lines.append(f'  {name:{width}}  {identification.in_words(estimate)}')
     if best.undetermined:
         what = 'NOT FITTED' if best.is_trustworthy else 'NOTHING FITTED'
         lines += ['', f'{what}, as these data leave open:']
@@ -120,7 +113,7 @@ def summary(best: Identification, fitted: Sequence[Identification], notes: Seque
         )
     if len(fitted) > 1:
         lines += ['', 'models, by loads left out            rms [mm]   tip [% of L]']
-        for one in sorted(fitted, key=rank):
+        for one in sorted(fitted, key=identification.rank):
             values = ', '.join(
                 f'{name} {estimate.value:.5g} {estimate.unit}'
                 for name, estimate in one.estimates.items()
@@ -196,11 +189,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='what is minimised: soft_l1 bounds the influence of outliers, linear is least '
         'squares (default: the better at held-back loads)',
     )
-    add_path(parser, '--out', 'CONFIG', 'ROS parameter file of the fitted arm to write')
-    add_path(parser, '--pictures', 'DIR', 'folder for pictures: intervals, residuals along s')
+    arguments.add_path(parser, '--out', 'CONFIG', 'ROS parameter file of the fitted arm to write')
+    arguments.add_path(
+        parser, '--pictures', 'DIR', 'folder for pictures: intervals, residuals along s'
+    )
     text = 'folder for midlines.csv, stations.csv and tensions.csv of the fitted arm'
-    add_path(parser, '--csv', 'DIR', text)
-    add_json(parser)
+    arguments.add_path(parser, '--csv', 'DIR', text)
+    arguments.add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -228,8 +223,8 @@ def run(options: argparse.Namespace) -> int:
             return identify(shapes, values, model, fits, alignment, bar, options.loss)
 
     fitted = of_each(models, 'fitted', notes, fit)
-    best = best_of(fitted)
-    notes += disagreements(fitted)
+    best = identification.best_of(fitted)
+    notes += identification.disagreements(fitted)
     if options.pictures is not None:
         from octo_arm_model.experiment.pictures import pictures_of_fit, save_all
 
@@ -238,7 +233,7 @@ def run(options: argparse.Namespace) -> int:
             save_all(pictures, place, bar.on_terminal)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')
     if options.out is not None and best.is_trustworthy:
-        text = as_config(best, str(options.bag or options.tension_csv))
+        text = identification.as_config(best, str(options.bag or options.tension_csv))
         with writing(options.out) as place:
             place.write_text(text, encoding='utf-8')
         notes.append(f'the fitted arm is in {options.out}')

@@ -13,14 +13,7 @@ from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose,
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.stiffness import default_highest
-from octo_arm_model.cli.options import (
-    add_config,
-    add_highest,
-    add_json,
-    add_vector,
-    read_config,
-    read_highest,
-)
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.solve import as_dict, millimetres
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
@@ -36,35 +29,35 @@ EPILOG = ''
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
-    add_config(parser)
-    add_vector(parser, '--tip', 'X Y Z', 'tip in base_frame [m]')
+    arguments.add_config(parser)
+    arguments.add_vector(parser, '--tip', 'X Y Z', 'tip in base_frame [m]')
     orientation = 'orientation of the tip as well, its x axis along the arm'
-    add_vector(parser, '--quaternion', 'X Y Z W', orientation)
+    arguments.add_vector(parser, '--quaternion', 'X Y Z W', orientation)
     bend = (
         'instead of --tip: turn the tip by ANGLE degrees in the plane at PLANE degrees about the '
         'base, from n towards b'
     )
-    add_vector(parser, '--bend', 'PLANE ANGLE', bend)
+    arguments.add_vector(parser, '--bend', 'PLANE ANGLE', bend)
     stiffness = 'stiffness K [N/m] of the tip against a force along X Y Z, by co-contraction'
-    add_vector(parser, '--stiffness', 'X Y Z K', stiffness)
+    arguments.add_vector(parser, '--stiffness', 'X Y Z K', stiffness)
     default = (
         'for each tendon, what compresses the cross section it is fastened at by 30 percent, or '
         'bends the arm by two turns, or as large a part of what folds it between discs'
     )
-    add_highest(parser, default)
-    add_json(parser)
+    arguments.add_highest(parser, default)
+    arguments.add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Find the tensions and print them; 1 where the target is out of reach."""
     # The most accurate model, unless another is asked for.
     options.model = options.model or 'exact'
-    config = read_config(options)
+    config = arguments.read_config(options)
     solver = config.solver()
     stiffness = None
     if options.stiffness:
         stiffness = Stiffness(options.stiffness[:3], options.stiffness[3])
-    highest = read_highest(options)
+    highest = arguments.read_highest(options)
     if highest is None:
         highest = default_highest(config.arm)
     target = _target(options)

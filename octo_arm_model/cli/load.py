@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from octo_arm_model.arm.validation import positive
-from octo_arm_model.cli.options import add_config_argument, add_number
+from octo_arm_model.cli import arguments
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
@@ -38,7 +38,7 @@ _OTHERS = (*SIMULATOR_PARAMETERS, *ESTIMATOR_PARAMETERS)
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
-    add_config_argument(parser)
+    arguments.add_config_argument(parser)
     parser.add_argument(
         '--node',
         default='/octo_arm',
@@ -46,7 +46,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='the node, with its namespace (default: %(default)s)',
     )
     wait = 'how long to wait for the node and for each answer [s]'
-    add_number(parser, '--wait', 10.0, wait, 'S')
+    arguments.add_number(parser, '--wait', 10.0, wait, 'S')
 
 
 def run(options: argparse.Namespace) -> None:

@@ -8,16 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import check_out, writing
-from octo_arm_model.cli.options import (
-    add_json,
-    add_moving_arm,
-    add_number,
-    add_path,
-    add_value,
-    read_json,
-    read_moving_arm,
-)
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.modes import Modes, modes
 from octo_arm_model.rod.motion_state import Inputs
@@ -40,21 +32,21 @@ exit status: 0 done, 1 no stable equilibrium, 2 the input is wrong
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
-    add_moving_arm(parser)
+    arguments.add_moving_arm(parser)
     text = 'JSON, a row for each section from the tip [N] (default: none is pulled)'
-    add_value(parser, '--tensions', 'ROWS', text)
-    add_number(parser, '--count', 6, 'how many, the slowest first', 'N')
-    add_path(parser, '--plot', 'PNG', 'picture of their shapes; needs matplotlib')
-    add_json(parser, ', in SI units: frequencies, damping ratios and shapes')
+    arguments.add_value(parser, '--tensions', 'ROWS', text)
+    arguments.add_number(parser, '--count', 6, 'how many, the slowest first', 'N')
+    arguments.add_path(parser, '--plot', 'PNG', 'picture of their shapes; needs matplotlib')
+    arguments.add_json(parser, ', in SI units: frequencies, damping ratios and shapes')
 
 
 def run(options: argparse.Namespace) -> None:
     """Find, print and draw them."""
-    config, _ = read_moving_arm(options)
+    config, _ = arguments.read_moving_arm(options)
     check_out(options, '--plot', folder=False, draws=True)
     tensions = np.zeros(config.arm.tension_shape)
     if options.tensions is not None:
-        tensions = read_json(options.tensions, '--tensions', "'[[0,0,0.5,0]]'")
+        tensions = arguments.read_json(options.tensions, '--tensions', "'[[0,0,0.5,0]]'")
     dynamics = config.dynamics()
     state = dynamics.at_rest(Inputs(tensions))
     found = modes(dynamics, state, options.count)

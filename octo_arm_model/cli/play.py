@@ -12,16 +12,8 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError
 from octo_arm_model.arm.limits import MAX_PROFILE_ROWS
 from octo_arm_model.arm.validation import not_negative, positive
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import check_out, writing
-from octo_arm_model.cli.options import (
-    add_config_option,
-    add_flag,
-    add_highest,
-    add_number,
-    add_path,
-    read_highest,
-    refuse_without_effect,
-)
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.simulation.profiles.commands import TOPIC, find_profile, profile_names
 from octo_arm_model.simulation.profiles.profile import CommandProfile
@@ -55,18 +47,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'profile', metavar='PROFILE', nargs='?', help='movement of --list, or a CSV or YAML file'
     )
-    add_flag(parser, '--list', 'list the movements of the arm')
-    add_config_option(parser, 'renda2012_table4')
+    arguments.add_flag(parser, '--list', 'list the movements of the arm')
+    arguments.add_config_option(parser, 'renda2012_table4')
     of = ' of rotating, ramps, steps and sweeps'
-    add_highest(parser, 'what the arm bears', of)
-    add_number(parser, '--speed', 1.0, 'factor of the speed it is written for')
-    add_flag(parser, '--loop', 'repeat it until Ctrl-C')
-    add_number(parser, '--rate', 50.0, 'commands, or rows of --csv, a second', 'HZ')
+    arguments.add_highest(parser, 'what the arm bears', of)
+    arguments.add_number(parser, '--speed', 1.0, 'factor of the speed it is written for')
+    arguments.add_flag(parser, '--loop', 'repeat it until Ctrl-C')
+    arguments.add_number(parser, '--rate', 50.0, 'commands, or rows of --csv, a second', 'HZ')
     parser.add_argument('--topic', default=TOPIC, help='where to publish (default: %(default)s)')
-    add_flag(parser, '--hold', 'keep the last tensions at the end')
-    add_number(parser, '--wait', 5.0, 'how long to wait for a subscriber [s]', 'S')
-    add_path(parser, '--csv', 'CSV', 'write it there instead')
-    add_path(parser, '--plot', 'PNG', 'draw it there instead; needs matplotlib')
+    arguments.add_flag(parser, '--hold', 'keep the last tensions at the end')
+    arguments.add_number(parser, '--wait', 5.0, 'how long to wait for a subscriber [s]', 'S')
+    arguments.add_path(parser, '--csv', 'CSV', 'write it there instead')
+    arguments.add_path(parser, '--plot', 'PNG', 'draw it there instead; needs matplotlib')
 
 
 def run(options: argparse.Namespace) -> None:
@@ -81,12 +73,12 @@ def run(options: argparse.Namespace) -> None:
     if options.list == (options.profile is not None):
         raise ConfigError('expected either PROFILE or --list')
     if options.list:
-        refuse_without_effect(options, (*_OF_PLAYING, *_OF_ONE), 'with --list')
+        arguments.refuse_without_effect(options, (*_OF_PLAYING, *_OF_ONE), 'with --list')
         print(_listing(arm))
         return
-    profile = find_profile(options.profile, arm, read_highest(options))
+    profile = find_profile(options.profile, arm, arguments.read_highest(options))
     if options.csv or options.plot:
-        refuse_without_effect(options, _OF_PLAYING, 'with --csv or --plot')
+        arguments.refuse_without_effect(options, _OF_PLAYING, 'with --csv or --plot')
         if options.csv == options.plot:
             raise ConfigError(f'--csv and --plot are {str(options.csv)!r}, expected two files')
         check_out(options, '--csv', folder=False)

@@ -4,15 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import unwritten
-from octo_arm_model.cli.options import (
-    add_config_option,
-    add_number,
-    add_path,
-    add_storage,
-    add_value,
-    add_values,
-)
 from octo_arm_model.config.parameter_files import load_parameters
 
 SUMMARY = 'write a bag of a synthetic experiment'
@@ -55,24 +48,26 @@ exit status: 0 done, 2 the input is wrong or OUT cannot be written, 130 interrup
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
-    add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
+    arguments.add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
     more = '; arms that bear other tensions than this one are pulled accordingly'
-    add_config_option(parser, 'renda2012_prototype', more=more)
+    arguments.add_config_option(parser, 'renda2012_prototype', more=more)
     text = "true Young's modulus over that of the config (default: 1.1; 1 with --touch)"
-    add_value(parser, '--stiffness', 'RATIO', text, float)
-    add_number(parser, '--clock-offset', 0.08, "how far the camera's clock is ahead [s]", 'S')
+    arguments.add_value(parser, '--stiffness', 'RATIO', text, float)
+    arguments.add_number(
+        parser, '--clock-offset', 0.08, "how far the camera's clock is ahead [s]", 'S'
+    )
     sheath = "true stiffness of the tendons' sheaths [Pa]; 0 for that of the config"
-    add_number(parser, '--sheath', 0.0, sheath, 'K')
+    arguments.add_number(parser, '--sheath', 0.0, sheath, 'K')
     stretch = 'true E A of the tendons themselves [N]; 0 for that of the config'
-    add_number(parser, '--axial-stiffness', 0.0, stretch, 'K')
+    arguments.add_number(parser, '--axial-stiffness', 0.0, stretch, 'K')
     rub = 'true coefficient of friction of the tendons; with some, tensions rise and fall again'
-    add_number(parser, '--friction', 0.0, rub, 'MU')
+    arguments.add_number(parser, '--friction', 0.0, rub, 'MU')
     touch = 'force on the tip while the middle tension is held [N], for octo-arm estimate'
-    add_number(parser, '--touch', 0.0, touch, 'N')
+    arguments.add_number(parser, '--touch', 0.0, touch, 'N')
     text = 'arc coordinates of markers that are measured [m]'
-    add_values(parser, '--markers', 'S', text, float)
-    add_number(parser, '--seed', 0, 'of everything random')
-    add_storage(parser)
+    arguments.add_values(parser, '--markers', 'S', text, float)
+    arguments.add_number(parser, '--seed', 0, 'of everything random')
+    arguments.add_storage(parser)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -10,21 +10,8 @@ from octo_arm_model.arm.errors import ConfigError, MeasurementError, SolveError,
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import finite, not_negative
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar
-from octo_arm_model.cli.options import (
-    add_config_option,
-    add_dynamic,
-    add_flag,
-    add_number,
-    add_path,
-    add_tendons,
-    add_value,
-    add_values,
-    path_of,
-    read_calibration,
-    read_dynamic,
-    refuse_without_effect,
-)
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import load_yaml, read_text, reading
 from octo_arm_model.experiment.camera import Alignment
@@ -75,8 +62,8 @@ exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input 
 def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the config') -> None:
     """Add the bag and how it is read; without --model it is the ``default``."""
     bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
-    parser.add_argument('bag', nargs='?', type=path_of, metavar='BAG', help=bag)
-    add_config_option(parser, None, 'the arm_description in the bag')
+    parser.add_argument('bag', nargs='?', type=arguments.path_of, metavar='BAG', help=bag)
+    arguments.add_config_option(parser, None, 'the arm_description in the bag')
     parser.add_argument(
         '--model',
         nargs='+',
@@ -90,22 +77,22 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         'any field of points or poses of any message; by default the only ones there; with '
         '--marker-s perhaps one of each marker, with --marker-frames topics of TF'
     )
-    add_values(parser, '--midlines', 'TOPIC[:FIELD]', text)
+    arguments.add_values(parser, '--midlines', 'TOPIC[:FIELD]', text)
     text = (
         'arc coordinates of markers [m], from the base on: what is measured are points at these, '
         'NaN where a marker is hidden, and no midlines'
     )
-    add_values(parser, '--marker-s', 'S', text, float)
+    arguments.add_values(parser, '--marker-s', 'S', text, float)
     text = (
         'their frames in /tf and /tf_static, or in the topics of --midlines, in the same order; '
         'chains of frames are followed to base_frame, or else to their root'
     )
-    add_values(parser, '--marker-frames', 'FRAME', text)
+    arguments.add_values(parser, '--marker-frames', 'FRAME', text)
     text = (
         'their names among those of one message, or their numbers there from 0 on, or in a table '
         'of columns NAME_x, NAME_y, NAME_z, in the same order'
     )
-    add_values(parser, '--marker-names', 'NAME', text)
+    arguments.add_values(parser, '--marker-names', 'NAME', text)
     parser.add_argument(
         '--length-unit',
         choices=LENGTH_UNITS,
@@ -113,15 +100,15 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         help='of what was measured (default: %(default)s)',
     )
     text = 'tensions, or any numeric field of any topic; by default the only ones there'
-    add_value(parser, '--tensions', 'TOPIC[:FIELD]', text)
+    arguments.add_value(parser, '--tensions', 'TOPIC[:FIELD]', text)
     text = (
         'lengths that winches have reeled in, as encoders read them (sensor_msgs/JointState, '
         'position [m] by name), or any numeric field of any topic, see --motors and --spools; by '
         'default tendon_displacements; where no tensions were recorded these follow from them '
         '(model exact)'
     )
-    add_value(parser, '--displacements', 'TOPIC[:FIELD]', text)
-    add_tendons(parser)
+    arguments.add_value(parser, '--displacements', 'TOPIC[:FIELD]', text)
+    arguments.add_tendons(parser)
     parser.add_argument(
         '--align',
         nargs='+',
@@ -133,22 +120,22 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         'CSV files', 'in place of topics; with midlines and readings from them there is no BAG'
     )
     text = 'tensions: time [s] and a column for each tendon [N]'
-    add_path(tables, '--tension-csv', 'CSV', text)
+    arguments.add_path(tables, '--tension-csv', 'CSV', text)
     text = 'midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ... [m]'
-    add_path(tables, '--midline-csv', 'CSV', text)
+    arguments.add_path(tables, '--midline-csv', 'CSV', text)
     text = f'encoders: time [s] and a column {DISPLACEMENT}TENDON for each that has one [m]'
-    add_path(tables, '--displacement-csv', 'CSV', text)
+    arguments.add_path(tables, '--displacement-csv', 'CSV', text)
     text = 'a table of static poses: in each row tensions or encoders, and what was measured; '
-    add_path(tables, '--pose-csv', 'CSV', f'{text}with or without a time')
+    arguments.add_path(tables, '--pose-csv', 'CSV', f'{text}with or without a time')
     add_columns(tables)
     pairing = parser.add_argument_group('pairing of frames and tensions')
     tolerance = (
         'how far stamps may be off [s] (default: %(default)s): a frame has a sample of tensions '
         'within this time, and lies at least that far inside its steady step'
     )
-    add_number(pairing, '--tolerance', 0.1, tolerance, 'S')
+    arguments.add_number(pairing, '--tolerance', 0.1, tolerance, 'S')
     text = 'to add to the stamps of frames [s]; by default found from the motion'
-    add_value(pairing, '--clock-offset', 'S', text, float)
+    arguments.add_value(pairing, '--clock-offset', 'S', text, float)
     pairing.add_argument(
         '--base-end',
         choices=('first', 'last'),
@@ -159,10 +146,10 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         'tensions (default: the larger of 2 percent of the highest and four times the noise, as '
         'far as that is below 5 percent of it)'
     )
-    add_value(pairing, '--steady', 'N', text, float)
-    add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
+    arguments.add_value(pairing, '--steady', 'N', text, float)
+    arguments.add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
     kind = pairing.add_mutually_exclusive_group()
-    add_dynamic(pairing, kind)
+    arguments.add_dynamic(pairing, kind)
     kind.add_argument(
         '--ramp',
         nargs='?',
@@ -174,9 +161,9 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         'the noise)',
     )
     text = 'each row of tensions is a static pose, as in a table of poses'
-    add_flag(kind, '--poses', text)
+    arguments.add_flag(kind, '--poses', text)
     settle = 'time from its beginning until the arm is at rest [s]'
-    add_number(pairing, '--settle', 0.5, settle, 'S')
+    arguments.add_number(pairing, '--settle', 0.5, settle, 'S')
 
 
 def add_columns(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
@@ -186,7 +173,7 @@ def add_columns(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
         'or a YAML file of such; of one file alone tension:, midline: or displacement:NAME; units '
         'are those in the header, such as "force [mN]"'
     )
-    add_values(parser, '--columns', 'NAME=COLUMN', text)
+    arguments.add_values(parser, '--columns', 'NAME=COLUMN', text)
 
 
 def read_files(options: argparse.Namespace) -> CsvSources:
@@ -216,7 +203,7 @@ def _read_pairing(options: argparse.Namespace) -> tuple[Pairing, float | None]:
     if options.clock_offset is not None:
         finite('--clock-offset', options.clock_offset, 'a finite time [s]')
     steady = SteadyRule(options.steady, options.hold, options.settle)
-    step = read_dynamic(options)
+    step = arguments.read_dynamic(options)
     is_poses = options.poses or options.pose_csv is not None
     kind = POSES if is_poses else RAMP if options.ramp is not None else STEPS
     other = {POSES: 'poses', RAMP: 'ramp', STEPS: 'dynamic'}[kind]
@@ -225,7 +212,9 @@ def _read_pairing(options: argparse.Namespace) -> tuple[Pairing, float | None]:
             raise ConfigError(f'--dynamic, or a fit of a motion, does not go with --{other}')
         kind = MOMENTS
     if kind != STEPS:
-        refuse_without_effect(options, ('--steady', '--hold', '--settle'), f'with --{other}')
+        arguments.refuse_without_effect(
+            options, ('--steady', '--hold', '--settle'), f'with --{other}'
+        )
     width = None if options.ramp is True else options.ramp
     given = options.tolerance, options.clock_offset, options.base_end, kind, width
     return Pairing(steady, *given), step
@@ -276,19 +265,21 @@ def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()
             options.tensions,
             measured,
             files,
-            read_calibration(options),
+            arguments.read_calibration(options),
             options.displacements,
             progress=bar.on_terminal,
         )
     if recording.is_driven:
-        refuse_without_effect(options, ('--tendons',), 'on encoder readings, which have names')
+        arguments.refuse_without_effect(
+            options, ('--tendons',), 'on encoder readings, which have names'
+        )
     elif not {*OF_ENCODERS} & {*getattr(options, 'fit', ())}:
         why = f'beside tensions, which count, but for identify --fit {" ".join(OF_ENCODERS)}'
-        refuse_without_effect(
+        arguments.refuse_without_effect(
             options, ('--displacements', '--displacement-csv', '--motors', '--spools'), why
         )
     if recording.is_tips or recording.marker_s is not None:
-        refuse_without_effect(options, ('--base-end',), 'on tips and markers')
+        arguments.refuse_without_effect(options, ('--base-end',), 'on tips and markers')
     config = Config.from_parameters(recording.parameters)
     notes: list[str] = []
     if options.align is None and recording.frame_id == config.base_frame:

@@ -10,22 +10,8 @@ import time
 from typing import TYPE_CHECKING
 
 from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, refuse_inside, unwritten, writing
-from octo_arm_model.cli.options import (
-    add_config_option,
-    add_dynamic,
-    add_flag,
-    add_json,
-    add_model,
-    add_path,
-    add_storage,
-    add_tendons,
-    add_values,
-    read_calibration,
-    read_config_option,
-    read_dynamic,
-    refuse_without_effect,
-)
 from octo_arm_model.cli.recordings import add_columns, read_columns
 
 if TYPE_CHECKING:
@@ -68,28 +54,30 @@ bag, damaged, no tensions, none for this arm) or OUT cannot be written, 130 inte
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
-    add_path(parser, 'bag', 'IN', 'bag with tensions, or a table of them that ends in .csv')
-    add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
-    add_config_option(parser, None, 'what the bag says')
-    add_model(parser)
-    add_dynamic(parser)
+    arguments.add_path(
+        parser, 'bag', 'IN', 'bag with tensions, or a table of them that ends in .csv'
+    )
+    arguments.add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
+    arguments.add_config_option(parser, None, 'what the bag says')
+    arguments.add_model(parser)
+    arguments.add_dynamic(parser)
     text = (
         'topics of tensions or displacements, or any numeric field of any (default: all with the '
         'names that the node listens to, in whatever namespace, or else the only one of such a '
         'type)'
     )
-    add_values(parser, '--topics', 'TOPIC[:FIELD]', text)
+    arguments.add_values(parser, '--topics', 'TOPIC[:FIELD]', text)
     text = 'further topics of displacements, or any numeric field of any, see --motors'
-    add_values(parser, '--displacements', 'TOPIC[:FIELD]', text)
-    add_tendons(parser)
+    arguments.add_values(parser, '--displacements', 'TOPIC[:FIELD]', text)
+    arguments.add_tendons(parser)
     add_columns(parser)
     text = 'write tendon_lengths too; several times slower, as sets are solved one by one'
-    add_flag(parser, '--lengths', text)
-    add_flag(parser, '--no-copy', 'write the answers alone, without what is in IN')
+    arguments.add_flag(parser, '--lengths', text)
+    arguments.add_flag(parser, '--no-copy', 'write the answers alone, without what is in IN')
     text = 'folder for stations.csv, and tensions.csv as `octo-arm play` reads it'
-    add_path(parser, '--csv', 'DIR', text)
-    add_storage(parser)
-    add_json(parser, '')
+    arguments.add_path(parser, '--csv', 'DIR', text)
+    arguments.add_storage(parser)
+    arguments.add_json(parser, '')
 
 
 def run(options: argparse.Namespace) -> None:
@@ -99,14 +87,14 @@ def run(options: argparse.Namespace) -> None:
     from octo_arm_model.bags.writer import BagWriter
     from octo_arm_model.experiment.table_bag import opened as open_bag
 
-    step = read_dynamic(options)
+    step = arguments.read_dynamic(options)
     if step is not None and options.model not in (None, 'exact'):
         raise ConfigError(f'--model is {options.model}, which does not move: expected exact')
-    parameters = read_config_option(options)
+    parameters = arguments.read_config_option(options)
     began = time.monotonic()
     refuse_inside(options.bag, options.out, options.csv)
     check_out(options, '--csv', folder=True)
-    calibration = read_calibration(options)
+    calibration = arguments.read_calibration(options)
     source = open_bag(options.bag, parameters, calibration, read_columns(options.columns))
     with unwritten(options.out), Bar('messages') as bar, source as reader:
         if options.bag.suffix == '.csv':
@@ -116,7 +104,9 @@ def run(options: argparse.Namespace) -> None:
             options.displacements,
         )  # fmt: skip
         if all(arm.displacements.issuperset(arm.topics) for arm in arms):
-            refuse_without_effect(options, ('--tendons',), 'on displacements, which have names')
+            arguments.refuse_without_effect(
+                options, ('--tendons',), 'on displacements, which have names'
+            )
         custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
         topics = [topic for arm in arms for topic in arm.topics]
         with contextlib.ExitStack() as open_files:

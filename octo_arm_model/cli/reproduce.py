@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, writing
-from octo_arm_model.cli.options import add_path
 from octo_arm_model.reproduce.claims import CLAIMS
 
 SUMMARY = "compute the paper's figures, tables and claims anew, on one page"
@@ -25,7 +25,7 @@ exit status: 0 all claims hold for the paper's own model, 1 one does not, 2 the 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
-    add_path(parser, 'outdir', 'OUTDIR', 'folder for the page')
+    arguments.add_path(parser, 'outdir', 'OUTDIR', 'folder for the page')
 
 
 def run(options: argparse.Namespace) -> int:

@@ -8,16 +8,8 @@ import time
 import numpy as np
 
 from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, unwritten, writing
-from octo_arm_model.cli.options import (
-    add_highest,
-    add_moving_arm,
-    add_number,
-    add_path,
-    add_storage,
-    read_highest,
-    read_moving_arm,
-)
 from octo_arm_model.simulation.moving_arm import (
     Course,
     animate,
@@ -52,32 +44,36 @@ wrong or a file cannot be written, 130 interrupted
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
-    add_moving_arm(parser)
+    arguments.add_moving_arm(parser)
     parser.add_argument(
         'profile',
         metavar='PROFILE',
         help='movement of octo-arm play --list, or a CSV or YAML file',
     )
-    add_highest(parser, 'what the arm bears', ' of rotating, ramps, steps and sweeps')
-    add_number(parser, '--step', Course().step, 'of the integration [s]', 'S')
-    add_number(parser, '--rate', Course().rate, 'moments that are written, a second', 'HZ')
-    add_number(parser, '--hold', Course().hold, 'time after the end of the profile [s]', 'S')
-    add_path(parser, '--out', 'BAG', 'bag to write, not there yet')
-    add_path(parser, '--csv', 'CSV', 'table to write')
-    add_path(parser, '--plot', 'PNG', 'picture to write; needs matplotlib')
-    add_path(parser, '--animate', 'GIF', 'moving picture to write; needs matplotlib')
-    add_storage(parser)
+    arguments.add_highest(parser, 'what the arm bears', ' of rotating, ramps, steps and sweeps')
+    arguments.add_number(parser, '--step', Course().step, 'of the integration [s]', 'S')
+    arguments.add_number(
+        parser, '--rate', Course().rate, 'moments that are written, a second', 'HZ'
+    )
+    arguments.add_number(
+        parser, '--hold', Course().hold, 'time after the end of the profile [s]', 'S'
+    )
+    arguments.add_path(parser, '--out', 'BAG', 'bag to write, not there yet')
+    arguments.add_path(parser, '--csv', 'CSV', 'table to write')
+    arguments.add_path(parser, '--plot', 'PNG', 'picture to write; needs matplotlib')
+    arguments.add_path(parser, '--animate', 'GIF', 'moving picture to write; needs matplotlib')
+    arguments.add_storage(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Simulate, and write what is wanted."""
-    config, parameters = read_moving_arm(options)
+    config, parameters = arguments.read_moving_arm(options)
     for name in ('--csv', '--plot', '--animate'):
         check_out(options, name, folder=False, draws=name != '--csv')
     files = [path for path in (options.csv, options.plot, options.animate) if path is not None]
     if len(set(files)) < len(files):
         raise ConfigError('--csv, --plot and --animate are expected to be different files')
-    profile = find_profile(options.profile, config.arm, read_highest(options))
+    profile = find_profile(options.profile, config.arm, arguments.read_highest(options))
     course = Course(options.step, options.rate, options.hold)
     began = time.monotonic()
     with Bar('moments') as bar:

@@ -9,13 +9,7 @@ import numpy as np
 
 from octo_arm_model.arm.errors import TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.cli.options import (
-    add_config,
-    add_json,
-    add_value,
-    read_config,
-    read_json,
-)
+from octo_arm_model.cli import arguments
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of, solve_displacements
 from octo_arm_model.rod.solver import Solver
@@ -78,22 +72,22 @@ _NAMED = '\'{"tendon_1_1": 0.02}\''
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
-    add_config(parser)
+    arguments.add_config(parser)
     text = (
         'tensions [N]: one row for each section, from the tip to the base, '
         "e.g. '[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'; with --displacements by name, of tendons "
         'that are held by tension, others are slack'
     )
-    add_value(parser, '--tensions', 'JSON', text)
+    arguments.add_value(parser, '--tensions', 'JSON', text)
     text = f'lengths that winches have reeled in [m], by name of the tendon, e.g. {_NAMED}'
-    add_value(parser, '--displacements', 'JSON', text)
-    add_json(parser)
+    arguments.add_value(parser, '--displacements', 'JSON', text)
+    arguments.add_json(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Solve once and print the shape."""
     # For one shape machine code takes longer to load than it saves.
-    solver = read_config(options).solver(compiled=False)
+    solver = arguments.read_config(options).solver(compiled=False)
     slack: tuple[str, ...] = ()
     if options.displacements is not None:
         displacements = _by_name(options.displacements, '--displacements', _NAMED)
@@ -103,7 +97,7 @@ def run(options: argparse.Namespace) -> None:
         wound = solve_displacements(solver, displacements, tensions)
         backbone, slack = wound.backbone, wound.slack
     elif options.tensions is not None:
-        rows = read_json(options.tensions, '--tensions', _EXAMPLE)
+        rows = arguments.read_json(options.tensions, '--tensions', _EXAMPLE)
         if _depth(rows) > 2:
             raise TensionError('--tensions holds several sets, expected one row for each section')
         backbone = solver.solve(rows)
@@ -119,7 +113,7 @@ def run(options: argparse.Namespace) -> None:
 
 def _by_name(text: str, option: str, example: str) -> dict[str, float]:
     """Numbers by tendon of a JSON ``option``; TensionError if it holds none."""
-    values = read_json(text, option, example)
+    values = arguments.read_json(text, option, example)
     if not isinstance(values, dict) or any(
         isinstance(value, bool) or not isinstance(value, (int, float)) for value in values.values()
     ):

@@ -9,17 +9,8 @@ from pathlib import Path
 from octo_arm_model.analysis.workspace import Workspace, sample_workspace
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
+from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, writing
-from octo_arm_model.cli.options import (
-    add_config,
-    add_highest,
-    add_json,
-    add_number,
-    add_path,
-    add_value,
-    read_config,
-    read_highest,
-)
 
 SUMMARY = 'draw where the tip can go'
 DESCRIPTION = """\
@@ -45,33 +36,37 @@ _PARTS = 0.1  # of the section at its anchorage that a tendon alone may compress
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
-    add_config(parser)
+    arguments.add_config(parser)
     default = (
         'for each tendon, what alone compresses the cross section it is fastened at by 10 '
         'percent, or bends the arm by two turns, or 10 percent of what folds it between discs'
     )
-    add_highest(parser, default)
-    add_number(parser, '--samples', 4096, 'sets of tensions, best a power of two', 'N')
-    add_number(parser, '--seed', 0, 'other seeds draw other tensions, as evenly', 'N')
+    arguments.add_highest(parser, default)
+    arguments.add_number(parser, '--samples', 4096, 'sets of tensions, best a power of two', 'N')
+    arguments.add_number(parser, '--seed', 0, 'other seeds draw other tensions, as evenly', 'N')
     text = 'worker processes; by default one for each core where that is quicker'
-    add_value(parser, '--processes', 'N', text, int)
+    arguments.add_value(parser, '--processes', 'N', text, int)
     text = 'Dask scheduler whose workers solve instead, such as tcp://10.0.0.1:8786; needs '
-    add_value(parser, '--scheduler', 'ADDRESS', f"{text}pip install 'octo_arm_model[cluster]'")
-    add_path(parser, '--out', 'PNG', 'picture to write (default: workspace.png; with --json none)')
+    arguments.add_value(
+        parser, '--scheduler', 'ADDRESS', f"{text}pip install 'octo_arm_model[cluster]'"
+    )
+    arguments.add_path(
+        parser, '--out', 'PNG', 'picture to write (default: workspace.png; with --json none)'
+    )
     sets = (
         ': highest, seed, refused, and of each set with an answer its tensions, tip and direction'
     )
-    add_json(parser, f', in SI units{sets}')
+    arguments.add_json(parser, f', in SI units{sets}')
 
 
 def run(options: argparse.Namespace) -> None:
     """Solve all samples, and draw and print where the tips are."""
-    config = read_config(options)
+    config = arguments.read_config(options)
     if options.out is None and not options.json:
         options.out = Path('workspace.png')
     check_out(options, '--out', folder=False, draws=True)
     picture = options.out
-    highest = read_highest(options)
+    highest = arguments.read_highest(options)
     with Bar('sets of tensions') as bar:
         workspace = sample_workspace(
             config,

@@ -9,17 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
+from octo_arm_model.arm import validation
 from octo_arm_model.arm.errors import ConfigError, listed, shown
 from octo_arm_model.arm.hints import Vector
 from octo_arm_model.arm.limits import MAX_NAME, MAX_TABLE_POINTS
-from octo_arm_model.arm.validation import (
-    finite,
-    is_text,
-    not_negative,
-    positive,
-    whole,
-    within,
-)
 
 Values = Mapping[str, Any]  # of all parameters, by their names
 
@@ -97,15 +90,15 @@ class Parameter:
             return
         unit = ''.join(_UNIT.findall(self.description)[:1])
         if self.range == '>= 0' and self.kind is int:
-            whole(self.name, value)
+            validation.whole(self.name, value)
         elif self.range == '>= 0':
-            not_negative(self.name, value, what, unit)
+            validation.not_negative(self.name, value, what, unit)
         elif self.range == '> 0':
-            positive(self.name, value, unit)
+            validation.positive(self.name, value, unit)
         elif self.range == 'in [0, 1]':
-            within(self.name, value, 0.0, 1.0, unit)
+            validation.within(self.name, value, 0.0, 1.0, unit)
         elif self.kind is float:
-            finite(self.name, value)
+            validation.finite(self.name, value)
 
     def _convert_one(self, element: object, value: object) -> Any:
         if self.kind is float and isinstance(element, int) and not isinstance(element, bool):
@@ -114,7 +107,7 @@ class Parameter:
             except OverflowError:
                 return self._refuse(value)
         if isinstance(element, self.kind) and (self.kind is bool or not isinstance(element, bool)):
-            if self.kind is str and not is_text(element):
+            if self.kind is str and not validation.is_text(element):
                 return self._refuse(value, f' of at most {MAX_NAME} characters, without NUL')
             return element
         return self._refuse(value)

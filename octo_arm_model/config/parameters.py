@@ -7,19 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from octo_arm_model.arm import limits
 from octo_arm_model.arm.errors import ConfigError, shown
-from octo_arm_model.arm.limits import (
-    MAX_DISCS,
-    MAX_FRICTION,
-    MAX_INTERVALS,
-    MAX_POINT_LOADS,
-    MAX_SECTIONS,
-    MAX_STATIONS,
-    MAX_TABLE_POINTS,
-    MAX_TENDON_TABLE,
-    MAX_TENDONS,
-    MIN_RATE,
-)
 from octo_arm_model.arm.loads import TIP, TIP_FRAMES, DistributedLoad, Loads, PointLoad
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.config.motion import MOTION_PARAMETERS
@@ -67,17 +56,17 @@ LOAD_PARAMETERS = (
               'axes of tip_force and tip_moment: base, for base_frame, or tip, for t, n and b of '
               'the tip, with which they turn', 'base', range='base or tip'),
     Parameter('loads.point_s', float,
-              f'arc coordinates of point forces [m]; at most {MAX_POINT_LOADS}', (),
-              is_array=True, range='in [0, body.length]', most=MAX_POINT_LOADS),
+              f'arc coordinates of point forces [m]; at most {limits.MAX_POINT_LOADS}', (),
+              is_array=True, range='in [0, body.length]', most=limits.MAX_POINT_LOADS),
     Parameter('loads.point_force', float,
               'x, y, z of each point force in base_frame [N], one after the other', (),
-              is_array=True, most=3 * MAX_POINT_LOADS),
+              is_array=True, most=3 * limits.MAX_POINT_LOADS),
     Parameter('loads.distributed_s', float,
               f'arc coordinates of a distributed force, linear between them [m]{TABLE_BOUND}', (),
               is_array=True, range='increasing, in [0, body.length]'),
     Parameter('loads.distributed_force', float,
               'x, y, z of the force per length at each, in base_frame [N/m], one after the other',
-              (), is_array=True, most=3 * MAX_TABLE_POINTS),
+              (), is_array=True, most=3 * limits.MAX_TABLE_POINTS),
 )  # fmt: skip
 
 
@@ -115,9 +104,9 @@ PARAMETERS = (
               range=_MODELS),
     Parameter('stations', int,
               'stations along the backbone, anchorages and loads among them; at most '
-              f'{MAX_STATIONS}', DEFAULT_STATIONS,
+              f'{limits.MAX_STATIONS}', DEFAULT_STATIONS,
               range='at least two, one more for every anchorage and load; at most '
-              f'{MAX_STATIONS}'),
+              f'{limits.MAX_STATIONS}'),
     Parameter('base_frame', str, 'frame the backbone is expressed in', 'arm_base'),
     Parameter('frame_prefix', str,
               'what the names of the frames of tip and anchorages begin with', ''),
@@ -152,7 +141,7 @@ PARAMETERS = (
               unless=('body.table_s', 'body.width'), range='> 0'),
     Parameter('body.radius_tip', float,
               'radius at the tip [m]; the arm is refused where more than '
-              f'{MAX_INTERVALS} intervals, each no longer than thick, are needed',
+              f'{limits.MAX_INTERVALS} intervals, each no longer than thick, are needed',
               unless=('body.table_s', 'body.width'), range='> 0'),
     Parameter('body.disc_radius', float,
               'radius of discs that lead tendons outside the body [m]; 0 for none; tendons are '
@@ -216,12 +205,12 @@ PARAMETERS = (
       )),
     Parameter('sections.anchorage', float,
               'arc coordinate of each anchorage, from the tip to the base [m]; at most '
-              f'{MAX_SECTIONS}', is_array=True,
+              f'{limits.MAX_SECTIONS}', is_array=True,
               range='decreasing, in (0, body.length]'),
     Parameter('sections.tendons', int,
               'number of tendons of each section; empty for four each; at most '
-              f'{MAX_TENDONS} in all', (), is_array=True,
-              range=f'>= 1, at most {MAX_TENDONS} in all'),
+              f'{limits.MAX_TENDONS} in all', (), is_array=True,
+              range=f'>= 1, at most {limits.MAX_TENDONS} in all'),
     Parameter('sections.offset_base', float,
               "distance of each section's tendons from the midline at the base [m]",
               is_array=True, unless=('tendons.table_s',),
@@ -245,12 +234,13 @@ PARAMETERS = (
               range='pchip or linear'),
     Parameter('tendons.table_offset', float,
               'distance from the midline at each of table_s [m], tendon after tendon; at most '
-              f'{MAX_TENDON_TABLE}', (),
-              is_array=True, range='from 0 to the radius of body or discs', most=MAX_TENDON_TABLE),
+              f'{limits.MAX_TENDON_TABLE}', (),
+              is_array=True, range='from 0 to the radius of body or discs',
+              most=limits.MAX_TENDON_TABLE),
     Parameter('tendons.table_angle', float,
               'direction at each of table_s [rad], tendon after tendon; empty for angle; at most '
-              f'{MAX_TENDON_TABLE}', (),
-              is_array=True, most=MAX_TENDON_TABLE),
+              f'{limits.MAX_TENDON_TABLE}', (),
+              is_array=True, most=limits.MAX_TENDON_TABLE),
     Parameter('tendons.axial_stiffness', float,
               'E A of each tendon itself [N], section by section from the tip, or one number for '
               'all, by which a winch that is driven by length has to reel in more; 0 for one that '
@@ -267,15 +257,17 @@ PARAMETERS = (
     Parameter('tendons.friction', float,
               "Coulomb's coefficient of friction mu of the tendons in their guides [-], one for "
               'all or one per tendon, section by section from the tip; empty for none; with model '
-              'closed_form or exact', (), is_array=True, range=f'>= 0, at most {MAX_FRICTION:g}'),
+              'closed_form or exact', (), is_array=True,
+              range=f'>= 0, at most {limits.MAX_FRICTION:g}'),
     Parameter('tendons.discs', float,
               'arc coordinates of the faces towards the tip of discs between which tendons are '
               'straight [m]; anchorages are discs too; empty for tendons that the body leads all '
-              f'along; with model exact; at most {MAX_DISCS}', (), is_array=True,
-              range='increasing, in (0, body.length]', most=MAX_DISCS),
+              f'along; with model exact; at most {limits.MAX_DISCS}', (), is_array=True,
+              range='increasing, in (0, body.length]', most=limits.MAX_DISCS),
     Parameter('tendons.disc_count', int,
               'number of discs, spaced evenly from the base to the tip, which is the last, '
-              f'instead of discs; 0 for none; at most {MAX_DISCS}', 0, range=f'0 to {MAX_DISCS}'),
+              f'instead of discs; 0 for none; at most {limits.MAX_DISCS}', 0,
+              range=f'0 to {limits.MAX_DISCS}'),
     Parameter('tendons.disc_thickness', float,
               'thickness of every disc, which is rigid, from its face on towards the base [m]; 0 '
               'for thin ones', 0.0, range='>= 0, less than the distance of discs'),
@@ -341,7 +333,7 @@ PARAMETERS = (
               'and they are pulled from slack anew [s]; 0 for never', 2.0, range='>= 0'),
     Parameter('markers_rate', float,
               'how often markers are published at most [Hz]; 0 for every shape', 30.0,
-              range=f'0, or at least {MIN_RATE:g}'),
+              range=f'0, or at least {limits.MIN_RATE:g}'),
     *DiagnosticLimits.table(),
     Parameter('tension_stddev', float, 'standard deviation of every tension [N]', 0.0,
               range='>= 0'),

@@ -14,8 +14,9 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.experiment.camera import Alignment
+from octo_arm_model.experiment.fit import Problem
 from octo_arm_model.experiment.observations import MeasuredShape
-from octo_arm_model.experiment.uncertainty import Estimate, Misfit
+from octo_arm_model.experiment.uncertainty import Estimate, Misfit, misfit_of
 from octo_arm_model.experiment.unknowns import ALIGNMENT, Unknowns, is_of_arm
 
 
@@ -73,6 +74,23 @@ class Identification:
             dataclasses.replace(shape, window=dataclasses.replace(shape.window, tensions=row))
             for shape, row in zip(shapes, self.tensions, strict=True)
         ]
+
+
+def unfitted(
+    problem: Problem, loss: str, parameters: Mapping[str, Any], alignment: Alignment
+) -> Identification:
+    """What is known of a ``problem`` before any fit: its unknowns have no values."""
+    unknowns = problem.unknowns
+    return Identification(
+        model=unknowns.model,
+        loss=loss,
+        estimates={u.name: Estimate(None, None, None, u.unit) for u in unknowns.unknowns},
+        undetermined=(),
+        before=misfit_of(problem.all_residuals(unknowns.start), problem.length),
+        parameters=parameters,
+        alignment=alignment,
+        tensions=unknowns.readings.tensions,
+    )
 
 
 def as_config(fitted: Identification, source: str) -> str:

@@ -14,34 +14,17 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.experiment import uncertainty
 from octo_arm_model.experiment.branches import STILL, UNLOADING, directions, part_along, remarks
 from octo_arm_model.experiment.camera import Alignment, undetermined
 from octo_arm_model.experiment.fit import LOSSES, SOFT_L1, Problem, fit_alignment
-from octo_arm_model.experiment.identification import Identification, at_ends, strong_pairs
-from octo_arm_model.experiment.observations import MeasuredShape
-from octo_arm_model.experiment.uncertainty import (
-    AUTO,
-    MOST_FOLDS,
-    Estimate,
-    HeldBackFit,
-    Misfit,
-    OpenDirection,
-    better,
-    correlations_of,
-    determined,
-    estimates_of,
-    fit_by,
-    floor_of,
-    folds_of,
-    freedom_of,
-    loaded,
-    misfit_of,
-    noise_of,
-    open_direction,
-    steps_by_load,
-    tip_error,
-    unexplained,
+from octo_arm_model.experiment.identification import (
+    Identification,
+    at_ends,
+    strong_pairs,
+    unfitted,
 )
+from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.unknowns import (
     AXIAL,
     Readings,
@@ -56,12 +39,12 @@ _BIASED = 2.0
 
 def notes_on(
     problem: Problem,
-    best: HeldBackFit,
+    best: uncertainty.HeldBackFit,
     found: Identification,
     *,
     loose: str,
     fits: Sequence[str],
-    tried: Sequence[HeldBackFit],
+    tried: Sequence[uncertainty.HeldBackFit],
 ) -> list[str]:
     """All remarks on the ``best`` of the fits ``tried`` of ``fits``, which was ``found``.
 
@@ -77,11 +60,11 @@ def notes_on(
         *strong_pairs(correlations, problem.unknowns),
     ]
     tensions = np.array([shape.window.tensions for shape in problem.shapes])
-    loads = len(steps_by_load(tensions))
+    loads = len(uncertainty.steps_by_load(tensions))
     if loads < len(problem.shapes):
         notes.append(f'{len(problem.shapes)} steps are of {loads} loads; repeats count as one')
-    if loads > MOST_FOLDS:
-        notes.append(f'{loads} loads are left out in {MOST_FOLDS} groups')
+    if loads > uncertainty.MOST_FOLDS:
+        notes.append(f'{loads} loads are left out in {uncertainty.MOST_FOLDS} groups')
     if 'tension_offset' in fits:
         notes.append(
             'one tension offset for all tendons that read at least 1 % of the highest tension'
@@ -98,8 +81,8 @@ def notes_on(
     return [*notes, loose] if loose else notes
 
 
-def _of_misfit(problem: Problem, after: Misfit, floor: float | None) -> list[str]:
-    noise = noise_of(problem.shapes)
+def _of_misfit(problem: Problem, after: uncertainty.Misfit, floor: float | None) -> list[str]:
+    noise = uncertainty.noise_of(problem.shapes)
     notes = []
     if 0.0 < _BIASED * noise < after.rms:
         notes.append(
@@ -116,7 +99,7 @@ def _of_misfit(problem: Problem, after: Misfit, floor: float | None) -> list[str
     return notes
 
 
-def _of_branches(problem: Problem, best: HeldBackFit) -> list[str]:
+def _of_branches(problem: Problem, best: uncertainty.HeldBackFit) -> list[str]:
     """Remarks on loading and unloading, where the modulus is fitted."""
     if 'youngs_modulus' not in problem.unknowns.names:
         return []
@@ -130,7 +113,9 @@ def _of_branches(problem: Problem, best: HeldBackFit) -> list[str]:
         for step in steps
     ]
     tensions = [shape.tension for shape in problem.shapes]
-    notes = remarks(tensions, bends, ways, noise_of(problem.shapes) / 3.0**0.5, problem.length)
+    notes = remarks(
+        tensions, bends, ways, uncertainty.noise_of(problem.shapes) / 3.0**0.5, problem.length
+    )
     if UNLOADING in ways and notes:
         notes.append(
             'intervals take this difference for scatter from load to load, so they are wider than '
@@ -139,7 +124,7 @@ def _of_branches(problem: Problem, best: HeldBackFit) -> list[str]:
     return notes
 
 
-def _of_loss(tried: Sequence[HeldBackFit], best: HeldBackFit) -> list[str]:
+def _of_loss(tried: Sequence[uncertainty.HeldBackFit], best: uncertainty.HeldBackFit) -> list[str]:
     if len(tried) < 2 or not best.away:
         return []
     words = ', '.join(f'{one.held_back * 1e3:.4f} mm by {one.loss}' for one in tried)
@@ -153,7 +138,7 @@ def identify(
     fits: Sequence[str] = ('youngs_modulus',),
     alignment: Alignment | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    loss: str = AUTO,
+    loss: str = uncertainty.AUTO,
 ) -> Identification:
     """Fit ``fits`` of ``model`` to measured ``shapes``.
 
@@ -206,19 +191,17 @@ class _Fit:
 
     def __post_init__(self) -> None:
         self._readings = Readings.of(self.shapes)
-        self._loads = steps_by_load(self._readings.tensions)
-        self._folds = folds_of(self._loads)
+        self._loads = uncertainty.steps_by_load(self._readings.tensions)
+        self._folds = uncertainty.folds_of(self._loads)
         self._losses: tuple[str, ...] = (self.loss,)
-        if self.loss == AUTO:  # where nothing can be held back the robust one
+        if self.loss == uncertainty.AUTO:  # where nothing can be held back the robust one
             self._losses = LOSSES if self._folds else (SOFT_L1,)
         self._alignment = self.alignment or (
             fit_alignment(self.shapes, self.parameters, self.model)
             if 'alignment' in self.fits
             else Alignment.none()
         )
-        every = self._problem(())
-        self._every = every.unknowns
-        self._before = misfit_of(every.all_residuals(self._every.start), every.length)
+        self._nothing = unfitted(self._problem(()), self.loss, self.parameters, self._alignment)
 
     def _problem(self, without: Collection[str]) -> Problem:
         unknowns = Unknowns(
@@ -232,24 +215,14 @@ class _Fit:
         """The fit without those ``left_out``, and why; what else is open is added to them."""
         total = len(self._losses) * (len(self._folds) + 1)
         progress(0, total)
-        found = determined(self._problem, self._fits, left_out)
-        tensions = self._readings.tensions
-        nothing = Identification(
-            model=self.model,
-            loss=self.loss,
-            estimates={u.name: Estimate(None, None, None, u.unit) for u in self._every.unknowns},
-            undetermined=tuple(left_out.values()),
-            before=self._before,
-            parameters=self.parameters,
-            alignment=self._alignment,
-            tensions=tensions,
-        )
+        found = uncertainty.determined(self._problem, self._fits, left_out)
+        nothing = dataclasses.replace(self._nothing, undetermined=tuple(left_out.values()))
         if found is None:
             progress(total, total)
             return nothing
         problem, fitted = found
         first = next(iter(fitted.values()))[0]
-        loose = _needed(problem, first, self._folds, self._loads, tensions)
+        loose = _needed(problem, first, self._folds, self._loads)
         used = [] if loose else self._folds
         begun = iter(range(total))
 
@@ -259,19 +232,19 @@ class _Fit:
         tried = []
         for name, (x, scale) in fitted.items():
             tick()
-            tried.append(fit_by(problem, x, scale, name, used, tick))
-        best = better(tried)
+            tried.append(uncertainty.fit_by(problem, x, scale, name, used, tick))
+        best = uncertainty.better(tried)
         progress(total, total)
         fit = _with_fit(nothing, problem, best, used)
         notes = notes_on(problem, best, fit, loose=loose, fits=self.fits, tried=tried)
         return dataclasses.replace(fit, notes=tuple(notes))
 
-    def _fits(self, problem: Problem) -> Fits | OpenDirection:
+    def _fits(self, problem: Problem) -> Fits | uncertainty.OpenDirection:
         """What the fit comes to by each loss, or what one of them leaves open."""
         fits = {name: problem.solve(name) for name in self._losses}
         for x, _ in fits.values():
             jacobian = np.concatenate(problem.jacobian(x))
-            if found := open_direction(jacobian, problem.unknowns, x):
+            if found := uncertainty.open_direction(jacobian, problem.unknowns, x):
                 return found
         return fits
 
@@ -279,7 +252,7 @@ class _Fit:
 def _with_fit(
     nothing: Identification,
     problem: Problem,
-    best: HeldBackFit,
+    best: uncertainty.HeldBackFit,
     folds: Sequence[Sequence[int]],
 ) -> Identification:
     """The result ``nothing`` with the values of the ``best`` fit of a ``problem``."""
@@ -288,23 +261,26 @@ def _with_fit(
     floor, tip_stddev = None, None
     if folds:
         columns = [n for n, name in enumerate(unknowns.names) if is_of_arm(name)]
-        rest = unexplained(best.away, problem.camera_jacobian(x), columns)
-        floor = float(np.sqrt(max(rest**2 - noise_of(problem.shapes) ** 2, 0.0)))
-        tip_stddev = tip_error(best.away, problem.shapes, length)
-    found = estimates_of(
+        rest = uncertainty.unexplained(best.away, problem.camera_jacobian(x), columns)
+        floor = float(np.sqrt(max(rest**2 - uncertainty.noise_of(problem.shapes) ** 2, 0.0)))
+        tip_stddev = uncertainty.tip_error(best.away, problem.shapes, length)
+    found = uncertainty.estimates_of(
         unknowns, x, best.found,
-        freedom_of(jacobian, folds) if folds else np.ones(x.size),
-        floor_of(floor or 0.0, jacobian, [len(s.points) for s in problem.shapes]),
+        uncertainty.freedom_of(jacobian, folds) if folds else np.ones(x.size),
+        uncertainty.floor_of(floor or 0.0, jacobian, [len(s.points) for s in problem.shapes]),
     )  # fmt: skip
     return dataclasses.replace(
         nothing,
         loss=best.loss,
         estimates={**nothing.estimates, **found},
-        correlations=correlations_of(np.concatenate(jacobian)),
-        after=misfit_of(problem.all_residuals(x), length),
-        cross_validation=misfit_of(best.away, length) if folds else None,
+        correlations=uncertainty.correlations_of(np.concatenate(jacobian)),
+        after=uncertainty.misfit_of(problem.all_residuals(x), length),
+        cross_validation=uncertainty.misfit_of(best.away, length) if folds else None,
         step_misfits=tuple(
-            (tuple(step + 1 for step in fold), misfit_of([best.away[n] for n in fold], length))
+            (
+                tuple(step + 1 for step in fold),
+                uncertainty.misfit_of([best.away[n] for n in fold], length),
+            )
             for fold in folds
         ),
         floor=floor,
@@ -323,10 +299,10 @@ def _needed(
     x: FloatArray,
     folds: Sequence[Sequence[int]],
     loads: Sequence[Sequence[int]],
-    tensions: FloatArray,
 ) -> str:
     """Why there are no intervals: a load that cannot be left out; '' if each can."""
-    pulled = [load for load in loads if loaded(tensions, list(load))]
+    tensions = problem.unknowns.readings.tensions
+    pulled = [load for load in loads if uncertainty.loaded(tensions, list(load))]
     if len(loads) == 1 or len(pulled) == 1:
         steps = ', '.join(str(step + 1) for step in (pulled or loads)[0])
         return (
@@ -336,7 +312,7 @@ def _needed(
     jacobian = problem.jacobian(x)
     for fold in folds:
         others = [part for step, part in enumerate(jacobian) if step not in fold]
-        if found := open_direction(np.concatenate(others), problem.unknowns, x):
+        if found := uncertainty.open_direction(np.concatenate(others), problem.unknowns, x):
             numbers = ', '.join(str(step + 1) for step in fold)
             return (
                 f'without step {numbers} it would be open ({found.reason}), so nothing confirms '

@@ -16,21 +16,17 @@ import numpy as np
 from octo_arm_model.arm.errors import ConfigError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
+from octo_arm_model.experiment import uncertainty
 from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.fit import SOFT_L1, Problem, SolvedSteps, followed
-from octo_arm_model.experiment.identification import Identification, at_ends, strong_pairs
+from octo_arm_model.experiment.identification import (
+    Identification,
+    at_ends,
+    strong_pairs,
+    unfitted,
+)
 from octo_arm_model.experiment.midlines import Curve
 from octo_arm_model.experiment.observations import MeasuredShape
-from octo_arm_model.experiment.uncertainty import (
-    AUTO,
-    Estimate,
-    OpenDirection,
-    correlations_of,
-    determined,
-    estimates_of,
-    freedom_of,
-    misfit_of,
-)
 from octo_arm_model.experiment.unknowns import (
     FINE_STATIONS,
     OF_WATER,
@@ -122,7 +118,7 @@ class MotionProblem(Problem):
 def identify_motion(
     shapes: Sequence[MeasuredShape], parameters: Mapping[str, Any], fits: Sequence[str],
     alignment: Alignment, trajectory: TensionTrajectory,
-    progress: Callable[[int, int], None] = lambda done, total: None, loss: str = AUTO,
+    progress: Callable[[int, int], None] = lambda done, total: None, loss: str = uncertainty.AUTO,
 ) -> Identification:  # fmt: skip
     """Fit ``fits`` to ``shapes`` of an arm that moves along a ``trajectory``.
 
@@ -132,7 +128,7 @@ def identify_motion(
         ConfigError: if one of ``fits`` does not show in this motion.
         SolveError: if the arm does not swing, or the model has no answer.
     """
-    readings, loss = Readings.of(shapes), SOFT_L1 if loss == AUTO else loss
+    readings, loss = Readings.of(shapes), SOFT_L1 if loss == uncertainty.AUTO else loss
     wet = [name for name in fits if name in OF_WATER]
     if wet and not Config.from_parameters(parameters).loads.fluid_density:
         raise ConfigError(f'{wet[0]} is of the water, and loads.fluid_density is 0')
@@ -149,20 +145,17 @@ def identify_motion(
             f'the arm does not swing: it is within {1e3 * swing:.2g} mm of its equilibria all the '
             f'time, expected {1e3 * least:.2g} mm or more somewhere'
         )
-    result = Identification(
-        model='exact', loss=loss, parameters=parameters, alignment=alignment, undetermined=(),
-        estimates={u.name: Estimate(None, None, None, u.unit) for u in problem.unknowns.unknowns},
-        before=misfit_of(problem.all_residuals(problem.unknowns.start), problem.length),
-        tensions=readings.tensions,
-    )  # fmt: skip
-    found = determined(without, lambda problem: _fit(problem, loss), left_out)
+    result = unfitted(problem, loss, parameters, alignment)
+    found = uncertainty.determined(without, lambda problem: _fit(problem, loss), left_out)
     if found is not None:
         result = _fitted(result, found[0], *found[1])
     progress(len(result.estimates), len(result.estimates))
     return replace(result, undetermined=tuple(left_out.values()))
 
 
-def _fit(problem: MotionProblem, loss: str) -> tuple[FloatArray, FloatArray] | OpenDirection:
+def _fit(
+    problem: MotionProblem, loss: str
+) -> tuple[FloatArray, FloatArray] | uncertainty.OpenDirection:
     """The fit (n,) and those without a stretch of time (stretches, n), or what is to be left out.
 
     Raises:
@@ -178,7 +171,7 @@ def _fit(problem: MotionProblem, loss: str) -> tuple[FloatArray, FloatArray] | O
         return x, without
     one = unknowns.unknowns[worst]
     to = one.stddev(float(x[worst]), float(deviation[worst]))
-    return OpenDirection(one.name, f'the motion tells it only to {to:.2g} {one.unit}')
+    return uncertainty.OpenDirection(one.name, f'the motion tells it only to {to:.2g} {one.unit}')
 
 
 def _stretches(count: int) -> list[list[int]]:
@@ -210,8 +203,8 @@ def _fitted(
         problem.unknowns,
         _stretches(len(problem.shapes)),
     )
-    freedom = freedom_of(jacobian, folds) if folds else np.ones(x.size)
-    correlations = correlations_of(np.concatenate(jacobian))
+    freedom = uncertainty.freedom_of(jacobian, folds) if folds else np.ones(x.size)
+    correlations = uncertainty.correlations_of(np.concatenate(jacobian))
     away = problem.all_residuals(x)
     notes = [*at_ends(unknowns, x), *strong_pairs(correlations, unknowns)]
     notes.append(f'intervals come from leaving out one of {len(folds)} stretches of time')
@@ -225,7 +218,7 @@ def _fitted(
     return replace(
         result, parameters=unknowns.parameters(x), correlations=correlations, notes=tuple(notes),
         estimates={
-            **result.estimates, **estimates_of(unknowns, x, without, freedom, 0.0 * x),
+            **result.estimates, **uncertainty.estimates_of(unknowns, x, without, freedom, 0.0 * x),
         },
-        after=misfit_of(away, problem.length),
+        after=uncertainty.misfit_of(away, problem.length),
     )  # fmt: skip

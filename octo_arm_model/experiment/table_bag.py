@@ -18,15 +18,8 @@ from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.estimation.parameters import PREFIX
-from octo_arm_model.experiment.csv_recording import (
-    CsvSources,
-    csv_displacements,
-    csv_frames,
-    csv_readings,
-    has_displacements,
-    has_points,
-    has_tensions,
-)
+from octo_arm_model.experiment import csv_recording
+from octo_arm_model.experiment.csv_recording import CsvSources
 from octo_arm_model.experiment.csv_table import check_taken, read_csv
 from octo_arm_model.experiment.recording import Measured, MeasuredPoints
 from octo_arm_model.wire.measurements import MARKERS, TIP_POSE
@@ -94,7 +87,10 @@ def _write(
     table = read_csv(path, CsvSources(columns=columns).columns_of(''), has_time=False)
     marker_s = tuple(parameters.get(f'{PREFIX}marker_s', ()))
     measured = Measured(marker_s=marker_s, marker_names=marker_names)
-    has_cells, has_encoders = has_tensions(table, config), has_displacements(table, config)
+    has_cells, has_encoders = (
+        csv_recording.has_tensions(table, config),
+        csv_recording.has_displacements(table, config),
+    )
     if not (has_cells or has_encoders):
         raise MeasurementError(
             f'{path}: no column of the tension or displacement of a tendon; {table.listing}'
@@ -105,15 +101,15 @@ def _write(
         writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(as_described(own)), first)
         messages = SensorMessages(writer, config)
         if has_cells:
-            for stamp, row in zip(*csv_readings(table, config)):
+            for stamp, row in zip(*csv_recording.csv_readings(table, config)):
                 messages.add(TENSIONS, stamp, row)
         if has_encoders:
-            found = csv_displacements(table, config, refusals)
+            found = csv_recording.csv_displacements(table, config, refusals)
             for stamp, row in zip(found.stamps, found.rows):
                 messages.add(DISPLACEMENTS, stamp, row)
-        if has_points(table, measured):
+        if csv_recording.has_points(table, measured):
             points = MeasuredPoints(measured, config.arm.length)
-            frames = csv_frames(table, measured, points, refusals)
+            frames = csv_recording.csv_frames(table, measured, points, refusals)
             for stamp, seen in zip(frames.stamps, frames.rows):
                 if marker_s or len(seen) > 1:
                     messages.add(MARKERS if marker_s else MIDLINE, stamp, seen)

@@ -26,24 +26,12 @@ from octo_arm_model.ros.client.client import (
     PublishedStrains,
 )
 from octo_arm_model.simulation.profiles.limits import tendon_limits
-from octo_arm_model.viewer import numbers
+from octo_arm_model.viewer import numbers, scene
 from octo_arm_model.viewer.cameras import Cameras, framing, reached, tangent_of
 from octo_arm_model.viewer.commander import Answer, Commander, TargetSearch
 from octo_arm_model.viewer.controls import Controls, Later, ModelOverlay
 from octo_arm_model.viewer.motion import MotionControls
 from octo_arm_model.viewer.options import TITLE
-from octo_arm_model.viewer.scene import (
-    GHOST_COLOUR,
-    GHOST_OPACITY,
-    ArmScene,
-    LiveShape,
-    UncertaintyScene,
-    middle_of,
-    set_base,
-    set_obstacles,
-    set_scene,
-    set_theme,
-)
 from octo_arm_model.viewer.server import RefusalLog
 
 _LABELS = (
@@ -139,12 +127,12 @@ class Page:
         self._config = config
         length = config.arm.length
         points = reached(config, tendon_limits(config))
-        set_scene(server, middle_of(config), length, 0.55 * length)
+        scene.set_scene(server, scene.middle_of(config), length, 0.55 * length)
         cameras.aim(partial(framing, points, tangent_of(config)), 0.01 * length)
-        set_base(server.scene, config)
-        set_obstacles(server.scene, config)
-        self._arm = ArmScene(server.scene, 'arm', self._solver)
-        self._uncertainty = UncertaintyScene(server.scene, self._solver)
+        scene.set_base(server.scene, config)
+        scene.set_obstacles(server.scene, config)
+        self._arm = scene.ArmScene(server.scene, 'arm', self._solver)
+        self._uncertainty = scene.UncertaintyScene(server.scene, self._solver)
         self._add_ghost()
         gui = server.gui
         self._text = gui.add_html(numbers.live(client))
@@ -223,7 +211,7 @@ class Page:
         if tensions is None:
             tensions = np.zeros(self._controls.highest.size)
         pull = tensions / self._controls.highest
-        self._arm.show(LiveShape(shape.position, shape.quaternion, strains.q), pull)
+        self._arm.show(scene.LiveShape(shape.position, shape.quaternion, strains.q), pull)
         self._comparison.show(tensions, pull, shape.position[-1])
         self._motion.follow(shape.position[-1])
         if (known := self._client.covariance) is not None:
@@ -247,12 +235,12 @@ class Page:
             unloaded = self._solver.solve(rest)
         except OctoArmError:
             return  # no equilibrium under the loads alone
-        ghost = ArmScene(
+        ghost = scene.ArmScene(
             self._server.scene,
             'ghost',
             self._solver,
-            colour=GHOST_COLOUR,
-            opacity=GHOST_OPACITY,
+            colour=scene.GHOST_COLOUR,
+            opacity=scene.GHOST_OPACITY,
             has_tendons=False,
         )
         ghost.show(unloaded, rest.ravel())
@@ -400,4 +388,4 @@ class Viewer:
         server = self._server
         server.scene.reset()
         server.gui.reset()
-        set_theme(server.gui, self._title)
+        scene.set_theme(server.gui, self._title)

@@ -8,17 +8,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from octo_arm_model.analysis.drawing import (
-    ARROW_TRIANGLES,
-    CONE_TRIANGLES,
-    Drawing,
-    Drawn,
-    UncertaintyDrawing,
-    obstacle_mesh,
-    tension_colours,
-    tube_triangles,
-    unit_circle,
-)
+from octo_arm_model.analysis import drawing
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
@@ -70,7 +60,7 @@ class ArmScene:
         """
         self._scene, self._colour, self._opacity = scene, colour, opacity
         self._has_tendons = has_tendons
-        self._drawing = Drawing(solver.arm, solver.grid.s, solver.law.number, sides=_SIDES)
+        self._drawing = drawing.Drawing(solver.arm, solver.grid.s, solver.law.number, sides=_SIDES)
         self._name = f'/{name}'
         self.root = scene.add_frame(
             self._name, show_axes=False, position=np.zeros(3) if offset is None else offset
@@ -92,14 +82,14 @@ class ArmScene:
         self._show_discs(drawn)
         points = [np.stack([path[:-1], path[1:]], axis=1) for path in drawn.tendons]
         # The square root makes low tensions visible.
-        colours = (255.0 * tension_colours(np.sqrt(pull), 1.0)[:, :3]).astype(np.uint8)
+        colours = (255.0 * drawing.tension_colours(np.sqrt(pull), 1.0)[:, :3]).astype(np.uint8)
         counts = [len(part) for part in points]
         self._show_tendons(
             np.concatenate(points).astype(np.float32),
             np.repeat(np.repeat(colours, counts, axis=0)[:, np.newaxis], 2, axis=1),
         )
 
-    def _show_discs(self, drawn: Drawn) -> None:
+    def _show_discs(self, drawn: drawing.Drawn) -> None:
         unit, triangles = self._disc
         radius = drawn.disc_radius[:, np.newaxis]
         local = np.stack([radius * unit[0], radius * unit[1], 0.0 * radius + unit[2]])
@@ -145,10 +135,10 @@ def show_mesh(
 
 def _unit_disc(thickness: float) -> tuple[FloatArray, IntArray]:
     """Vertices (3, vertices) of a disc about z, radius 1, and its triangles (triangles, 3)."""
-    ring = np.concatenate([unit_circle(_SIDES), np.zeros((1, _SIDES))])
+    ring = np.concatenate([drawing.unit_circle(_SIDES), np.zeros((1, _SIDES))])
     up = np.array([[0.0], [0.0], [0.5 * thickness]])
     rim = np.stack([ring - up, ring + up], axis=-1).reshape(3, -1)
-    return np.concatenate([rim, -up, up], axis=1), tube_triangles(2, _SIDES)
+    return np.concatenate([rim, -up, up], axis=1), drawing.tube_triangles(2, _SIDES)
 
 
 def set_theme(gui: viser.GuiApi, title: str) -> None:
@@ -197,7 +187,7 @@ def set_obstacles(scene: viser.SceneApi, config: Config) -> None:
     """Add what the arm of ``config`` may touch."""
     middle, size = middle_of(config), 0.6 * config.arm.length
     for number, obstacle in enumerate(config.loads.obstacles):
-        vertices, triangles = obstacle_mesh(obstacle, middle, size)
+        vertices, triangles = drawing.obstacle_mesh(obstacle, middle, size)
         show_mesh(
             scene, None, f'/obstacles/{number}', vertices, triangles, color=OBSTACLE_COLOUR,
             opacity=OBSTACLE_OPACITY, side='double',
@@ -225,7 +215,7 @@ class UncertaintyScene:
     def __init__(self, scene: viser.SceneApi, solver: Solver) -> None:
         """Prepare for the arm of ``solver``; nothing is seen before `show`."""
         self._scene = scene
-        self._drawing = UncertaintyDrawing(solver.arm, solver.grid.s, sides=_SIDES)
+        self._drawing = drawing.UncertaintyDrawing(solver.arm, solver.grid.s, sides=_SIDES)
         self._stations = solver.grid.s.size
         self._meshes: dict[str, viser.MeshHandle] = {}
 
@@ -255,8 +245,8 @@ class UncertaintyScene:
         start = self._drawing.place(position, known.contact_s)
         arrow = self._drawing.arrow(start, force, known.contact[:3, :3])
         if arrow is not None:
-            self._draw('force', arrow.shaft, ARROW_TRIANGLES, FORCE_COLOUR, None)
-            self._draw('cone', arrow.cone, CONE_TRIANGLES, FORCE_COLOUR, CONE_OPACITY)
+            self._draw('force', arrow.shaft, drawing.ARROW_TRIANGLES, FORCE_COLOUR, None)
+            self._draw('cone', arrow.cone, drawing.CONE_TRIANGLES, FORCE_COLOUR, CONE_OPACITY)
 
     def _draw(
         self,
