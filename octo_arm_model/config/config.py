@@ -115,6 +115,11 @@ class Config:
                 )
             given[parameter.name] = parameter.convert(value)
         _check_names(given)
+        loads = build_loads(given)  # whose errors say which of several obstacles it is
+        for parameter in PARAMETERS:  # what no part is built from, too, as a table without table_s
+            value = given.get(parameter.name)
+            if value is not None and (value != 0.0 or not parameter.unless):
+                parameter.check(value)
         base = Pose(given['base.position'], given['base.quaternion'])
         arm = build_arm(given)
         uncertainty = build_uncertainty(given, arm)
@@ -123,7 +128,7 @@ class Config:
                 'material.poisson_ratio_stddev and tendons.offset_stddev go with model exact, not '
                 f'with {given["model"]}'
             )
-        found = cls(
+        return cls(
             arm=arm,
             base=base,
             model=given['model'],
@@ -132,7 +137,7 @@ class Config:
             frame_prefix=given['frame_prefix'],
             law=given['material.law'],
             shear=given['material.shear'],
-            loads=build_loads(given),
+            loads=loads,
             motion=build_motion(given),
             uncertainty=uncertainty,
             friction_memory=given['friction_memory'],
@@ -147,11 +152,6 @@ class Config:
             displacement_field=given['displacement_field'],
             solve_budget=Budget(given['solve_budget.iterations'], given['solve_budget.seconds']),
         )
-        for parameter in PARAMETERS:  # what no part is built from, too, as a table without table_s
-            value = given.get(parameter.name)
-            if value is not None and (value != 0.0 or not parameter.unless):
-                parameter.check(value)
-        return found
 
     def solver(
         self,

@@ -179,7 +179,7 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path, name):
         ('stations: 101', 'solve_budget.iterations: 0',
          'solve budget: iterations is 0, expected a number > 0'),
         ('stations: 101', 'solve_budget.seconds: .nan',
-         'solve budget: seconds is nan, expected a number > 0'),
+         'solve_budget.seconds is nan, expected a finite number > 0'),
         (
             'youngs_modulus:', 'young_modulus:',
             'material.young_modulus is no parameter of the arm; did you mean '
