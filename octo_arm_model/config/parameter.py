@@ -34,6 +34,7 @@ class Parameter:
         unless: names of parameters that replace it; if one is given it may be missing.
         range: allowed values, in words; the core checks them.
         most: number of values that a list has at most, whether they are used or not.
+        what: what errors call a value.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Parameter:
     unless: tuple[str, ...] = ()
     range: str = ''
     most: int = MAX_TABLE_POINTS
+    what: str = 'number'
 
     @property
     def type_name(self) -> str:
@@ -75,24 +77,24 @@ class Parameter:
             return tuple(self._convert_one(element, value) for element in value)
         return self._convert_one(value, value) if not self.is_array else self._refuse(value)
 
-    def check(self, value: Any, what: str = 'number') -> None:
+    def check(self, value: Any) -> None:
         """Check a converted ``value``, or each of a list.
 
         Numbers are finite, and in the range where that is '>= 0', '> 0' or 'in [0, 1]'.
 
         Raises:
-            ArmDefinitionError: if one is not; the error calls it ``what`` it is.
+            ArmDefinitionError: if one is not.
         """
         if self.is_array:
             one = dataclasses.replace(self, is_array=False)
             for element in value:
-                one.check(element, what)
+                one.check(element)
             return
         unit = ''.join(_UNIT.findall(self.description)[:1])
         if self.range == '>= 0' and self.kind is int:
             validation.whole(self.name, value)
         elif self.range == '>= 0':
-            validation.not_negative(self.name, value, what, unit)
+            validation.not_negative(self.name, value, self.what, unit)
         elif self.range == '> 0':
             validation.positive(self.name, value, unit)
         elif self.range == 'in [0, 1]':
@@ -162,13 +164,13 @@ def stated(
     """A field of a `ParameterGroup`, an array where its ``default`` is a tuple.
 
     The ``description`` has its unit in brackets. Values that are not ``allowed``, in words, are
-    refused by `Parameter.check`, whose error calls a value ``what`` it is. An array has ``most``
-    values at most.
+    refused by `Parameter.check`, whose error says ``what`` they are. An array has ``most`` values
+    at most.
     """
     is_array = isinstance(default, tuple)
     kind = float if is_array else type(default)
-    parameter = Parameter('', kind, description, default, is_array, range=allowed, most=most)
-    return dataclasses.field(default=default, metadata={'stated': parameter, 'what': what})
+    parameter = Parameter('', kind, description, default, is_array, (), allowed, most, what)
+    return dataclasses.field(default=default, metadata={'stated': parameter})
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,7 @@ class ParameterGroup:
     def __post_init__(self) -> None:
         """Validate."""
         for parameter, field in zip(self.table(), dataclasses.fields(self), strict=True):
-            parameter.check(getattr(self, field.name), field.metadata['what'])
+            parameter.check(getattr(self, field.name))
 
     @classmethod
     def table(cls) -> tuple[Parameter, ...]:

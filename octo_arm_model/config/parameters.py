@@ -330,7 +330,8 @@ PARAMETERS = (
               'answered meanwhile; one that would take more is refused [s]', 0.08, range='> 0'),
     Parameter('friction_memory', float,
               'gap between tensions after which the history of tendons with friction is forgotten '
-              'and they are pulled from slack anew [s]; 0 for never', 2.0, range='>= 0'),
+              'and they are pulled from slack anew [s]; 0 for never', 2.0, range='>= 0',
+              what='time'),
     Parameter('markers_rate', float,
               'how often markers are published at most [Hz]; 0 for every shape', 30.0,
               range=f'0, or at least {limits.MIN_RATE:g}'),

@@ -129,7 +129,7 @@ class EstimatorSettings:
 def _check(given: Mapping[str, Any], arm: Arm) -> None:
     """Check numbers against their ranges, and places against the arm."""
     for parameter in ESTIMATOR_PARAMETERS:
-        parameter.check(given[parameter.name.removeprefix(PREFIX)], 'value')
+        parameter.check(given[parameter.name.removeprefix(PREFIX)])
     contact, places = given['contact'], given['contact_s']
     if contact not in CONTACTS:
         raise ConfigError(

@@ -136,7 +136,7 @@ def test_tip_poses_alone_do(short_bag, cli):
         (['--contact', 'tip', '0.1'], 'contact_s is given, which goes not with contact tip'),
         (['--contact', 'at', '0.5'], 'contact_s has 0.5, expected over 0 to 0.27 m'),
         (['--contact', 'somewhere', '--smooth'], '--smooth goes with one place of contact'),
-        (['--force-stddev', '-1'], 'force_stddev is -1.0, expected a finite value >= 0'),
+        (['--force-stddev', '-1'], 'force_stddev is -1.0, expected a finite number >= 0'),
         (['--gate', '2'], 'gate is 2.0, expected within (0, 1)'),
         (['--rate', '-5'], '--rate is -5.0, expected a finite rate >= 0 [Hz]'),
         (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite time'),
