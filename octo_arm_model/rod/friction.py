@@ -100,7 +100,8 @@ class Friction:
     """Friction of the tendons of one arm.
 
     The tension at the nodes has the same moments within each element as that at many more points,
-    so that integrals of what it bends are those of a tension with kinks.
+    so that integrals of what it bends are those of a tension with kinks. One without kinks is the
+    same at the nodes as before: a tendon that is not moved keeps its tension.
 
     Attributes:
         tables: of the arm.
@@ -122,7 +123,9 @@ class Friction:
         """As `to_nodes`, to those of others of the same ``elements``, (p, M / E)."""
         rule, count = elements.rule, len(self.tables.to_fine)
         places, weights = (own[:count] / elements.edges[1] for own in self.fine[3:5])
-        return (rule.interpolate(places) * weights[:, np.newaxis]).T / rule.weights[:, np.newaxis]
+        basis = rule.interpolate(places)
+        moments = basis.T * weights
+        return np.asarray(np.linalg.solve(moments @ basis, moments))
 
     def spread(self, matrix: FloatArray, values: FloatArray) -> FloatArray:
         """``values`` (E k, J) by the ``matrix`` (n, k) of one element, (E n, J)."""

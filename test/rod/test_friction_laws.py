@@ -214,6 +214,14 @@ def test_a_single_solution_knows_of_no_history():
     assert_allclose(started.position, fresh.position, rtol=0.0, atol=1e-12)
 
 
+def test_the_same_tensions_again_change_nothing():
+    section = Section(1.0, 0.0635, 0.014)
+    arm = Arm(Material(1e4, 0.0), Body(1.0, 0.078, 0.056), (section,), friction=(0.25,))
+    solver = Solver(arm, 'exact', material='linear')
+    pulled = solver.solve([[0.0, 0.0, 21.7, 8.7]])
+    assert_allclose(solver.follow(pulled.tensions, pulled).position, pulled.position, atol=1e-12)
+
+
 @pytest.mark.parametrize('loads', [Loads(), Loads(tip_force=(0.01, 0.0, 0.0))])
 def test_a_history_of_another_arm_is_refused(loads):
     """Whose points are others, so that it says nothing of the tendons here."""
