@@ -104,11 +104,7 @@ class BagReader:
             self._opened = opened.pop_all()
 
     def _alone(self) -> list[Path]:
-        """Files of a folder without metadata, which is what a recording leaves that did not end.
-
-        Raises:
-            BagError: if there are none.
-        """
+        """Files of a folder without metadata, as a recording leaves them that did not end."""
         names = '*.mcap', '*.db3', '*.mcap.zstd', '*.db3.zstd'
         paths = sorted(file for name in names for file in self.path.glob(name))
         if not paths:

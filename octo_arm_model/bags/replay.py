@@ -91,13 +91,8 @@ class Report:
     notes: list[str] = field(default_factory=list)
 
 
-def check_answered(path: Path, report: Report) -> None:
-    """Refuse a replay of the bag at ``path`` without a single answer.
-
-    Raises:
-        SolveError: if the model had none.
-        BagError: if no message fits the arm.
-    """
+def _check_answered(path: Path, report: Report) -> None:
+    """Refuse a replay without a single answer: SolveError if the model had none, or BagError."""
     if any(topic.answered for topic in report.topics.values()):
         return
     for name, topic in report.topics.items():
@@ -215,7 +210,7 @@ def replay(  # noqa: PLR0913 - options by keyword
     for one in report.topics.values():
         one.reasons = one.refusals.of('')
         report.notes += [hint for hint in one.refusals.hints if hint not in report.notes]
-    check_answered(reader.path, report)
+    _check_answered(reader.path, report)
     report.notes += [note for output in outputs for note in output.answers.notes()]
     report.notes += reader.notes
     return report

@@ -98,12 +98,8 @@ def checked_yaml(text: str, what: str) -> Any:
         return load_yaml(text)
 
 
-def expand_file(path: Path, folder: Path) -> Path:
-    """A file compressed by zstd, expanded into ``folder`` under its name without .zstd.
-
-    Raises:
-        ValueError: if it becomes out of proportion large.
-    """
+def _expand_file(path: Path, folder: Path) -> Path:
+    """A file compressed by zstd, expanded into ``folder``; ValueError if out of proportion."""
     check_file(path)
     most, size = _FILE_RATIO * path.stat().st_size + _FILE_MORE, 0
     expanded = folder / path.stem
@@ -558,7 +554,7 @@ def open_file(path: Path, folder: Path) -> File:
     """
     check_file(path)
     if path.suffix == '.zstd':
-        path = expand_file(path, folder)
+        path = _expand_file(path, folder)
     if path.suffix not in STORAGES:
         raise ValueError(f'{path.name} is neither a .mcap nor a .db3 file')
     return STORAGES[path.suffix](path)

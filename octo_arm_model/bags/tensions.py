@@ -65,7 +65,7 @@ def pick_tensions(
         BagError: if there is none; the message lists the numeric fields of other types.
     """
     if wanted is not None and ':' in wanted:
-        return pick_field(reader, wanted, 'tensions')
+        return _pick_field(reader, wanted, 'tensions')
     try:
         topic = pick_topic(reader, wanted, TYPES, 'tensions', without)
     except BagError as error:
@@ -75,12 +75,8 @@ def pick_tensions(
     return topic, ''
 
 
-def pick_field(reader: BagReader, wanted: str, what: str) -> tuple[str, str]:
-    """Topic and numeric field that ``wanted``, TOPIC:FIELD, names for ``what``.
-
-    Raises:
-        BagError: if there is no such topic or field; the message lists what there is.
-    """
+def _pick_field(reader: BagReader, wanted: str, what: str) -> tuple[str, str]:
+    """Topic and numeric field that ``wanted``, TOPIC:FIELD, names; BagError lists those there."""
     topic, _, field = wanted.partition(':')
     topic = pick_topic(reader, topic, None, what)
     fields = reader.numeric_fields(reader.topics[topic])
@@ -98,10 +94,10 @@ def pick_displacements(reader: BagReader, wanted: str | None) -> tuple[str, str]
     ``wanted`` is TOPIC or TOPIC:FIELD; None for tendon_displacements, if there.
 
     Raises:
-        BagError: as `pick_field`, or if there are several.
+        BagError: if there is no such topic or field, or there are several.
     """
     if wanted is not None and ':' in wanted:
-        return pick_field(reader, wanted, 'displacements')
+        return _pick_field(reader, wanted, 'displacements')
     kinds = (DISPLACEMENT_TYPE,)
     topic = pick_usual(reader, wanted, DISPLACEMENTS, kinds, 'displacements')
     return None if topic is None else (topic, '')
@@ -129,7 +125,7 @@ def read_tensions(
     calibrated = cells.scale_and_offset if raw else partial(cells.tensions, arm)
     kind = FieldMessage(record.type_name, field) if field else _KINDS[record.type_name]
     found = reader.read(record, lambda message: calibrated(kind.read(message, arm, cells.names)))
-    return stampable(Reading(*found))
+    return _stampable(Reading(*found))
 
 
 def read_lengths(reader: BagReader, config: Config, field: str, record: Record) -> Reading:
@@ -139,10 +135,10 @@ def read_lengths(reader: BagReader, config: Config, field: str, record: Record) 
     """
     read = partial(read_displacements, arm=config.arm, encoders=config.encoders, field=field)
     stamp, found, reason = reader.read(record, read)
-    return stampable(Reading(stamp, None, reason, found))
+    return _stampable(Reading(stamp, None, reason, found))
 
 
-def stampable(reading: Reading) -> Reading:
+def _stampable(reading: Reading) -> Reading:
     """The ``reading``, refused where its stamp is no time, or cannot hold that of its receipt."""
     if reading.is_refused:
         return reading

@@ -61,7 +61,7 @@ _OF_ARM = {
 }  # fmt: skip
 
 
-def add_estimator(parser: argparse.ArgumentParser) -> None:
+def _add_estimator(parser: argparse.ArgumentParser) -> None:
     """Add the options, whose defaults are those of the arm's file or of the table."""
     unknown = parser.add_argument_group('what is unknown')
     unknown.add_argument(
@@ -95,18 +95,12 @@ def _offered() -> list[Parameter]:
     return [one for one in ESTIMATOR_PARAMETERS if one.name.removeprefix(PREFIX) not in _APART]
 
 
-def refuse_idle(
+def _refuse_idle(
     options: argparse.Namespace, sensors: Collection[str], unknowns: Mapping[str, Unknowns]
 ) -> None:
-    """Check that each of the options that are given counts.
+    """Check that each of the options that are given counts; ConfigError if one does not.
 
-    Args:
-        options: as they were parsed.
-        sensors: what was recorded: `TENSIONS`, and rows of `MEASUREMENT_TOPICS`.
-        unknowns: of each hypothesis.
-
-    Raises:
-        ConfigError: if one does not.
+    ``sensors`` recorded something: `TENSIONS`, and rows of `MEASUREMENT_TOPICS`.
     """
     (contact, first), *others = unknowns.items()
     contact = 'somewhere' if others else contact
@@ -128,12 +122,8 @@ def _option(name: str) -> str:
     return f'--{name.removeprefix(PREFIX).replace("_", "-")}'
 
 
-def read_estimator(options: argparse.Namespace) -> dict[str, Any]:
-    """Parameters of the estimator and of the arm that the options give.
-
-    Raises:
-        ConfigError: if --contact is none.
-    """
+def _read_estimator(options: argparse.Namespace) -> dict[str, Any]:
+    """Parameters of estimator and arm that the options give; ConfigError if --contact is none."""
     names = [name for name, _, _ in _OF_ARM.values()] + [one.name for one in _offered()]
     values = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
     if options.contact is not None:
@@ -349,7 +339,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     text = 'to add to the stamps of --midlines [s]; by default found from the motion'
     arguments.add_value(topics, '--clock-offset', 'S', text, float)
-    add_estimator(parser)
+    _add_estimator(parser)
     output = parser.add_argument_group('output', 'besides the summary')
     text = 'bag to write, not there yet: what BAG holds, and the topics of octo_arm_estimator'
     arguments.add_path(output, '--out', 'OUT', text)
@@ -397,7 +387,7 @@ def run(options: argparse.Namespace) -> int:
         with Bar('messages') as bar:
             recorded = read_recorded(reader, sources, bar.on_terminal)
         sensors = ([TENSIONS] if recorded.sensors.tensions else []) + list(recorded.sensors.others)
-        refuse_idle(options, sensors, recorded.settings.unknowns)
+        _refuse_idle(options, sensors, recorded.settings.unknowns)
         if recorded.camera is None:
             arguments.refuse_without_effect(
                 options, ('--clock-offset',), 'without --midlines to compare'
@@ -435,7 +425,7 @@ def _sources(options: argparse.Namespace) -> Sources:
         {name: getattr(options, name) for name in MEASUREMENT_TOPICS},
         options.midlines,
         arguments.read_config_option(options),
-        read_estimator(options),
+        _read_estimator(options),
         arguments.read_calibration(options),
         None if options.align is None else read_alignment(options.align),
         options.clock_offset,

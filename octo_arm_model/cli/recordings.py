@@ -176,12 +176,8 @@ def add_columns(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
     arguments.add_values(parser, '--columns', 'NAME=COLUMN', text)
 
 
-def read_files(options: argparse.Namespace) -> CsvSources:
-    """The CSV files that options name.
-
-    Raises:
-        MeasurementError: if --columns is wrong, or --pose-csv given beside another.
-    """
+def _read_files(options: argparse.Namespace) -> CsvSources:
+    """The CSV files that options name; MeasurementError if they do not go together."""
     columns, pose = read_columns(options.columns), options.pose_csv
     if pose is None:
         named = options.tension_csv, options.midline_csv, options.displacement_csv
@@ -257,7 +253,7 @@ def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()
         tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
         options.length_unit, tuple(options.marker_names),
     )  # fmt: skip
-    files = read_files(options)
+    files = _read_files(options)
     with Bar('messages') as bar:
         recording = read_recording(
             options.bag,

@@ -143,7 +143,7 @@ def clock_offset(
 
     For each offset up to `RANGE` an affine function of the tips of the model closed_form, under
     ``tensions`` (n, tendons) at ``tension_time`` (n,), under a part of these and under these
-    `rubbed`, is fitted to the tips; the offset of least residual is taken, or the one nearest to
+    `_rubbed`, is fitted to the tips; the offset of least residual is taken, or the one nearest to
     zero of those that do as well. The affine function absorbs the pose of the camera, a wrong
     modulus, most of the model's error and the size of the friction. A lag of the arm in time
     counts as an offset of the clock.
@@ -161,7 +161,7 @@ def clock_offset(
     try:
         tips_of = [
             solver.solve(pulled[some].reshape(-1, *arm.tension_shape)).tip
-            for pulled in (tensions, _STIFFER * tensions, rubbed(tensions))
+            for pulled in (tensions, _STIFFER * tensions, _rubbed(tensions))
         ]
     except SolveError:
         return None
@@ -180,7 +180,7 @@ def clock_offset(
     return round(float(offsets[equal[np.abs(offsets[equal]).argmin()]]), 3)
 
 
-def rubbed(tensions: FloatArray) -> FloatArray:
+def _rubbed(tensions: FloatArray) -> FloatArray:
     """The ``tensions`` (n, tendons) [N] left where friction takes the part `_PLAY` of them.
 
     The play operator: the tension that arrives stays while it is within this part of that given,

@@ -54,10 +54,7 @@ def _smoothed(
 
     Where the filter begins anew so does the smoother: the measurements before belong to a state
     that was given up.
-
-    Raises:
-        MeasurementError: if the place of contact is unknown.
-        SolveError: if the arm has no trustworthy shape, or the iteration does not converge.
+    MeasurementError if the place of contact is unknown, SolveError if there is no solution.
     """
     if len(models) > 1:
         raise MeasurementError(
@@ -164,7 +161,7 @@ class Touch(NamedTuple):
     hypothesis: str
 
 
-def find_touches(moments: Iterable[Moment]) -> list[Touch]:
+def _find_touches(moments: Iterable[Moment]) -> list[Touch]:
     """Intervals of significant forces among ``moments`` by ascending time."""
     parts: list[list[Moment]] = []
     for one in moments:
@@ -245,7 +242,7 @@ def estimate(
     if not moments:
         raise SolveError(f'no estimate at any time{failures.in_short}')
     return Result(
-        recorded, moments, find_touches(moments), consistency, failures,
+        recorded, moments, _find_touches(moments), consistency, failures,
         [direction.reason for direction in one.estimate.unlearnt],
         recorded.camera.errors() if recorded.camera is not None else None,
         {name: value / len(moments) for name, value in total.items()},

@@ -181,7 +181,7 @@ class Problem:
     def encoder_scale(self, x: FloatArray) -> float:
         """Scale of the residuals of encoders at ``x`` [m]: their accuracy, as far as it shows."""
         away = np.concatenate(self._encoders(x))[:, np.newaxis]
-        return scale_of(away, ENCODERS_FINEST * self.length)
+        return _scale_of(away, ENCODERS_FINEST * self.length)
 
     def _weigh(self, x: FloatArray) -> None:
         """Settle the weight of encoder readings beside the camera, from the fit at ``x`` on."""
@@ -193,7 +193,7 @@ class Problem:
 
     def scale(self, x: FloatArray) -> float:
         """Scale of the robust loss, from the residuals at ``x`` [m]."""
-        return scale_of(np.concatenate(self.all_residuals(x)), _FINEST * self.length)
+        return _scale_of(np.concatenate(self.all_residuals(x)), _FINEST * self.length)
 
     def minimise(
         self, x: FloatArray, scale: float | None, steps: Sequence[int] | None = None
@@ -228,7 +228,7 @@ class Problem:
         found = least_squares(
             fun, np.clip(x, low, high), jacobian, bounds=(low, high), method='trf',
             x_scale=[u.scale for u in unknowns],
-            loss='linear' if scale is None else soft_loss,
+            loss='linear' if scale is None else _soft_loss,
             f_scale=1.0 if scale is None else scale,
             ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=None, max_nfev=_EVALUATIONS,
         )  # fmt: skip
@@ -312,9 +312,6 @@ def _first_alignment(shapes: Sequence[MeasuredShape], models: Sequence[Backbone]
     """Alignment of ``shapes``, in the camera's frame, with ``models``, roughly.
 
     As if all midlines began at the base. Iteratively reweighted, so that outliers count less.
-
-    Raises:
-        MeasurementError: if there are fewer than three points.
     """
     camera = np.concatenate([shape.points for shape in shapes])
     if len(camera) < 3:
@@ -330,7 +327,7 @@ def _first_alignment(shapes: Sequence[MeasuredShape], models: Sequence[Backbone]
     alignment = align(camera, base)
     for _ in range(_ALIGNMENT_ROUNDS):
         away = alignment.to_base(camera) - base
-        squares = (away**2).sum(axis=-1) / scale_of(away, finest) ** 2
+        squares = (away**2).sum(axis=-1) / _scale_of(away, finest) ** 2
         alignment = align(camera, base, 1.0 / np.sqrt(1.0 + squares))
     return alignment
 
@@ -353,20 +350,16 @@ def shape_residuals(
     return measured - curve.along(curve.fractions(measured))
 
 
-def scale_of(away: FloatArray, least: float) -> float:
+def _scale_of(away: FloatArray, least: float) -> float:
     """Scale for residuals (..., 3) [m]: 1.48 times their median distance, at least ``least``."""
     return max(MAD * float(np.median(np.linalg.norm(away, axis=-1))), least)
 
 
-def soft_loss(squares: FloatArray) -> FloatArray:
-    """Loss for `scipy.optimize.least_squares`, of residuals x, y, z of point after point.
+def _soft_loss(squares: FloatArray) -> FloatArray:
+    """Loss of `least_squares` for ``squares`` (3 points,) of residuals x, y, z over the scale.
 
-    Args:
-        squares: of the residuals over the scale, (3 points,).
-
-    Returns:
-        Of each residual a third of its point's rho, then the derivatives of rho by the square,
-        first and second, (3, 3 points).
+    Of each a third of its point's rho, and the first two derivatives of rho by the square,
+    (3, 3 points).
     """
     root = np.sqrt(1.0 + squares.reshape(-1, 3).sum(axis=1))
     return np.repeat([2.0 / 3.0 * (root - 1.0), 1.0 / root, -0.5 / root**3], 3, axis=1)

@@ -172,7 +172,7 @@ def best_of(fitted: Sequence[Identification]) -> Identification:
     return min(fitted, key=rank)
 
 
-def near_best(fitted: Sequence[Identification]) -> list[Identification]:
+def _near_best(fitted: Sequence[Identification]) -> list[Identification]:
     """The best and those with a misfit near it."""
     best = best_of(fitted)
     return [one for one in fitted if one is best or _is_near(best, one)]
@@ -181,7 +181,7 @@ def near_best(fitted: Sequence[Identification]) -> list[Identification]:
 def envelope_of(fitted: Sequence[Identification], name: str) -> tuple[float, float] | None:
     """The 95 % intervals of a parameter by all models near the best, as one; None without any."""
     intervals = [
-        one.estimates[name].interval95 for one in near_best(fitted) if name in one.estimates
+        one.estimates[name].interval95 for one in _near_best(fitted) if name in one.estimates
     ]
     known = [interval for interval in intervals if interval is not None]
     return (min(low for low, _ in known), max(high for _, high in known)) if known else None
@@ -191,7 +191,7 @@ def disagreements(fitted: Sequence[Identification]) -> list[str]:
     """Estimates that differ between the best model and those with a misfit near its, in words."""
     best = best_of(fitted)
     notes = []
-    for other in near_best(fitted):
+    for other in _near_best(fitted):
         for name, estimate in best.estimates.items():
             rival = other.estimates.get(name)
             if other is best or not is_of_arm(name) or rival is None:

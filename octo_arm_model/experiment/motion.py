@@ -156,11 +156,7 @@ def identify_motion(
 def _fit(
     problem: MotionProblem, loss: str
 ) -> tuple[FloatArray, FloatArray] | uncertainty.OpenDirection:
-    """The fit (n,) and those without a stretch of time (stretches, n), or what is to be left out.
-
-    Raises:
-        SolveError: if the model has no answer, or no minimum is found.
-    """
+    """The fit (n,), those without a stretch of time (stretches, n), or what is to be left out."""
     unknowns = problem.unknowns
     x, scale = problem.solve(loss)
     without = _without_stretches(problem, x, scale)

@@ -110,7 +110,7 @@ def is_at_tip(s: FloatArray, length: float) -> bool:
     return bool(s[-1] >= (1.0 - _TIP) * length)
 
 
-def mean_markers(
+def _mean_markers(
     window: Window, frames: Sequence[FloatArray], s: FloatArray
 ) -> MeasuredShape | None:
     """Mean of ``frames`` (markers, 3) of markers at ``s``; None where none is seen.
@@ -277,7 +277,7 @@ def _shapes(
     for window, shown in paired:
         shape = (
             mean_shape(window, shown) if marker_s is None
-            else mean_markers(window, shown, marker_s)
+            else _mean_markers(window, shown, marker_s)
         )  # fmt: skip
         if shape is not None:
             shapes.append(shape)

@@ -206,10 +206,7 @@ def _camera(
     """Midlines or tips on a ``topic``, to compare estimates and the shapes by tensions with.
 
     The tensions are ``stamped``. ``refusals`` count messages left out; ``notes`` get decisions.
-
-    Raises:
-        BagError: if there is no such topic, or of another type.
-        MeasurementError: if there is nothing to compare, or neither end is clearly the base.
+    MeasurementError if there is nothing to compare, or neither end is clearly the base.
     """
     measured = Measured((topic,))
     points = MeasuredPoints(measured, config.arm.length)

@@ -103,13 +103,10 @@ class Unknown:
         return deviation if relative is None else self.value(x) * abs(relative)
 
 
-def check_fits(fits: Sequence[str], model: str, is_driven: bool, moves: bool) -> None:
-    """Check that ``model`` can be fitted so; tensions are given by lengths if it ``is_driven``.
+def _check_fits(fits: Sequence[str], model: str, is_driven: bool, moves: bool) -> None:
+    """Check that ``model`` has a derivative by each of ``fits``; ConfigError if not.
 
-    It ``moves``, or is in equilibrium all the time.
-
-    Raises:
-        ConfigError: if the model has no derivative by one of ``fits``.
+    Tensions follow from lengths if it ``is_driven``; it ``moves``, or is in equilibrium.
     """
     if is_driven and model != 'exact':
         raise ConfigError(
@@ -199,12 +196,8 @@ def _bending(arm: Arm) -> list[float]:
     return [found.bending_n.item(), found.bending_b.item()]
 
 
-def check_along(parameters: Mapping[str, Any], arm: Arm, fits: Sequence[str]) -> None:
-    """Check that what is fitted as one number is one along the ``arm`` of ``parameters``.
-
-    Raises:
-        ConfigError: if it varies along s.
-    """
+def _check_along(parameters: Mapping[str, Any], arm: Arm, fits: Sequence[str]) -> None:
+    """Check that what is fitted as one number is one along the ``arm``; ConfigError if not."""
     for name, table in (
         (REST_CURVATURE, 'rest.table_curvature'), (REST_TORSION, 'rest.table_torsion'),
         (BENDING, 'stiffness.table_bending'),
@@ -329,7 +322,7 @@ class Unknowns:
         Raises:
             ConfigError: if the model has no derivative by one of them, or nothing shows it.
         """
-        check_fits(fits, model, readings.are_lengths, moves)
+        _check_fits(fits, model, readings.are_lengths, moves)
         self.model, self.readings = model, readings
         self._alignment = alignment
         self._parameters = {**parameters, 'model': model}
@@ -338,7 +331,7 @@ class Unknowns:
                 self._parameters.pop(name, None)
         config = Config.from_parameters(self._parameters)
         material = config.arm.material
-        check_along(self._parameters, config.arm, fits)
+        _check_along(self._parameters, config.arm, fits)
         if 'poisson_ratio' in fits and self._parameters.get('material.table_poisson_ratio'):
             raise ConfigError('poisson_ratio cannot be fitted: the config has a table of it')
         if self._parameters.get('material.shear_modulus'):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,19 +180,6 @@ class Hardware:
     calibration: LoadCellCalibration = field(default_factory=LoadCellCalibration)
 
 
-class Moment(NamedTuple):
-    """Outputs of the hardware at one time, each (tendons,) [N].
-
-    Attributes:
-        measured: readings of the load cells; None where the message is lost.
-        effective: tensions under which the elastic arm has the shape of this one; without
-            relaxation the tensions of the tendons.
-    """
-
-    measured: FloatArray | None
-    effective: FloatArray
-
-
 class SimulatedHardware:
     """The hardware over time, initially with slack tendons.
 
@@ -214,13 +200,12 @@ class SimulatedHardware:
         if hardware.load_cells.seed != before.load_cells.seed:
             self._draw()
 
-    def step(self, command: FloatArray, dt: float) -> Moment:
-        """Tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s]."""
-        effective = self.pull(command, dt, np.zeros(command.size, np.bool_))
-        return Moment(self.read(), effective)
-
     def pull(self, command: FloatArray, dt: float, held: NDArray[np.bool_]) -> FloatArray:
-        """As `step`, without a reading; of tendons ``held`` at a length nothing changes."""
+        """Effective tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s].
+
+        Under these the elastic arm has the shape of this one; without relaxation they are the
+        tensions of the tendons. Of tendons ``held`` at a length nothing changes.
+        """
         tension, set_point, crept, length = self.state
         tension, set_point = self._own.winches.step(tension, set_point, command, dt)
         crept = self._own.relaxation.step(crept, tension, dt)
@@ -239,19 +224,15 @@ class SimulatedHardware:
         new = [tension, tension, relaxation.step(crept, tension, dt)]
         self.state = np.array([*np.where(held, new, self.state[:3]), length])
 
-    def read(self) -> FloatArray | None:
-        """What load cells read of the tensions now, (tendons,) [N]; None where it is lost."""
-        return self._read(self._own.calibration.readings(self.state[0]))
-
     def _draw(self) -> None:
         # A stream for each, so that switching one on does not change the others.
         seeds = np.random.SeedSequence(self._own.load_cells.seed).spawn(3)
         gains, self._noise, self._losses = map(np.random.default_rng, seeds)
         self._deviation = gains.standard_normal(self.state.shape[1])
 
-    def _read(self, tension: FloatArray) -> FloatArray | None:
-        """Readings for the errorless readings ``tension`` (tendons,) [N]; None where lost."""
-        own = self._own.load_cells
+    def read(self) -> FloatArray | None:
+        """What load cells read of the tensions now, (tendons,) [N]; None where it is lost."""
+        own, tension = self._own.load_cells, self._own.calibration.readings(self.state[0])
         noise = self._noise.standard_normal(tension.size)
         is_lost = self._losses.random() < own.drop_probability
         reading = (1.0 + own.gain_stddev * self._deviation) * tension + own.noise_stddev * noise

@@ -24,16 +24,22 @@ from octo_arm_model.simulation.hardware import (
 ARM = load_parameters(preset_path('renda2012_prototype'))
 
 
+def step(hardware, command, dt):
+    """What is measured after a command and a time, and effective tensions."""
+    effective = hardware.pull(command, dt, np.zeros(command.size, np.bool_))
+    return hardware.read(), effective
+
+
 def winches(tendons=3, **parameters):
     """Steps winches by a command and a time; returns the tensions."""
     hardware = SimulatedHardware(Hardware(Winches(**parameters)), tendons)
-    return lambda command, dt: hardware.step(command, dt).measured
+    return lambda command, dt: step(hardware, command, dt)[0]
 
 
 def readings(tension: float, count: int, **parameters: float) -> np.ndarray:
     """What four load cells read of a ``tension``, (count, 4) [N]; NaN where it is lost."""
     cells = SimulatedHardware(Hardware(load_cells=LoadCells(**parameters)), 4)
-    read = [cells.step(np.full(4, tension), 0.01).measured for _ in range(count)]
+    read = [step(cells, np.full(4, tension), 0.01)[0] for _ in range(count)]
     return np.array([np.full(4, np.nan) if one is None else one for one in read])
 
 
@@ -41,25 +47,25 @@ def readings(tension: float, count: int, **parameters: float) -> np.ndarray:
 def test_perfect_hardware_measures_what_was_commanded(given_commands, dt) -> None:
     hardware = SimulatedHardware(Hardware(), 3)
     for command in given_commands:
-        measured, effective = hardware.step(command, dt)
+        measured, effective = step(hardware, command, dt)
         np.testing.assert_array_equal(measured, command)
         np.testing.assert_array_equal(effective, command)
 
 
 @given(tensions, times, st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20))
 def test_lag_is_the_exponential_whatever_the_steps(command, lag, parts) -> None:
-    step, elapsed = winches(lag=lag), 0.0
+    go, elapsed = winches(lag=lag), 0.0
     for part in parts:
         elapsed += part * lag
         expected = command * -np.expm1(-elapsed / lag)
-        np.testing.assert_allclose(step(command, part * lag), expected, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(go(command, part * lag), expected, rtol=1e-12, atol=1e-12)
 
 
 @given(commands, st.floats(1e-9, 1e9), st.floats(1e-3, 1e6))
 def test_lag_is_stable_and_never_overshoots_however_long_a_step(given_commands, lag, dt) -> None:
-    step, before = winches(lag=lag), np.zeros(3)
+    go, before = winches(lag=lag), np.zeros(3)
     for command in given_commands:
-        tension = step(command, dt)
+        tension = go(command, dt)
         assert (tension >= np.minimum(before, command) * (1.0 - 1e-12)).all()
         assert (tension <= np.maximum(before, command) * (1.0 + 1e-12)).all()
         before = tension
@@ -70,24 +76,24 @@ def test_lag_is_stable_and_never_overshoots_however_long_a_step(given_commands, 
     st.floats(0.0, 5.0), st.floats(5.0, 20.0),
 )  # fmt: skip
 def test_limits_of_rate_and_force_are_kept(given_commands, rate, dt, lag, floor, limit) -> None:
-    step, before = winches(rate_limit=rate, lag=lag), np.zeros(3)
+    go, before = winches(rate_limit=rate, lag=lag), np.zeros(3)
     bounded = winches(slack_floor=floor, force_limit=limit)
     for command in given_commands:
-        tension = step(command, dt)
+        tension = go(command, dt)
         assert (np.abs(tension - before) <= rate * dt * (1.0 + 1e-9) + 1e-12).all()
         before = tension
         np.testing.assert_array_equal(bounded(command, dt), np.clip(command, floor, limit))
 
 
 def test_the_force_limit_comes_before_the_rate_limit_and_that_before_the_lag() -> None:
-    step = winches(1, force_limit=3.0, rate_limit=20.0, lag=0.1)
+    go = winches(1, force_limit=3.0, rate_limit=20.0, lag=0.1)
     # The set point is at its limit of 3 N after two steps, not on its way to 100 N.
     tension, set_point = 0.0, 0.0
     for _ in range(5):
         set_point = min(3.0, set_point + 2.0)
         tension = set_point + np.exp(-1.0) * (tension - set_point)
-        assert step(np.array([100.0]), 0.1) == pytest.approx(tension, rel=1e-12)
-    assert step(np.zeros(1), 0.1) < tension  # no winding down from beyond the limit
+        assert go(np.array([100.0]), 0.1) == pytest.approx(tension, rel=1e-12)
+    assert go(np.zeros(1), 0.1) < tension  # no winding down from beyond the limit
     with pytest.raises(ArmDefinitionError, match=r'at least winches\.slack_floor, 2\.0'):
         Winches(slack_floor=2.0, force_limit=1.0)
 
@@ -95,7 +101,7 @@ def test_the_force_limit_comes_before_the_rate_limit_and_that_before_the_lag() -
 @given(st.floats(0.0, 5.0), times, st.floats(0.0, 5.0))
 def test_creep_under_a_steady_pull_is_that_of_the_standard_linear_solid(ratio, time, t) -> None:
     relaxing = SimulatedHardware(Hardware(relaxation=Relaxation(ratio, time)), 1)
-    measured, effective = relaxing.step(np.ones(1), t * time)
+    measured, effective = step(relaxing, np.ones(1), t * time)
     expected = 1.0 - ratio / (1.0 + ratio) * np.exp(-t / (1.0 + ratio))
     assert effective[0] == pytest.approx(expected, rel=1e-12) and measured[0] == 1.0
 
@@ -105,23 +111,23 @@ def test_held_at_a_strain_the_pull_relaxes_like_the_modulus() -> None:
     ratio, time, dt = 0.5, 2.0, 1e-3
     relaxing = SimulatedHardware(Hardware(relaxation=Relaxation(ratio, time)), 2)
     held = np.array([True, False])
-    for step in range(1000):
+    for period in range(1000):
         effective = relaxing.pull(np.ones(2), dt, held)
         relaxing.hold(np.ones(2), np.full(2, 0.01), dt, held)
-        expected = 1.0 + ratio * np.exp(-step * dt / time)
+        expected = 1.0 + ratio * np.exp(-period * dt / time)
         assert relaxing.state[0, 0] == pytest.approx(expected, abs=2.0 * ratio * dt / time)
     # It is what is effective, and leaves the other tendon alone.
     assert relaxing.pull(np.ones(2), 0.0, held)[0] == pytest.approx(1.0)
     alone = SimulatedHardware(Hardware(relaxation=Relaxation(ratio, time)), 1)
     for _ in range(1000):
-        last = alone.step(np.ones(1), dt)
-    assert (last.effective[0], relaxing.state[0, 1]) == (effective[1], 1.0)
+        last = step(alone, np.ones(1), dt)[1]
+    assert (last[0], relaxing.state[0, 1]) == (effective[1], 1.0)
 
 
 def test_at_once_the_shape_is_that_of_the_stiffer_arm_at_any_strain(model: str) -> None:
     ratio, pull = 0.4, np.array([[3.0, 0.0, 0.0, 1.0]])
     relaxing = SimulatedHardware(Hardware(relaxation=Relaxation(ratio)), 4)
-    effective = relaxing.step(pull.ravel(), 0.0).effective
+    effective = step(relaxing, pull.ravel(), 0.0)[1]
     shape = Config.from_parameters(ARM).solver(model).solve(effective.reshape(1, 4))
     stiff = Config.from_parameters(ARM | {'material.youngs_modulus': 1.1e5 * (1.0 + ratio)})
     np.testing.assert_allclose(shape.tip, stiff.solver(model).solve(pull).tip, atol=1e-9)
@@ -163,9 +169,9 @@ def test_a_seed_draws_the_same_again_and_another_something_else() -> None:
     first = readings(1.0, 100, **own)
     np.testing.assert_array_equal(first, readings(1.0, 100, **own))
     again = SimulatedHardware(Hardware(load_cells=LoadCells(seed=3)), 4)
-    again.step(np.ones(4), 0.01)
+    step(again, np.ones(4), 0.01)
     again.change(Hardware(load_cells=LoadCells(**own)))
-    is_lost = [again.step(np.ones(4), 0.01).measured is None for _ in range(100)]
+    is_lost = [step(again, np.ones(4), 0.01)[0] is None for _ in range(100)]
     assert is_lost == np.isnan(first[:, 0]).tolist()
     assert not np.isin(readings(1.0, 100, **(own | {'seed': 8})), first).any()
 
