@@ -42,9 +42,6 @@ _STICKS = 1e-5  # part of a tendon that slips, below which all of it is taken to
 _MOST_PASSES, _SAME_RATES = 8, 0.05  # for rates over a step, and when they are these
 _LEAST_SECANT = 1e-9  # step that rates are taken over, over the largest tension
 _FARTHEST = 4.0  # tension that a step may end at, over those around it
-# An error over the length that takes no tendon through all that it sticks for, and how many times
-# the step of a tendon that slips that is.
-_HELD, _THROUGH = 1e-11, 10.0
 _ROUNDING = 1e-13  # of displacements, over the length
 _EXCHANGES = 40  # of tendons between slack and taut in one step, at most
 _UNSURE = 1e-4  # error of a step over the largest error before it
@@ -250,9 +247,6 @@ class Reeling:
         angle, most = self.problem.local_tensions(state).angle, np.maximum(tensions, new)
         far = friction.pulled(tensions, before, angle, more, self._free / per_mean)
         far = np.minimum(far, _FARTHEST * most)
-        # What is held well enough does not take a tendon through all that it sticks for.
-        sticks = np.abs(far - tensions) > _THROUGH * np.abs(step)
-        far = np.where(sticks & (wanted <= _HELD * self._arm.length), tensions, far)
         return np.where((step == 0.0) | (new == 0.0) | ~(per_mean > 0.0), new, far)
 
     def is_held(self, state: State, border: Border) -> bool:
