@@ -14,16 +14,9 @@ from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.typesys.store import Typestore
 
 from octo_arm_model.arm.errors import BagError, OctoArmError, listed, shown
+from octo_arm_model.bags import storages
 from octo_arm_model.bags.metadata import NAME as METADATA
 from octo_arm_model.bags.metadata import Key, read_metadata
-from octo_arm_model.bags.storages import (
-    File,
-    Source,
-    check_size,
-    expand_message,
-    in_order,
-    open_file,
-)
 from octo_arm_model.bags.types import numeric_fields, types_for
 from octo_arm_model.wire.stamp import Stamp
 
@@ -96,9 +89,9 @@ class BagReader:
             elif self.path.is_dir():
                 paths = self._alone()
             folder = Path(opened.enter_context(tempfile.TemporaryDirectory()))
-            self._files: list[File] = []
+            self._files: list[storages.File] = []
             for one in paths:
-                self._files.append(open_file(one, folder))
+                self._files.append(storages.open_file(one, folder))
                 opened.callback(self._files[-1].close)
             self._look(said)
             self._opened = opened.pop_all()
@@ -221,17 +214,17 @@ class BagReader:
         wanted = {topic for topic, _ in keys}
         with self._damage():
             sources = [
-                Source(file.start_ns, functools.partial(file.messages, wanted))
+                storages.Source(file.start_ns, functools.partial(file.messages, wanted))
                 for file in self._files
             ]
-            for connection, received_ns, data in in_order(sources, _MOST_TOGETHER):
+            for connection, received_ns, data in storages.in_order(sources, _MOST_TOGETHER):
                 topic, type_name = key = connection.topic, connection.msgtype
                 found[key] += 1
-                check_size(len(data), f'a message on {topic}')
+                storages.check_size(len(data), f'a message on {topic}')
                 if not 0 <= received_ns < 2**63:
                     raise ValueError(f'a message on {topic} received at {received_ns} ns')
                 if self._is_each_compressed:
-                    data = expand_message(data)
+                    data = storages.expand_message(data)
                 yield Record(topic, type_name, received_ns, data)
         for key in keys:
             if found[key] < self._counts[key]:

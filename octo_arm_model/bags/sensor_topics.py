@@ -14,28 +14,12 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.validation import LARGEST
+from octo_arm_model.bags import topics
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.tensions import (
-    TYPES,
-    pick_displacements,
-    pick_tensions,
-    read_tensions,
-)
-from octo_arm_model.bags.topics import (
-    measured_topics,
-    names,
-    namespace,
-    only_one,
-    pick_topic,
-    pick_usual,
-)
+from octo_arm_model.bags.tensions import TYPES, pick_displacements, pick_tensions, read_tensions
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.measurements import Measurement, Tensions
-from octo_arm_model.wire.measurements import (
-    MARKERS,
-    MEASUREMENT_TOPICS,
-    MeasuredArm,
-)
+from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS, MeasuredArm
 from octo_arm_model.wire.refusals import Refusals
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS
 
@@ -96,8 +80,8 @@ class SensorTopics:
     def prefix(self) -> str:
         """Namespace of the first of a usual name, or else of the first, with the slash."""
         usual = (*TENSION_TOPICS, *MEASUREMENT_TOPICS)
-        known = [topic for topic in self.all if names(topic, *usual)]
-        return namespace((known or self.all)[0], usual)
+        known = [topic for topic in self.all if topics.names(topic, *usual)]
+        return topics.namespace((known or self.all)[0], usual)
 
 
 def find_sensors(
@@ -130,9 +114,9 @@ def find_sensors(
             topic, own['field'] = pick_displacements(reader, wanted) or ('', '')
         elif name == MARKERS and ':' in (wanted or ''):
             topic, _, own['field'] = str(wanted).partition(':')
-            topic = pick_topic(reader, topic, None, name)
+            topic = topics.pick_topic(reader, topic, None, name)
         else:
-            topic = pick_usual(reader, wanted, name, (row.type_name,), name) or ''
+            topic = topics.pick_usual(reader, wanted, name, (row.type_name,), name) or ''
         if topic:
             found[name], options[topic] = topic, own
     topic, held = _tensions(reader, tensions, set(found.values()))
@@ -151,10 +135,10 @@ def _tensions(reader: BagReader, wanted: str | None, others: set[str]) -> tuple[
         return '', ''
     if wanted is not None:
         return pick_tensions(reader, wanted)
-    found = [topic for topic in measured_topics(reader, TYPES) if topic not in others]
+    found = [topic for topic in topics.measured_topics(reader, TYPES) if topic not in others]
     there = [topic for topic in found if reader.count([topic])]
-    usual = [topic for topic in there if names(topic, *TENSION_TOPICS)]
-    return only_one(reader, usual or there, 'tensions') or '', ''
+    usual = [topic for topic in there if topics.names(topic, *TENSION_TOPICS)]
+    return topics.only_one(reader, usual or there, 'tensions') or '', ''
 
 
 def read_tension_rows(

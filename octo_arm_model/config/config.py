@@ -10,27 +10,14 @@ from typing import Any
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.budget import Budget
-from octo_arm_model.arm.errors import (
-    ArmDefinitionError,
-    ConfigError,
-    ContinuationError,
-    shown,
-)
+from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, ContinuationError, shown
 from octo_arm_model.arm.limits import MIN_RATE
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import DEFAULT_LAW
 from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import not_negative
-from octo_arm_model.config.build import (
-    EncoderCalibration,
-    LoadCellCalibration,
-    build_arm,
-    build_encoders,
-    build_limits,
-    build_load_cells,
-    build_uncertainty,
-)
+from octo_arm_model.config import build
 from octo_arm_model.config.motion import build_motion
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
@@ -86,8 +73,8 @@ class Config:
     markers_rate: float = 0.0
     diagnostic_limits: DiagnosticLimits = field(default_factory=DiagnosticLimits)
     tendon_limits: tuple[float, ...] = ()
-    load_cells: LoadCellCalibration = field(default_factory=LoadCellCalibration)
-    encoders: EncoderCalibration = field(default_factory=EncoderCalibration)
+    load_cells: build.LoadCellCalibration = field(default_factory=build.LoadCellCalibration)
+    encoders: build.EncoderCalibration = field(default_factory=build.EncoderCalibration)
     tension_type: str = ''
     tension_field: str = ''
     displacement_type: str = ''
@@ -121,8 +108,8 @@ class Config:
             if value is not None and (value != 0.0 or not parameter.unless):
                 parameter.check(value)
         base = Pose(given['base.position'], given['base.quaternion'])
-        arm = build_arm(given)
-        uncertainty = build_uncertainty(given, arm)
+        arm = build.build_arm(given)
+        uncertainty = build.build_uncertainty(given, arm)
         if given['model'] != 'exact' and (uncertainty.poisson_ratio or uncertainty.offset):
             raise ConfigError(
                 'material.poisson_ratio_stddev and tendons.offset_stddev go with model exact, not '
@@ -143,9 +130,9 @@ class Config:
             friction_memory=given['friction_memory'],
             markers_rate=_checked_rate(given['markers_rate']),
             diagnostic_limits=DiagnosticLimits.of(given),
-            tendon_limits=build_limits(given, arm),
-            load_cells=build_load_cells(given, arm),
-            encoders=build_encoders(given, arm),
+            tendon_limits=build.build_limits(given, arm),
+            load_cells=build.build_load_cells(given, arm),
+            encoders=build.build_encoders(given, arm),
             tension_type=given['tension_type'],
             tension_field=given['tension_field'],
             displacement_type=given['displacement_type'],

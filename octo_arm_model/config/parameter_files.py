@@ -11,13 +11,7 @@ from typing import Any, TypeAlias
 
 from octo_arm_model.arm.errors import ConfigError, OctoArmError, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
-from octo_arm_model.config.files import (
-    dump_numbers,
-    dump_yaml,
-    load_yaml,
-    read_text,
-    reading,
-)
+from octo_arm_model.config.files import dump_numbers, dump_yaml, load_yaml, read_text, reading
 
 
 def find_path(name: str | Path) -> Path:

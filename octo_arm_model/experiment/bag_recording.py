@@ -233,11 +233,7 @@ class BagRecording:
         return self._read(topic, read, config, refusals)
 
     def _read(
-        self,
-        topic: str,
-        read: Callable[[Record], Reading],
-        config: Config,
-        refusals: Refusals,
+        self, topic: str, read: Callable[[Record], Reading], config: Config, refusals: Refusals
     ) -> Stamped:
         stamped, names = Stamped(topic, [], []), config.arm.tendon_names
         self.count.expect(self.reader.count([topic]))

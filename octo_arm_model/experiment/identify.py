@@ -25,12 +25,7 @@ from octo_arm_model.experiment.identification import (
     unfitted,
 )
 from octo_arm_model.experiment.observations import MeasuredShape
-from octo_arm_model.experiment.unknowns import (
-    AXIAL,
-    Readings,
-    Unknowns,
-    is_of_arm,
-)
+from octo_arm_model.experiment.unknowns import AXIAL, Readings, Unknowns, is_of_arm
 
 Fits = dict[str, tuple[FloatArray, float | None]]  # x and the scale, by each loss
 # A misfit above so many times that of noise is not explained by noise.
@@ -295,10 +290,7 @@ def _with_fit(
 
 
 def _needed(
-    problem: Problem,
-    x: FloatArray,
-    folds: Sequence[Sequence[int]],
-    loads: Sequence[Sequence[int]],
+    problem: Problem, x: FloatArray, folds: Sequence[Sequence[int]], loads: Sequence[Sequence[int]]
 ) -> str:
     """Why there are no intervals: a load that cannot be left out; '' if each can."""
     tensions = problem.unknowns.readings.tensions

@@ -27,12 +27,7 @@ from octo_arm_model.experiment.identification import (
 )
 from octo_arm_model.experiment.midlines import Curve
 from octo_arm_model.experiment.observations import MeasuredShape
-from octo_arm_model.experiment.unknowns import (
-    FINE_STATIONS,
-    OF_WATER,
-    Readings,
-    Unknowns,
-)
+from octo_arm_model.experiment.unknowns import FINE_STATIONS, OF_WATER, Readings, Unknowns
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.motion import Dynamics

@@ -10,14 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from octo_arm_model.config.paper_data import (
-    BENDING,
-    FETCHING_IN_PLANE,
-    FETCHING_IN_SPACE,
-    PROTOTYPE_ERRORS,
-    PROTOTYPE_IN_FIGURE_9,
-    Tensions,
-)
+from octo_arm_model.config import paper_data
 from octo_arm_model.reproduce import cases
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.interpolation import nearest
@@ -91,7 +84,7 @@ def _worst_plane(model: str, sections: tuple[int, ...]) -> Finding:
     return (f'{_below(worst, 2)}° off at most', worst < _SAME_PLANE)
 
 
-def _distances(model: str, tensions: Tensions) -> tuple[float, float]:
+def _distances(model: str, tensions: paper_data.Tensions) -> tuple[float, float]:
     """Distances from the base of the tip, and of section 1 on average [mm]."""
     shape = cases.solve('table4', model, tensions)
     distal = shape.position[shape.section == 1] - shape.position[0]
@@ -126,7 +119,7 @@ def _one_cable(model: str) -> Finding:
     'cables give none, and what renda2012 has comes from its jump (11).',
 )
 def _in_space(model: str) -> Finding:
-    shape = cases.solve('table4', model, FETCHING_IN_SPACE)
+    shape = cases.solve('table4', model, paper_data.FETCHING_IN_SPACE)
     out = cases.out_of_plane(shape) / shape.s[-1]
     return (
         f'{100 * out:.0f} % of L off the best plane, twist of '
@@ -144,7 +137,7 @@ def _in_space(model: str) -> Finding:
     'at the tip are pulled there.)',
 )
 def _jumps(model: str) -> Finding:
-    shape = cases.solve('table4', model, FETCHING_IN_PLANE)
+    shape = cases.solve('table4', model, paper_data.FETCHING_IN_PLANE)
     steps = np.abs(np.diff(shape.q))
     at = cases.anchorages(shape)[:-1]
     elsewhere = float(np.delete(steps, at).max())
@@ -159,12 +152,12 @@ def _jumps(model: str) -> Finding:
     'The error generally is higher on the distal part of the manipulator: a small error on '
     'the base results in a big error on the tip because it is integrated along the arm.',
     'section 5.2',
-    f'The prototype at {PROTOTYPE_IN_FIGURE_9:g} N, moved by taking E {100 * _SOFTER:g} % '
-    'lower. Holds if it moves more the further it is from the base.',
+    f'The prototype at {paper_data.PROTOTYPE_IN_FIGURE_9:g} N, moved by taking E '
+    f'{100 * _SOFTER:g} % lower. Holds if it moves more the further it is from the base.',
 )
 def _errors_grow(model: str) -> Finding:
     config = cases.config('prototype')
-    tensions = cases.pull(1, (PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1)
+    tensions = cases.pull(1, (paper_data.PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1)
     material = config.arm.material
     assert isinstance(material.youngs_modulus, float)
     softer = dataclasses.replace(
@@ -202,13 +195,13 @@ def _plane_law(model: str) -> Finding:
 def _captions(model: str) -> Finding:
     planes = [
         cases.bending_plane(cases.solve('table2', model, tensions))
-        for tensions in BENDING.values()
+        for tensions in paper_data.BENDING.values()
     ]
     return (
         ', '.join(f'{plane:.2f}°' for plane in planes),
         all(
             cases.angle_between(plane, cases.law(tensions)) < _SAME_PLANE
-            for plane, tensions in zip(planes, BENDING.values(), strict=True)
+            for plane, tensions in zip(planes, paper_data.BENDING.values(), strict=True)
         ),
     )
 
@@ -233,7 +226,7 @@ def _any_anchorage(model: str) -> Finding:
 def _more_tension(model: str) -> Finding:
     curvatures = [
         cases.solve('prototype', model, cases.pull(1, (tension, 0.0, 0.0, 0.0), 1)).k
-        for tension in PROTOTYPE_ERRORS
+        for tension in paper_data.PROTOTYPE_ERRORS
     ]
     least = min(float((b / a).min()) for a, b in itertools.pairwise(curvatures))
     return (f'by {100 * (least - 1):.0f} % or more everywhere', least > 1.0)
@@ -247,7 +240,7 @@ def _more_tension(model: str) -> Finding:
     'and all lie within a millionth of L of one plane.',
 )
 def _fetching_in_plane(model: str) -> Finding:
-    shape = cases.solve('table4', model, FETCHING_IN_PLANE)
+    shape = cases.solve('table4', model, paper_data.FETCHING_IN_PLANE)
     out = cases.out_of_plane(shape) / shape.s[-1]
     proximal, medial, distal = cases.turns(shape).values()
     return (
@@ -265,10 +258,10 @@ def _fetching_in_plane(model: str) -> Finding:
     'it is less.',
 )
 def _opposite(model: str) -> Finding:
-    alone = (*((0.0,) * 4,) * 2, FETCHING_IN_PLANE[2])
+    alone = (*((0.0,) * 4,) * 2, paper_data.FETCHING_IN_PLANE[2])
     together, by_itself = (
         abs(cases.turns(cases.solve('table4', model, tensions))[3])
-        for tensions in (FETCHING_IN_PLANE, alone)
+        for tensions in (paper_data.FETCHING_IN_PLANE, alone)
     )
     return (f'{together:.0f}° instead of {by_itself:.0f}°', together < by_itself)
 
@@ -277,12 +270,13 @@ def _opposite(model: str) -> Finding:
     'A three-dimensional fetching is more efficient; in fact with the same actuator strength '
     'the distal part of the arm is closer to the base.',
     'section 6.2, Figures 14 and 15',
-    f'Distance from the base; the tensions add up to {np.sum(FETCHING_IN_PLANE):g} and '
-    f'{np.sum(FETCHING_IN_SPACE):g} N. Holds if tip and section 1 are nearer in space.',
+    f'Distance from the base; the tensions add up to {np.sum(paper_data.FETCHING_IN_PLANE):g} and '
+    f'{np.sum(paper_data.FETCHING_IN_SPACE):g} N. Holds if tip and section 1 are nearer in space.',
 )
 def _nearer_in_space(model: str) -> Finding:
     (plane, plane_mean), (space, space_mean) = (
-        _distances(model, tensions) for tensions in (FETCHING_IN_PLANE, FETCHING_IN_SPACE)
+        _distances(model, tensions)
+        for tensions in (paper_data.FETCHING_IN_PLANE, paper_data.FETCHING_IN_SPACE)
     )
     return (
         f'tip {space:.0f} mm in space, {plane:.0f} mm in the plane; mean of section 1 '

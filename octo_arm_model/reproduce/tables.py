@@ -9,14 +9,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.body import Body
 from octo_arm_model.arm.tendon import Section
-from octo_arm_model.config.paper_data import (
-    BENDING,
-    FETCHING_IN_PLANE,
-    FETCHING_IN_SPACE,
-    PROTOTYPE_AVERAGE_ERROR,
-    PROTOTYPE_ERRORS,
-    Tensions,
-)
+from octo_arm_model.config import paper_data
 from octo_arm_model.reproduce import cases
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import MODELS
@@ -84,9 +77,9 @@ def tip_errors() -> DataTable:
     """Table 1, with the tips of the models."""
     rows = [
         (f'{tension:.2f}', f'{error:.1f}', *_tips('prototype', tension))
-        for tension, error in PROTOTYPE_ERRORS.items()
+        for tension, error in paper_data.PROTOTYPE_ERRORS.items()
     ]
-    rows.append(('average', f'{PROTOTYPE_AVERAGE_ERROR:.1f}', *['–'] * len(_TIPS)))
+    rows.append(('average', f'{paper_data.PROTOTYPE_AVERAGE_ERROR:.1f}', *['–'] * len(_TIPS)))
     return DataTable(
         'Table 1: the prototype of section 5.2 at the tensions of the paper.',
         ('T11 [N]', 'the paper’s: its model to the real arm [% of L]', *_TIPS),
@@ -114,9 +107,9 @@ def _tips(preset: str, tension: float) -> list[str]:
 def tensions() -> DataTable:
     """Tables 3 and 5."""
     figures = {
-        **{f'Figure 11({panel})': rows for panel, rows in BENDING.items()},
-        'Figure 14': FETCHING_IN_PLANE,
-        'Figure 15': FETCHING_IN_SPACE,
+        **{f'Figure 11({panel})': rows for panel, rows in paper_data.BENDING.items()},
+        'Figure 14': paper_data.FETCHING_IN_PLANE,
+        'Figure 15': paper_data.FETCHING_IN_SPACE,
     }
     names = ('T11', 'T12', 'T13', 'T14', 'T21', 'T32', 'T33')
     return DataTable(
@@ -136,12 +129,12 @@ def bending() -> DataTable:
         ('', 'caption', *(f'{model}: {what}' for model in MODELS for what in ('plane', 'tip'))),
         tuple(
             (f'({panel})', f'{cases.law(rows):.0f}', *_planes_and_tips(rows))
-            for panel, rows in BENDING.items()
+            for panel, rows in paper_data.BENDING.items()
         ),
     )
 
 
-def _planes_and_tips(rows: Tensions) -> list[str]:
+def _planes_and_tips(rows: paper_data.Tensions) -> list[str]:
     cells = []
     for model in MODELS:
         shape = cases.solve('table2', model, rows)
@@ -152,7 +145,10 @@ def _planes_and_tips(rows: Tensions) -> list[str]:
 def fetching() -> DataTable:
     """Shapes of Figures 14 and 15, by model."""
     rows = []
-    for figure, pulled in (('Figure 14', FETCHING_IN_PLANE), ('Figure 15', FETCHING_IN_SPACE)):
+    for figure, pulled in (
+        ('Figure 14', paper_data.FETCHING_IN_PLANE),
+        ('Figure 15', paper_data.FETCHING_IN_SPACE),
+    ):
         for model in MODELS:
             shape = cases.solve('table4', model, pulled)
             rows.append((

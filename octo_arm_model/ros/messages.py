@@ -9,12 +9,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import (
-    Point,
-    Pose,
-    Quaternion,
-    Wrench,
-)
+from geometry_msgs.msg import Point, Pose, Quaternion, Wrench
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header

@@ -11,15 +11,8 @@ import viser
 
 from octo_arm_model.analysis.drawing import RADIUS
 from octo_arm_model.ros.client.client import ArmClient
-from octo_arm_model.viewer import numbers
+from octo_arm_model.viewer import numbers, scene
 from octo_arm_model.viewer.cameras import Cameras, View
-from octo_arm_model.viewer.scene import (
-    BODY_COLOUR,
-    ArmScene,
-    LiveShape,
-    set_scene,
-    set_theme,
-)
 
 _READING = 0.5  # [s] between numbers
 _FROM = (1.8, -1.5, 1.63)  # position of the camera in lengths of an arm, in a wide picture
@@ -41,16 +34,16 @@ class OctopusPage:
         ``title`` is the heading of the panel.
         """
         self._server, self._clients, self._describe = server, clients, describe
-        self._arms: list[ArmScene | None] = [None] * len(clients)
+        self._arms: list[scene.ArmScene | None] = [None] * len(clients)
         self._stamps = [np.nan] * len(clients)
         self._read = -np.inf
-        set_theme(server.gui, title)
+        scene.set_theme(server.gui, title)
         self._cameras = Cameras(server)
         self._text = server.gui.add_html('')
         server.scene.add_icosphere(
             '/body',
             radius=RADIUS,
-            color=BODY_COLOUR,
+            color=scene.BODY_COLOUR,
             subdivisions=4,
             scale=(1.15, 1.15, 1.3),
             position=(0.0, 0.0, 0.6 * RADIUS),
@@ -75,9 +68,9 @@ class OctopusPage:
         if arm is None:
             if not any(self._arms):
                 length = config.arm.length
-                set_scene(self._server, np.zeros(3), 1.6 * length, length)
+                scene.set_scene(self._server, np.zeros(3), 1.6 * length, length)
                 self._cameras.aim(partial(_view, length), 0.016 * length)
-            arm = ArmScene(
+            arm = scene.ArmScene(
                 self._server.scene,
                 f'arm_{index + 1}',
                 config.solver(),
@@ -87,7 +80,7 @@ class OctopusPage:
             self._arms[index] = arm
         if shape.stamp != self._stamps[index] and len(strains.s) == len(shape.position):
             self._stamps[index] = shape.stamp
-            arm.show(LiveShape(shape.position, shape.quaternion, strains.q), np.zeros(0))
+            arm.show(scene.LiveShape(shape.position, shape.quaternion, strains.q), np.zeros(0))
 
 
 def _view(length: float, aspect: float) -> View:

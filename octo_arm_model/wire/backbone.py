@@ -10,14 +10,7 @@ import numpy as np
 from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.wire.cdr import (
-    ENCAPSULATION,
-    POSE,
-    Layout,
-    Template,
-    aligned,
-    text_field,
-)
+from octo_arm_model.wire import cdr
 
 # Of tendons; the second only where some are driven by length.
 TENDON_LENGTHS, TENSION_ESTIMATES = 'tendon_lengths', 'tendon_tension_estimates'
@@ -51,13 +44,15 @@ class BackboneWriter:
         Raises:
             ConfigError: if a name is not one that UTF-8 can hold.
         """
-        frame = text_field('frame_id', frame_id)
-        self._poses = Template(pose_array(frame, s.size))
-        self._path = Template(path(frame, s.size))
-        self._strains = Template(_section_strains(frame, text_field('model', model), s, section))
-        self._tip = Template(pose_with_covariance(frame))
-        self._lengths = Template(_joint_state(frame, tendon_names))
-        self._tensions = Template(tendon_tensions(frame, tendon_names))
+        frame = cdr.text_field('frame_id', frame_id)
+        self._poses = cdr.Template(pose_array(frame, s.size))
+        self._path = cdr.Template(path(frame, s.size))
+        self._strains = cdr.Template(
+            _section_strains(frame, cdr.text_field('model', model), s, section)
+        )
+        self._tip = cdr.Template(pose_with_covariance(frame))
+        self._lengths = cdr.Template(_joint_state(frame, tendon_names))
+        self._tensions = cdr.Template(tendon_tensions(frame, tendon_names))
 
     def poses(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
         """Message geometry_msgs/PoseArray."""
@@ -99,24 +94,24 @@ class BackboneWriter:
         return self._tensions.write(sec, nanosec, tensions.ravel())
 
 
-def pose_array(frame: bytes, stations: int) -> Layout:
+def pose_array(frame: bytes, stations: int) -> cdr.Layout:
     """Layout of a geometry_msgs/PoseArray."""
-    layout = Layout(frame)
+    layout = cdr.Layout(frame)
     layout.count(stations)
     layout.poses(stations)
     return layout
 
 
-def path(frame: bytes, stations: int) -> Layout:
+def path(frame: bytes, stations: int) -> cdr.Layout:
     """Layout of a nav_msgs/Path, every pose with the header of the whole."""
-    layout = Layout(frame)
+    layout = cdr.Layout(frame)
     layout.count(stations)
     layout.poses(stations, frame)
     return layout
 
 
-def _section_strains(frame: bytes, model: bytes, s: FloatArray, section: IntArray) -> Layout:
-    layout = Layout(frame)
+def _section_strains(frame: bytes, model: bytes, s: FloatArray, section: IntArray) -> cdr.Layout:
+    layout = cdr.Layout(frame)
     layout.string(model)
     layout.constant_sequence(s.astype('<f8'))
     layout.constant_sequence(section.astype('<i4'))
@@ -125,23 +120,23 @@ def _section_strains(frame: bytes, model: bytes, s: FloatArray, section: IntArra
     return layout
 
 
-def pose_with_covariance(frame: bytes) -> Layout:
+def pose_with_covariance(frame: bytes) -> cdr.Layout:
     """Layout of a geometry_msgs/PoseWithCovarianceStamped."""
-    layout = Layout(frame)
+    layout = cdr.Layout(frame)
     layout.poses(1)
     layout.numbers(6, 6)
     return layout
 
 
-def tendon_tensions(frame: bytes, names: Sequence[str]) -> Layout:
+def tendon_tensions(frame: bytes, names: Sequence[str]) -> cdr.Layout:
     """Layout of an octo_arm_msgs/TendonTensions of the tendons ``names``."""
-    layout = Layout(frame)
-    layout.strings([text_field('tendon name', name) for name in names])
+    layout = cdr.Layout(frame)
+    layout.strings([cdr.text_field('tendon name', name) for name in names])
     layout.sequence(len(names))
     return layout
 
 
-def _joint_state(frame: bytes, names: Sequence[str]) -> Layout:
+def _joint_state(frame: bytes, names: Sequence[str]) -> cdr.Layout:
     layout = tendon_tensions(frame, names)  # but that the numbers are positions
     layout.count(0)  # no velocities
     layout.sequence(len(names))
@@ -157,13 +152,13 @@ def read_poses(data: bytes) -> tuple[float, FloatArray]:
         MessageError: if ``data`` is none.
     """
     try:
-        order, start = '<' if data[1] else '>', len(ENCAPSULATION)
+        order, start = '<' if data[1] else '>', len(cdr.ENCAPSULATION)
         sec, nanosec, length = struct.unpack_from(f'{order}iII', data, start)
-        place = start + aligned(12 + length, 4)
+        place = start + cdr.aligned(12 + length, 4)
         (count,) = struct.unpack_from(f'{order}I', data, place)
-        place = start + aligned(place + 4 - start, 8)
-        poses = np.frombuffer(data[place : place + 8 * POSE * count], f'{order}f8')
-        return sec + 1e-9 * nanosec, poses.astype(np.float64).reshape(count, POSE)
+        place = start + cdr.aligned(place + 4 - start, 8)
+        poses = np.frombuffer(data[place : place + 8 * cdr.POSE * count], f'{order}f8')
+        return sec + 1e-9 * nanosec, poses.astype(np.float64).reshape(count, cdr.POSE)
     except (IndexError, ValueError, struct.error) as error:
         raise MessageError(f'{len(data)} bytes that are no PoseArray') from error
 
@@ -195,12 +190,12 @@ class TensionProfilesWriter:
         fields = [(axis, 4 * number, _FLOAT32) for number, axis in enumerate('xyz')]
         for number, name in enumerate(['s', *(PREFIX + name for name in tendon_names)], _S):
             fields.append((name, 8 * number, _FLOAT64))
-        layout = Layout(text_field('frame_id', frame_id))
+        layout = cdr.Layout(cdr.text_field('frame_id', frame_id))
         layout.count(1)  # height
         layout.count(s.size)  # width
         layout.count(len(fields))
         for name, offset, kind in fields:
-            layout.string(text_field('tendon name', name))
+            layout.string(cdr.text_field('tendon name', name))
             layout.count(offset)
             layout.constants(np.array([kind], np.uint8))
             layout.count(1)  # numbers of this name
@@ -209,7 +204,7 @@ class TensionProfilesWriter:
         layout.count(points.nbytes)  # and of the row that all are in
         layout.sequence(points.nbytes, kind='|u1')
         layout.constants(np.array([1], np.uint8))  # is_dense: no number is missing
-        self._template = Template(layout)
+        self._template = cdr.Template(layout)
 
     def write(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
         """Message of a single solution with the stations and tendons of this writer.

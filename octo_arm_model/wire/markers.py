@@ -7,14 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.drawing import (
-    ARROW_TRIANGLES,
-    CONE_TRIANGLES,
-    Drawing,
-    UncertaintyDrawing,
-    anchorage_stations,
-    tension_colours,
-)
+from octo_arm_model.analysis import drawing
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.material import LINEAR
@@ -43,23 +36,23 @@ class MarkersWriter:
         Raises:
             ConfigError: if UTF-8 cannot hold ``frame_id``.
         """
-        self._drawing = drawing = Drawing(arm, s, law)
-        self._corners = drawing.triangles.ravel()
+        self._drawing = own = drawing.Drawing(arm, s, law)
+        self._corners = own.triangles.ravel()
         frame = text_field('frame_id', frame_id)
         layout = Layout()
-        layout.count(1 + drawing.disc_count + len(drawing.tendon_points))
+        layout.count(1 + own.disc_count + len(own.tendon_points))
         add_triangles(layout, frame, b'body', BODY_COLOUR, self._corners.size)
-        for index in range(drawing.disc_count):
+        for index in range(own.disc_count):
             _begin_marker(layout, frame, b'anchorages', index + 1, _CYLINDER)
             layout.poses(1)
             layout.numbers(2)
-            layout.constants(np.array([drawing.disc_thickness], '<f8'))
+            layout.constants(np.array([own.disc_thickness], '<f8'))
             layout.constants(np.array(DISC_COLOUR, '<f4'))
             _finish_marker(layout, 0)
-        for index, points in enumerate(drawing.tendon_points):
+        for index, points in enumerate(own.tendon_points):
             _begin_marker(layout, frame, b'tendons', index + 1, _LINE_STRIP)
             layout.constants(_ORIGIN)
-            layout.constants(np.array([drawing.line_width, 0.0, 0.0], '<f8'))
+            layout.constants(np.array([own.line_width, 0.0, 0.0], '<f8'))
             layout.numbers(4, kind='<f4')
             _finish_marker(layout, points)
         self._template = Template(layout)
@@ -81,7 +74,7 @@ class MarkersWriter:
             drawn.disc_position, drawn.disc_quaternion, drawn.disc_radius, strict=True
         ):
             values += [position, quaternion, 2.0 * radius]
-        colours = tension_colours(backbone.tensions.ravel(), largest_tension)
+        colours = drawing.tension_colours(backbone.tensions.ravel(), largest_tension)
         for colour, path in zip(colours, drawn.tendons, strict=True):
             values += [colour, path]
         return self._template.write(sec, nanosec, *values)
@@ -105,7 +98,7 @@ class FramesWriter:
         Raises:
             ConfigError: if UTF-8 cannot hold a name.
         """
-        self._stations = [s.size - 1, *anchorage_stations(arm, s).tolist()]
+        self._stations = [s.size - 1, *drawing.anchorage_stations(arm, s).tolist()]
         parent = text_field('base_frame', base_frame)
         names = ['tip', *(f'anchorage_{number}' for number in range(1, len(self._stations)))]
         layout = Layout()
@@ -197,11 +190,11 @@ class UncertaintyMarkersWriter:
         Raises:
             ConfigError: if UTF-8 cannot hold ``frame_id``.
         """
-        self._drawing = UncertaintyDrawing(arm, s)
+        self._drawing = drawing.UncertaintyDrawing(arm, s)
         frame = text_field('frame_id', frame_id)
         tube = _Part(b'covariance', (0.35, 0.55, 0.85, 0.25), self._drawing.triangles)
-        force = _Part(b'contact', (0.1, 0.43, 0.2, 1.0), ARROW_TRIANGLES)
-        cone = _Part(b'cone', (0.1, 0.43, 0.2, 0.35), CONE_TRIANGLES)
+        force = _Part(b'contact', (0.1, 0.43, 0.2, 1.0), drawing.ARROW_TRIANGLES)
+        cone = _Part(b'cone', (0.1, 0.43, 0.2, 0.35), drawing.CONE_TRIANGLES)
         parts = tube, force, cone
         self._with_force, self._without = _template(frame, parts, 3), _template(frame, parts, 1)
 
@@ -227,7 +220,7 @@ class UncertaintyMarkersWriter:
         arrow = self._drawing.arrow(self._drawing.place(position, s), force, of_force)
         if arrow is None:
             return self._without.write(sec, nanosec, tube.reshape(-1, 3))
-        parts = tube, arrow.shaft[ARROW_TRIANGLES], arrow.cone[CONE_TRIANGLES]
+        parts = tube, arrow.shaft[drawing.ARROW_TRIANGLES], arrow.cone[drawing.CONE_TRIANGLES]
         return self._with_force.write(sec, nanosec, *(part.reshape(-1, 3) for part in parts))
 
 

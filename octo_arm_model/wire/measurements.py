@@ -19,16 +19,9 @@ from octo_arm_model.arm.limits import MAX_NAME
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
+from octo_arm_model.estimation import measurements
 from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurement import magnitudes
-from octo_arm_model.estimation.measurements import (
-    Markers,
-    Measurement,
-    TendonDisplacements,
-    Tensions,
-    TipPose,
-    TipPosition,
-)
 from octo_arm_model.estimation.settings import SensorNoise
 from octo_arm_model.rod.rotations import skew
 from octo_arm_model.wire.points import points_of
@@ -91,10 +84,10 @@ class MeasurementMessage:
 
     type_name: str
     description: str
-    read: Callable[..., Measurement]
+    read: Callable[..., measurements.Measurement]
 
 
-def tensions_of(readings: FloatArray, arm: MeasuredArm) -> Tensions:
+def tensions_of(readings: FloatArray, arm: MeasuredArm) -> measurements.Tensions:
     """Tensions for ``readings`` of the load cells, of `Arm.tension_shape` [N], calibrated.
 
     Readings below zero stay as they are: of a slack tendon they are as probable as those above.
@@ -103,10 +96,10 @@ def tensions_of(readings: FloatArray, arm: MeasuredArm) -> Tensions:
         MeasurementError: if a tension is not finite.
     """
     tensions = arm.config.load_cells.scale_and_offset(readings)
-    return Tensions(tensions.ravel(), arm.noise.tension)
+    return measurements.Tensions(tensions.ravel(), arm.noise.tension)
 
 
-def displacements_of(message: Any, arm: MeasuredArm, field: str = '') -> Measurement:
+def displacements_of(message: Any, arm: MeasuredArm, field: str = '') -> measurements.Measurement:
     """Lengths reeled in, see `read_displacements`.
 
     Raises:
@@ -115,12 +108,12 @@ def displacements_of(message: Any, arm: MeasuredArm, field: str = '') -> Measure
     found = read_displacements(message, arm.config.arm, arm.config.encoders, field)
     if not found:
         raise TensionError('it has no displacements')
-    return TendonDisplacements(
+    return measurements.TendonDisplacements(
         list(found.values()), arm.noise.given['displacement_stddev'], tuple(found)
     )
 
 
-def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
+def _tip_pose(message: Any, arm: MeasuredArm) -> measurements.Measurement:
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
     at, turned = message.pose.pose.position, message.pose.pose.orientation
     # All is checked as it came: a rotation makes of one wrong number several.
@@ -158,19 +151,19 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> Measurement:
     covariance = turn @ own @ turn.T
     covariance[:3, :3] += noise.model_position**2 * np.eye(3)
     if not own[3:, 3:].any():
-        return TipPosition(position, covariance[:3, :3])
+        return measurements.TipPosition(position, covariance[:3, :3])
     covariance[3:, 3:] += noise.model_rotation**2 * np.eye(3)
     quaternion: FloatArray = np.array([turned.x, turned.y, turned.z, turned.w])
     length = math.hypot(*quaternion.tolist())
     if _SHORTEST < length < _LONGEST:
         # `TipPose` checks the length, which a product with a rotation keeps.
         quaternion = length * (rotation * Rotation.from_quat(quaternion)).as_quat()
-    return TipPose(position, quaternion, covariance)
+    return measurements.TipPose(position, quaternion, covariance)
 
 
 def markers_of(
     message: Any, arm: MeasuredArm, field: str = '', names: Sequence[str] = ()
-) -> Measurement:
+) -> measurements.Measurement:
     """Markers at estimator.marker_s in a PoseArray, or in the ``field`` of any message.
 
     Those of ``names``, see `points_of`.
@@ -199,10 +192,10 @@ def markers_of(
     s = np.array(places)[seen]
     stddev = float(np.hypot(noise.given['marker_stddev'], noise.model_position))
     shown = magnitudes('markers: value', points[seen])
-    return Markers(s, rotation.apply(shown) + origin, stddev)
+    return measurements.Markers(s, rotation.apply(shown) + origin, stddev)
 
 
-def _base_wrench(message: Any, arm: MeasuredArm) -> Measurement:
+def _base_wrench(message: Any, arm: MeasuredArm) -> measurements.Measurement:
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
     stddevs = [noise.given[f'base_{part}_stddev'] for part in ('force', 'moment')]
     if not all(stddevs):

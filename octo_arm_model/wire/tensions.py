@@ -268,10 +268,7 @@ DISPLACEMENT_TYPE = 'sensor_msgs/msg/JointState'
 
 
 def read_displacements(
-    message: Any,
-    arm: Arm,
-    encoders: EncoderCalibration = EncoderCalibration(),
-    field: str = '',
+    message: Any, arm: Arm, encoders: EncoderCalibration = EncoderCalibration(), field: str = ''
 ) -> dict[str, float]:
     """Length reeled in by tendon name [m], from the readings of ``encoders`` in a ``message``.
 

@@ -24,12 +24,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.ros.messages import (
-    decoded,
-    pose_message,
-    tensions_message,
-    wrench_values,
-)
+from octo_arm_model.ros.messages import decoded, pose_message, tensions_message, wrench_values
 from octo_arm_model.ros.node.inputs import LatestSubscription, stamp_of
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.prepared_arm import Prepared
