@@ -242,7 +242,10 @@ class TensionDerivatives:
         if tendons.has_sheaths:
             by_tension = self._by_element(tendons.by_tension.unit[..., self._pulled])
             own = self._by_all_nodes((self._by_e * by_tension).sum(axis=0))
-            self._inverse = np.asarray(np.linalg.inv(np.eye(len(z)) - own))
+            try:
+                self._inverse = np.asarray(np.linalg.inv(np.eye(len(z)) - own))
+            except np.linalg.LinAlgError:  # a section that cannot be
+                raise ConvergenceError('the tension of tendons in their sheaths', np.inf, 0) from None
 
     def _slide(self, friction: Friction, local: LocalTensions) -> None:
         """Which way tendons of tensions ``local`` slip, and where this is known."""

@@ -359,3 +359,11 @@ def test_limits_are_friction_alone_and_sheaths_alone(loads):
 def test_the_closed_form_keeps_tendons_in_their_places():
     with pytest.raises(ConfigError, match=r'tendons\.sheath_stiffness goes with model exact'):
         Solver(SHEATHED, 'closed_form')
+
+
+def test_what_sheaths_cannot_hold_is_refused(table4):
+    arm = table4.arm.with_density(1080.0)
+    arm = dataclasses.replace(arm, friction=(0.1,), sheath_stiffness=(2e4,))
+    solver = Solver(arm, 'exact', loads=Loads((0.0, 0.0, -9.81), 1000.0))
+    with pytest.raises(SolveError, match='did not converge'):
+        solver.solve([[0.0, 0.0, 0.5, 0.0], [4.0, 0.0, 0.0, 0.0], [0.0, 8.0, 0.0, 0.0]])
