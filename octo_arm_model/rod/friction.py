@@ -245,7 +245,9 @@ class TensionDerivatives:
             try:
                 self._inverse = np.asarray(np.linalg.inv(np.eye(len(z)) - own))
             except np.linalg.LinAlgError:  # a section that cannot be
-                raise ConvergenceError('the tension of tendons in their sheaths', np.inf, 0) from None
+                raise ConvergenceError(
+                    'the tension of tendons in their sheaths', np.inf, 0
+                ) from None
 
     def _slide(self, friction: Friction, local: LocalTensions) -> None:
         """Which way tendons of tensions ``local`` slip, and where this is known."""
