@@ -4,16 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recordings import (
-    START,
-    Sample,
-    displacement_sample,
-    header,
-    message,
-    pose,
-    tensions_data,
-    write_bag,
-)
+import recordings
 
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.reader import BagReader
@@ -36,32 +27,32 @@ NAMES = CONFIG.arm.tendon_names
 MILLISECOND = 10**6
 
 
-def tensions(at: int, row: list[float], topic: str = '/tendon_tensions') -> Sample:
+def tensions(at: int, row: list[float], topic: str = '/tendon_tensions') -> recordings.Sample:
     kind = 'octo_arm_msgs/msg/TendonTensions'
-    data = tensions_data(kind, NAMES, row, START + at * MILLISECOND)
-    return Sample(topic, kind, START + (at + 3) * MILLISECOND, data)
+    data = recordings.tensions_data(kind, NAMES, row, recordings.START + at * MILLISECOND)
+    return recordings.Sample(topic, kind, recordings.START + (at + 3) * MILLISECOND, data)
 
 
-def encoders(at: int, topic: str = '/tendon_displacements') -> Sample:
-    stamp = START + at * MILLISECOND
-    return displacement_sample(NAMES, np.full(4, 1e-3), stamp, topic, 40 * MILLISECOND)
+def encoders(at: int, topic: str = '/tendon_displacements') -> recordings.Sample:
+    stamp = recordings.START + at * MILLISECOND
+    return recordings.displacement_sample(NAMES, np.full(4, 1e-3), stamp, topic, 40 * MILLISECOND)
 
 
-def markers(at: int, count: int = 1, topic: str = '/measured/markers') -> Sample:
-    stamp = START + at * MILLISECOND
-    return message(
+def markers(at: int, count: int = 1, topic: str = '/measured/markers') -> recordings.Sample:
+    stamp = recordings.START + at * MILLISECOND
+    return recordings.message(
         topic, 'geometry_msgs/msg/PoseArray', stamp + 90 * MILLISECOND,
-        header=header(stamp, 'arm_base'), poses=count * [pose(np.zeros(3))],
+        header=recordings.header(stamp, 'arm_base'), poses=count * [recordings.pose(np.zeros(3))],
     )  # fmt: skip
 
 
 def read(
-    path: Path, content: list[Sample]
+    path: Path, content: list[recordings.Sample]
 ) -> tuple[SensorTopics, RecordedTensions, list, Refusals]:
     """The sensors of a bag, tensions, all that is measured by its stamps, and what is left out."""
     noise = EstimatorSettings.from_parameters({'estimator.marker_s': [0.2]}, CONFIG).noise
     content, refusals = sorted(content, key=lambda one: one.received_ns), Refusals()
-    with BagReader(write_bag(path, content)) as reader:
+    with BagReader(recordings.write_bag(path, content)) as reader:
         sensors = find_sensors(reader)
         rows = read_tension_rows(reader, sensors, CONFIG, refusals)
         groups = read_measured(reader, sensors, rows, MeasuredArm(CONFIG, noise), refusals)
@@ -79,7 +70,10 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path):
     assert sensors.prefix == '/'
     assert sorted(rows.rows[:, 0]) == [-0.01, 0.1, 0.3]
     found = [
-        ((group[0].stamp_ns - START) // MILLISECOND, [one.measurement.name for one in group])
+        (
+            (group[0].stamp_ns - recordings.START) // MILLISECOND,
+            [one.measurement.name for one in group],
+        )
         for group in groups
     ]
     assert found == [
@@ -90,10 +84,10 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path):
 
 
 def test_messages_that_measure_nothing_are_told(tmp_path):
-    broken = 'geometry_msgs/msg/PoseArray', START, b'\0\1\0\0broken'
+    broken = 'geometry_msgs/msg/PoseArray', recordings.START, b'\0\1\0\0broken'
     content = [
         tensions(0, [np.nan, 0, 0, 0]), markers(5, 2), tensions(10, [0.1, 0, 0, 0]),
-        tensions(20, [0, 0, -1e200, 0]), Sample('/measured/markers', *broken),
+        tensions(20, [0, 0, -1e200, 0]), recordings.Sample('/measured/markers', *broken),
     ]  # fmt: skip
     _, rows, groups, refusals = read(tmp_path / 'bag', content)
     assert len(groups) == 1 and rows.rows.tolist() == [[0.1, 0.0, 0.0, 0.0]]
@@ -118,7 +112,7 @@ def test_topics_are_named_or_left_out(tmp_path):
         tensions(0, [0.1, 0, 0, 0]), tensions(0, [0.2, 0, 0, 0], '/other/cells'),
         markers(0), markers(0, topic='/mocap/points'), encoders(0),
     ]  # fmt: skip
-    with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
+    with BagReader(recordings.write_bag(tmp_path / 'bag', content)) as reader:
         assert find_sensors(reader).tensions == '/tendon_tensions'
         found = find_sensors(
             reader, 'other/cells', {'measured/markers': '/mocap/points',
@@ -139,5 +133,5 @@ def test_topics_are_named_or_left_out(tmp_path):
 def test_estimates_of_an_estimator_are_no_measurements(tmp_path):
     content = [tensions(0, [0.1, 0, 0, 0], topic)
                for topic in ('/tension_bias', '/tendon_tension_estimates', '/cells')]  # fmt: skip
-    with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
+    with BagReader(recordings.write_bag(tmp_path / 'bag', content)) as reader:
         assert find_sensors(reader).all == ['/cells']

@@ -1,21 +1,8 @@
 """`octo-arm identify`: what it prints and writes, also of shapes that no model here made."""
 
+import experiments
 import numpy as np
 import pytest
-from experiments import (
-    FAR,
-    PARAMETERS,
-    TRUE,
-    bag_of,
-    description,
-    midline,
-    nanoseconds,
-    one_tendon,
-    path_sample,
-    staircase,
-    staircase_bag,
-    tension_samples,
-)
 from labs import at_any
 
 from octo_arm_model import load_config
@@ -28,11 +15,18 @@ def bag(tmp_path_factory):
     rng = np.random.default_rng(0)
 
     def see(tension, stamp_ns):
-        points = midline('closed_form', one_tendon(tension), 31, material__youngs_modulus=TRUE)
-        points = FAR.to_camera(points) + 3e-4 * rng.standard_normal(points.shape)
-        return path_sample(points, stamp_ns, frame='camera')
+        points = experiments.midline(
+            'closed_form',
+            experiments.one_tendon(tension),
+            31,
+            material__youngs_modulus=experiments.TRUE,
+        )
+        points = experiments.FAR.to_camera(points) + 3e-4 * rng.standard_normal(points.shape)
+        return experiments.path_sample(points, stamp_ns, frame='camera')
 
-    return staircase_bag(tmp_path_factory.mktemp('bags') / 'bag', (0.0, 1.0, 2.0, 3.0), see)
+    return experiments.staircase_bag(
+        tmp_path_factory.mktemp('bags') / 'bag', (0.0, 1.0, 2.0, 3.0), see
+    )
 
 
 def test_the_command_fits_every_model_and_writes_the_best(bag, tmp_path, cli):
@@ -43,7 +37,7 @@ def test_the_command_fits_every_model_and_writes_the_best(bag, tmp_path, cli):
     young = said['estimates']['youngs_modulus']
     low, high = young['interval95']
     assert low < young['value'] < high
-    assert low <= TRUE <= high
+    assert low <= experiments.TRUE <= high
     assert young['stddev'] > 0.0
     assert {f'alignment_{axis}' for axis in 'xyz'} < set(said['estimates'])
     assert said['correlations']['youngs_modulus']['youngs_modulus'] == pytest.approx(1.0)
@@ -63,7 +57,7 @@ def test_the_command_fits_every_model_and_writes_the_best(bag, tmp_path, cli):
     assert config.uncertainty.model_position == said['model_error_stddev'] * config.arm.length
     fitted = load_parameters(out)
     assert {name: fitted[name] for name in fitted if name not in changed} == {
-        name: value for name, value in PARAMETERS.items() if name not in changed
+        name: value for name, value in experiments.PARAMETERS.items() if name not in changed
     }
     assert cli('solve', out, '--tensions', '[[2,0,0,0]]')[0] == 0
 
@@ -103,15 +97,15 @@ ALONG = np.linspace(0.0, 0.27, 16)
 def lab(tmp_path_factory):
     """Sheaths take 4 % of the tension while it rises and add as much while it falls."""
     rng = np.random.default_rng(0)
-    time, pulled = staircase(HELD, hold=2.0)
+    time, pulled = experiments.staircase(HELD, hold=2.0)
     top = time[pulled >= max(HELD)][-1]
-    samples = [description(), *tension_samples(time, pulled)]
+    samples = [experiments.description(), *experiments.tension_samples(time, pulled)]
     for at in np.arange(0.0, time[-1], 0.5):
         tension = np.interp(at, time, pulled) * (1.0 - FRICTION if at <= top else 1.0 + FRICTION)
         points = at_any(tension, ALONG)
         points = points + 2e-4 * rng.standard_normal(points.shape)
-        samples.append(path_sample(points, nanoseconds(at)))
-    return bag_of(tmp_path_factory.mktemp('bags') / 'lab', samples)
+        samples.append(experiments.path_sample(points, experiments.nanoseconds(at)))
+    return experiments.bag_of(tmp_path_factory.mktemp('bags') / 'lab', samples)
 
 
 def test_branches_models_and_pictures(lab, tmp_path, cli):

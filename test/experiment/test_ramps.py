@@ -4,17 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import experiments
 import numpy as np
 import pytest
-from experiments import (
-    ARM,
-    bag_of,
-    description,
-    nanoseconds,
-    one_tendon,
-    path_sample,
-    tension_samples,
-)
 from labs import MARKER_S, STATIONS, TENSIONS, TIP_ERRORS, at_any, pose_array, seen, staircase_of
 from recordings import TENDON_TENSIONS, Sample, tensions_data
 
@@ -26,11 +18,11 @@ def ramp(tmp_path_factory):
     """A bag: pulled for 30 s and let go for 30 s, at a steady rate; midlines at 5 Hz."""
     time = np.arange(0.0, 60.0, 0.02)
     pulled = np.interp(time, [0.0, 30.0, 60.0], [TENSIONS[0], TENSIONS[-1], TENSIONS[0]])
-    samples = [description(model='exact'), *tension_samples(time, pulled)]
+    samples = [experiments.description(model='exact'), *experiments.tension_samples(time, pulled)]
     for at in np.arange(0.1, 59.9, 0.2):
         line = at_any(float(np.interp(at, time, pulled)), STATIONS)
-        samples.append(path_sample(line, nanoseconds(at)))
-    return str(bag_of(tmp_path_factory.mktemp('ramp') / 'bag', samples))
+        samples.append(experiments.path_sample(line, experiments.nanoseconds(at)))
+    return str(experiments.bag_of(tmp_path_factory.mktemp('ramp') / 'bag', samples))
 
 
 def test_what_has_no_steps_is_refused_with_the_way_to_read_it(ramp, cli):
@@ -56,11 +48,11 @@ def test_a_ramp_has_the_errors_of_its_tensions(width, ramp, cli):
 def test_markers_of_a_ramp_are_no_outliers_for_moving_more_towards_the_tip(tmp_path, cli):
     time = np.arange(0.0, 30.0, 0.02)
     pulled = np.interp(time, [0.0, 30.0], [TENSIONS[0], TENSIONS[-1]])
-    samples = [description(model='exact'), *tension_samples(time, pulled)]
+    samples = [experiments.description(model='exact'), *experiments.tension_samples(time, pulled)]
     for at in np.arange(0.1, 29.9, 0.1):
         points = at_any(float(np.interp(at, time, pulled)), MARKER_S)
-        samples += pose_array(points, nanoseconds(at))
-    bag = str(bag_of(tmp_path / 'bag', samples))
+        samples += pose_array(points, experiments.nanoseconds(at))
+    bag = str(experiments.bag_of(tmp_path / 'bag', samples))
     given = ['--marker-s', *map(str, MARKER_S), '--ramp']
     said = cli.json('compare', bag, *given, *STILL)
     assert [step['outliers'] for step in said['steps']] == [0] * len(said['steps'])
@@ -105,16 +97,16 @@ def cell_bag(
     """Cells of which the true tension is ``scale`` times the reading plus ``offset`` [N]."""
     rng = np.random.default_rng(0)
     time, pulled, times = staircase_of(held)
-    samples: list[Sample] = [description(model='exact', **changes)]
+    samples: list[Sample] = [experiments.description(model='exact', **changes)]
     for at, pull in zip(time, pulled):
-        true = one_tendon((pull - offset) / scale)
+        true = experiments.one_tendon((pull - offset) / scale)
         read = true + 2e-3 * rng.standard_normal(4)
-        stamp = nanoseconds(at)
-        data = tensions_data(TENDON_TENSIONS, ARM.tendon_names, read, stamp)
+        stamp = experiments.nanoseconds(at)
+        data = tensions_data(TENDON_TENSIONS, experiments.ARM.tendon_names, read, stamp)
         samples.append(Sample('/tendon_tensions', TENDON_TENSIONS, stamp, data))
     for at, pull in zip(times, np.interp(times, time, pulled)):
-        samples += pose_array(seen(float(pull), MARKER_S), nanoseconds(at))
-    return str(bag_of(path, samples))
+        samples += pose_array(seen(float(pull), MARKER_S), experiments.nanoseconds(at))
+    return str(experiments.bag_of(path, samples))
 
 
 def test_readings_below_zero_are_counted_by_reason_and_zero_within_a_deadband(tmp_path, cli):

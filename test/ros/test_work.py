@@ -4,16 +4,8 @@ import contextlib
 import subprocess
 import sys
 
+import live_nodes
 import pytest
-from live_nodes import (
-    CONFIG,
-    CONFIG_FILE,
-    NodeClient,
-    check_end,
-    environment,
-    new_domain,
-    spin_until,
-)
 from octo_arm_msgs.srv import FindTensions, Solve
 
 from octo_arm_model.ros.work import MOST_WAITING, QueuedService, WorkQueue
@@ -29,7 +21,7 @@ def test_requests_are_answered_in_order_bounded_and_to_the_end(make_node):
 
     service = QueuedService(node, Solve, 'queued', answer, WorkQueue(node))
     client, executor = node.create_client(Solve, 'queued'), node.executor
-    spin_until(executor, client.service_is_ready)
+    live_nodes.spin_until(executor, client.service_is_ready)
 
     def have_come():
         answered = sum(one.done() for one in asked)
@@ -39,9 +31,9 @@ def test_requests_are_answered_in_order_bounded_and_to_the_end(make_node):
         request = Solve.Request()
         request.tip_wrench.force.x = float(number)
         asked.append(client.call_async(request))
-        spin_until(executor, have_come)
+        live_nodes.spin_until(executor, have_come)
     is_open.append(True)
-    spin_until(executor, lambda: all(one.done() for one in asked))
+    live_nodes.spin_until(executor, lambda: all(one.done() for one in asked))
     found = [one.result() for one in asked]
     answered = [float(number) for number in range(MOST_WAITING + 1)]  # one was under way
     assert [one.residual for one in found[: len(answered)]] == answered
@@ -50,9 +42,9 @@ def test_requests_are_answered_in_order_bounded_and_to_the_end(make_node):
     }
     is_open.clear()
     asked[:] = [client.call_async(Solve.Request()) for _ in range(3)]
-    spin_until(executor, have_come)
+    live_nodes.spin_until(executor, have_come)
     service.close()
-    spin_until(executor, lambda: all(one.done() for one in asked))
+    live_nodes.spin_until(executor, lambda: all(one.done() for one in asked))
     assert {one.result().message for one in asked} == {'the node stops answering'}
 
 
@@ -79,25 +71,25 @@ PATCHES = {
     ('what', 'name'), [('start', 'SIGINT'), ('tensions', 'SIGTERM'), ('service', 'SIGINT')]
 )
 def test_a_signal_ends_the_node_in_the_middle_of_a_solve(what, name):
-    domain = new_domain()
-    program = PROGRAM.format(patch=PATCHES[what], signal=name, config=str(CONFIG_FILE))
+    domain = live_nodes.new_domain()
+    program = PROGRAM.format(patch=PATCHES[what], signal=name, config=str(live_nodes.CONFIG_FILE))
     process = subprocess.Popen(
-        [sys.executable, '-c', program], env=environment(domain),
+        [sys.executable, '-c', program], env=live_nodes.environment(domain),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
-        with contextlib.closing(NodeClient(domain)) as client:
+        with contextlib.closing(live_nodes.NodeClient(domain)) as client:
             service = client.node.create_client(FindTensions, 'find_tensions')
 
             def has_ended():
                 if what == 'tensions':
-                    client.send('tendon_tensions', CONFIG.solver().rest_lengths)
+                    client.send('tendon_tensions', live_nodes.CONFIG.solver().rest_lengths)
                 elif what == 'service' and service.service_is_ready():
                     service.call_async(FindTensions.Request())
                 return process.poll() is not None
 
             client.wait(has_ended, 'the end of the node')
-        assert 'xception' not in check_end(process, 0)
+        assert 'xception' not in live_nodes.check_end(process, 0)
     finally:
         process.kill()
         process.communicate()

@@ -1,15 +1,7 @@
 """The command load: another arm for a client node."""
 
+import live_nodes
 import pytest
-from live_nodes import (
-    CONFIG_FILE,
-    DEADLINE,
-    NODES,
-    assert_is_backbone,
-    file_with,
-    hosting,
-    spinning,
-)
 
 from octo_arm_model import load_config
 from octo_arm_model.cli.main import main
@@ -25,8 +17,8 @@ def load(monkeypatch, capfd):
     def run(client, *arguments):
         monkeypatch.setenv('ROS_DOMAIN_ID', str(client.domain))
         capfd.readouterr()
-        with spinning(client):
-            waiting = () if '--wait' in arguments else ('--wait', DEADLINE)
+        with live_nodes.spinning(client):
+            waiting = () if '--wait' in arguments else ('--wait', live_nodes.DEADLINE)
             status = main(['load', *map(str, (*waiting, *arguments))])
         said, complaints = capfd.readouterr()
         # The node logs here as well.
@@ -49,11 +41,11 @@ def test_the_arm_of_a_running_node_is_exchanged_as_a_whole(client, load):
     wanted = load_config(preset_path('renda2012_table2'))
     assert after['model'] == wanted.model
     assert after['sections.anchorage'] == [section.anchorage for section in wanted.arm.sections]
-    status, _, complaints = load(client, CONFIG_FILE)
+    status, _, complaints = load(client, live_nodes.CONFIG_FILE)
     assert (status, complaints) == (0, '')
     assert client.dump() == before
     answers = client.ask('tendon_tensions', FETCHING_IN_PLANE)
-    assert_is_backbone(answers, FETCHING_IN_PLANE)
+    live_nodes.assert_is_backbone(answers, FETCHING_IN_PLANE)
 
 
 @pytest.mark.parametrize(
@@ -70,7 +62,7 @@ def test_the_arm_of_a_running_node_is_exchanged_as_a_whole(client, load):
 )
 def test_a_file_that_is_no_arm_changes_nothing(client, load, tmp_path, old, new, complaint):
     before = client.dump()
-    status, _, complaints = load(client, file_with(tmp_path, old, new))
+    status, _, complaints = load(client, live_nodes.file_with(tmp_path, old, new))
     assert status == 2
     assert complaint in complaints
     assert complaints.count('\n') == 1
@@ -86,15 +78,15 @@ def test_a_file_that_is_no_arm_changes_nothing(client, load, tmp_path, old, new,
     ],
 )
 def test_a_node_that_has_no_arm_is_told(client, load, arguments, complaint):
-    status, _, complaints = load(client, CONFIG_FILE, *arguments)
+    status, _, complaints = load(client, live_nodes.CONFIG_FILE, *arguments)
     assert status == 2
     assert complaint in complaints
     assert complaints.count('\n') == 1
 
 
 def test_the_simulator_keeps_what_is_its_own(load):
-    make_node, name = NODES['simulator']
-    with hosting(make_node, '-p', 'winches.lag:=0.5', node=name) as simulator:
+    make_node, name = live_nodes.NODES['simulator']
+    with live_nodes.hosting(make_node, '-p', 'winches.lag:=0.5', node=name) as simulator:
         simulator.dump()
         status, *_ = load(simulator, 'renda2012_prototype', '--node', '/octo_arm_sim')
         assert status == 0
@@ -107,7 +99,7 @@ def test_an_estimator_takes_what_is_its_own(load, tmp_path):
     given = tmp_path / 'arm.yaml'
     own = '    estimator: {force_stddev: 0.5}\n'
     given.write_text(preset_path('renda2012_prototype').read_text().rstrip() + '\n' + own)
-    with hosting(EstimatorNode, node='octo_arm_estimator') as estimator:
+    with live_nodes.hosting(EstimatorNode, node='octo_arm_estimator') as estimator:
         estimator.dump()
         status, *_ = load(estimator, given, '--node', '/octo_arm_estimator')
         assert status == 0

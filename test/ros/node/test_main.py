@@ -6,23 +6,10 @@ import sys
 import time
 from functools import partial
 
+import live_nodes
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
-from live_nodes import (
-    CONFIG_FILE,
-    DEADLINE,
-    NO_TRANSITION,
-    PERIOD,
-    assert_is_backbone,
-    check_end,
-    environment,
-    file_with,
-    hosting,
-    new_domain,
-    running,
-    start_node,
-)
 from std_msgs.msg import String
 
 from octo_arm_model import Config, OctoArmError, load_config
@@ -44,21 +31,21 @@ from octo_arm_model.ros.simulator import main as simulator
     ],
 )
 def test_signals_that_come_while_it_ends_change_nothing(first, again):
-    with running('ros.node.main') as client:
+    with live_nodes.running('ros.node.main') as client:
         client.wait(lambda: client.diagnostics, 'a diagnosis')
         client.process.send_signal(first)
         # Until the end: also while Python frees its modules, with its handlers gone.
         while client.process.poll() is None:
             client.process.send_signal(again)
-            time.sleep(PERIOD)
-        check_end(client.process, 0)
+            time.sleep(live_nodes.PERIOD)
+        live_nodes.check_end(client.process, 0)
 
 
 def ended(program):
     """Exit status and complaints of a ``program`` of Python."""
     done = subprocess.run(
-        [sys.executable, '-c', program], env=environment(new_domain()),
-        capture_output=True, text=True, timeout=DEADLINE, check=False,
+        [sys.executable, '-c', program], env=live_nodes.environment(live_nodes.new_domain()),
+        capture_output=True, text=True, timeout=live_nodes.DEADLINE, check=False,
     )  # fmt: skip
     return done.returncode, done.stderr
 
@@ -95,7 +82,7 @@ node.run('stuck', Stuck)
 def test_bad_parameters_end_the_node_with_the_line_of_the_command(
     tmp_path, run_here, old, new, complaint
 ):
-    path = file_with(tmp_path, old, new)
+    path = live_nodes.file_with(tmp_path, old, new)
     told = run_here(main, 1, '--ros-args', '--params-file', path)
     assert complaint in told
     if 'use_sim_time' not in new:  # which no arm has
@@ -105,8 +92,8 @@ def test_bad_parameters_end_the_node_with_the_line_of_the_command(
 
 
 def test_a_process_that_is_given_a_bad_parameter_says_so_and_ends():
-    process = start_node('ros.node.main', new_domain(), '-p', 'stations:=3')
-    assert 'stations is 3, expected at least 4' in check_end(process, 1)
+    process = live_nodes.start_node('ros.node.main', live_nodes.new_domain(), '-p', 'stations:=3')
+    assert 'stations is 3, expected at least 4' in live_nodes.check_end(process, 1)
 
 
 @pytest.mark.parametrize(
@@ -125,10 +112,10 @@ def test_a_node_says_how_it_is_given_parameters(run_here, capfd, program, name):
     assert f'{name} --ros-args --params-file config/renda2012_table4.yaml' in said
     # A file alone was passed over, and then parameters were missing.
     with pytest.raises(SystemExit) as left:
-        run_here(program, 2, CONFIG_FILE, '--ros-args')
+        run_here(program, 2, live_nodes.CONFIG_FILE, '--ros-args')
     assert left.value.code == 2
     complaints = capfd.readouterr().err
-    assert f'{name}: error: unrecognized arguments: {CONFIG_FILE}' in complaints
+    assert f'{name}: error: unrecognized arguments: {live_nodes.CONFIG_FILE}' in complaints
     assert complaints.count('\n') == 1
 
 
@@ -151,15 +138,17 @@ def test_numbers_given_twice_are_numbers_and_other_types_are_refused(tmp_path, r
     # rcl reads 3 for the one, and 101 for the other.
     later = tmp_path / 'later.yaml'
     later.write_text('/**:\n  ros__parameters: {friction_memory: 2.5, loads.fluid_density: 0.5}\n')
-    first = file_with(tmp_path, 'stations: 101', 'stations: 101\n    friction_memory: 3')
+    first = live_nodes.file_with(
+        tmp_path, 'stations: 101', 'stations: 101\n    friction_memory: 3'
+    )
     given = ('-p', 'loads.fluid_density:=2')
-    with running('ros.node.main', *given, files=[first, later]) as client:
+    with live_nodes.running('ros.node.main', *given, files=[first, later]) as client:
         dumped = client.dump()
         # By SIGINT every other process of `running` ends.
         client.process.send_signal(signal.SIGTERM)
-        check_end(client.process, 0)
+        live_nodes.check_end(client.process, 0)
     assert (dumped['friction_memory'], dumped['loads.fluid_density']) == (2.5, 2.0)
-    given = '--ros-args', '--params-file', CONFIG_FILE, '-p', 'stations:=many'
+    given = '--ros-args', '--params-file', live_nodes.CONFIG_FILE, '-p', 'stations:=many'
     assert 'stations is 101 and a value of another type as well' in run_here(main, 1, *given)
 
 
@@ -178,11 +167,11 @@ ORIGIN = 'position: [0.0, 0.0, 0.0]'
     ],
 )
 def test_the_node_reads_a_file_as_the_command_does(tmp_path, old, new, name, value):
-    path = file_with(tmp_path, old, new)
+    path = live_nodes.file_with(tmp_path, old, new)
     others = 'camera: {ros__parameters: {rate: 30, gains: [1, 0.5]}}\nversion: 2\n'
     path.write_text(path.read_text() + others)
     given = ('-p', 'loads.fluid_density:=0', '-p', 'loads.gravity:=[0, 0, 0.0]')
-    with hosting(OctoArmNode, *given, files=[path]) as client:
+    with live_nodes.hosting(OctoArmNode, *given, files=[path]) as client:
         dumped = client.dump()
         assert dumped[name] == value
         assert (dumped['loads.fluid_density'], dumped['loads.gravity']) == (0.0, [0.0, 0.0, 0.0])
@@ -215,12 +204,12 @@ def test_fast_dds_takes_our_profiles_unless_it_is_set_up_otherwise(tmp_path):
 @pytest.fixture(scope='module')
 def managed():
     """Client of a managed node that every test leaves unconfigured."""
-    with hosting(ManagedOctoArmNode, node='managed') as client:
+    with live_nodes.hosting(ManagedOctoArmNode, node='managed') as client:
         yield client
 
 
 def test_a_managed_node_answers_while_it_is_active():
-    with running('ros.node.lifecycle') as client:
+    with live_nodes.running('ros.node.lifecycle') as client:
         assert client.transition(Transition.TRANSITION_CONFIGURE)
         client.wait(lambda: client.node.count_publishers('backbone/path'), 'a configured node')
         assert client.node.count_subscribers('tendon_tensions') == 0
@@ -228,7 +217,7 @@ def test_a_managed_node_answers_while_it_is_active():
             assert client.transition(Transition.TRANSITION_ACTIVATE)
             client.connect()
             answers = client.ask('tendon_tensions', FETCHING_IN_PLANE)
-            assert_is_backbone(answers, FETCHING_IN_PLANE)
+            live_nodes.assert_is_backbone(answers, FETCHING_IN_PLANE)
             assert client.transition(Transition.TRANSITION_DEACTIVATE)
             client.wait(lambda: not client.node.count_subscribers('tendon_tensions'), 'its end')
         assert client.transition(Transition.TRANSITION_CLEANUP)
@@ -244,7 +233,7 @@ def test_a_managed_node_that_does_not_answer_says_so(managed):
         return len(parts) == 3 and all((p.message, p.level) == (words, level) for p in parts)
 
     managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
-    for impossible in (Transition.TRANSITION_ACTIVATE, NO_TRANSITION):
+    for impossible in (Transition.TRANSITION_ACTIVATE, live_nodes.NO_TRANSITION):
         assert not managed.transition(impossible)
     for transition, words in (
         (Transition.TRANSITION_CONFIGURE, 'inactive'), (Transition.TRANSITION_ACTIVATE, 'waiting'),
@@ -256,8 +245,8 @@ def test_a_managed_node_that_does_not_answer_says_so(managed):
 
 
 def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
-    files = [file_with(tmp_path, 'length: 0.45', 'length: 0.1')]
-    with hosting(ManagedOctoArmNode, files=files) as client:
+    files = [live_nodes.file_with(tmp_path, 'length: 0.45', 'length: 0.1')]
+    with live_nodes.hosting(ManagedOctoArmNode, files=files) as client:
         assert not client.transition(Transition.TRANSITION_CONFIGURE)
         assert client.change(body__length=0.45) == (True, '')
         client.log('not configured: sections[1].anchorage is 0.45')
@@ -277,14 +266,14 @@ def test_a_managed_node_that_cannot_publish_or_subscribe_leaves_nothing_behind(
     name, make_node, topic, heard, first
 ):
     given = '-p', f'qos_overrides./{topic}.publisher.depth:=-5'
-    with hosting(make_node, *given, node=name) as client:
+    with live_nodes.hosting(make_node, *given, node=name) as client:
         for _ in range(2):
             assert not client.transition(Transition.TRANSITION_CONFIGURE)
             client.log('not configured: qos_overrides')
             count = partial(client.node.count_publishers, 'backbone/path')
             client.wait(lambda count=count: count() == 0, 'a node without publishers')
     given = '-p', f'qos_overrides./{heard}.subscription.depth:=-5'
-    with hosting(make_node, *given, node=name) as client:
+    with live_nodes.hosting(make_node, *given, node=name) as client:
         assert client.transition(Transition.TRANSITION_CONFIGURE)
         for _ in range(2):
             assert not client.transition(Transition.TRANSITION_ACTIVATE)
