@@ -377,6 +377,8 @@ def _least(
     (index,) = driven.nonzero()
     part = changes[np.ix_(index, index)]
     values, vectors = np.linalg.eigh(0.5 * (part + part.T))
+    if not values[-1] > 0.0:
+        raise ConvergenceError('the displacement of the tendons', np.inf, 0)
     root = np.sqrt(np.maximum(values, 1e-10 * values[-1]))
     goal = (vectors.T @ wrong[index]) / root + root * (vectors.T @ tensions[index])
     step = np.zeros_like(tensions)

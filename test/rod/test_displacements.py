@@ -28,8 +28,9 @@ from octo_arm_model import (
     wound_sensitivity,
 )
 from octo_arm_model.arm.budget import Budget
-from octo_arm_model.arm.errors import ContinuationError
+from octo_arm_model.arm.errors import ContinuationError, ConvergenceError
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
+from octo_arm_model.rod.reeling import Tolerance, complementary_step
 
 TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)
 IN_AIR = Loads(gravity=(0.0, 0.0, -9.81))
@@ -256,3 +257,9 @@ def test_how_well_tensions_are_known_says_nothing_of_tendons_driven_by_length(of
     found = wound_sensitivity(of_four, slack).held.by_tension
     given = [not driven for driven in slack.driven]
     assert [bool(column.any()) for column in found.tip.T] == given
+
+
+def test_a_tendon_that_slackens_as_it_is_reeled_in_has_no_tension() -> None:
+    one, tolerance = np.ones(1), Tolerance.of(1.0, has_friction=False)
+    with pytest.raises(ConvergenceError, match='the displacement of the tendons'):
+        complementary_step(-np.eye(1), one, 0.0 * one, one > 0.0, tolerance)
