@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
@@ -23,14 +25,18 @@ class SimulatorDiagnostics:
     def __init__(self, node: Node) -> None:
         """Publish and warn by ``node``."""
         self._node = node
-        self.counts = dict.fromkeys(('commands', 'refused', 'published', 'lost', 'failed'), 0)
-        self._reported = dict(self.counts)
+        names = 'commands', 'refused', 'published', 'lost', 'failed', 'simulated'
+        self.counts: dict[str, float] = dict.fromkeys(names, 0)
+        self._reported = self.counts | {'time': time.monotonic()}
         self._reason = self._failure = ''
-        self._simulated = 0.0
         self._refusal_log = RefusalLog(node)
         self._publisher = create_publisher(
             node, DiagnosticArray, diagnostics.TOPIC, diagnostics.QOS
         )
+
+    def count(self, older: int) -> None:
+        """Count a command, and the ``older`` ones that it replaces."""
+        self.counts['commands'] += 1 + older
 
     def refuse(self, topic: str, error: OctoArmError) -> None:
         """Count a command on ``topic`` as refused, and say why."""
@@ -54,23 +60,23 @@ class SimulatorDiagnostics:
         ``source`` is what the simulator follows, ``problem`` what else is wrong, and ``simulated``
         the time that it has gone on by [s].
         """
-        lately = {name: self.counts[name] - self._reported[name] for name in self.counts}
-        self._reported = dict(self.counts)
+        now = self.counts | {'simulated': simulated, 'time': time.monotonic()}
+        lately, self._reported = {name: now[name] - self._reported[name] for name in now}, now
+        period = lately['time']  # a step may take longer than a usual one
         problems = [problem] if problem else []
         if refused := lately['refused']:
             problems.append(f'{refused} refused: {self._reason}')
         if failed := lately['failed']:
             problems.append(f'{failed} steps failed: {self._failure}')
-        before, self._simulated = self._simulated, simulated
         fine, warn = f'following {source}', DiagnosticStatus.WARN
         status = diagnostics.make_status('simulator', warn, '; '.join(problems), fine, {
             'source': source,
-            'commands [Hz]': f'{lately["commands"] / diagnostics.PERIOD:.1f}',
+            'commands [Hz]': f'{lately["commands"] / period:.1f}',
             'refused': self.counts['refused'],
             'last refusal': self._reason,
-            'readings [Hz]': f'{lately["published"] / diagnostics.PERIOD:.1f}',
+            'readings [Hz]': f'{lately["published"] / period:.1f}',
             'readings lost': self.counts['lost'],
-            'real time factor': f'{(simulated - before) / diagnostics.PERIOD:.2f}',
+            'real time factor': f'{lately["simulated"] / period:.2f}',
             'failed steps': self.counts['failed'],
             'last failure': self._failure,
         })  # fmt: skip

@@ -62,8 +62,6 @@ from octo_arm_model.wire.tensions import (
     read_joint_commands,
 )
 
-_MOST = 2.0  # periods that the arm goes on by at most
-
 
 class SimulatorNode(CheckedNode):
     """Publishes the tensions that load cells would measure."""
@@ -93,7 +91,7 @@ class SimulatorNode(CheckedNode):
         self._live = LiveParameters(self, table, self._prepare, self._use)
         self._live.begin()
         offer_services(self, self._time, self._reset, self._save, self._restore)
-        inputs = Inputs(self, self._diagnostics.refuse, self._count)
+        inputs = Inputs(self, self._diagnostics.refuse, self._diagnostics.count)
         for topic, message in TENSION_TOPICS.items():
             command = topic.replace('tendon_tensions', TOPIC, 1)
             if command != JOINT_COMMANDS:
@@ -101,9 +99,9 @@ class SimulatorNode(CheckedNode):
                 inputs.subscribe(kind, command, partial(self._on_command, message))
         inputs.subscribe(JointState, JOINT_COMMANDS, self._on_joints)
         self._lengths = inputs.subscribe(JointState, f'{TOPIC}/displacements', self._on_lengths)
-        inputs.subscribe(Vector3Stamped, PUSH_TOPIC, self._on_push)
-        inputs.subscribe(PoseStamped, 'base_pose', self._on_base)
-        inputs.subscribe(Vector3Stamped, 'current', self._on_current)
+        inputs.subscribe(Vector3Stamped, PUSH_TOPIC, self._on_push, is_answered=False)
+        inputs.subscribe(PoseStamped, 'base_pose', self._on_base, is_answered=False)
+        inputs.subscribe(Vector3Stamped, 'current', self._on_current, is_answered=False)
         check_overrides(self)
         # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -154,10 +152,6 @@ class SimulatorNode(CheckedNode):
         """The present one, which there is before anything is subscribed to or published."""
         assert self._configured is not None
         return self._configured
-
-    def _count(self, older: int) -> None:
-        """Count a command or push, and the ``older`` ones that it replaces."""
-        self._diagnostics.counts['commands'] += 1 + older
 
     def _on_command(self, kind: TensionMessage, topic: str, message: Any) -> None:
         """Follow a command from now on, and no longer the profile."""
@@ -288,8 +282,8 @@ class SimulatorNode(CheckedNode):
             self._diagnostics.warn(self._lengths.topic, error)
         effective = self._drive.advance(self._set_point, elapsed)
         pushed = self._push.at(self._sensors.time + elapsed)
-        # Where a call comes late the arm is slower than a clock that does not wait.
-        most = math.inf if config.publish_clock else _MOST / config.rate
+        # Where a call comes more than a period late, the arm is slower than a clock that goes on.
+        most = math.inf if config.publish_clock else 2.0 / config.rate
         is_moved = config.pushed_arm is not None
         try:
             effective = self._drive.move(effective, pushed, min(elapsed, most))
