@@ -33,17 +33,21 @@ _STEP = 5e-3  # of the integration, at most [s]
 
 
 class Reeled(NamedTuple):
-    """What winches hold at a length.
+    """What winches hold at a length, each (tendons,) or a row of these.
 
     Attributes:
-        lengths: reeled in, by tendon name [m].
-        least: tension that winches keep, reeling in [N].
-        most: tensions at which they give way, (tendons,) [N].
+        lengths: reeled in [m]; NaN of winches that follow tensions.
+        bounds: tensions below which they reel in, and above which they give way [N], (2, tendons).
+        away: signs of what they are to reel in from where they are.
+        at: of the bound that their tendons were at: -1, 1, or 0 of none.
+        keeps_taut: whether tendons at the lower bound are taut; else they hang from held winches.
     """
 
-    lengths: Mapping[str, float]
-    least: float
-    most: FloatArray
+    lengths: FloatArray
+    bounds: FloatArray
+    away: FloatArray
+    at: FloatArray
+    keeps_taut: bool
 
 
 class DynamicArm:
@@ -66,8 +70,8 @@ class DynamicArm:
         self._config, self._dynamics = config, config.dynamics()
         # Several sensors and the ground truth see one state.
         self._shape_of = functools.lru_cache(1)(self._dynamics.backbone)
-        self._names = config.arm.tendon_names
-        self._held: dict[str, float] = {}
+        self._names = np.array(config.arm.tendon_names)
+        self._held = self._none = np.full(self._names.size, np.nan)
         self._noise = Noise(sensors)
         self._state: MotionState | None = None
         self.surroundings = Surroundings(config.base, config.motion.current)
@@ -90,7 +94,7 @@ class DynamicArm:
 
     def reset(self) -> None:
         """Be at rest again, tendons with friction pulled from slack, base and current as first."""
-        self._state, self._held = None, {}
+        self._state, self._held = None, self._none
         self.surroundings = Surroundings(self._config.base, self._config.motion.current)
 
     def check_force(self, force: FloatArray) -> None:
@@ -127,7 +131,7 @@ class DynamicArm:
         inputs = Inputs(tensions.reshape(self._config.arm.tension_shape), tip_wrench=wrench)
         state = self._state
         if state is None:
-            self._state, self._held = self._dynamics.at_rest(inputs), {}
+            self._state, self._held = self._dynamics.at_rest(inputs), self._none
             return
         if elapsed <= 0.0:
             return
@@ -139,23 +143,37 @@ class DynamicArm:
 
     def _moved(
         self, state: MotionState, inputs: Inputs, elapsed: float, reeled: Reeled | None
-    ) -> tuple[MotionState, dict[str, float]]:
-        """The state after that, and lengths of winches that hold them."""
-        held, tensions = dict(reeled.lengths) if reeled else {}, np.array(inputs.tensions)
+    ) -> tuple[MotionState, FloatArray]:
+        """The state after that, and lengths that winches hold."""
+        if reeled is None:
+            return self._dynamics.go_on(state, inputs, elapsed, _STEP), self._none
+        lengths, (least, most), away, at, keeps_taut = reeled
+        given, gave = np.asarray(inputs.tensions), np.zeros(at.size, np.bool_)
         while True:
-            given = dataclasses.replace(inputs, tensions=tensions, displacements=held)
-            found = self._dynamics.go_on(state, given, elapsed, _STEP)
-            if reeled is None:
-                return found, held
-            kept = np.clip(found.tensions, reeled.least, reeled.most)
-            # What was set to a bound is there, but for rounding.
-            beyond = np.flatnonzero(np.abs(kept - found.tensions) > 1e-9 * (1.0 + kept))
-            gives = [number for number in beyond.tolist() if self._names[number] in held]
-            if not gives:
-                return found, held
-            for number in gives:
-                del held[self._names[number]]
-                tensions.flat[number] = kept[number]
+            holds = ~np.isnan(lengths) & (at == 0.0)
+            pulled = np.where(at > 0.0, most, np.where(at < 0.0, least, given.ravel()))
+            held = dict(zip(self._names[holds].tolist(), lengths[holds].tolist()))
+            inputs = dataclasses.replace(
+                inputs, tensions=pulled.reshape(given.shape), displacements=held
+            )
+            try:
+                found = self._dynamics.go_on(state, inputs, elapsed, _STEP)
+            except SolveError:
+                # Lengths may be beyond what any tensions reel in: winches then do what they can.
+                if not (away * holds).any():
+                    raise
+                at, away = np.where(holds, away, at), 0.0 * away
+                continue
+            over = (found.tensions - np.clip(found.tensions, least, most)) * holds
+            gives = np.abs(over) > 1e-9 * (1.0 + found.tensions)  # not of rounding
+            # A length that is reached is held again.
+            passed = self._dynamics.displacements(found) - lengths
+            is_reached = ~gave & (at * passed > 0.0)
+            if not (gives | is_reached).any():
+                hangs = (at < 0.0) & (not keeps_taut)
+                return found, np.where(holds | hangs, lengths, np.nan)
+            gave |= gives
+            at = np.where(is_reached, 0.0, at + np.sign(over) * gives)
 
     def save(self, path: Path, values: Mapping[str, FloatArray | float]) -> None:
         """Write the state, and ``values`` of what pulls the arm, to a file, whole or not at all.
@@ -207,7 +225,7 @@ class DynamicArm:
 
     def restore(self, state: MotionState, around: FloatArray) -> None:
         """Go on from a ``state`` and the values of its surroundings."""
-        self._state, self._held = state, {}
+        self._state, self._held = state, self._none
         self.surroundings.values, self.surroundings.is_told = around, True
 
     @property
@@ -231,8 +249,8 @@ class DynamicArm:
 
         Of slack tendons what they hold, or what makes them taut where tensions are commanded.
         """
-        taut = self._dynamics.displacements(self.state).tolist()
-        return np.array([self._held.get(name, one) for name, one in zip(self._names, taut)])
+        taut = self._dynamics.displacements(self.state)
+        return np.where(np.isnan(self._held), taut, self._held)
 
     @property
     def base_position(self) -> FloatArray:

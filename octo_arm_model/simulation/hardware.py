@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
@@ -200,7 +200,7 @@ class SimulatedHardware:
         if hardware.load_cells.seed != before.load_cells.seed:
             self._draw()
 
-    def pull(self, command: FloatArray, dt: float, held: NDArray[np.bool_]) -> FloatArray:
+    def pull(self, command: FloatArray, dt: float, held: ArrayLike) -> FloatArray:
         """Effective tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s].
 
         Under these the elastic arm has the shape of this one; without relaxation they are the
@@ -212,9 +212,7 @@ class SimulatedHardware:
         self.state = np.where(held, self.state, [tension, set_point, crept, length])
         return self._own.relaxation.effective(self.state[2], self.state[0])
 
-    def hold(
-        self, effective: FloatArray, length: FloatArray, dt: float, held: NDArray[np.bool_]
-    ) -> None:
+    def hold(self, effective: FloatArray, length: FloatArray, dt: float, held: ArrayLike) -> None:
         """Take what an arm did in ``dt`` [s]: ``effective`` tensions [N] of tendons ``held``.
 
         And the ``length`` that winches have reeled in [m]; each (tendons,).

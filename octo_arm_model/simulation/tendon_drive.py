@@ -127,12 +127,18 @@ class TendonDrive:
     def _reeled(self, elapsed: float) -> Reeled | None:
         if not self.held:
             return None
-        config, now = self._config, self.hardware.state[3]
-        winches, names = config.hardware.winches, config.arm.tendon_names
-        goal = [self.held.get(name, one) for name, one in zip(names, now.tolist(), strict=True)]
-        after = dict(zip(names, winches.reel(now, np.array(goal), elapsed).tolist(), strict=True))
+        config, (tension, _, crept, now) = self._config, self.hardware.state
+        winches, relaxation = config.hardware.winches, config.hardware.relaxation
+        goal = np.array([self.held.get(name, np.nan) for name in config.arm.tendon_names])
         most = np.minimum(config.limits, winches.force_limit or np.inf)
-        return Reeled({name: after[name] for name in self.held}, winches.slack_floor, most)
+        bounds = np.array([np.full(most.size, winches.slack_floor), most])
+        effective = relaxation.effective(relaxation.step(crept, bounds, elapsed), bounds)
+        low, high = np.abs(tension - bounds) <= 1e-9 * (1.0 + bounds)
+        # Tendons of an elastic arm that hang from held winches are slack by its time steps.
+        low &= (effective[0] > 0.0) & (goal <= now)
+        at = np.where(high & (goal > now), 1.0, -1.0 * low)
+        away = np.nan_to_num(np.sign(goal - now))
+        return Reeled(winches.reel(now, goal, elapsed), effective, away, at, bool(bounds[0, 0]))
 
     def _at_rest(self, lengths: Mapping[str, float], tensions: FloatArray) -> Wound:
         names = self._config.arm.tendon_names

@@ -34,9 +34,8 @@ def test_the_shape_is_that_of_the_arm_under_the_force(s: float) -> None:
     expected = dataclasses.replace(CONFIG, loads=loads).solver(stations=401).solve([TENSIONS])
     pose = arm.tip_pose()
     np.testing.assert_allclose(pose.position, expected.tip, atol=1e-8)
-    turned = (
-        Rotation.from_quat(pose.quaternion) * Rotation.from_quat(expected.quaternion[-1]).inv()
-    )
+    back = Rotation.from_quat(expected.quaternion[-1]).inv()
+    turned = Rotation.from_quat(pose.quaternion) * back
     assert turned.magnitude() < 1e-6
     places = [np.interp(PLACES, expected.s, axis) for axis in expected.position.T]
     np.testing.assert_allclose(arm.markers(), np.transpose(places), atol=1e-6)
@@ -54,8 +53,7 @@ def test_the_noise_is_as_large_as_it_is_said_to_be() -> None:
     arm, exact = (PushedArm(CONFIG, Push(), own) for own in (sensors, EXACT))
     for one in (arm, exact):
         one.solve(TENSIONS, np.zeros(3))
-    true = exact.tip_pose()
-    count = 2000
+    true, count = exact.tip_pose(), 2000
     poses = [arm.tip_pose() for _ in range(count)]
     away = np.array([pose.position for pose in poses]) - true.position
     turns = Rotation.from_quat([pose.quaternion for pose in poses])
@@ -109,9 +107,8 @@ def test_tendons_with_friction_keep_their_history_while_they_are_pushed() -> Non
     rough = dataclasses.replace(CONFIG, arm=dataclasses.replace(CONFIG.arm, friction=4 * (0.2,)))
     loads = Loads(points=(PointLoad(0.1, tuple(FORCE)),))
     solver = dataclasses.replace(rough, loads=loads).solver()
-    push = Push(tuple(FORCE), 0.1)
+    push, pulled = Push(tuple(FORCE), 0.1), None
     arm = PushedArm(rough, push, EXACT)
-    pulled = None
     for part in (0.6, 1.0, 0.7):
         pulled = solver.follow(part * TENSIONS.reshape(1, -1), pulled)
         arm.solve(part * TENSIONS, FORCE)
