@@ -60,10 +60,8 @@ def test_the_noise_is_as_large_as_it_is_said_to_be() -> None:
     turned = (turns * Rotation.from_quat(true.quaternion).inv()).as_rotvec()
     markers = np.array([arm.markers() for _ in range(count)]) - exact.markers()
     wrench = np.array([arm.base_wrench() for _ in range(count)]) - exact.base_wrench()
-    for found, stddev in (
-        (away, 1e-3), (turned, 0.02), (markers, 2e-3), (wrench[:, :3], 3e-3),
-        (wrench[:, 3:], 4e-4),
-    ):  # fmt: skip
+    each = away, turned, markers, wrench[:, :3], wrench[:, 3:]
+    for found, stddev in zip(each, (1e-3, 0.02, 2e-3, 3e-3, 4e-4)):
         # Four standard errors of what numbers without a correlation give.
         assert found.std() == pytest.approx(stddev, rel=4.0 / np.sqrt(2 * found.size))
         assert np.abs(found.mean()) < 4.0 * stddev / np.sqrt(found.size)

@@ -19,23 +19,27 @@ def dynamics() -> Dynamics:
     return Dynamics(Solver(arm, 'exact', stations=5), MotionProperties(viscosity=300.0))
 
 
-def test_it_is_what_gymnasium_expects(dynamics: Dynamics) -> None:
-    checker = pytest.importorskip('gymnasium.utils.env_checker', reason='needs gymnasium')
+@pytest.fixture(scope='module')
+def environment() -> Any:
+    """The class of it."""
+    pytest.importorskip('gymnasium', reason='needs gymnasium')
     from octo_arm_model.simulation.reach_environment import ReachEnvironment
 
+    return ReachEnvironment
+
+
+def test_it_is_what_gymnasium_expects(environment: Any, dynamics: Dynamics) -> None:
+    checker = pytest.importorskip('gymnasium.utils.env_checker', reason='needs gymnasium')
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         # Places have no bounds.
         warnings.filterwarnings('ignore', message='.*Box observation space (min|max)imum value')
         warnings.filterwarnings('ignore', message='.*(not having|without) a spec|.*render')
-        checker.check_env(ReachEnvironment(dynamics, divisions=2))
+        checker.check_env(environment(dynamics, divisions=2))
 
 
-def test_what_is_restored_goes_on_to_the_same_bits(dynamics: Dynamics) -> None:
-    pytest.importorskip('gymnasium', reason='needs gymnasium')
-    from octo_arm_model.simulation.reach_environment import ReachEnvironment
-
-    one = ReachEnvironment(dynamics, steps=4)
+def test_what_is_restored_goes_on_to_the_same_bits(environment: Any, dynamics: Dynamics) -> None:
+    one = environment(dynamics, steps=4)
     one.reset(seed=1)
     actions = [one.action_space.sample() for _ in range(4)]
     one.step(actions[0])
@@ -53,15 +57,13 @@ def test_what_is_restored_goes_on_to_the_same_bits(dynamics: Dynamics) -> None:
     assert not ended
 
 
-def test_arms_of_one_process_do_not_disturb_each_other(dynamics: Dynamics) -> None:
-    gymnasium = pytest.importorskip('gymnasium', reason='needs gymnasium')
-    from octo_arm_model.simulation.reach_environment import ReachEnvironment
-
-    arms = gymnasium.vector.SyncVectorEnv(
-        [lambda: ReachEnvironment(dynamics, divisions=1) for _ in range(3)]
-    )
+def test_arms_of_one_process_do_not_disturb_each_other(
+    environment: Any, dynamics: Dynamics
+) -> None:
+    makers = 3 * [lambda: environment(dynamics, divisions=1)]
+    arms = pytest.importorskip('gymnasium').vector.SyncVectorEnv(makers)
     arms.reset(seed=[0, 1, 2])
-    alone = ReachEnvironment(dynamics, divisions=1)
+    alone = environment(dynamics, divisions=1)
     alone.reset(seed=1)
     for pull in (0.0, 0.5, -0.5):
         actions = np.full((3, 4), -1.0)
@@ -71,11 +73,8 @@ def test_arms_of_one_process_do_not_disturb_each_other(dynamics: Dynamics) -> No
     assert np.ptp(together[:, :3], axis=0).max() > 1e-4
 
 
-def test_a_motion_that_ends_ends_the_episode(dynamics: Dynamics) -> None:
-    pytest.importorskip('gymnasium', reason='needs gymnasium')
-    from octo_arm_model.simulation.reach_environment import ReachEnvironment
-
-    crushed = ReachEnvironment(dynamics, np.full(dynamics.solver.arm.tension_shape, 1e4))
+def test_a_motion_that_ends_ends_the_episode(environment: Any, dynamics: Dynamics) -> None:
+    crushed = environment(dynamics, np.full(dynamics.solver.arm.tension_shape, 1e4))
     crushed.reset(options={'target': (0.2, 0.0, 0.0)})
     *_, ended, truncated, info = crushed.step(np.ones(4))
     assert (ended, truncated) == (True, False) and info['error']
@@ -92,22 +91,17 @@ def test_a_motion_that_ends_ends_the_episode(dynamics: Dynamics) -> None:
     ],
 )
 def test_an_environment_that_could_not_go_on_is_refused(
-    dynamics: Dynamics, given: dict[str, Any], message: str
+    environment: Any, dynamics: Dynamics, given: dict[str, Any], message: str
 ) -> None:
-    pytest.importorskip('gymnasium', reason='needs gymnasium')
-    from octo_arm_model.simulation.reach_environment import ReachEnvironment
-
     with pytest.raises(OctoArmError, match=message):
-        ReachEnvironment(dynamics, **given)
+        environment(dynamics, **given)
     with pytest.raises(OctoArmError, match='target is'):
-        ReachEnvironment(dynamics).reset(options={'target': (0.1, np.nan, 0.0)})
+        environment(dynamics).reset(options={'target': (0.1, np.nan, 0.0)})
 
 
 def test_without_gymnasium_it_says_what_to_install() -> None:
     code = "import sys; sys.modules['gymnasium'] = None; import octo_arm_model.simulation."
-    done = subprocess.run(
-        [sys.executable, '-c', f'{code}reach_environment'], capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
+    command = [sys.executable, '-c', f'{code}reach_environment']
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     hint = "needs gymnasium; install it with: pip install 'octo_arm_model[gymnasium]'"
     assert done.stderr.endswith(f'ModuleNotFoundError: {hint}\n')
