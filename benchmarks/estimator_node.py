@@ -63,14 +63,14 @@ class Client(Participant):
         """In a ``domain`` in which a node is started."""
         super().__init__(domain)
         self._publishers = {
-            topic: self._node.create_publisher(kind, topic, 10) for topic, kind in KINDS.items()
+            topic: self.node.create_publisher(kind, topic, 10) for topic, kind in KINDS.items()
         }
         self._answers: list[bytes] = []
-        self._node.create_subscription(PoseArray, 'backbone/poses', self._answers.append, 100,
+        self.node.create_subscription(PoseArray, 'backbone/poses', self._answers.append, 100,
                                        raw=True)  # fmt: skip
         # What nobody hears is not made.
         for topic, kind in ESTIMATES.items():
-            self._node.create_subscription(message_class(kind), topic, lambda message: None, 100,
+            self.node.create_subscription(message_class(kind), topic, lambda message: None, 100,
                                            raw=True)  # fmt: skip
         self._solver = CONFIG.solver('exact', STATIONS)
         self._random, self._number = np.random.default_rng(1), 0
@@ -79,7 +79,7 @@ class Client(Participant):
         """Wait until the node answers."""
         self.wait(
             lambda: bool(self._answers),
-            'the node did not answer',
+            'an answer of the node',
             lambda: self._send('tendon_tensions'),
         )
         while self._spin(0.5):
@@ -89,11 +89,11 @@ class Client(Participant):
         """Tell of one measurement, and wait for the estimate."""
         self._answers.clear()
         self._send(topic)
-        self.wait(lambda: bool(self._answers), f'{topic} was not answered')
+        self.wait(lambda: bool(self._answers), f'an answer to {topic}')
 
     def _spin(self, seconds: float) -> bool:
         count = len(self._answers)
-        self._executor.spin_once(timeout_sec=seconds)
+        self.executor.spin_once(timeout_sec=seconds)
         return len(self._answers) > count
 
     def _send(self, topic: str) -> None:

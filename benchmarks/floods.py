@@ -41,22 +41,22 @@ class Flooder(Participant):
     def __init__(self, domain: int) -> None:
         """Wait for the node in ``domain``."""
         super().__init__(domain, make_executor)
-        make = self._node.create_publisher
+        make = self.node.create_publisher
         self._tensions = make(TendonTensions, 'tendon_tensions', 10)
         self._wrench = make(WrenchStamped, 'tip_wrench', 10)
-        self._parameters = self._node.create_client(GetParameters, 'octo_arm/get_parameters')
-        self._solve = self._node.create_client(Solve, 'solve')
-        self._find = self._node.create_client(FindTensions, 'find_tensions')
+        self._parameters = self.node.create_client(GetParameters, 'octo_arm/get_parameters')
+        self._solve = self.node.create_client(Solve, 'solve')
+        self._find = self.node.create_client(FindTensions, 'find_tensions')
         self._waiting: list[Any] = []
         self._heard: list[float] = []
-        self._node.create_subscription(
+        self.node.create_subscription(
             DiagnosticArray, '/diagnostics', lambda _: self._heard.append(time.monotonic()), 10
         )
         self._number = itertools.count(1)
         services = (self._parameters, self._solve, self._find)
         self.wait(
             lambda: all(service.service_is_ready() for service in services),
-            'the node did not start',
+            'the start of the node',
         )
 
     def tensions(self) -> None:
@@ -109,7 +109,7 @@ class Flooder(Participant):
                 if flood is not None and now >= due:
                     flood()
                     due = max(due + 1.0 / RATE, now)
-                self._executor.spin_once(timeout_sec=max(min(due - now, 0.001), 0.0))
+                self.executor.spin_once(timeout_sec=max(min(due - now, 0.001), 0.0))
             now = time.monotonic()
             took.append(now - sent)
         return float(np.median(took)), max(took), float(np.diff([began, *self._heard, now]).max())

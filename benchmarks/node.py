@@ -166,6 +166,19 @@ def processor_time(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
+def megabytes(process: int) -> float:
+    """Memory of a ``process`` [MB]."""
+    with open(f'/proc/{process}/status') as file:
+        size = next(line for line in file if line.startswith('VmRSS:'))
+    return float(size.split()[1]) / 1024.0
+
+
+def environment_in(domain: int) -> dict[str, str]:
+    """Variables of a process in ``domain``."""
+    ours = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    return os.environ | ours
+
+
 def take(subscription: Subscription) -> bytes | None:
     """The next message there is."""
     with subscription.handle:
@@ -177,38 +190,41 @@ class Participant:
     """A node in the domain of the one that is measured."""
 
     def __init__(
-        self, domain: int, executor: Callable[[rclpy.Context], Executor] | None = None
-    ) -> None:
-        """In ``domain``, with an ``executor`` of one thread by default."""
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=domain)
-        self._node = Node('client', context=self._context)
+        self, domain: int, executor: Callable[[rclpy.Context], Executor] | None = None,
+        namespace: str = '',
+    ) -> None:  # fmt: skip
+        """In ``domain`` and ``namespace``, with an ``executor`` of one thread by default."""
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node('client', context=self.context, namespace=namespace)
         make = executor or (lambda context: SingleThreadedExecutor(context=context))
-        self._executor = make(self._context)
-        self._executor.add_node(self._node)
+        self.executor = make(self.context)
+        self.executor.add_node(self.node)
 
     def close(self) -> None:
         """Leave."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
 
     def wait(
         self,
-        is_there: Callable[[], bool],
+        is_there: Callable[[], object],
         what: str,
         meanwhile: Callable[[], object] = lambda: None,
+        deadline: float = DEADLINE,
     ) -> None:
         """Spin until something ``is_there``, and do something ``meanwhile`` before every spin.
 
-        Or else end with the error ``what``.
+        Raises:
+            RuntimeError: if it is not there by the ``deadline`` [s].
         """
-        end = time.monotonic() + DEADLINE
+        end = time.monotonic() + deadline
         while not is_there():
             meanwhile()
             if time.monotonic() > end:
-                raise SystemExit(what)
-            self._executor.spin_once(timeout_sec=0.1)
+                raise RuntimeError(f'{what} did not happen in {deadline:g} s')
+            self.executor.spin_once(timeout_sec=0.05)
 
 
 class Client(Participant):
@@ -218,11 +234,11 @@ class Client(Participant):
         """Wait until a node is there and answers, on ``more`` topics than the usual ones."""
         super().__init__(domain)
         # In bursts nothing is taken from this subscription: it costs the client only transport.
-        self._unread = Node('unread', context=self._context)
-        self._publisher = self._node.create_publisher(TendonTensions, 'tendon_tensions', 10)
+        self._unread = Node('unread', context=self.context)
+        self._publisher = self.node.create_publisher(TendonTensions, 'tendon_tensions', 10)
         self._answers: list[bytes] = []
         self._asked = 0  # number of the last question
-        self._poses = self._node.create_subscription(
+        self._poses = self.node.create_subscription(
             PoseArray, 'backbone/poses', self._answers.append, 1000, raw=True
         )
         self._others = [
@@ -233,7 +249,7 @@ class Client(Participant):
 
         self.wait(
             lambda: bool(self._answers) and all(it.get_publisher_count() for it in self._others),
-            'the node did not answer',
+            'an answer of the node',
             lambda: self._publisher.publish(question(0)),
         )
         self._drain(0.5)
@@ -257,7 +273,7 @@ class Client(Participant):
             self._publisher.publish(asked)
             while not self._answers:
                 self._expect_within(start, number)
-                self._executor.spin_once(timeout_sec=1.0)
+                self.executor.spin_once(timeout_sec=1.0)
             answers = []
             for other in self._others:
                 while (answer := take(other)) is None:
@@ -320,10 +336,7 @@ class Client(Participant):
 @contextlib.contextmanager
 def running(arguments: Sequence[str], domain: int) -> Iterator[subprocess.Popen[bytes]]:
     """A node in ``domain``, as a Python process with ``arguments``."""
-    environment = dict(
-        os.environ, ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST'
-    )
-    process = subprocess.Popen([sys.executable, *arguments], env=environment)
+    process = subprocess.Popen([sys.executable, *arguments], env=environment_in(domain))
     try:
         yield process
     finally:

@@ -24,12 +24,11 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-import rclpy
 import soak_motion
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, WrenchStamped
-from node import new_domain, processor_time
+from node import DEADLINE, Participant, environment_in, megabytes, new_domain, processor_time
 from octo_arm_msgs.msg import TendonTensions
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
@@ -53,32 +52,18 @@ WARM = 2000  # hostile messages until every queue has been full and all that is 
 LARGEST_RISE = 5.0  # [MB] of memory from then on
 WRENCH = 3  # among the publishers of a `Client`
 LARGE = 2**16  # [bytes] of a message of which the middleware may drop several at once
-DEADLINE = 120.0  # [s] for what takes milliseconds on an idle machine
 SAID: dict[int, IO[bytes]] = {}  # what nodes wrote to stderr, by their process
 # Half of the node's input queue: a message that finds it full replaces one that is not counted.
 MOST_UNDER_WAY = INPUT_QOS.depth // 2
 STAMP = slice(4, 12)  # of a serialised message with a header
 
 
-def megabytes(process: subprocess.Popen[bytes]) -> float:
-    """Memory of a process that is its own [MB]."""
-    for line in Path(f'/proc/{process.pid}/status').read_text().splitlines():
-        if line.startswith('VmRSS:'):
-            return float(line.split()[1]) / 1024.0
-    raise RuntimeError('the node is gone')
-
-
 def start_node(domain: int, *arguments: str, file: Path = FILE) -> subprocess.Popen[bytes]:
     """A node of its own."""
-    environment = os.environ | {
-        'ROS_DOMAIN_ID': str(domain),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
     command = [sys.executable, '-m', 'octo_arm_model.ros.node.main', '--ros-args']
     said = tempfile.TemporaryFile()
-    process = subprocess.Popen(
-        [*command, '--params-file', str(file), *arguments], env=environment, stderr=said
-    )
+    command += ['--params-file', str(file), *arguments]
+    process = subprocess.Popen(command, env=environment_in(domain), stderr=said)
     SAID[process.pid] = said
     return process
 
@@ -93,18 +78,14 @@ def end(process: subprocess.Popen[bytes], expected: set[int]) -> int:
     return status
 
 
-class Client:
+class Client(Participant):
     """Sends tensions as bytes, and computes the expected answers, byte for byte."""
 
     KEYS = ('output answered', 'output skipped', 'input refused', 'solver failures')
 
     def __init__(self, domain: int, config: Config = CONFIG, namespace: str = '') -> None:
         """Connect to the node in ``domain``."""
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node('soak', context=self.context, namespace=namespace)
-        self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+        super().__init__(domain, namespace=namespace)
         kinds = (TendonTensions, Float64MultiArray, JointState, WrenchStamped)
         topics = (
             'tendon_tensions',
@@ -147,20 +128,6 @@ class Client:
                 if value.value.isdigit():
                     self.totals[f'{status.name.split(": ")[1]} {value.key}'] = int(value.value)
 
-    def close(self) -> None:
-        """Leave the domain."""
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-    def wait(self, condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -> None:
-        """Receive until ``condition``."""
-        end = time.monotonic() + deadline
-        while not condition():
-            if time.monotonic() > end:
-                raise RuntimeError(f'{what} did not happen in {deadline} s')
-            self.executor.spin_once(timeout_sec=0.05)
-
     def listen(self) -> None:
         """Receive what has arrived."""
         for _ in range(4):
@@ -194,14 +161,14 @@ class Client:
         second = int.from_bytes(stamp[:4], 'little')
         return self.writer.poses(backbone, second, 7)
 
+    def ask_until_answered(self) -> None:
+        """Ask until there is an answer."""
+        rest = np.zeros(CONFIG.arm.tension_shape)
+        self.wait(lambda: self.answers, 'a first answer', lambda: self.good(rest))
+
     def connect(self) -> None:
         """Ask until there is an answer, and drop it."""
-
-        def answered() -> bool:
-            self.good(np.zeros(CONFIG.arm.tension_shape))
-            return bool(self.answers)
-
-        self.wait(answered, 'a first answer')
+        self.ask_until_answered()
         last = self.good(np.zeros(CONFIG.arm.tension_shape))
         self.wait(lambda: last in self.answers, 'an answer to the last one')
         # Messages sent before discovery were not delivered: count from here.
@@ -235,9 +202,9 @@ def valid(client: Client, process: subprocess.Popen[bytes], count: int) -> list[
         if number % 1000 == 0:
             client.answers.clear()
         if number == warm:
-            memory = megabytes(process)
+            memory = megabytes(process.pid)
     totals = client.check_count()
-    grown = megabytes(process) - memory
+    grown = megabytes(process.pid) - memory
     return [
         f'{count} valid messages', f'{totals["output answered"]} answered, '
         f'{totals["output skipped"]} skipped, memory {grown:+.1f} MB',
@@ -318,7 +285,7 @@ def hostile(client: Client, process: subprocess.Popen[bytes], count: int) -> lis
     before = None
     while sent < count:
         if before is None and sent >= WARM:
-            before = megabytes(process)
+            before = megabytes(process.pid)
         for _ in range(int(random.integers(1, 6))):
             topic, data = source()
             client.send(topic, data)
@@ -337,7 +304,7 @@ def hostile(client: Client, process: subprocess.Popen[bytes], count: int) -> lis
         raise RuntimeError('the node died')
     outcome = f'{right} good ones among them answered rightly'
     if before is not None:
-        after = megabytes(process)
+        after = megabytes(process.pid)
         outcome += f', memory from {before:.1f} to {after:.1f} MB'
         if after > before + LARGEST_RISE:
             raise RuntimeError(f'{outcome}, expected a rise of at most {LARGEST_RISE} MB')
@@ -384,7 +351,7 @@ def ask_steadily(client: Client, rate: float, seconds: float) -> int:
         client.executor.spin_once(timeout_sec=max(due - time.monotonic(), 0.0))
         now = time.monotonic()
     with contextlib.suppress(RuntimeError):
-        client.wait(lambda: len(client.answers) >= asked, 'every answer', 3.0)
+        client.wait(lambda: len(client.answers) >= asked, 'every answer', deadline=3.0)
     return asked
 
 
@@ -456,13 +423,7 @@ def restart(client: Client, domain: int, process: subprocess.Popen[bytes]) -> li
     client.answers.clear()
     began = time.monotonic()
     process = start_node(domain)
-    tensions = np.zeros(CONFIG.arm.tension_shape)
-
-    def answered() -> bool:
-        client.good(tensions)
-        return bool(client.answers)
-
-    client.wait(answered, 'an answer after the restart')
+    client.ask_until_answered()
     return [process, 'killed and started again', f'answers {time.monotonic() - began:.2f} s later']
 
 
@@ -473,12 +434,7 @@ def octopus(domain: int, seconds: float) -> list[str]:
     clients = [Client(domain, namespace=name) for name in names]
     try:
         for client in clients:
-
-            def answered(client: Client = client) -> bool:
-                client.good(np.zeros(CONFIG.arm.tension_shape))
-                return bool(client.answers)
-
-            client.wait(answered, 'an answer of every arm')
+            client.ask_until_answered()
         for client in clients:
             client.answers.clear()
         # As many as each arm is asked for, as long as all of them keep up.

@@ -10,22 +10,20 @@ after a fifth of the time. The programs are processes of their own over DDS, the
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, Vector3Stamped
-from node import new_domain
+from node import DEADLINE, Participant, environment_in, megabytes, new_domain
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
@@ -41,7 +39,6 @@ MOST_FORCE = 10.0 * bending_force(CONFIG.arm, 0.3)  # [N] at the tip
 SHORT = 100.0  # [s] of a run in which memory is not judged
 SILENCE = 2.0  # [s] that no shape may be missing for
 LARGEST_RISE = 5.0  # [MB] of memory of a process after a fifth of the time
-DEADLINE = 180.0  # [s] for what takes a second on an idle machine
 
 
 class _Service(Protocol):
@@ -50,16 +47,12 @@ class _Service(Protocol):
     Request: Any
 
 
-class Hand:
+class Hand(Participant):
     """Commands the arm, and hears what becomes of it."""
 
     def __init__(self, domain: int) -> None:
         """Connect to the arm in ``domain``."""
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node('hand', context=self.context)
-        self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+        super().__init__(domain)
         self._commands = self.node.create_publisher(TendonTensions, 'tendon_commands', 10)
         self._push = self.node.create_publisher(Vector3Stamped, 'push/force', 10)
         self.node.create_subscription(
@@ -68,12 +61,6 @@ class Hand:
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_health, 10)
         self.shapes, self.heard, self.longest = 0, time.monotonic(), 0.0
         self.health: dict[str, str] = {}
-
-    def close(self) -> None:
-        """Leave the domain."""
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
 
     def _on_shape(self, _: bytes) -> None:
         now = time.monotonic()
@@ -90,14 +77,6 @@ class Hand:
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0.0:
             self.executor.spin_once(timeout_sec=left)
-
-    def wait(self, condition: Callable[[], Any], what: str) -> None:
-        """Receive until ``condition``."""
-        until = time.monotonic() + DEADLINE
-        while not condition():
-            if time.monotonic() > until:
-                raise RuntimeError(f'{what} did not happen in {DEADLINE} s')
-            self.executor.spin_once(timeout_sec=0.05)
 
     def ask(self, kind: _Service, name: str, request: Any = None) -> None:
         """Call a service, which has to succeed."""
@@ -132,12 +111,9 @@ class Hand:
 @contextmanager
 def running(domain: int) -> Iterator[subprocess.Popen[bytes]]:
     """What `make run` starts, in ``domain``."""
-    environment = os.environ | {
-        'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }  # fmt: skip
     command = [sys.executable, '-m', 'octo_arm_model.apps.demo', NAME, '--moving']
     with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(command, env=environment, stdout=said, stderr=said)
+        process = subprocess.Popen(command, env=environment_in(domain), stdout=said, stderr=said)
         try:
             yield process
         finally:
@@ -154,9 +130,7 @@ def memories(process: int) -> dict[str, float]:
     found = {}
     for one in (process, *_children(process)):
         command = Path(f'/proc/{one}/cmdline').read_bytes().split(b'\0')
-        status = Path(f'/proc/{one}/status').read_text().splitlines()
-        size = next(line for line in status if line.startswith('VmRSS:'))
-        found[command[2].decode().removeprefix('octo_arm_model.')] = float(size.split()[1]) / 1024
+        found[command[2].decode().removeprefix('octo_arm_model.')] = megabytes(one)
     return found
 
 
