@@ -15,6 +15,7 @@ import contextlib
 import os
 import time
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -66,12 +67,11 @@ class Client(Participant):
             topic: self.node.create_publisher(kind, topic, 10) for topic, kind in KINDS.items()
         }
         self._answers: list[bytes] = []
-        self.node.create_subscription(PoseArray, 'backbone/poses', self._answers.append, 100,
-                                       raw=True)  # fmt: skip
+        hear = partial(self.node.create_subscription, raw=True)
+        hear(PoseArray, 'backbone/poses', self._answers.append, 100)
         # What nobody hears is not made.
         for topic, kind in ESTIMATES.items():
-            self.node.create_subscription(message_class(kind), topic, lambda message: None, 100,
-                                           raw=True)  # fmt: skip
+            hear(message_class(kind), topic, lambda message: None, 100)
         self._solver = CONFIG.solver('exact', STATIONS)
         self._random, self._number = np.random.default_rng(1), 0
 
