@@ -298,10 +298,7 @@ def test_yaml_that_would_take_for_ever_is_refused(tmp_path, custom, expected):
 def test_yaml_within_a_storage_is_bounded_too(tmp_path):
     bomb = '\n'.join(line.strip() for line in nested(lambda nine: f'[{nine}]').splitlines()[1:])
     path = bag(tmp_path / 'bag', 'sqlite3')
-    data = sqlite3.connect(file_of(path))
-    data.execute('UPDATE topics SET offered_qos_profiles=?', (bomb,))
-    data.commit()
-    data.close()
+    change(file_of(path), f"UPDATE topics SET offered_qos_profiles='{bomb}'")
     where = 'offered_qos_profiles, line 6: not valid YAML'
     assert f'{where}, {MANY_VALUES}' in problem_of(path)
 

@@ -56,12 +56,9 @@ def test_shapes_of_another_arm_are_refused(wrong):
 @pytest.mark.parametrize(
     ('name', 'value', 'kind', 'message'),
     [
-        ('tension_deadband', -0.1, ArmDefinitionError, 'tension_deadband is -0.1'),
-        ('tension_deadband', np.inf, ArmDefinitionError, 'tension_deadband is inf'),
         ('tension_offset', [0.1], ConfigError, 'tension_offset has 1 values, expected 12'),
         ('tension_offset', 12 * [np.nan], ArmDefinitionError, 'tension_offset is nan'),
         ('tension_scale', 11 * [1.0], ConfigError, 'tension_scale has 11 values, expected 12'),
-        ('tension_scale', 12 * [0.0], ArmDefinitionError, 'tension_scale is 0.0'),
     ],
 )
 def test_calibrations_that_cannot_be_are_refused(name, value, kind, message):
