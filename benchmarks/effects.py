@@ -17,14 +17,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from octo_arm_model import (
-    Backbone,
-    Discs,
-    Solver,
-    Wound,
-    displacements_of,
-    solve_displacements,
-)
+from octo_arm_model import Backbone, Discs, Solver, Wound, displacements_of, solve_displacements
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE

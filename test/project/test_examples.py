@@ -63,18 +63,14 @@ FOLDER = ROOT / 'benchmarks'
 # Run by others.
 PARTS = {'brief.py', 'loaded_bvp.py', 'soak.py', 'soak_motion.py'}
 BENCHMARKS = {path.name for path in FOLDER.glob('*.py')} - PARTS
-NEEDED = {
-    'estimator_node.py': ['rclpy'],
-    'floods.py': ['rclpy'],
-    'node.py': ['rclpy'],
-}
+NEED_ROS = ('estimator_node.py', 'floods.py', 'node.py')
 
 
 @pytest.mark.endurance
 @pytest.mark.parametrize('name', sorted(BENCHMARKS))
 def test_every_benchmark_runs_to_its_end(name, tmp_path_factory):
-    for module in NEEDED.get(name, []):
-        pytest.importorskip(module)
+    if name in NEED_ROS:
+        pytest.importorskip('rclpy')
     folder = tmp_path_factory.mktemp('b')
     done = subprocess.run(
         [sys.executable, '-W', 'error::DeprecationWarning:__main__', FOLDER / name, '--brief'],
