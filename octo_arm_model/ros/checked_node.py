@@ -20,6 +20,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 
+from octo_arm_model.arm.errors import shown
 from octo_arm_model.ros.refusal_log import WARNING_PERIOD
 from octo_arm_model.ros.start import read_here
 from octo_arm_model.ros.work import interruptible
@@ -90,10 +91,10 @@ class CheckedNode(Node):
     def _answer_checked(
         self, field: str, answer: Callable[..., Any], request: Any, response: Any
     ) -> Any:
-        """Answer a ``request`` whose list ``field`` is not too long and of known types."""
+        """Answer a ``request`` whose list ``field`` is not too long, of known names and types."""
         given, most = getattr(request, field), len(self._parameters)
         if len(given) <= most:
-            problems = [_wrong_type(one) for one in given]
+            problems = [self._problem(one) for one in given]
         else:
             problems = [
                 f'{len(given)} {field} in one request, expected at most {most}: no more exist'
@@ -105,19 +106,22 @@ class CheckedNode(Node):
         if isinstance(response, SetParametersAtomically.Response):
             response.result = _refusal(reason)
         elif isinstance(response, SetParameters.Response):
-            # Each by itself: what is of a known type is set.
+            # Each by itself: what has no problem is set.
             request.parameters = [one for one, problem in zip(given, problems) if not problem]
             done = iter(answer(request, response).results)
             response.results = [_refusal(one) if one else next(done) for one in problems]
         return response
 
+    def _problem(self, one: Any) -> str:
+        """Why ``one`` is no parameter of this node, or of no type that rclpy knows; or ''."""
+        if not isinstance(one, Parameter):
+            return ''
+        if one.name not in self._parameters:
+            return f'{shown(one.name)} is no parameter of this node'  # rclpy does not say which
+        if one.value.type > _HIGHEST_TYPE:
+            return f'{one.name} is of type {one.value.type}, expected 0 to {_HIGHEST_TYPE}'
+        return ''
+
 
 def _refusal(reason: str) -> SetParametersResult:
     return SetParametersResult(successful=False, reason=reason)
-
-
-def _wrong_type(one: Any) -> str:
-    """Why ``one`` is a parameter of no type that rclpy knows, or ''."""
-    if isinstance(one, Parameter) and one.value.type > _HIGHEST_TYPE:
-        return f'{one.name} is of type {one.value.type}, expected 0 to {_HIGHEST_TYPE}'
-    return ''

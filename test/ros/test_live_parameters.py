@@ -242,10 +242,14 @@ def test_a_change_that_makes_no_arm_is_refused_as_a_whole(client, values, reason
 
 
 @pytest.mark.parametrize('kind', [SetParameters, SetParametersAtomically])
-def test_a_parameter_of_no_known_type_is_refused(client, kind):
+@pytest.mark.parametrize(('given', 'type_number', 'reason'), [
+    ('stations', 77, 'stations is of type 77, expected 0 to 9'),
+    ('statoins', 2, "'statoins' is no parameter of this node"),
+])  # fmt: skip
+def test_a_parameter_of_no_known_type_or_name_is_refused(client, kind, given, type_number, reason):
     is_plain = kind is SetParameters
     good = Parameter('stations', value=51).to_parameter_msg()
-    bad = ParameterMessage(name='stations', value=ParameterValue(type=77))
+    bad = ParameterMessage(name=given, value=ParameterValue(type=type_number))
     name = 'set_parameters' if is_plain else 'set_parameters_atomically'
     answer = client.call(kind, f'octo_arm/{name}', kind.Request(parameters=[good, bad, good]))
     results = answer.results if is_plain else [answer.result]
@@ -253,7 +257,7 @@ def test_a_parameter_of_no_known_type_is_refused(client, kind):
     assert [result.successful for result in results] == (
         [True, False, True] if is_plain else [False]
     )
-    assert results[len(results) // 2].reason == 'stations is of type 77, expected 0 to 9'
+    assert results[len(results) // 2].reason == reason
     assert client.dump()['stations'] == (51 if is_plain else 101)
     assert client.change(stations=101) == (True, '')
 
