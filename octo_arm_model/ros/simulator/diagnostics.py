@@ -19,7 +19,8 @@ class SimulatorDiagnostics:
     """Counts what a simulator is commanded and publishes.
 
     Attributes:
-        counts: of commands, those refused, readings published, readings lost and failed steps.
+        counts: of commands, those refused, readings published, readings lost and failed steps, and
+            by how much time the arm went on [s].
     """
 
     def __init__(self, node: Node) -> None:
@@ -54,13 +55,12 @@ class SimulatorDiagnostics:
         self._failure = in_short(error)
         self._refusal_log.say('the arm stays as it was', self._failure)
 
-    def publish(self, source: str, problem: str, simulated: float) -> None:
+    def publish(self, source: str, problem: str) -> None:
         """Publish the counts since the last time.
 
-        ``source`` is what the simulator follows, ``problem`` what else is wrong, and ``simulated``
-        the time that it has gone on by [s].
+        ``source`` is what the simulator follows, and ``problem`` what else is wrong.
         """
-        now = self.counts | {'simulated': simulated, 'time': time.monotonic()}
+        now = self.counts | {'time': time.monotonic()}
         lately, self._reported = {name: now[name] - self._reported[name] for name in now}, now
         period = lately['time']  # a step may take longer than a usual one
         problems = [problem] if problem else []

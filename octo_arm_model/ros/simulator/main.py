@@ -282,9 +282,10 @@ class SimulatorNode(CheckedNode):
             self._diagnostics.warn(self._lengths.topic, error)
         effective = self._drive.advance(self._set_point, elapsed)
         pushed = self._push.at(self._sensors.time + elapsed)
-        # Where a call comes more than a period late, the arm is slower than a clock that goes on.
-        most = math.inf if config.publish_clock else 2.0 / config.rate
         is_moved = config.pushed_arm is not None
+        # Where a call comes more than a period late, the arm is slower than a clock that goes on.
+        most = 2.0 / config.rate if is_moved and not config.publish_clock else math.inf
+        self._diagnostics.counts['simulated'] += min(elapsed, most)
         try:
             effective = self._drive.move(effective, pushed, min(elapsed, most))
         except OctoArmError as error:
@@ -339,7 +340,7 @@ class SimulatorNode(CheckedNode):
         if self._time.is_paused:
             source = PAUSED
         with until_shutdown(self.context):
-            self._diagnostics.publish(source, self._commanders.report(), self._time.simulated)
+            self._diagnostics.publish(source, self._commanders.report())
 
 
 def main(arguments: list[str] | None = None) -> int:

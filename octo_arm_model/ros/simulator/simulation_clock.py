@@ -27,13 +27,12 @@ class SimulationClock:
     Attributes:
         is_paused: whether time stands still.
         period: of the steps [s].
-        simulated: by how much time went on since the node began [s].
     """
 
     def __init__(self, node: Node, step: Callable[[float, Time], None]) -> None:
         """Call ``step`` with the time that it goes on by [s] and the time then."""
         self._node, self._step = node, step
-        self.is_paused, self.simulated = False, 0.0
+        self.is_paused = False
         self.period, self._is_own, self._slice = 0.0, False, 0.0
         self._timer: Timer | None = None
         self._pace: tuple[float, ...] = ()
@@ -91,7 +90,6 @@ class SimulationClock:
                 return
 
     def _advance(self, elapsed: float, now: Time) -> None:
-        self.simulated += elapsed
         with until_shutdown(self._node.context):
             if self._is_own and self._publisher is not None:
                 self._time_ns += round(1e9 * elapsed)
