@@ -26,8 +26,8 @@ from octo_arm_model.rod.tables import Places, Tables, Work
 
 # The node functions, see `forms.Form`.
 __all__ = [
-    'angles', 'balance', 'jacobian', 'orientations', 'oriented_residual', 'paper_twists',
-    'poses', 'residual', 'sections', 'wrenches',
+    'angles', 'balance', 'jacobian', 'orientations', 'paper_twists', 'poses', 'residual',
+    'sections', 'wrenches',
 ]  # fmt: skip
 
 XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z
@@ -120,15 +120,6 @@ def residual(
     work: Work,
 ) -> float:  # fmt: skip
     """Imbalance of every cross section, see `loops`."""
-    orientations(tables, z, work)
-    return oriented_residual(tables, z, tensions, force, couple, work)
-
-
-def oriented_residual(
-    tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
-    work: Work,
-) -> float:  # fmt: skip
-    """As `residual`, after `orientations` of the same z."""
     wrenches(tables, force, couple, work)
     gradients(tables, z, tensions, work)
     wrench = work.residual.copy()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.contact import Sliding
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.discs import ChordModel, ChordTendons, ChordTensionDerivatives
 from octo_arm_model.rod.elements import Elements
@@ -129,6 +130,7 @@ class Problem:
             least = tables.least_scale + self.contact.rounding
             self.tables = tables = tables._replace(least_scale=least)
         self.touching: FloatArray | None = None
+        self._follows = bool(loads.others or loads.contact)  # whether loads follow the shape
         self.work = work_arrays(tables, strains, has_jacobian=has_jacobian)
         self._tip = places_at(elements, elements.edges[-1:])
         self._current: FloatArray | None = None
@@ -174,23 +176,29 @@ class Problem:
         work = self.work
         if self._scaled is not acting.scale:
             work.scale[:] = self._scaled = acting.scale
+        self.form.orientations(self.tables, z, work)
         acting = self._following(acting, z)
-        left = self.form.residual(
-            self.tables, z, self.in_sections(acting.tensions), acting.force, acting.couple, work
-        )
+        left = self._fill_residual(acting, z)
+        self._current = self._oriented = z
+        return State(acting, z, work.residual.copy(), left)
+
+    def _fill_residual(self, acting: Acting, z: FloatArray) -> float:
+        """See `forms.Form.residual`, of what is ``acting``."""
+        work, inside = self.work, self.in_sections(acting.tensions)
+        left = self.form.residual(self.tables, z, inside, acting.force, acting.couple, work)
         if self.discs is not None:
             self.discs.add_pull(self.tables, z, acting.tensions, work)
             left = relative_residual(work.gradient - work.residual, work.scale, work)
-        self._current = self._oriented = z
-        return State(acting, z, work.residual.copy(), left)
+        return left
 
     def wrenches(self, acting: Acting, z: FloatArray) -> tuple[Acting, FloatArray]:
         """What is ``acting`` at twists ``z`` (N, m), and on every section in its axes, (N, m).
 
         Moment and force of all beyond it.
         """
-        work, acting = self.work, self._following(acting, z)
+        work = self.work
         self.form.orientations(self.tables, z, work)
+        acting = self._following(acting, z)
         self.form.wrenches(self.tables, acting.force, acting.couple, work)
         if self.discs is not None:
             self.discs.add_pull(self.tables, z, acting.tensions, work)
@@ -198,11 +206,25 @@ class Problem:
         return acting, -work.residual
 
     def _following(self, acting: Acting, z: FloatArray) -> Acting:
-        """What is ``acting`` at twists ``z`` (N, m), where some of it follows them."""
-        acting = self._with_friction(acting, z)
-        if not (self.others.loads or self.contact):
+        """What is ``acting`` at twists ``z`` (N, m), where some of it follows their shape."""
+        acting, condition = self._with_friction(acting, z), acting.condition
+        if not self._follows:
             return acting
-        return self._with_shape(acting, z)
+        total = self.loads.at(condition.factor, condition.tip_wrench)
+        total += self._following_loads(condition.factor, z)
+        return acting._replace(force=total[0], couple=total[1])
+
+    def _following_loads(self, factor: float, z: FloatArray) -> FloatArray:
+        """Force and free moment of loads that follow the shape, (2, N, 3)."""
+        total = np.zeros((2, len(z), 3))
+        if self.others.loads:
+            total += factor * self.others.resultants(NodeRod(self.others, self.work.quaternion, z))
+        if self.contact is not None:
+            # Whole from the first: an obstacle is there before other loads act.
+            known = self.touching
+            density = self.contact.densities(*self._touched()) if known is None else known
+            total += self.along.to_tip @ density
+        return total
 
     def in_sections(self, tensions: FloatArray) -> FloatArray:
         """Those of the local ``tensions`` (N, J) that are in the energy of the cross sections."""
@@ -213,8 +235,6 @@ class Problem:
         condition = acting.condition
         if self.friction is None or condition.tensions.ndim > 1:
             return acting
-        if self.discs is not None:
-            self.form.orientations(self.tables, z, self.work)
         given = condition.tensions, condition.before
         self._local = self.friction.hold_along(z, *given, self.work)
         return acting._replace(tensions=self._local.tensions)
@@ -270,26 +290,15 @@ class Problem:
         angle = np.log1p(mu * local.angle) / mu
         return self.friction.hold(condition.tensions, condition.before, angle).tensions
 
-    def _with_shape(self, acting: Acting, z: FloatArray) -> Acting:
-        """What is ``acting`` on a rod of twists ``z`` (N, m), loads that follow its shape too."""
-        self.form.orientations(self.tables, z, self.work)
-        factor, tip_wrench = acting.condition.factor, acting.condition.tip_wrench
-        total = self.loads.at(factor, tip_wrench)
-        if self.others.loads:
-            rod = NodeRod(self.others, self.work.quaternion, z)
-            total += factor * self.others.resultants(rod)
-        if self.contact is not None:
-            # Whole from the first: an obstacle is there before other loads act.
-            known = self.touching
-            density = self.contact.densities(self.places()) if known is None else known
-            total += self.along.to_tip @ density
-        return acting._replace(force=total[0], couple=total[1])
-
     @functools.cached_property
     def along(self) -> AlongArm:
         """Integrals between the nodes."""
         from_base = self.elements.integration(self.elements.s)
         return AlongArm(np.asfortranarray(from_base), self.elements.weights - from_base)
+
+    def _touched(self) -> tuple[FloatArray, Sliding | None]:
+        """Where the nodes are, (N, 3) [m], and how they slide on obstacles."""
+        return self.places(), None
 
     def places(self) -> FloatArray:
         """Where the nodes are whose orientations are in `work`, from the base, (N, 3) [m]."""
@@ -357,7 +366,7 @@ class Problem:
 
     def _add_contact(self) -> None:
         """Add to the Jacobian what obstacles do."""
-        if self.contact is not None and (tangents := self.contact.tangents(self.places())):
+        if self.contact is not None and (tangents := self.contact.tangents(*self._touched())):
             self.along.add_tangents(self.work, self.strains, tangents)
 
     def tension_derivatives(self, state: State) -> TensionDerivatives | None:

@@ -41,13 +41,7 @@ class Form(Protocol):
         self, tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray,
         couple: FloatArray, work: Work,
     ) -> float:  # fmt: skip
-        """Imbalance of every cross section under the loads beyond it."""
-
-    def oriented_residual(
-        self, tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray,
-        couple: FloatArray, work: Work,
-    ) -> float:  # fmt: skip
-        """The same, where orientations are known."""
+        """Imbalance of every cross section under the loads beyond it; orientations are known."""
 
     def wrenches(self, tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
         """Minus what all beyond exerts on every cross section, where orientations are known."""

@@ -32,7 +32,7 @@ from octo_arm_model.rod.contact import Sliding
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.discs import chord_model
 from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
+from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.inertia_arrays import (
     COLUMNS,
@@ -46,7 +46,6 @@ from octo_arm_model.rod.inertia_arrays import (
     TimeRule,
 )
 from octo_arm_model.rod.local_loads import LocalTangents
-from octo_arm_model.rod.other_loads import NodeRod
 from octo_arm_model.rod.rotations import dot, outer, skew
 from octo_arm_model.rod.section_arrays import cross
 from octo_arm_model.rod.tables import RADIUS, Tables
@@ -132,8 +131,7 @@ class MovingProblem(Problem):
             0.0, 0.0, np.zeros((nodes, COLUMNS)), np.zeros((nodes, COLUMNS)),
             np.zeros((nodes, strains)), np.zeros((2, 3)),
         )  # fmt: skip
-        self.rule = self.rest
-        self._dead: tuple[Condition, FloatArray] | None = None
+        self.rule, self._follows = self.rest, True
         self.reference = np.zeros(strains)
         place, velocity, acceleration = np.zeros((3, nodes, COLUMNS))
         self.motion = Motion(place, velocity, acceleration, np.zeros((2, nodes, 3)))
@@ -145,35 +143,21 @@ class MovingProblem(Problem):
             self.tables = self.tables._replace(base=base[3:])
             self._current = self._oriented = None
 
-    def evaluate(self, acting: Acting, z: FloatArray) -> State:
+    def _following_loads(self, factor: float, z: FloatArray) -> FloatArray:
         """See `Problem`; leaves how the nodes move in `motion`."""
-        work, condition = self.work, acting.condition
-        self.form.orientations(self.tables, z, work)
+        work = self.work
         self._functions.moving_loads(
             self.moving, self.rule, self.base[:3], work.slope, work.rotation, self.motion
         )
-        if self._dead is None or self._dead[0] is not condition:
-            self._dead = condition, self.loads.at(condition.factor, condition.tip_wrench)
-        total = self._dead[1] + self.motion.load
-        if self.contact is not None:
-            place = self.motion.place[:, POSITION]
-            total += self.along.to_tip @ self.contact.densities(place, self._sliding())
-        if self.others.loads:
-            rod = NodeRod(self.others, work.quaternion, z)
-            total += condition.factor * self.others.resultants(rod)
-        if self._scaled is not acting.scale:
-            work.scale[:] = self._scaled = acting.scale
-        acting = self._with_friction(acting, z)._replace(force=total[0], couple=total[1])
-        inside = self.in_sections(acting.tensions)
-        self.form.oriented_residual(self.tables, z, inside, total[0], total[1], work)
-        if self.discs is not None:
-            self.discs.add_pull(self.tables, z, acting.tensions, work)
+        return super()._following_loads(factor, z) + self.motion.load
+
+    def _fill_residual(self, acting: Acting, z: FloatArray) -> float:
+        """See `Problem`; with viscosity."""
+        super()._fill_residual(acting, z)
         rate = self.rule.by_velocity * z - self.rule.twist_rate
-        left = self._functions.imbalance(
-            self.moving.viscous, rate, self.reference, work.residual, work.scale
+        return self._functions.imbalance(
+            self.moving.viscous, rate, self.reference, self.work.residual, self.work.scale
         )
-        self._current = self._oriented = z
-        return State(acting, z, work.residual.copy(), left)
 
     def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
         """See `Problem`; with what the motion adds."""
@@ -191,18 +175,17 @@ class MovingProblem(Problem):
             diagonal += c1 * self.moving.viscous.ravel()
         tangents = [self._tangents(c1, c0)]
         if self.contact is not None:
-            place = self.motion.place[:, POSITION]
-            tangents += self.contact.tangents(place, self._sliding(), c1)
+            tangents += self.contact.tangents(*self._touched(), c1)
         self.along.add_tangents(work, z.shape[1], tangents)
 
     def _add_contact(self) -> None:
         """See `Problem`: with the motion."""
 
-    def _sliding(self) -> Sliding | None:
-        """How the nodes move, for friction on obstacles; None where there is none."""
-        if self.contact is None or not self.contact.has_friction:
-            return None
-        return sliding_of(self.motion.place, self.motion.velocity)
+    def _touched(self) -> tuple[FloatArray, Sliding | None]:
+        """See `Problem`."""
+        place, velocity = self.motion[:2]
+        rubs = self.contact is not None and self.contact.has_friction
+        return place[:, POSITION], sliding_of(place, velocity) if rubs else None
 
     def velocities(self, place: FloatArray, twist_rate: FloatArray) -> FloatArray:
         """Of ``place`` (N, 12) for rates of the twists in `work` (N, m), on a base at rest."""

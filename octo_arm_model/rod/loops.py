@@ -25,8 +25,8 @@ from octo_arm_model.rod.tables import Places, Tables, Work
 
 # The node functions, see `forms.Form`.
 __all__ = [
-    'angles', 'balance', 'jacobian', 'orientations', 'oriented_residual', 'paper_twists',
-    'poses', 'residual', 'sections', 'wrenches',
+    'angles', 'balance', 'jacobian', 'orientations', 'paper_twists', 'poses', 'residual',
+    'sections', 'wrenches',
 ]  # fmt: skip
 
 _MOST_SWEEPS = 80  # of orientations
@@ -254,23 +254,14 @@ def residual(
     tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
     work: Work,
 ) -> float:  # fmt: skip
-    """Imbalance of every cross section; fills in all but Hessian and Jacobian.
+    """Imbalance of every cross section, after `orientations` of the same z.
 
-    ``work.scale`` is given, see `tables.force_scale`.
+    Fills in all but Hessian and Jacobian; ``work.scale`` is given, see `tables.force_scale`.
 
     Returns:
         Largest residual over its scale and the largest wrench along the arm [-]; NaN where a
         strain is impossible.
     """
-    orientations(tables, z, work)
-    return oriented_residual(tables, z, tensions, force, couple, work)
-
-
-def oriented_residual(
-    tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
-    work: Work,
-) -> float:  # fmt: skip
-    """As `residual`, after `orientations` of the same z."""
     wrenches(tables, force, couple, work)
     return add_gradients(tables, z, tensions, work)
 

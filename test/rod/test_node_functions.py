@@ -29,6 +29,7 @@ def evaluated(problem: Problem, z: FloatArray, form: object) -> dict[str, FloatA
     form.balance(  # type: ignore[attr-defined]
         problem.tables, balanced, acting.tensions, 0.01 * z, 1e300, work
     )
+    form.orientations(problem.tables, z, work)  # type: ignore[attr-defined]
     form.residual(*given, acting.force, acting.couple, work)  # type: ignore[attr-defined]
     form.jacobian(*given, acting.force, work)  # type: ignore[attr-defined]
     return work._asdict() | {'balanced': balanced}
