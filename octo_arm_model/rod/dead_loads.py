@@ -24,7 +24,6 @@ class DeadLoads:
     def __init__(self, arm: Arm, elements: Elements, loads: Loads) -> None:
         """Tabulate the dead ones of ``loads`` on ``arm`` at the nodes of ``elements``."""
         self.others, self.contact = loads.others, contact_of(arm, elements, loads)
-        self._to_tip = elements.weights - elements.integration(elements.s)
         self._fixed = self.tabulate(arm, elements, loads)
         self._scaled: ScaledLoads | None = loads.scaled
         parts = loads.scaled.loads if loads.scaled is not None else ()
@@ -46,7 +45,7 @@ class DeadLoads:
     def tabulate(self, arm: Arm, elements: Elements, loads: Loads) -> FloatArray:
         """Force and free moment of other dead ``loads`` at the same nodes, as `at`, (2, N, 3)."""
         found = np.zeros((2, elements.s.size, 3))
-        found[0] = self._to_tip @ force_per_length(arm, elements.s, loads)
+        found[0] = elements.to_tip @ force_per_length(arm, elements.s, loads)
         for point in loads.points:
             # No node lies at a load; one at the base acts on no section.
             beyond = elements.s < point.s

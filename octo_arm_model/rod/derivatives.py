@@ -23,6 +23,7 @@ from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.equilibrium import State
 from octo_arm_model.rod.factors import Deferred, Factors
 from octo_arm_model.rod.friction import TensionDerivatives
+from octo_arm_model.rod.local_loads import along, in_sections
 from octo_arm_model.rod.rod import Equilibrium, Rod
 from octo_arm_model.rod.rotations import skew
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
@@ -132,7 +133,6 @@ class Derivatives:
         """At arc coordinates ``s`` (S,) [m] of ``rod``."""
         self._arm, self._problem = rod.arm, rod.problem(level)
         elements, own = self._problem.elements, self._problem.tables
-        self._to_nodes = elements.integration(elements.s)
         self._to_stations, self._at_stations = elements.integration(s), elements.interpolation(s)
         self._rest = self._problem.unloaded_tendons.stretch
         self._rest_lengths = elements.weights @ self._rest
@@ -190,7 +190,7 @@ class Derivatives:
         problem, linear = self._problem, self._linearised(found)
         weights, inverse = problem.elements.weights, linear.rotation.swapaxes(1, 2)
         # What the twist of each node moves the tip by: rotations by their levers.
-        lever = (weights[:, np.newaxis] * self._to_nodes).T @ linear.slope
+        lever = (weights[:, np.newaxis] * problem.elements.from_base).T @ linear.slope
         tip = np.zeros((len(lever), linear.state.z.shape[1], 6))
         tip[:, :3, :3] = inverse @ skew(lever)
         turn = weights[:, np.newaxis, np.newaxis] * inverse
@@ -242,7 +242,6 @@ class Derivatives:
         weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
         linear = self._linearised(found)
         sections, tendons = linear.sections, linear.sections.tendons
-        strains = linear.state.z.shape[1]
         has_friction = self._problem.friction is not None
         by_local = tendons.stretch_by_twist.swapaxes(1, 2)
         push = sections.imbalance(columns, total)
@@ -252,9 +251,10 @@ class Derivatives:
         elif 'tension' in columns:
             push[..., columns['tension']] += by_local
         if wrenches is not None:
-            levers = along(weights - self._to_nodes, skew(linear.slope) @ wrenches[:, :3])
-            beyond = np.concatenate([wrenches[:, :3], wrenches[:, 3:] + levers], axis=1)
-            push[..., columns['tip_wrench']] -= _turned(linear.rotation, beyond, strains)
+            force, levers = wrenches[:, :3], skew(linear.slope) @ wrenches[:, :3]
+            moment = wrenches[:, 3:] + along(self._problem.elements.to_tip, levers)
+            rows = in_sections(linear.rotation, force, moment, linear.state.z.shape[1])
+            push[..., columns['tip_wrench']] -= rows
         z = linear.factors.solve(-push.reshape(-1, total)).reshape(push.shape)
         if linear.tension is not None:
             local += linear.tension.by_twists(z)
@@ -291,7 +291,7 @@ class Derivatives:
 
         Of changes ``z`` (N, m, columns) of the twists at the nodes.
         """
-        rates = pose_rates(self._to_nodes, linear.rotation, linear.slope, z)
+        rates = pose_rates(self._problem.elements.from_base, linear.rotation, linear.slope, z)
         strain = strain_changes(linear.state.z, z)
         return along(self._to_stations, rates), along(self._at_stations, strain)
 
@@ -327,18 +327,3 @@ def _part(change: Change, where: slice) -> Change:
         change.pose[..., where], change.strain[..., where], change.tendon_length[..., where],
         None if mean is None else mean[..., where], None if twist is None else twist[..., where],
     )  # fmt: skip
-
-
-def along(matrix: FloatArray, values: FloatArray) -> FloatArray:
-    """``matrix`` (n, N) times ``values`` (N, k, columns)."""
-    product = matrix @ values.reshape(len(values), -1)
-    return product.reshape(-1, *values.shape[1:])
-
-
-def _turned(rotation: FloatArray, wrench: FloatArray, strains: int) -> FloatArray:
-    """Wrenches (n, 6, k) of force and moment in the axes of the sections, (n, strains, k)."""
-    inverse = rotation.swapaxes(1, 2)
-    found = np.empty((len(wrench), strains, wrench.shape[2]))
-    np.matmul(inverse, wrench[:, 3:], out=found[:, :3])
-    np.matmul(inverse[:, : strains - 3], wrench[:, :3], out=found[:, 3:])
-    return found

@@ -84,11 +84,10 @@ class ChordModel:
         self._last: tuple[FloatArray, FloatArray, Chords] | None = None
         stops = np.unique([0.0, *arm.discs.faces, arm.length])
         self._places = places_at(elements, stops)
-        self._from_base = elements.integration(elements.s)
         self.piece = np.searchsorted(stops, elements.s) - 1
         self.first = np.searchsorted(self.piece, np.arange(stops.size - 1))
         # Pieces of as many nodes each: these, (K, n), and integrals from the start to each.
-        counts, from_base = np.bincount(self.piece), self._from_base
+        counts, from_base = np.bincount(self.piece), elements.from_base
         groups = [self.first[counts == n, np.newaxis] + np.arange(n) for n in set(counts.tolist())]
         self._groups = [
             (nodes, from_base[nodes[..., np.newaxis], nodes[:, np.newaxis]]) for nodes in groups
@@ -114,7 +113,7 @@ class ChordModel:
         chord = holes[1:] - holes[:-1]
         length = np.sqrt((chord * chord).sum(axis=2))
         unit = chord / length[..., np.newaxis]
-        midline = self._from_base @ work.slope
+        midline = self._elements.from_base @ work.slope
         found = Chords(midline, frames, far[1:], arms[1:], unit, length)
         self._last = z, tables.base, found
         return found

@@ -8,8 +8,10 @@ needs no more of them than a cylinder.
 from __future__ import annotations
 
 import bisect
+import functools
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,42 +39,62 @@ _SAMPLES = 101  # at which the thickness is looked at
 MOST_KNOTS = 48  # of profiles, which cost convergence only where elements contain them
 
 
-class Elements(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Elements:
     """Elements and nodes of one arm.
 
     Attributes:
         edges: arc coordinates of the ends of elements [m], (E + 1,).
         rule: the points of each.
-        lengths: (E,) [m].
-        s: arc coordinates of the nodes [m], (N,).
-        weights: of the integral along the arm [m], (N,).
-        section: section of each node, from the tip; 0 beyond the last anchorage, (N,).
+        sections: section of each element, from the tip; 0 beyond the last anchorage, (E,).
         sharp: whether strains may jump at the start of each element, (E,).
     """
 
     edges: FloatArray
     rule: GaussRule
-    lengths: FloatArray
-    s: FloatArray
-    weights: FloatArray
-    section: IntArray
+    sections: IntArray
     sharp: BoolArray
 
+    @functools.cached_property
+    def lengths(self) -> FloatArray:
+        """(E,) [m]."""
+        return np.diff(self.edges)
+
+    @functools.cached_property
+    def s(self) -> FloatArray:
+        """Arc coordinates of the nodes [m], (N,)."""
+        inside = self.lengths[:, np.newaxis] * self.rule.points
+        return (self.edges[:-1, np.newaxis] + inside).ravel()
+
+    @functools.cached_property
+    def weights(self) -> FloatArray:
+        """Of the integral along the arm [m], (N,)."""
+        return np.outer(self.lengths, self.rule.weights).ravel()
+
     @property
+    def section(self) -> IntArray:
+        """Section of each node, (N,)."""
+        return np.repeat(self.sections, self.points)
+
+    @functools.cached_property
+    def from_base(self) -> FloatArray:
+        """Matrix of integrals from the base to each node, (N, N) in columns [m]."""
+        return np.asfortranarray(self.integration(self.s))
+
+    @functools.cached_property
+    def to_tip(self) -> FloatArray:
+        """The same from each node to the tip."""
+        return np.asarray(self.weights - self.from_base)
+
+    @functools.cached_property
     def fine(self) -> Elements:
         """Each cut into `FINE` equal parts, whose points resolve kinks."""
-        (parts, points), count = FINE, self.lengths.size
-        rule = gauss_rule(points)
-        lengths = np.repeat(self.lengths / parts, parts)
+        parts, points = FINE
         starts = self.edges[:-1, np.newaxis] + np.outer(self.lengths, np.arange(parts) / parts)
-        places = starts.reshape(-1, 1) + lengths[:, np.newaxis] * rule.points
-        sharp = np.zeros((count, parts), np.bool_)
+        sharp = np.zeros(starts.shape, np.bool_)
         sharp[:, 0] = self.sharp
-        return Elements(
-            np.append(starts, self.edges[-1]), rule, lengths, places.ravel(),
-            (lengths[:, np.newaxis] * rule.weights).ravel(),
-            np.repeat(self.section[:: self.points], parts * points), sharp.ravel(),
-        )  # fmt: skip
+        edges, sections = np.append(starts, self.edges[-1]), np.repeat(self.sections, parts)
+        return Elements(edges, gauss_rule(points), sections, sharp.ravel())
 
     def element_at(self, s: FloatArray) -> IntArray:
         """Element of each place ``s`` (n,) [m]; at an edge the one towards the base."""
@@ -99,9 +121,8 @@ class Elements(NamedTuple):
         """Number of points in each element."""
         return self.rule.points.size
 
-    def _spread(self, s: FloatArray, of: object) -> FloatArray:
+    def _spread(self, s: FloatArray, of: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """Rows of a matrix of the `GaussRule`, each in the columns of the element of its place."""
-        assert callable(of)
         element = self.element_at(s)
         inside = of((s - self.edges[element]) / self.lengths[element])
         matrix = np.zeros((s.size, self.lengths.size, self.points))
@@ -142,18 +163,12 @@ def build_elements(
             'sections, loads, tabulated points or turns of tendons'
         )
     stops = _stops(edges, at_edges, each * cuts, s, coordinate)
-    rule, lengths = gauss_rule(points + added), np.diff(stops)
-    places = stops[:-1, np.newaxis] + lengths[:, np.newaxis] * rule.points
     middles = 0.5 * (stops[:-1] + stops[1:])
     anchorages = np.array([section.anchorage for section in arm.sections])
-    section = (anchorages > middles[:, np.newaxis]).sum(axis=1)
-    weights = lengths[:, np.newaxis] * rule.weights
-    sharp = np.zeros(lengths.size, np.bool_)
+    sections = (anchorages > middles[:, np.newaxis]).sum(axis=1)
+    sharp = np.zeros(middles.size, np.bool_)
     sharp[np.cumsum(each * cuts)[:-1]] = True
-    return Elements(
-        stops, rule, lengths, places.ravel(), weights.ravel(),
-        np.repeat(section, rule.points.size), sharp,
-    )  # fmt: skip
+    return Elements(stops, gauss_rule(points + added), sections, sharp)
 
 
 def check_thickness(arm: Arm) -> None:

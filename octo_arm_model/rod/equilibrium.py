@@ -16,7 +16,7 @@ from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Linear, Variation, factorise
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
-from octo_arm_model.rod.local_loads import AlongArm
+from octo_arm_model.rod.local_loads import add_tangents
 from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
 from octo_arm_model.rod.section_arrays import relative_residual
 from octo_arm_model.rod.tables import LEVER, Tables, force_scale, places_at, work_arrays
@@ -223,7 +223,7 @@ class Problem:
             # Whole from the first: an obstacle is there before other loads act.
             known = self.touching
             density = self.contact.densities(*self._touched()) if known is None else known
-            total += self.along.to_tip @ density
+            total += self.elements.to_tip @ density
         return total
 
     def in_sections(self, tensions: FloatArray) -> FloatArray:
@@ -290,19 +290,13 @@ class Problem:
         angle = np.log1p(mu * local.angle) / mu
         return self.friction.hold(condition.tensions, condition.before, angle).tensions
 
-    @functools.cached_property
-    def along(self) -> AlongArm:
-        """Integrals between the nodes."""
-        from_base = self.elements.integration(self.elements.s)
-        return AlongArm(np.asfortranarray(from_base), self.elements.weights - from_base)
-
     def _touched(self) -> tuple[FloatArray, Sliding | None]:
         """Where the nodes are, (N, 3) [m], and how they slide on obstacles."""
         return self.places(), None
 
     def places(self) -> FloatArray:
         """Where the nodes are whose orientations are in `work`, from the base, (N, 3) [m]."""
-        return np.asarray(self.along.from_base @ self.work.slope)
+        return np.asarray(self.elements.from_base @ self.work.slope)
 
     def passes(self, before: FloatArray, after: FloatArray) -> bool:
         """Whether an arm goes through an obstacle from twists ``before`` to ``after``, (N, m)."""
@@ -367,7 +361,7 @@ class Problem:
     def _add_contact(self) -> None:
         """Add to the Jacobian what obstacles do."""
         if self.contact is not None and (tangents := self.contact.tangents(*self._touched())):
-            self.along.add_tangents(self.work, self.strains, tangents)
+            add_tangents(self.elements, self.work, self.strains, tangents)
 
     def tension_derivatives(self, state: State) -> TensionDerivatives | None:
         """Derivatives of local tensions at ``state``; None without friction, or of given ones."""

@@ -122,9 +122,9 @@ class Friction:
     def projection(self, elements: Elements) -> FloatArray:
         """As `to_nodes`, to those of others of the same ``elements``, (p, M / E)."""
         rule, count = elements.rule, len(self.tables.to_fine)
-        places, weights = (own[:count] / elements.edges[1] for own in self.fine[3:5])
-        basis = rule.interpolate(places)
-        moments = basis.T * weights
+        fine, length = self.fine, elements.edges[1]
+        basis = rule.interpolate(fine.s[:count] / length)
+        moments = basis.T * (fine.weights[:count] / length)
         return np.asarray(np.linalg.solve(moments @ basis, moments))
 
     def spread(self, matrix: FloatArray, values: FloatArray) -> FloatArray:

@@ -45,7 +45,7 @@ from octo_arm_model.rod.inertia_arrays import (
     MotionTables,
     TimeRule,
 )
-from octo_arm_model.rod.local_loads import LocalTangents
+from octo_arm_model.rod.local_loads import LocalTangents, add_tangents, kinematics
 from octo_arm_model.rod.rotations import dot, outer, skew
 from octo_arm_model.rod.section_arrays import cross
 from octo_arm_model.rod.tables import RADIUS, Tables
@@ -121,7 +121,7 @@ class MovingProblem(Problem):
             rotary = 0.25 * arm.body.disc_radius**2
             section[:, : ROTARY_B + 1] += np.outer(more, [1.0, rotary, rotary])
         self.moving = MotionTables(
-            self.along.from_base, np.asfortranarray(self.along.to_tip), section,
+            elements.from_base, elements.to_tip, section,
             bool(section[:, DISPLACED:].any()), _viscosities(arm, elements.s, strains, properties),
         )  # fmt: skip
         self._is_viscous = bool(self.moving.viscous.any())
@@ -176,7 +176,7 @@ class MovingProblem(Problem):
         tangents = [self._tangents(c1, c0)]
         if self.contact is not None:
             tangents += self.contact.tangents(*self._touched(), c1)
-        self.along.add_tangents(work, z.shape[1], tangents)
+        add_tangents(self.elements, work, z.shape[1], tangents)
 
     def _add_contact(self) -> None:
         """See `Problem`: with the motion."""
@@ -189,7 +189,7 @@ class MovingProblem(Problem):
 
     def velocities(self, place: FloatArray, twist_rate: FloatArray) -> FloatArray:
         """Of ``place`` (N, 12) for rates of the twists in `work` (N, m), on a base at rest."""
-        turn, slope = self.along.kinematics(self.work, twist_rate.shape[1])
+        turn, slope = kinematics(self.elements.from_base, self.work, twist_rate.shape[1])
         spin = (turn @ twist_rate.ravel())[:, np.newaxis]
         found = np.empty((len(place), 4, 3))
         found[:, 0] = self.moving.from_base @ (slope @ twist_rate.ravel())

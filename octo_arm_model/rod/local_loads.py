@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.rotations import skew
 from octo_arm_model.rod.tables import Work
 
@@ -43,51 +44,51 @@ class LocalTangents(NamedTuple):
     back: FloatArray | None = None
 
 
-class AlongArm(NamedTuple):
-    """Integrals between the nodes of an arm.
+def kinematics(from_base: FloatArray, work: Work, strains: int) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of turns of sections and of r' by the twists in ``work``, (N, 3, N m).
 
-    Attributes:
-        from_base: matrix of integrals from the base to each node, (N, N) in columns [m].
-        to_tip: the same from each node to the tip.
+    With the integrals ``from_base`` (N, N) to each node.
     """
+    nodes = len(work.slope)
+    columns = np.zeros((nodes, 3, nodes, strains))
+    part, axes = from_base[:, np.newaxis, :, np.newaxis], work.rotation
+    np.multiply(part, axes.transpose(1, 0, 2), out=columns[..., :3])
+    turn = columns.reshape(nodes, 3, -1)
+    slope, number = -(skew(work.slope) @ turn), np.arange(nodes)
+    own = slope.reshape(nodes, 3, nodes, strains)
+    own[number, :, number, 3:] += work.rotation[:, :, : strains - 3]
+    return turn, slope
 
-    from_base: FloatArray
-    to_tip: FloatArray
 
-    def kinematics(self, work: Work, strains: int) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of turns of sections and of r' by the twists in ``work``, (N, 3, N m)."""
-        nodes = len(work.slope)
-        columns = np.zeros((nodes, 3, nodes, strains))
-        part, axes = self.from_base[:, np.newaxis, :, np.newaxis], work.rotation
-        np.multiply(part, axes.transpose(1, 0, 2), out=columns[..., :3])
-        turn = columns.reshape(nodes, 3, -1)
-        slope, number = -(skew(work.slope) @ turn), np.arange(nodes)
-        own = slope.reshape(nodes, 3, nodes, strains)
-        own[number, :, number, 3:] += work.rotation[:, :, : strains - 3]
-        return turn, slope
+def add_tangents(
+    elements: Elements, work: Work, strains: int, tangents: Sequence[LocalTangents]
+) -> None:
+    """Add what loads of such ``tangents`` do to the Jacobian in ``work``."""
+    turn, slope = kinematics(elements.from_base, work, strains)
+    move = along(elements.from_base, slope)
+    force, moment = np.zeros_like(move), np.zeros_like(move)
+    for one in tangents:
+        moved, turned = move, turn
+        if one.between is not None:
+            moved = along(one.between, move)
+            if one.force_by_turn is not None or one.moment_by_turn is not None:
+                turned = along(one.between, turn)
+        force += _density(one.force_by_place, one.force_by_turn, moved, turned, one.back)
+        if one.moment_by_place is not None or one.moment_by_turn is not None:
+            parts = one.moment_by_place, one.moment_by_turn
+            moment += _density(*parts, moved, turned, one.back)
+    force = along(elements.to_tip, force)
+    moment = along(elements.to_tip, moment + skew(work.slope) @ force)
+    rows = in_sections(work.rotation, force, moment, strains)
+    work.jacobian[:] -= rows.reshape(work.jacobian.shape)
 
-    def add_tangents(self, work: Work, strains: int, tangents: Sequence[LocalTangents]) -> None:
-        """Add what loads of such ``tangents`` do to the Jacobian in ``work``."""
-        turn, slope = self.kinematics(work, strains)
-        move = _product(self.from_base, slope)
-        force, moment = np.zeros_like(move), np.zeros_like(move)
-        for one in tangents:
-            moved, turned = move, turn
-            if one.between is not None:
-                moved = _product(one.between, move)
-                if one.force_by_turn is not None or one.moment_by_turn is not None:
-                    turned = _product(one.between, turn)
-            force += _density(one.force_by_place, one.force_by_turn, moved, turned, one.back)
-            if one.moment_by_place is not None or one.moment_by_turn is not None:
-                parts = one.moment_by_place, one.moment_by_turn
-                moment += _density(*parts, moved, turned, one.back)
-        force = _product(self.to_tip, force)
-        moment += skew(work.slope) @ force
-        moment = _product(self.to_tip, moment)
-        axes = work.rotation.swapaxes(1, 2)
-        rows = work.jacobian.reshape(len(axes), strains, -1)
-        rows[:, :3] -= axes @ moment
-        rows[:, 3:] -= axes[:, : strains - 3] @ force
+
+def in_sections(
+    rotation: FloatArray, force: FloatArray, moment: FloatArray, strains: int
+) -> FloatArray:
+    """A ``force`` and a ``moment`` (N, 3, k) in the axes of sections as a residual, (N, m, k)."""
+    inverse = rotation.swapaxes(1, 2)
+    return np.concatenate([inverse @ moment, inverse[:, : strains - 3] @ force], axis=1)
 
 
 def _density(
@@ -97,9 +98,9 @@ def _density(
     """Change of a density at the nodes, (N, 3, n)."""
     parts = [by @ to for by, to in ((by_place, moved), (by_turn, turned)) if by is not None]
     total = parts[0] if len(parts) == 1 else parts[0] + parts[1]
-    return total if back is None else _product(back, total)
+    return total if back is None else along(back, total)
 
 
-def _product(matrix: FloatArray, values: FloatArray) -> FloatArray:
-    """A ``matrix`` (n, P) times ``values`` (P, 3, k)."""
+def along(matrix: FloatArray, values: FloatArray) -> FloatArray:
+    """``matrix`` (n, P) times ``values`` (P, c, k)."""
     return (matrix @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])

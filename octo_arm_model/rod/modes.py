@@ -18,6 +18,7 @@ from scipy.linalg import eigh
 from octo_arm_model.arm.errors import ConfigError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition
+from octo_arm_model.rod.local_loads import kinematics
 from octo_arm_model.rod.motion import Dynamics, MotionState
 
 
@@ -133,7 +134,7 @@ def _linearised(dynamics: Dynamics, state: MotionState, count: int) -> _Linearis
         raise SolveError('the equilibrium is not stable: it has no modes') from None
     shapes = shapes[:, ::-1] / np.sqrt(squares[::-1])
     rows = shapes.T * weights
-    _, slope = problem.along.kinematics(problem.work, z.shape[1])
+    _, slope = kinematics(problem.elements.from_base, problem.work, z.shape[1])
     places = dynamics.places.integration
     by_stations = (places @ slope.reshape(len(z), -1)).reshape(len(places), 3, size)
     by_tensions = problem.tendons(known).stretch_by_twist * problem.tables.reach[..., np.newaxis]

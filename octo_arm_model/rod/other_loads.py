@@ -10,7 +10,8 @@ from octo_arm_model.arm.errors import LoadError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Load, Tangent
 from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.rotations import quaternion_rates, rotation_matrices
+from octo_arm_model.rod.local_loads import along, in_sections
+from octo_arm_model.rod.rotations import quaternion_rates, rotation_matrices, skew
 from octo_arm_model.rod.tables import Work
 
 
@@ -35,7 +36,7 @@ class NodeRod:
 
     def integrate_from_tip(self, values: FloatArray) -> FloatArray:
         """Integral along s of ``values`` (..., N) from each node to the tip."""
-        return np.asarray(values @ self._loads.to_tip.T)
+        return np.asarray(values @ self._loads.elements.to_tip.T)
 
     @functools.cached_property
     def _rates(self) -> FloatArray:
@@ -51,7 +52,6 @@ class OtherLoads:
         loads: the loads.
         elements: of the nodes.
         base: orientation of the base, w, x, y, z, (4,).
-        to_tip: matrix (N, N) of integrals from each node to the tip.
         up_to: for an arc coordinate [m], the row (N,) of the integral from the base to it.
         without_tangent: name of a load that states no tangent stiffness, or ''.
     """
@@ -62,7 +62,6 @@ class OtherLoads:
         self.loads, self.elements, self.base, self.without_tangent = loads, elements, base, ''
         if not loads:
             return  # Most rods have none, and make no matrices for them.
-        self.to_tip = elements.weights - elements.integration(elements.s)
         self.up_to = functools.lru_cache(256)(self._up_to)
         straight = self.straight()
         self.without_tangent = next(
@@ -94,16 +93,13 @@ class OtherLoads:
         # Nodes, component, and that of the rotation vector of the cross section.
         force = factor * np.moveaxis(np.asarray(tangent.force), 2, 0)
         moment = factor * np.moveaxis(np.asarray(tangent.moment), 2, 0)
-        lever = np.cross(work.slope[:, :, np.newaxis], force, axis=1)
-        moment = moment + (self.to_tip @ lever.reshape(len(lever), 9)).reshape(lever.shape)
         # Minus the change of the wrench by the rotation of the section ...
-        inverse = work.rotation.swapaxes(1, 2)
-        rows = np.empty((len(lever), strains, 3))
-        rows[:, :3], rows[:, 3:] = -inverse @ moment, -inverse[:, : strains - 3] @ force
+        moment = moment + along(self.elements.to_tip, skew(work.slope) @ force)
+        rows = in_sections(work.rotation, force, moment, strains)
         # ... which is the integral of R d kappa up to it.
-        columns = np.zeros((len(lever), strains, 3))
+        columns, inverse = np.zeros_like(rows), work.rotation.swapaxes(1, 2)
         columns[:, :3] = self.up_to(tangent.s)[:, np.newaxis, np.newaxis] * inverse
-        work.jacobian[:] += rows.reshape(-1, 3) @ columns.reshape(-1, 3).T
+        work.jacobian[:] -= rows.reshape(-1, 3) @ columns.reshape(-1, 3).T
 
     def require_tangents(self, what: str) -> None:
         """Refuse ``what`` needs the tangent stiffness of every load, if one states none."""

@@ -108,7 +108,7 @@ class ClosedForm:
 
     def __init__(self, arm: Arm, elements: Elements, s: FloatArray, form: Form) -> None:
         """Of ``arm`` at the nodes of ``elements`` and at stations ``s`` (S,) [m]."""
-        self._form, self._sections = form, elements.section[:: elements.points]
+        self._form, self._sections = form, elements.sections
         self.tables = tabulate_paper(arm, elements, s, is_published=self.is_published)
 
     def solve(self, tensions: FloatArray) -> Strains:
@@ -154,9 +154,9 @@ def tabulate_paper(
 
     With equation (10) between nodes where ``is_published``.
     """
-    stations, points, nodes = places_at(elements, s), elements.points, elements.s.size
+    stations, nodes = places_at(elements, s), elements.s.size
     # Sections are numbered from the tip.
-    section = np.append(elements.section[::points], 0)
+    section = np.append(elements.sections, 0)
     swept = int((section > 1).sum()) if is_published else 0
     jumps = np.flatnonzero(section[1 : swept + 1] < section[:swept])
     anchorage = np.full(elements.lengths.size, -1)

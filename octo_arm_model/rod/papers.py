@@ -12,10 +12,11 @@ from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
-from octo_arm_model.rod.derivatives import along, pose_rates, strain_changes
+from octo_arm_model.rod.derivatives import pose_rates, strain_changes
 from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
 from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.friction import Band
+from octo_arm_model.rod.local_loads import along
 from octo_arm_model.rod.paper_equations import Equations, MakesEquations, Strains
 from octo_arm_model.rod.reeling import Border, RodReeling
 from octo_arm_model.rod.resolution import allowed_between
@@ -321,7 +322,7 @@ def sensitivity(
         mean = np.einsum('nj,njc->jc', rest, local) / rest.sum(axis=0)[:, np.newaxis]
     change = by_local @ columns
     work, elements = problem.work, problem.elements
-    rates = pose_rates(elements.integration(elements.s), work.rotation, work.slope, change[:nodes])
+    rates = pose_rates(elements.from_base, work.rotation, work.slope, change[:nodes])
     pose, at = along(level.places.integration, rates), slice(nodes, len(change))
     strains = strain_changes(stepped[0, at].real, change[at])
     by_twist, weights = problem.tendons(state).stretch_by_twist, problem.elements.weights

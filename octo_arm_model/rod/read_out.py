@@ -108,9 +108,8 @@ class Readout:
         self.places = places_at(elements, s)
         self._straight = straight_twists(own.strains)
         if finer.problem.friction is not None:
-            section = elements.section[self.places.element * elements.points]
-            at_stations = elements._replace(s=s, section=section)
-            self._tables = tabulate(arm, at_stations, own.tables.base, law=own.tables.law)
+            at = s, elements.sections[self.places.element]
+            self._tables = tabulate(arm, elements, own.tables.base, law=own.tables.law, at=at)
             self._work = work_arrays(self._tables, own.strains, has_jacobian=False)
 
     def read(

@@ -175,13 +175,16 @@ def work_arrays(tables: Tables, strains: int, *, has_jacobian: bool = True) -> W
     )
 
 
-def tabulate(arm: Arm, elements: Elements, base: FloatArray, *, law: int) -> Tables:
-    """Tables of ``arm`` at the nodes of ``elements``, or what else these have as s and section.
+def tabulate(
+    arm: Arm, elements: Elements, base: FloatArray, *, law: int,
+    at: tuple[FloatArray, IntArray] | None = None,
+) -> Tables:  # fmt: skip
+    """Tables of ``arm`` at the nodes of ``elements``, or ``at`` places [m] in sections, both (S,).
 
     ``base`` is the orientation of the base, a quaternion w, x, y, z.
     """
-    rule, s = elements.rule, elements.s
-    acts = arm.tendon_section[np.newaxis] <= elements.section[:, np.newaxis]
+    rule, (s, section) = elements.rule, at or (elements.s, elements.section)
+    acts = arm.tendon_section[np.newaxis] <= section[:, np.newaxis]
     columns = np.stack([*arm.tendon_offsets(s), *arm.tendon_slopes(s)], axis=-1)
     tendons = columns.swapaxes(0, 1) * acts[..., np.newaxis]
     sheaths = np.array(arm.sheath_stiffness or np.zeros(len(arm.tendons)))
@@ -233,11 +236,7 @@ def _twice(rule: GaussRule) -> FloatArray:
 
 def _fine(rule: GaussRule) -> tuple[FloatArray, FloatArray]:
     """`Tables.to_fine` and `Tables.fine_weights` of one element of length one."""
-    one = np.ones(1)
-    unit = Elements(
-        np.array([0.0, 1.0]), rule, one, rule.points, rule.weights, np.zeros(1, np.int64), one > 0
-    )
-    fine = unit.fine
+    fine = Elements(np.array([0.0, 1.0]), rule, np.zeros(1, np.int64), np.ones(1, np.bool_)).fine
     return rule.interpolate(fine.s), fine.integration(np.append(rule.points, 1.0))
 
 
