@@ -15,3 +15,4 @@ Vector: TypeAlias = tuple[float, float, float]
 # Argument and result of a formula: a number or an array, real, or complex where the imaginary
 # part is a derivative.
 Number: TypeAlias = Any
+Numbers: TypeAlias = tuple[Any, ...]

@@ -156,7 +156,9 @@ class Derivatives:
         )  # fmt: skip
         wrenches = np.tile(np.eye(6), (self._problem.elements.s.size, 1, 1))
         change = self._change(found, columns, wrenches)
-        parts: dict[str, Any] = {f'by_{name}': _part(change, own) for name, own in columns.items()}
+        parts: dict[str, Any] = {
+            f'by_{name}': part_of(change, own) for name, own in columns.items()
+        }
         return Sensitivity(**parts, find_path=functools.partial(self._by_path, found))
 
     def _by_path(self, found: Equilibrium, name: str) -> Change | None:
@@ -321,7 +323,8 @@ def strain_changes(twist: FloatArray, z: FloatArray) -> FloatArray:
     return strain
 
 
-def _part(change: Change, where: slice) -> Change:
+def part_of(change: Change, where: slice) -> Change:
+    """Some of the quantities of a ``change``."""
     mean, twist = change.tendon_tension, change.twist
     return Change(
         change.pose[..., where], change.strain[..., where], change.tendon_length[..., where],

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.hints import FloatArray, Numbers
+from octo_arm_model.rod.section_formulas import (
+    paper_jump,
+    paper_moments,
+    paper_slope,
+    paper_twist,
+)
 from octo_arm_model.rod.tables import PaperTables
 
 MOST_PAPER_SWEEPS = 60  # of an element in equation (10)
@@ -18,22 +24,11 @@ def paper_twists(
 
     ``sums`` may be complex.
     """
-    axial, torsion, bending_n, bending_b = tables.stiffness
-    pull, n, b, nn, bb, mixed, torque = sums.swapaxes(0, 1)
-    outcome = np.full((len(sums), 3), (0.0, 0.0, -1.0))
-    rest = tables.rest[:, np.newaxis]
+    outcome, rest = np.full((len(sums), 3), (0.0, 0.0, -1.0)), tables.rest[:, np.newaxis]
     if tables.swept:
         rest, outcome = _imbalances(tables, sums, tolerance)
-    moment_t, moment_n, moment_b = np.stack([-torque, -b, n]) + rest
-    about_n, about_b = bending_n + bb, bending_b + nn
-    over = 1.0 / (about_n * about_b - mixed * mixed)
-    xi = (about_b * moment_n + mixed * moment_b) * over
-    k = (about_n * moment_b + mixed * moment_n) * over
-    twist = np.empty((*pull.shape, 4), pull.dtype)
-    stretch = twist[..., 3] = (k * n - xi * b - pull) / axial + 1.0
-    twist[..., 0] = moment_t / (torsion + (nn + bb)) * stretch
-    twist[..., 1], twist[..., 2] = xi * stretch, k * stretch
-    return twist, outcome
+    found = paper_twist(tuple(sums.swapaxes(0, 1)), tuple(tables.stiffness), tuple(rest))
+    return np.stack(found, axis=-1), outcome
 
 
 def _imbalances(
@@ -49,8 +44,11 @@ def _imbalances(
     for e in range(tables.swept - 1, -1, -1):
         own, at = slice(e * points, (e + 1) * points), tables.anchorage[e]
         if at >= 0:
-            end = _jumped(tables.stiffness[1:3, at], sums[..., at], sums[..., at + 1], end)
-        coefficients = _slope_coefficients(tables.stiffness[1:3, own], sums[..., own])
+            sides = _moments(sums[..., at]), _moments(sums[..., at + 1])
+            end = paper_jump(tables.stiffness[[1, 2, 2], at, np.newaxis], *sides, end)
+        coefficients = paper_slope(
+            tuple(tables.stiffness[:, own]), tuple(sums[..., own].swapaxes(0, 1))
+        )
         backwards = -tables.lengths[e] * tables.backwards.T
         found, change, count = _sweep(coefficients, backwards, end, tolerance * largest)
         stuck[(stuck < 0.0) & ~(change <= tolerance * largest)] = e
@@ -62,40 +60,13 @@ def _imbalances(
 
 
 def _moments(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """F and the diagonal of D, (3, ...), of ``sums`` (A, 7, ...), see `paper_equations`."""
-    _, n, b, nn, bb = sums.swapaxes(0, 1)[:5]
-    return np.stack([np.zeros_like(n), -b, n]), np.stack([nn + bb, bb, nn])
-
-
-def _jumped(stiffness: FloatArray, base: FloatArray, tip: FloatArray, p: FloatArray) -> FloatArray:
-    """Imbalance (3, A) at the side of an anchorage to the base by (11), from ``p`` at the other.
-
-    From sums (A, 7) at both sides.
-    """
-    torsion, bending = stiffness
-    k = np.array([[torsion], [bending], [bending]])
-    (f, d), (f_tip, d_tip) = _moments(base), _moments(tip)
-    omega = (f_tip + p) / (k + d_tip) + (f - f_tip) / (k + (d - d_tip))
-    return np.asarray(omega * (k + d) - f)
-
-
-def _slope_coefficients(
-    stiffness: FloatArray, sums: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Coefficients of p' in an element: xi_0, k_0, that of p_n p_b, and of p_n' and p_b'.
-
-    Of the last two each has a row: c times k_0 and xi_0, and what is multiplied by p_b and p_n.
-    """
-    torsion, bending = stiffness
-    (_, f_n, f_b), (polar, bb, nn) = _moments(sums)
-    c_t, c_n, c_b = 1.0 / (torsion + polar), 1.0 / (bending + bb), 1.0 / (bending + nn)
-    xi, k, c = c_n * f_n, c_b * f_b, (bending + polar) * c_t
-    aside = np.stack([-c * k, c * xi]), np.stack([-bb * c_t * c_b, nn * c_t * c_n])
-    return xi, k, (bb - nn) * c_n * c_b, *aside
+    """F and the diagonal of D of ``sums`` (A, 7), (3, A)."""
+    f, d = paper_moments(tuple(sums.T))
+    return np.stack(f), np.stack(d)
 
 
 def _sweep(
-    coefficients: tuple[FloatArray, ...], backwards: FloatArray, end: FloatArray,
+    coefficients: Numbers, backwards: FloatArray, end: FloatArray,
     allowed: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
     """Imbalance (3, A, p + 1) at the points and the start of an element from that at its ``end``.
@@ -103,7 +74,8 @@ def _sweep(
     Returns:
         It, its last change [N m] and the number of sweeps of each arm, (A,).
     """
-    xi, k, product, linear, aside = coefficients
+    xi, k, product = coefficients[:3]
+    linear, aside = np.stack(coefficients[3:5]), np.stack(coefficients[5:])
     end = end[..., np.newaxis]
     p = np.repeat(end, len(backwards) + 1, axis=2)
     n, b, others = p[1, :, :-1], p[2, :, :-1], p[:0:-1, :, :-1]

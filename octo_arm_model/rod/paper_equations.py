@@ -36,9 +36,6 @@ Both have (9a), q = N / (E A) with N = k n - xi b - pull.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple, Protocol, TypeAlias
-
 import numpy as np
 
 from octo_arm_model.arm.arm import Arm
@@ -50,7 +47,7 @@ from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.arm.tendon import Section
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.equilibrium import Problem
 from octo_arm_model.rod.tables import PaperTables, places_at
 
 # Sweeps stop when p changes by less than this part of the largest moment in the arm, which leaves
@@ -61,58 +58,34 @@ _OF_DERIVATIVES = 1e-13
 _ROUNDING = 1e-14  # of products of offsets
 
 
-class Strains(NamedTuple):
-    """What the equations of one of the paper's models give for A arms.
+class PaperEquations:
+    """One of the paper's models at the N nodes of a problem and at S stations.
+
+    Strains depend on tensions and E through their ratio alone, and analytically on the tensions.
 
     Attributes:
-        twist: (1 + q) (tau, xi, k) [1/m] and 1 + q [-] at the N nodes and the S stations,
-            (A, N + S, 4).
-        residual: relative residual, (A,).
-        iterations: (A,).
+        problem: the nodes.
+        tables: the arm at nodes and stations.
     """
 
-    twist: FloatArray
-    residual: FloatArray
-    iterations: IntArray
+    def __init__(self, arm: Arm, problem: Problem, s: FloatArray, *, is_published: bool) -> None:
+        """Of ``arm`` at the nodes of ``problem`` and at stations ``s`` (S,) [m].
 
+        Where ``is_published`` of `renda2012`, else of `closed_form`.
+        """
+        self.problem = problem
+        self.tables = tabulate_paper(arm, problem.elements, s, is_published=is_published)
 
-class Equations(Protocol):
-    """Strains from tensions at the nodes and stations of one arm.
+    def solve(self, tensions: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Twists under ``tensions`` (A, J), or at every node and station (A, N + S, J) [N].
 
-    They depend on tensions and E through their ratio alone, and analytically on the tensions.
-    """
-
-    def solve(self, tensions: FloatArray) -> Strains:
-        """Strains under ``tensions`` (A, J), or at every node and station (A, N + S, J) [N].
-
-        Complex tensions give derivatives as imaginary parts.
+        (1 + q) (tau, xi, k) [1/m] and 1 + q [-] at nodes and stations first, (A, P, 4), and
+        relative residuals and iterations, (A,). Complex tensions give derivatives as imaginary
+        parts.
 
         Raises:
-            ConvergenceError: if the equations were not solved.
+            ConvergenceError: if equation (10) was not solved.
         """
-
-
-# Of an arm, elements, stations and node functions.
-MakesEquations: TypeAlias = Callable[[Arm, Elements, FloatArray, Form], Equations]
-
-
-class ClosedForm:
-    """The model `closed_form`.
-
-    Attributes:
-        tables: the arm at nodes and stations.
-        is_published: whether (10) and (11) are solved, not the balance.
-    """
-
-    is_published = False
-
-    def __init__(self, arm: Arm, elements: Elements, s: FloatArray, form: Form) -> None:
-        """Of ``arm`` at the nodes of ``elements`` and at stations ``s`` (S,) [m]."""
-        self._form, self._sections = form, elements.sections
-        self.tables = tabulate_paper(arm, elements, s, is_published=self.is_published)
-
-    def solve(self, tensions: FloatArray) -> Strains:
-        """See `Equations`."""
         is_real, moments = not np.iscomplexobj(tensions), self.tables.moments
         if tensions.ndim == 2:
             # Row by row, as BLAS rounds several together otherwise: an arm of a batch is then that
@@ -121,30 +94,15 @@ class ClosedForm:
             sums = rows.reshape(len(tensions), *moments.shape[1:])
         else:
             sums = np.einsum('apj,jcp->acp', tensions, moments)
-        form, tolerance = (self._form, TOLERANCE) if is_real else (arrays, _OF_DERIVATIVES)
+        form, tolerance = (self.problem.form, TOLERANCE) if is_real else (arrays, _OF_DERIVATIVES)
         twist, outcome = form.paper_twists(self.tables, sums, tolerance)
         residual, sweeps, stuck = outcome.T
-        if self.is_published and stuck.max() >= 0.0:
+        if self.tables.swept and stuck.max() >= 0.0:
             worst = int(stuck.argmax())
-            section = self._sections[int(stuck[worst])]
+            section = self.problem.elements.sections[int(stuck[worst])]
             error = f'equation (10) in section {section}'
             raise ConvergenceError(error, float(residual[worst]), int(sweeps[worst]))
-        return Strains(twist, residual, sweeps.astype(np.int64))
-
-
-class Renda2012(ClosedForm):
-    """The model `renda2012`."""
-
-    is_published = True
-
-    def __init__(self, arm: Arm, elements: Elements, s: FloatArray, form: Form) -> None:
-        """Of ``arm`` at the nodes of ``elements`` and at stations ``s`` (S,) [m].
-
-        Raises:
-            ConfigError: if the arm is not one that the paper's equations cover.
-        """
-        _check_is_papers(arm)
-        super().__init__(arm, elements, s, form)
+        return twist, residual, sweeps.astype(np.int64)
 
 
 def tabulate_paper(
@@ -193,7 +151,7 @@ def tendon_moments(arm: Arm, s: FloatArray, section: IntArray) -> FloatArray:
     return found
 
 
-def _check_is_papers(arm: Arm) -> None:
+def check_is_papers(arm: Arm) -> None:
     """Check that the paper's equations cover ``arm``.
 
     Raises:

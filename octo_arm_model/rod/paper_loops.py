@@ -5,10 +5,28 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.compiled import compiled, helper
+from octo_arm_model.rod.compiled import compiled, helper, inlined
+from octo_arm_model.rod.section_formulas import (
+    paper_jump,
+    paper_moments,
+    paper_slope,
+    paper_twist,
+)
 from octo_arm_model.rod.tables import PaperTables
 
 MOST_PAPER_SWEEPS, SWEEPS_A_CHECK = 60, 2  # see `paper_arrays`
+_twist, _slope, _moments = inlined(paper_twist), inlined(paper_slope), inlined(paper_moments)
+_jump = inlined(paper_jump)
+
+
+@inlined
+def _seven(a: FloatArray, i: int) -> tuple[float, float, float, float, float, float, float]:
+    return a[0, i], a[1, i], a[2, i], a[3, i], a[4, i], a[5, i], a[6, i]
+
+
+@inlined
+def _four(a: FloatArray, i: int) -> tuple[float, float, float, float]:
+    return a[0, i], a[1, i], a[2, i], a[3, i]
 
 
 @compiled
@@ -35,16 +53,9 @@ def paper_twists(
         if tables.swept:
             _imbalances(tables, own, tolerance, p, outcome[arm])
         for i in range(places):
-            n, b, nn, bb, mixed = own[1, i], own[2, i], own[3, i], own[4, i], own[5, i]
-            about_n, about_b = stiffness[2, i] + bb, stiffness[3, i] + nn
-            moment_n, moment_b = p[1, i] - b, p[2, i] + n
-            over = 1.0 / (about_n * about_b - mixed * mixed)
-            xi = (about_b * moment_n + mixed * moment_b) * over
-            k = (about_n * moment_b + mixed * moment_n) * over
-            stretch = (k * n - xi * b - own[0, i]) / stiffness[0, i] + 1.0
-            tau = (p[0, i] - own[6, i]) / (stiffness[1, i] + (nn + bb))
-            twist[arm, i, 0], twist[arm, i, 1] = tau * stretch, xi * stretch
-            twist[arm, i, 2], twist[arm, i, 3] = k * stretch, stretch
+            found = _twist(_seven(own, i), _four(stiffness, i), (p[0, i], p[1, i], p[2, i]))
+            for c in range(4):
+                twist[arm, i, c] = found[c]
     return twist, outcome
 
 
@@ -61,8 +72,11 @@ def _imbalances(
     for e in range(tables.swept - 1, -1, -1):
         at, first = tables.anchorage[e], e * points
         if at >= 0:
-            _jump(tables.stiffness[:, at], sums[:, at], sums[:, at + 1], end)
-        _slope_coefficients(tables.stiffness, sums, first, slopes)
+            _cross_anchorage(tables.stiffness, sums, at, end)
+        for i in range(points):
+            found = _slope(_four(tables.stiffness, first + i), _seven(sums, first + i))
+            for c in range(7):
+                slopes[c, i] = found[c]
         change, count = _sweep(tables, e, slopes, tolerance * largest, end, room)
         if outcome[2] < 0.0 and not change <= tolerance * largest:
             outcome[2] = e
@@ -85,38 +99,12 @@ def _imbalances(
 
 
 @helper
-def _jump(stiffness: FloatArray, base: FloatArray, tip: FloatArray, p: FloatArray) -> None:
-    """Imbalance at the side of an anchorage to the base by (11), from that at the other."""
+def _cross_anchorage(stiffness: FloatArray, sums: FloatArray, at: int, p: FloatArray) -> None:
+    """Imbalance at the side of an anchorage to the base, the place ``at``, from that beyond it."""
+    k = _four(stiffness, at)
+    (f, d), (f_tip, d_tip) = _moments(_seven(sums, at)), _moments(_seven(sums, at + 1))
     for c in range(3):
-        k = stiffness[1] if c == 0 else stiffness[2]
-        f, d = _moment(base, c)
-        f_tip, d_tip = _moment(tip, c)
-        omega = (f_tip + p[c]) / (k + d_tip) + (f - f_tip) / (k + (d - d_tip))
-        p[c] = omega * (k + d) - f
-
-
-@helper
-def _moment(sums: FloatArray, c: int) -> tuple[float, float]:
-    """Component ``c`` of F and of the diagonal of D, see `paper_equations`."""
-    if c == 0:
-        return 0.0, sums[3] + sums[4]
-    return (-sums[2], sums[4]) if c == 1 else (sums[1], sums[3])
-
-
-@helper
-def _slope_coefficients(
-    stiffness: FloatArray, sums: FloatArray, first: int, out: FloatArray
-) -> None:
-    """Coefficients (7, p) of p' in the element of nodes from ``first`` on."""
-    for i in range(out.shape[1]):
-        torsion, bending = stiffness[1, first + i], stiffness[2, first + i]
-        n, b = sums[1, first + i], sums[2, first + i]
-        nn, bb = sums[3, first + i], sums[4, first + i]
-        c_t, c_n, c_b = 1.0 / (torsion + (nn + bb)), 1.0 / (bending + bb), 1.0 / (bending + nn)
-        xi, k, c = -c_n * b, c_b * n, (bending + (nn + bb)) * c_t
-        out[0, i], out[1, i], out[2, i] = xi, k, (bb - nn) * c_n * c_b
-        out[3, i], out[4, i] = -c * k, c * xi
-        out[5, i], out[6, i] = -bb * c_t * c_b, nn * c_t * c_n
+        p[c] = _jump(k[1 if c == 0 else 2], (f[c], d[c]), (f_tip[c], d_tip[c]), p[c])
 
 
 @helper

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +11,19 @@ from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
-from octo_arm_model.rod.derivatives import pose_rates, strain_changes
+from octo_arm_model.rod.derivatives import part_of, pose_rates, strain_changes
 from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
 from octo_arm_model.rod.factors import Blocks, Linear
 from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.local_loads import along
-from octo_arm_model.rod.paper_equations import Equations, MakesEquations, Strains
+from octo_arm_model.rod.paper_equations import PaperEquations, check_is_papers
 from octo_arm_model.rod.reeling import Border, RodReeling
 from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import WORST, Equilibrium, Rod, Setting, require_resolved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity
 from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
-from octo_arm_model.rod.tables import AXIAL, Places, places_at
+from octo_arm_model.rod.tables import AXIAL
 from octo_arm_model.rod.winches import Winches
 
 # With a history strains have kinks, by which the estimated error of positions is too small: it has
@@ -35,61 +34,38 @@ _MOST_STEPS = 100  # of tensions with friction
 _SETTLED = 1e-13  # change of these, over the largest tension
 
 
-class _Level(NamedTuple):
-    """The equations at the N nodes of one level and at the S stations.
-
-    Attributes:
-        problem: the nodes.
-        equations: at both.
-        places: the stations.
-        unloaded: forces, free moments and scales at the nodes, see `Acting`.
-        balanced: no imbalance, see `State`.
-    """
-
-    problem: Problem
-    equations: Equations
-    places: Places
-    unloaded: tuple[FloatArray, FloatArray, FloatArray]
-    balanced: FloatArray
-
-
 class Papers(Statics):
     """One of the paper's models on a rod."""
 
-    def __init__(self, equations: MakesEquations, setup: Setup) -> None:
-        """Tabulate the ``equations``.
+    def __init__(self, is_published: bool, setup: Setup) -> None:
+        """Tabulate `renda2012` where ``is_published``, else `closed_form`.
 
         Raises:
-            ConfigError: if they do not cover the arm.
+            ConfigError: if it does not cover the arm.
         """
         super().__init__(setup)
-        if setup.arm.sheath_stiffness:
-            raise ConfigError(
-                "tendons.sheath_stiffness goes with model exact: the paper's models keep tendons "
-                'in their places'
-            )
-        if setup.arm.discs.s:
-            raise ConfigError(
-                "tendons.discs goes with model exact: in the paper's models the body leads "
-                'tendons all along'
-            )
-        self._equations = equations
+        arm = setup.arm
+        for name, given in (('sheath_stiffness', arm.sheath_stiffness), ('discs', arm.discs.s)):
+            if given:
+                raise ConfigError(
+                    f"tendons.{name} goes with model exact: in the paper's models the body leads "
+                    'tendons all along, in their places'
+                )
+        if is_published:
+            check_is_papers(arm)
         setting = Setting(False, accuracy=setup.accuracy, compiled=setup.compiled)
-        self.rod = Rod(setup.arm, Loads(), setup.base[1], setting)
+        self.rod = Rod(arm, Loads(), setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
-        self._at = functools.cache(self._level)
+        self._at = functools.cache(
+            lambda level: PaperEquations(
+                arm, self.rod.problem(level, self.rod.added), setup.s, is_published=is_published
+            )
+        )
         self._at(0)
         self._winches = Winches(self.rod, lambda level: _Reeling(self, level))
         self._several = functools.lru_cache(8)(
-            lambda level, arms: Several(self._at(level).problem, arms)
+            lambda level, arms: Several(self.problem(level), arms)
         )
-
-    def _level(self, level: int) -> _Level:
-        setup, problem = self._setup, self.rod.problem(level, self.rod.added)
-        nodes, places = problem.elements.s.size, places_at(problem.elements, setup.s)
-        equations = self._equations(setup.arm, problem.elements, setup.s, problem.form)
-        nothing = np.zeros((nodes, 3)), np.zeros((nodes, 3)), np.ones((nodes, 2))
-        return _Level(problem, equations, places, nothing, np.zeros((nodes, 4)))
 
     def problem(self, level: int) -> Problem:
         """See `Statics`."""
@@ -107,7 +83,7 @@ class Papers(Statics):
                 not resolve the strains.
         """
         wanted = Condition(tensions, tip_wrench, before=before)
-        number = self._first_level(wanted)
+        number = self.rod.first_level(None, wanted)
         while True:
             try:
                 shape, error = self.shape(number, wanted)
@@ -118,9 +94,6 @@ class Papers(Statics):
                 if self.is_resolved(number, wanted, error):
                     return shape
             number += 1
-
-    def _first_level(self, wanted: Condition) -> int:
-        return 0 if wanted.before is None else self.rod.level_of(wanted.before)
 
     def is_resolved(self, number: int, wanted: Condition, error: float) -> bool:
         """Whether an ``error`` of positions, over the length, is small enough on a level.
@@ -140,41 +113,35 @@ class Papers(Statics):
     def shape(self, number: int, wanted: Condition) -> tuple[Shape, float]:
         """The arm on a level, and the estimated error of positions over its length."""
         level = self._at(number)
-        problem, nodes, along = level.problem, len(level.balanced), None
+        problem, places, along = level.problem, level.tables.stations, None
+        nodes = problem.elements.s.size
         if problem.friction is None:
-            found = level.equations.solve(wanted.tensions[np.newaxis])
+            (twist,), residual, iterations = level.solve(wanted.tensions[np.newaxis])
             local = np.empty((nodes, wanted.tensions.size))
             local[:] = wanted.tensions
         else:
             wanted = self.rod.at_level(wanted, number)
-            found, local, along = self._slide(level, wanted)
-        twist = found.twist[0]
+            (twist,), residual, iterations, local, along = self._slide(level, wanted)
         self._check(problem, twist[:, 3])
-        z = twist[:nodes]
+        z, nothing = twist[:nodes], np.zeros((nodes, 4))
         problem.orient(z)
-        position, quaternion, error = problem.form.poses(
-            problem.tables, z, level.places, problem.work
-        )
-        acting = Acting(wanted, local, *level.unloaded)
-        state = State(acting, z, level.balanced, float(found.residual[0]))
-        equilibrium = Equilibrium(state, number, None, None, int(found.iterations[0]))
-        strains = strains_of(twist[nodes : nodes + len(level.places.element)])
+        position, quaternion, error = problem.form.poses(problem.tables, z, places, problem.work)
+        acting = Acting(wanted, local, nothing[:, :3], nothing[:, :3], np.ones((nodes, 2)))
+        state = State(acting, z, nothing, float(residual[0]))
+        equilibrium = Equilibrium(state, number, None, None, int(iterations[0]))
+        strains = strains_of(twist[nodes : nodes + len(places.element)])
         position += self._setup.base[0]
         return Shape(position[0], quaternion[0], strains, along, equilibrium), float(error[0])
 
     def wind(
-        self,
-        displacements: FloatArray,
-        driven: NDArray[np.bool_],
-        condition: Condition,
-        start: Equilibrium | None,
-        spending: Spending,
-    ) -> tuple[Shape, FloatArray]:
+        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
+        start: Equilibrium | None, spending: Spending,
+    ) -> tuple[Shape, FloatArray]:  # fmt: skip
         """See `Statics`."""
         if start is not None:
             tensions = start.state.acting.condition.tensions
             begun = condition._replace(tensions=np.where(driven, tensions, condition.tensions))
-            start = self.shape(self._first_level(begun), begun)[0].equilibrium
+            start = self.shape(self.rod.first_level(None, begun), begun)[0].equilibrium
         found = self._winches.solve(displacements, driven, condition, start, spending)
         wanted = condition._replace(tensions=found.state.acting.condition.tensions)
         return self.shape(found.level, wanted)[0], found.state.reeled
@@ -186,19 +153,21 @@ class Papers(Statics):
         """See `Statics`."""
         own = self._at(level)
         try:
-            found = own.equations.solve(tensions)
+            twist, residual, iterations = own.solve(tensions)
         except ConvergenceError:
             return np.zeros(len(tensions), np.bool_)
-        nodes = len(own.balanced)
-        twist = found.twist[:, : nodes + self._setup.s.size]
+        nodes, places = own.problem.elements.s.size, own.tables.stations
+        twist = twist[:, : nodes + self._setup.s.size]
         z = twist[:, :nodes].reshape(-1, 4)
-        fine = self._write(self._several(level, len(tensions)), z, own.places, numbers, shapes)
+        fine = self._write(self._several(level, len(tensions)), z, places, numbers, shapes)
         shapes.strains[:, numbers] = strains_of(twist[:, nodes:])
-        shapes.residual[numbers], shapes.iterations[numbers] = found[1:]
+        shapes.residual[numbers], shapes.iterations[numbers] = residual, iterations
         return fine & (twist[..., 3].min(axis=1) > 0.0)
 
-    def _slide(self, level: _Level, wanted: Condition) -> tuple[Strains, FloatArray, FloatArray]:
-        """Strains, and tensions along tendons with friction at nodes and stations, (n, J) [N].
+    def _slide(
+        self, level: PaperEquations, wanted: Condition
+    ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
+        """As `PaperEquations.solve`, and tensions with friction at nodes and stations, (n, J) [N].
 
         What bends the arm at a node depends on how it is bent before it, so that iterating both
         converges.
@@ -216,15 +185,15 @@ class Papers(Statics):
         local, at_stations = tensions * tables.reach, base
         for steps in range(1, _MOST_STEPS):
             both = np.concatenate([local, at_stations])[np.newaxis]
-            twist = level.equations.solve(both).twist
+            twist, residual, _ = level.solve(both)
             found = friction.hold_along(twist[0, : len(local)], tensions, before, problem.work)
-            loss = tables.friction * (level.places.between @ found.angle)
+            loss = tables.friction * (level.tables.stations.between @ found.angle)
             loss[0] = 0.0
             at_stations = Band.of(base, loss, held).tensions
             change = float(np.abs(found.tensions - local).max())
             local = found.tensions
             if change <= _SETTLED * float(tensions.max()):
-                return Strains(twist, np.zeros(1), np.array([steps])), local, at_stations
+                return twist, 0.0 * residual, np.array([steps]), local, at_stations
         raise ConvergenceError('the tension of tendons with friction', change, _MOST_STEPS)
 
     def _check(self, problem: Problem, stretch: FloatArray) -> None:
@@ -289,7 +258,7 @@ class _Reeling(RodReeling):
 
 
 def sensitivity(
-    level: _Level, state: State, names: tuple[str, ...], rates: FloatArray | None = None
+    level: PaperEquations, state: State, names: tuple[str, ...], rates: FloatArray | None = None
 ) -> Sensitivity:
     """By tensions, E and friction, of the ``state`` on a ``level``; ``names`` of the tendons.
 
@@ -302,20 +271,21 @@ def sensitivity(
     tensions by the same factor.
     """
     problem, tensions = level.problem, state.acting.condition.tensions
+    places = level.tables.stations
     problem.load_work(state)
     nodes, tendons = len(state.z), tensions.size
     stiffness = float(problem.tables.body[:, AXIAL].min())
     step = 1e-6 * max(float(tensions.max()), 1e-3 * stiffness)
     own, mean = 1j * step * np.eye(tendons), None
     if problem.friction is None:
-        stepped = level.equations.solve(tensions + own).twist
+        stepped, _, _ = level.solve(tensions + own)
         columns = np.column_stack([np.eye(tendons), -tensions])
     else:
-        stations = level.places.between @ state.acting.tensions
+        stations = places.between @ state.acting.tensions
         stations[0] = tensions
         both = np.concatenate([state.acting.tensions, stations])
-        stepped = level.equations.solve(both + own[:, np.newaxis]).twist
-    by_local = stepped.imag.transpose(1, 2, 0)[: nodes + len(level.places.element)] / step
+        stepped, _, _ = level.solve(both + own[:, np.newaxis])
+    by_local = stepped.imag.transpose(1, 2, 0)[: nodes + len(places.element)] / step
     if problem.friction is not None:
         columns, local = _with_friction(level, state, by_local[:nodes], names, rates)
         rest = problem.elements.weights[:, np.newaxis] * problem.unloaded_tendons.stretch
@@ -323,24 +293,20 @@ def sensitivity(
     change = by_local @ columns
     work, elements = problem.work, problem.elements
     rates = pose_rates(elements.from_base, work.rotation, work.slope, change[:nodes])
-    pose, at = along(level.places.integration, rates), slice(nodes, len(change))
+    pose, at = along(places.integration, rates), slice(nodes, len(change))
     strains = strain_changes(stepped[0, at].real, change[at])
     by_twist, weights = problem.tendons(state).stretch_by_twist, problem.elements.weights
     length = np.einsum('n,njm,nmc->jc', weights, by_twist, change[:nodes], optimize=True)
-    parts = []
-    for where in (slice(tendons), slice(tendons, tendons + 1), slice(tendons + 1, None)):
-        some = None if mean is None else mean[:, where]
-        parts.append(Change(pose[..., where], strains[..., where], length[..., where], some))
-    return Sensitivity(parts[0], parts[1], by_friction=None if mean is None else parts[2])
+    whole = Change(pose, strains, length, mean)
+    by_friction = None if mean is None else part_of(whole, slice(tendons + 1, None))
+    by_stiffness = part_of(whole, slice(tendons, tendons + 1))
+    return Sensitivity(part_of(whole, slice(tendons)), by_stiffness, by_friction=by_friction)
 
 
 def _with_friction(
-    level: _Level,
-    state: State,
-    by_local: FloatArray,
-    names: tuple[str, ...],
+    level: PaperEquations, state: State, by_local: FloatArray, names: tuple[str, ...],
     rates: FloatArray | None,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """How local tensions change with those at the base, E and mu.
 
     From changes of z ``by_local`` (N, 4, J) tensions at the same node, with ``rates`` as of
@@ -374,7 +340,7 @@ def _with_friction(
             raise ConvergenceError(
                 'the change of tensions with friction', float(np.abs(more).max()), _MOST_STEPS
             )
-    stations = np.tensordot(level.places.between, felt, 1)
+    stations = np.tensordot(level.tables.stations.between, felt, 1)
     stations[0] = np.eye(tendons, 2 * tendons + 1)  # at the base tensions are given
     stations[0, :, tendons] = -base
     local = felt.copy()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.arm.hints import Number
+from octo_arm_model.arm.hints import Number, Numbers
 from octo_arm_model.arm.material import LINEAR
 
 # What is left of a residual: how many times as much is said, and the least that is.
@@ -95,6 +95,54 @@ def offset_stiffness(
         -stiff * (b * n + p_n * p_b),
         1.0 + stiff * (n * n + t * t - p_b * p_b),
     )
+
+
+# The paper's models, see `paper_equations`: sums over tendons are pull, n, b, nn, bb, mixed and
+# torque, stiffness is E A, G I and E J about n and about b, and vectors are along t, n and b.
+
+
+def paper_twist(sums: Numbers, stiffness: Numbers, p: Numbers) -> Numbers:
+    """Twist of a section of an imbalance ``p``: omega = (K + D)^-1 (F + p), and its stretch."""
+    pull, n, b, nn, bb, mixed, torque = sums
+    axial, torsion, bending_n, bending_b = stiffness
+    about_n, about_b = bending_n + bb, bending_b + nn
+    moment_n, moment_b = p[1] - b, p[2] + n
+    over = 1.0 / (about_n * about_b - mixed * mixed)
+    xi = (about_b * moment_n + mixed * moment_b) * over
+    k = (about_n * moment_b + mixed * moment_n) * over
+    stretch = (k * n - xi * b - pull) / axial + 1.0
+    tau = (p[0] - torque) / (torsion + (nn + bb))
+    return tau * stretch, xi * stretch, k * stretch, stretch
+
+
+def paper_moments(sums: Numbers) -> tuple[Numbers, Numbers]:
+    """F and the diagonal of D."""
+    _, n, b, nn, bb, _, torque = sums
+    return (-torque, -b, n), (nn + bb, bb, nn)
+
+
+def paper_jump(
+    k: Number, base: tuple[Number, Number], tip: tuple[Number, Number], p: Number
+) -> Number:
+    """Imbalance at the side of an anchorage to the base by (11), from ``p`` at the other.
+
+    One component, of the stiffness ``k`` and F and D at both sides.
+    """
+    (f, d), (f_tip, d_tip) = base, tip
+    omega = (f_tip + p) / (k + d_tip) + (f - f_tip) / (k + (d - d_tip))
+    return omega * (k + d) - f
+
+
+def paper_slope(stiffness: Numbers, sums: Numbers) -> Numbers:
+    """Coefficients of p' by (10): xi_0, k_0, that of p_n p_b, and of p_n' and p_b' two each.
+
+    c times k_0 and xi_0, and what is multiplied by p_b and p_n.
+    """
+    _, torsion, bending, _ = stiffness
+    _, n, b, nn, bb, _, _ = sums
+    c_t, c_n, c_b = 1.0 / (torsion + (nn + bb)), 1.0 / (bending + bb), 1.0 / (bending + nn)
+    xi, k, c = -c_n * b, c_b * n, (bending + (nn + bb)) * c_t
+    return xi, k, (bb - nn) * c_n * c_b, -c * k, c * xi, -bb * c_t * c_b, nn * c_t * c_n
 
 
 def residual_left(size: Number, last: Number) -> Number:

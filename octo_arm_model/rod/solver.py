@@ -31,7 +31,6 @@ from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.exact import Exact
 from octo_arm_model.rod.inputs import LoadLimits, check_tensions, tip_wrench_of
-from octo_arm_model.rod.paper_equations import ClosedForm, Renda2012
 from octo_arm_model.rod.papers import Papers
 from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
@@ -39,8 +38,8 @@ from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics
 from octo_arm_model.rod.stations import DEFAULT_STATIONS, StationGrid
 
 STATICS: dict[str, Callable[[Setup], Statics]] = {
-    'renda2012': functools.partial(Papers, Renda2012),
-    'closed_form': functools.partial(Papers, ClosedForm),
+    'renda2012': functools.partial(Papers, True),
+    'closed_form': functools.partial(Papers, False),
     'exact': Exact,
 }
 MODELS = tuple(STATICS)
