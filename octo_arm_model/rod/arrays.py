@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.arm.hints import ComplexArray, FloatArray
+from octo_arm_model.rod.inertia_arrays import imbalance, moving_loads
 from octo_arm_model.rod.paper_arrays import paper_twists
 from octo_arm_model.rod.resolution import position_errors
 from octo_arm_model.rod.rotations import quaternion_rates, rotation_matrices
@@ -26,8 +27,8 @@ from octo_arm_model.rod.tables import Places, Tables, Work
 
 # The node functions, see `forms.Form`.
 __all__ = [
-    'angles', 'balance', 'jacobian', 'orientations', 'paper_twists', 'poses', 'residual',
-    'sections', 'wrenches',
+    'angles', 'balance', 'imbalance', 'jacobian', 'moving_loads', 'orientations', 'paper_twists',
+    'poses', 'residual', 'sections', 'wrenches',
 ]  # fmt: skip
 
 XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z

@@ -14,21 +14,21 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
-from octo_arm_model.rod.equilibrium import State
-from octo_arm_model.rod.factors import Deferred, Factors
-from octo_arm_model.rod.friction import TensionDerivatives
+from octo_arm_model.rod.equilibrium import Problem
+from octo_arm_model.rod.factors import Deferred
 from octo_arm_model.rod.local_loads import along, in_sections
 from octo_arm_model.rod.rod import Equilibrium, Rod
 from octo_arm_model.rod.rotations import skew
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.tables import REST_T, SHEAR, TORSION, Tables
-from octo_arm_model.rod.tendons import PathChange, Tendons, outward_paths
+from octo_arm_model.rod.tables import REST_T, SHEAR, TORSION
+from octo_arm_model.rod.tendons import PathChange, outward_paths
 
 _MATERIAL, _PATHS = ('youngs_modulus', 'poisson_ratio'), ('offset', 'sheath_stiffness')
 _Columns: TypeAlias = Mapping[str, slice]  # of quantities, by their names in `Sensitivity`
@@ -40,33 +40,45 @@ def _columns(**counts: int) -> _Columns:
     return {name: slice(*at) for (name, count), at in zip(counts.items(), ends) if count}
 
 
-class _Sections:
-    """Cross sections at several places, and what their residual changes by at fixed twists.
+class _Linear:
+    """An equilibrium, the system about it, and what its residual changes by at fixed twists.
 
     Attributes:
-        tendons: there.
+        state: the equilibrium.
+        factors: of the Jacobian.
+        tendons: at the nodes.
+        tension: derivatives of tensions with friction; None where none change.
+        rates: derivatives of local tensions by those at the base at fixed twists, (N, J).
+        rotation: as in `Work`.
+        slope: likewise.
     """
 
     def __init__(
-        self,
-        tables: Tables,
-        outwards: FloatArray,
-        z: FloatArray,
-        gradient: FloatArray,
-        tendons: Tendons,
-        by_ratio: FloatArray,
+        self, arm: Arm, problem: Problem, outwards: FloatArray, found: Equilibrium
     ) -> None:
-        """Of ``tendons`` at twists ``z`` (n, m), with a ``gradient`` (n, m) of the energy.
+        """Of what was ``found`` of ``arm`` on the nodes of ``problem``.
 
-        ``outwards`` (4, n, J) are `outward_paths`; G I and G A change by ``by_ratio`` (2, n) of
-        them per unit of nu.
+        ``outwards`` (4, N, J) are `outward_paths` there.
         """
-        self._tables, self._outwards, self._z, self._gradient = tables, outwards, z, gradient
-        self.tendons, self._by_ratio = tendons, by_ratio
+        state, known = found.state, found.factors
+        problem.others.require_tangents('sensitivity')
+        self.state, self.tension = state, problem.tension_derivatives(state)
+        # What was judged stable has been linearised for that.
+        if state is found.judged and isinstance(known, Deferred):
+            self.factors = known.factors()
+        else:
+            self.factors = problem.linearise(state)
+        problem.load_work(state)
+        if self.tension is not None:
+            self.tension.require(arm.tendon_names, state.acting.condition.tensions)
+        self.rates, self.tendons = problem.tension_rates(state), problem.tendons(state)
+        work, self._arm, self._problem, self._outwards = problem.work, arm, problem, outwards
+        self.rotation, self.slope = work.rotation.copy(), work.slope.copy()
+        self._gradient = work.gradient.copy()
 
     def imbalance(self, columns: _Columns, total: int) -> FloatArray:
         """Change of the residual at fixed local tensions and loads, (n, m, total)."""
-        found = np.zeros((*self._z.shape, total))
+        found = np.zeros((*self.state.z.shape, total))
         for name, where in columns.items():
             if name in _MATERIAL:
                 found[..., where] = getattr(self, f'by_{name}')[..., np.newaxis]
@@ -93,37 +105,17 @@ class _Sections:
     @property
     def by_poisson_ratio(self) -> FloatArray:
         """Per unit of nu, (n, m), by G alone."""
-        body, tendons, width = self._tables.body, self.tendons, self.tendons.width[:, 0]
+        arm, body, s = self._arm, self._problem.tables.body, self._problem.elements.s
+        tendons, z, width = self.tendons, self.state.z, self.tendons.width[:, 0]
+        by_ratio = -1.0 / (1.0 + arm.material.poisson_ratio_at(s))
         # Torsion of rubber is w (kappa_t - that at rest), as of all where w is 1.
-        twist = self._z[:, 0] - body[:, REST_T]
-        torque = self._by_ratio[0] * body[:, TORSION] * width * twist
-        found = np.zeros_like(self._z)
-        found[:, 0] = torque * width
-        found[:, 3] = torque * tendons.widening[:, 0] * twist
-        found[:, 4:] = (self._by_ratio[1] * body[:, SHEAR])[:, np.newaxis] * self._z[:, 4:]
+        twist, found = z[:, 0] - body[:, REST_T], np.zeros_like(z)
+        if 'torsion' not in arm.stiffness.profiles:
+            torque = by_ratio * body[:, TORSION] * width * twist
+            found[:, 0] = torque * width
+            found[:, 3] = torque * tendons.widening[:, 0] * twist
+        found[:, 4:] = (by_ratio * body[:, SHEAR])[:, np.newaxis] * z[:, 4:]
         return found
-
-
-class _Linear(NamedTuple):
-    """An equilibrium and the system about it.
-
-    Attributes:
-        state: the equilibrium.
-        factors: of the Jacobian.
-        tension: derivatives of tensions with friction; None where none change.
-        rates: derivatives of local tensions by those at the base at fixed twists, (N, J).
-        sections: the cross sections.
-        rotation: as in `Work`.
-        slope: likewise.
-    """
-
-    state: State
-    factors: Factors
-    tension: TensionDerivatives | None
-    rates: FloatArray
-    sections: _Sections
-    rotation: FloatArray
-    slope: FloatArray
 
 
 class Derivatives:
@@ -132,14 +124,11 @@ class Derivatives:
     def __init__(self, rod: Rod, level: int, s: FloatArray) -> None:
         """At arc coordinates ``s`` (S,) [m] of ``rod``."""
         self._arm, self._problem = rod.arm, rod.problem(level)
-        elements, own = self._problem.elements, self._problem.tables
+        elements = self._problem.elements
         self._to_stations, self._at_stations = elements.integration(s), elements.interpolation(s)
         self._rest = self._problem.unloaded_tendons.stretch
         self._rest_lengths = elements.weights @ self._rest
-        self._outwards = outward_paths(rod.arm, own, elements.s)
-        ratio = rod.arm.material.poisson_ratio_at(elements.s)
-        self._by_ratio = np.outer([1.0, 1.0], -1.0 / (1.0 + ratio))
-        self._by_ratio[0] *= 'torsion' not in rod.arm.stiffness.profiles
+        self._outwards = outward_paths(rod.arm, self._problem.tables, elements.s)
         self._kept: _Linear | None = None
 
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
@@ -183,59 +172,25 @@ class Derivatives:
         return self._change(found, _columns(tip_wrench=len(loads)), wrenches)
 
     def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
-        """Covariance (6, 6) of the tip in an equilibrium that was ``found``, by the adjoint.
+        """Covariance (6, 6) of the tip in an equilibrium that was ``found``.
 
         Raises:
             LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
-        problem, linear = self._problem, self._linearised(found)
-        weights, inverse = problem.elements.weights, linear.rotation.swapaxes(1, 2)
-        # What the twist of each node moves the tip by: rotations by their levers.
-        lever = (weights[:, np.newaxis] * problem.elements.from_base).T @ linear.slope
-        tip = np.zeros((len(lever), linear.state.z.shape[1], 6))
-        tip[:, :3, :3] = inverse @ skew(lever)
-        turn = weights[:, np.newaxis, np.newaxis] * inverse
-        tip[:, 3:, :3], tip[:, :3, 3:] = turn[:, : tip.shape[1] - 3], turn
-        by_residual = linear.factors.solve_transposed(-tip.reshape(-1, 6)).reshape(tip.shape)
-        sections, columns = linear.sections, []
-        by_tension = sections.tendons.stretch_by_twist
-        for name in uncertainty.quantities:
-            if name == 'tension':
-                change = by_tension * linear.rates[..., np.newaxis]
-            elif name == 'offset':
-                change = sections.by_offset.gradient
-                if linear.tension is not None:
-                    local = linear.tension.by_unit(sections.by_offset.unit)
-                    change = change + by_tension * local[..., np.newaxis]
-            else:
-                change = getattr(sections, f'by_{name}')[:, np.newaxis]
-            columns.append(np.tensordot(by_residual, change, axes=([0, 1], [0, 2])))
-        return uncertainty.tip_covariance(columns)
+        tendons = self._rest_lengths.size
+        counts = {'tension': tendons, 'youngs_modulus': 1, 'poisson_ratio': 1, 'offset': tendons}
+        columns = _columns(**{name: counts[name] for name in uncertainty.quantities})
+        if not columns:
+            return uncertainty.of_model
+        change = self._change(found, columns)
+        return uncertainty.tip_covariance([change.tip[:, own] for own in columns.values()])
 
     def _linearised(self, found: Equilibrium) -> _Linear:
         """The system about an equilibrium that was ``found``; that of the last one is kept."""
-        kept, problem, state = self._kept, self._problem, found.state
-        if kept is None or kept.state is not state:
-            problem.others.require_tangents('sensitivity')
-            tension, known = problem.tension_derivatives(state), found.factors
-            # What was judged stable has been linearised for that.
-            if state is found.judged and isinstance(known, Deferred):
-                factors = known.factors()
-            else:
-                factors = problem.linearise(state)
-            problem.load_work(state)
-            if tension is not None:
-                tension.require(self._arm.tendon_names, state.acting.condition.tensions)
-            work, rates = problem.work, problem.tension_rates(state)
-            sections = _Sections(
-                problem.tables, self._outwards, state.z, work.gradient.copy(),
-                problem.tendons(state), self._by_ratio,
-            )  # fmt: skip
-            kept = self._kept = _Linear(
-                state, factors, tension, rates, sections, work.rotation.copy(), work.slope.copy()
-            )
-        return kept
+        if self._kept is None or self._kept.state is not found.state:
+            self._kept = _Linear(self._arm, self._problem, self._outwards, found)
+        return self._kept
 
     def _change(
         self, found: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
@@ -243,10 +198,10 @@ class Derivatives:
         """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
         weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
         linear = self._linearised(found)
-        sections, tendons = linear.sections, linear.sections.tendons
+        tendons = linear.tendons
         has_friction = self._problem.friction is not None
         by_local = tendons.stretch_by_twist.swapaxes(1, 2)
-        push = sections.imbalance(columns, total)
+        push = linear.imbalance(columns, total)
         local = self._local_changes(linear, columns, total)
         if has_friction:
             push += by_local @ local
@@ -266,7 +221,7 @@ class Derivatives:
             length += np.einsum('i,ij,ijc->jc', weights, tendons.stretch_by_tension, local)
         own = np.arange(len(length))
         for name in set(_PATHS).intersection(columns):
-            moved = getattr(sections, f'by_{name}').stretch
+            moved = getattr(linear, f'by_{name}').stretch
             length[own, columns[name].start + own] += weights @ moved
         mean = None
         if has_friction:
@@ -284,7 +239,7 @@ class Derivatives:
             elif tension is not None and name == 'friction':
                 found[:, own, where.start + own] = tension.by_friction
             elif tension is not None and name in _PATHS:
-                unit = getattr(linear.sections, f'by_{name}').unit
+                unit = getattr(linear, f'by_{name}').unit
                 found[:, own, where.start + own] = tension.by_unit(unit)
         return found
 

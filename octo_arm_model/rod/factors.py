@@ -51,11 +51,6 @@ class Factors(NamedTuple):
         found, _ = dgetrs(self.factors, self.pivots, right, trans=1)
         return np.asarray(found)
 
-    def solve_transposed(self, right: FloatArray) -> FloatArray:
-        """The same of the transposed system."""
-        found, _ = dgetrs(self.factors, self.pivots, right, trans=0)
-        return np.asarray(found)
-
 
 class Blocks(NamedTuple):
     """As `Factors`, of a Jacobian that is one block for each node: of an arm without loads.

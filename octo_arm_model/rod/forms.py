@@ -9,6 +9,7 @@ from typing import Protocol
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod import arrays
+from octo_arm_model.rod.inertia_arrays import Motion, MotionTables, TimeRule
 from octo_arm_model.rod.tables import PaperTables, Places, Tables, Work
 
 _LOG = logging.getLogger(__name__)
@@ -55,6 +56,18 @@ class Form(Protocol):
         self, tables: PaperTables, sums: FloatArray, tolerance: float
     ) -> tuple[FloatArray, FloatArray]:
         """Twists of cross sections that balance their tendons as in the paper."""
+
+    def moving_loads(
+        self, tables: MotionTables, rule: TimeRule, base: FloatArray, slope: FloatArray,
+        rotation: FloatArray, motion: Motion,
+    ) -> None:  # fmt: skip
+        """How nodes move, and what this exerts."""
+
+    def imbalance(
+        self, viscous: FloatArray, rate: FloatArray, reference: FloatArray,
+        residual: FloatArray, scale: FloatArray,
+    ) -> float:  # fmt: skip
+        """The residual with viscosity, over a reference."""
 
 
 @functools.cache

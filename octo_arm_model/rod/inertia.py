@@ -17,7 +17,6 @@ w. Viscosity adds D z' to the sections' gradient.
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 import numpy as np
 
@@ -27,7 +26,6 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.stiffness import SectionStiffness
-from octo_arm_model.rod import arrays, inertia_arrays
 from octo_arm_model.rod.contact import Sliding
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.discs import chord_model
@@ -49,31 +47,6 @@ from octo_arm_model.rod.local_loads import LocalTangents, add_tangents, kinemati
 from octo_arm_model.rod.rotations import dot, outer, skew
 from octo_arm_model.rod.section_arrays import cross
 from octo_arm_model.rod.tables import RADIUS, Tables
-
-
-class MotionFunctions(Protocol):
-    """The node functions of motion, see `inertia_arrays`."""
-
-    def moving_loads(
-        self, tables: MotionTables, rule: TimeRule, base: FloatArray, slope: FloatArray,
-        rotation: FloatArray, motion: Motion,
-    ) -> None:  # fmt: skip
-        """How nodes move, and what this exerts."""
-
-    def imbalance(
-        self, viscous: FloatArray, rate: FloatArray, reference: FloatArray,
-        residual: FloatArray, scale: FloatArray,
-    ) -> float:  # fmt: skip
-        """The residual with viscosity, over a reference."""
-
-
-def choose_functions(form: Form) -> MotionFunctions:
-    """Those of the same ``form``: arrays or loops."""
-    if form is arrays:
-        return inertia_arrays
-    from octo_arm_model.rod import inertia_loops
-
-    return inertia_loops
 
 
 class MovingProblem(Problem):
@@ -125,7 +98,6 @@ class MovingProblem(Problem):
             bool(section[:, DISPLACED:].any()), _viscosities(arm, elements.s, strains, properties),
         )  # fmt: skip
         self._is_viscous = bool(self.moving.viscous.any())
-        self._functions = choose_functions(form)
         self.base = np.array([*np.zeros(3), *tables.base])
         self.rest = TimeRule(
             0.0, 0.0, np.zeros((nodes, COLUMNS)), np.zeros((nodes, COLUMNS)),
@@ -146,7 +118,7 @@ class MovingProblem(Problem):
     def _following_loads(self, factor: float, z: FloatArray) -> FloatArray:
         """See `Problem`; leaves how the nodes move in `motion`."""
         work = self.work
-        self._functions.moving_loads(
+        self.form.moving_loads(
             self.moving, self.rule, self.base[:3], work.slope, work.rotation, self.motion
         )
         return super()._following_loads(factor, z) + self.motion.load
@@ -155,7 +127,7 @@ class MovingProblem(Problem):
         """See `Problem`; with viscosity."""
         super()._fill_residual(acting, z)
         rate = self.rule.by_velocity * z - self.rule.twist_rate
-        return self._functions.imbalance(
+        return self.form.imbalance(
             self.moving.viscous, rate, self.reference, self.work.residual, self.work.scale
         )
 

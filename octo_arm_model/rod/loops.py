@@ -12,6 +12,7 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.compiled import compiled, helper, inlined
+from octo_arm_model.rod.inertia_loops import imbalance, moving_loads
 from octo_arm_model.rod.paper_loops import paper_twists
 from octo_arm_model.rod.resolution import OF_BENDS, OF_DIRECTIONS
 from octo_arm_model.rod.section_loops import (
@@ -25,8 +26,8 @@ from octo_arm_model.rod.tables import Places, Tables, Work
 
 # The node functions, see `forms.Form`.
 __all__ = [
-    'angles', 'balance', 'jacobian', 'orientations', 'paper_twists', 'poses', 'residual',
-    'sections', 'wrenches',
+    'angles', 'balance', 'imbalance', 'jacobian', 'moving_loads', 'orientations', 'paper_twists',
+    'poses', 'residual', 'sections', 'wrenches',
 ]  # fmt: skip
 
 _MOST_SWEEPS = 80  # of orientations
