@@ -20,7 +20,6 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ArmDefinitionError, SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.obstacles import Obstacle
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.gauss import gauss_rule
@@ -260,11 +259,6 @@ class Contact:
         """Whether the arm went through an obstacle between two places of the nodes, (N, 3) [m]."""
         ends = self._between @ before, self._between @ after
         return any(bool(one.has_between(*ends, self._radius).any()) for one in self.obstacles)
-
-
-def contact_of(arm: Arm, elements: Elements, loads: Loads) -> Contact | None:
-    """That of ``arm`` at the nodes of ``elements``; None where there are no obstacles."""
-    return Contact(arm, elements, loads.obstacles) if loads.obstacles else None
 
 
 def surface_radius(arm: Arm, s: FloatArray) -> FloatArray:

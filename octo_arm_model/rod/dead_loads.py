@@ -8,7 +8,6 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads, ScaledLoads
-from octo_arm_model.rod.contact import contact_of
 from octo_arm_model.rod.elements import Elements
 
 
@@ -16,14 +15,11 @@ class DeadLoads:
     """Force and free moment of dead loads beyond every node, without the wrench on the tip.
 
     Attributes:
-        others: those that are not dead, see `other_loads`.
-        contact: with obstacles; None where there are none.
         has_moments: whether a point load has a moment, which has no energy.
     """
 
     def __init__(self, arm: Arm, elements: Elements, loads: Loads) -> None:
         """Tabulate the dead ones of ``loads`` on ``arm`` at the nodes of ``elements``."""
-        self.others, self.contact = loads.others, contact_of(arm, elements, loads)
         self._fixed = self.tabulate(arm, elements, loads)
         self._scaled: ScaledLoads | None = loads.scaled
         parts = loads.scaled.loads if loads.scaled is not None else ()

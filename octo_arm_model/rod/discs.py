@@ -309,11 +309,6 @@ def _add_turned(
     block[..., 3:, :3] += own * mixed[..., :more, :]
 
 
-def chord_model(arm: Arm, elements: Elements, tables: Tables, form: Form) -> ChordModel | None:
-    """The chords of ``arm``; None without discs."""
-    return ChordModel(arm, elements, tables, form) if arm.discs.s else None
-
-
 def _stiffness(chords: Chords, tensions: FloatArray) -> FloatArray:
     """K of (3) of every piece, under ``tensions`` (D, J, 1, 1) [N], (D, 6, 6)."""
     unit, arm = chords.unit, skew(chords.arms)

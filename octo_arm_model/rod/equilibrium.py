@@ -8,8 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.contact import Sliding
+from octo_arm_model.arm.loads import Loads
+from octo_arm_model.rod.contact import Contact, Sliding
 from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.discs import ChordModel, ChordTendons, ChordTensionDerivatives
 from octo_arm_model.rod.elements import Elements
@@ -116,21 +118,22 @@ class Problem:
     remembered = 1  # residual, see `newton.settle`
 
     def __init__(
-        self, elements: Elements, tables: Tables, loads: DeadLoads, form: Form, strains: int,
-        has_jacobian: bool = True, discs: ChordModel | None = None,
+        self, arm: Arm, elements: Elements, tables: Tables, loads: Loads, form: Form, strains: int,
+        has_jacobian: bool = True,
     ) -> None:  # fmt: skip
-        """Of the ``tables`` at the nodes of ``elements``."""
-        self.discs, self._slack = discs, np.zeros_like(tables.reach)
-        self.elements, self.tables, self.loads = elements, tables, loads
-        self.form, self.strains = form, strains
+        """Of ``arm`` under ``loads``, and its ``tables`` at the nodes of ``elements``."""
+        self.elements, self.form, self.strains = elements, form, strains
+        self.discs = ChordModel(arm, elements, tables, form) if arm.discs.s else None
+        self.loads, self._slack = DeadLoads(arm, elements, loads), np.zeros_like(tables.reach)
         self.others = OtherLoads(loads.others, elements, tables.base)
-        self.contact = loads.contact
-        self.others.has_obstacles = self.contact is not None
-        if self.contact is not None:
+        self.others.has_obstacles = bool(loads.obstacles)
+        self.tables, self.contact = tables, None
+        if loads.obstacles:
+            self.contact = Contact(arm, elements, loads.obstacles)
             least = tables.least_scale + self.contact.rounding
             self.tables = tables = tables._replace(least_scale=least)
         self.touching: FloatArray | None = None
-        self._follows = bool(loads.others or loads.contact)  # whether loads follow the shape
+        self._follows = bool(loads.others or loads.obstacles)  # whether loads follow the shape
         self.work = work_arrays(tables, strains, has_jacobian=has_jacobian)
         self._tip = places_at(elements, elements.edges[-1:])
         self._current: FloatArray | None = None
@@ -139,7 +142,7 @@ class Problem:
         self._last_acting: Acting | None = None
         self.friction: Friction | None = None
         if tables.friction.any():
-            angles = form.angles if discs is None else discs.angles
+            angles = form.angles if self.discs is None else self.discs.angles
             self.friction = Friction(tables, angles, elements)
         self._local: LocalTensions | None = None
         self._tendons: tuple[State, Tendons] | None = None

@@ -19,8 +19,8 @@ from octo_arm_model.rod.equilibrium import Condition, Problem
 from octo_arm_model.rod.factors import RecentFactors
 from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
+from octo_arm_model.rod.unloaded import Several
 from octo_arm_model.rod.winches import Winches
 
 # Shapes whose factors are kept, and numbers in all of these: 128 MB.

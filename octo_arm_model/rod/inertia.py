@@ -27,8 +27,6 @@ from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.rod.contact import Sliding
-from octo_arm_model.rod.dead_loads import DeadLoads
-from octo_arm_model.rod.discs import chord_model
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.forms import Form
@@ -67,10 +65,7 @@ class MovingProblem(Problem):
         Raises:
             ArmDefinitionError: if the arm has no density.
         """
-        super().__init__(
-            elements, tables, DeadLoads(arm, elements, loads), form, strains,
-            discs=chord_model(arm, elements, tables, form),
-        )  # fmt: skip
+        super().__init__(arm, elements, tables, loads, form, strains)
         if not arm.material.density:
             expected = 'a density > 0 [kg/m^3] of an arm that moves'
             raise ArmDefinitionError('material.density', 0.0, expected)

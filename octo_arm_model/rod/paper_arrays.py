@@ -69,11 +69,7 @@ def _sweep(
     coefficients: Numbers, backwards: FloatArray, end: FloatArray,
     allowed: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Imbalance (3, A, p + 1) at the points and the start of an element from that at its ``end``.
-
-    Returns:
-        It, its last change [N m] and the number of sweeps of each arm, (A,).
-    """
+    """Imbalance (3, A, p + 1) from that at the ``end``, its last change and sweeps, (A,)."""
     xi, k, product = coefficients[:3]
     linear, aside = np.stack(coefficients[3:5]), np.stack(coefficients[5:])
     end = end[..., np.newaxis]

@@ -112,11 +112,7 @@ def _sweep(
     tables: PaperTables, e: int, slopes: FloatArray, allowed: float, end: FloatArray,
     p: FloatArray,
 ) -> tuple[float, int]:  # fmt: skip
-    """Imbalance p (3, p + 1) at the points and the start of an element, from that at its end.
-
-    Returns:
-        Its last change [N m] and the number of sweeps.
-    """
+    """Imbalance p (3, p + 1) of an element from that at its end; its last change and sweeps."""
     points = slopes.shape[1]
     rate, aside = np.empty(points), np.empty((2, points))
     for c in range(3):

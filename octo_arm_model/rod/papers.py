@@ -21,9 +21,9 @@ from octo_arm_model.rod.reeling import Border, RodReeling
 from octo_arm_model.rod.resolution import allowed_between
 from octo_arm_model.rod.rod import WORST, Equilibrium, Rod, Setting, require_resolved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity
-from octo_arm_model.rod.several import Several
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL
+from octo_arm_model.rod.unloaded import Several
 from octo_arm_model.rod.winches import Winches
 
 # With a history strains have kinks, by which the estimated error of positions is too small: it has
@@ -197,11 +197,7 @@ class Papers(Statics):
         raise ConvergenceError('the tension of tendons with friction', change, _MOST_STEPS)
 
     def _check(self, problem: Problem, stretch: FloatArray) -> None:
-        """Check that no cross section is compressed to nothing.
-
-        Raises:
-            SolveError: if one is.
-        """
+        """Refuse a cross section that is compressed to nothing."""
         if not stretch.min() > 0.0:  # nor NaN
             both = np.concatenate([problem.elements.s, self._setup.s])
             worst = int(np.argmin(stretch[: both.size]))

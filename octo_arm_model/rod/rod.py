@@ -25,8 +25,6 @@ from octo_arm_model.rod.continuation import (
     judge_stable,
     tolerance_of,
 )
-from octo_arm_model.rod.dead_loads import DeadLoads
-from octo_arm_model.rod.discs import chord_model
 from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Linear
@@ -153,11 +151,8 @@ class Rod:
         breaks, knots = self._loads.breaks, self._loads.knots
         elements = build_elements(self.arm, breaks, knots, level, added)
         tables = tabulate(self.arm, elements, self._base, law=self.setting.law)
-        loads = DeadLoads(self.arm, elements, self._loads)
-        return Problem(
-            elements, tables, loads, self._form, self._strains, has_jacobian=not added,
-            discs=chord_model(self.arm, elements, tables, self._form),
-        )  # fmt: skip
+        given = self.arm, elements, tables, self._loads, self._form, self._strains
+        return Problem(*given, has_jacobian=not added)
 
     def readout(self, level: int, s: FloatArray) -> Readout:
         """Reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
