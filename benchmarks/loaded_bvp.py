@@ -87,11 +87,8 @@ class LoadedBvp:
     def _twist(self, s: np.ndarray, section: int, wrench: np.ndarray) -> np.ndarray:
         """Twists (4, n) at ``s`` (n,) in a panel, in balance with the ``wrench`` (4, n)."""
         panel = next(one for one in self._panels if one.section == section)
-        within = self._elements._replace(
-            s=np.minimum(s, panel.stop), section=np.full(s.size, section)
-        )
-        base = np.array([1.0, 0.0, 0.0, 0.0])
-        tables = tabulate(self._arm, within, base, law=self._law.number)
+        at, base = (np.minimum(s, panel.stop), np.full(s.size, section)), np.array([1.0, 0, 0, 0])
+        tables = tabulate(self._arm, self._elements, base, law=self._law.number, at=at)
         work = work_arrays(tables, 4, has_jacobian=False)
         pulls = np.broadcast_to(self._tensions, (s.size, self._tensions.size)).copy()
         start = self._unloaded
