@@ -100,11 +100,16 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
                 f'{problem.elements.s[node]:.4g} m (to {shortest[node]:.2g} of its length, must '
                 f'be > {SHORTEST_FIBRE})'
             )
-    node = int(np.argmin(stretch))
-    if not stretch[node] > 0.0:
+    check_compression(problem.elements.s, stretch)
+
+
+def check_compression(s: FloatArray, stretch: FloatArray) -> None:
+    """Refuse a section of those at ``s`` (n,) [m] whose ``stretch`` (n,) is not positive."""
+    worst = int(np.argmin(stretch))
+    if not stretch[worst] > 0.0:  # nor NaN
         raise SolveError(
-            f'tensions compress the arm to nothing at s = {problem.elements.s[node]:.4g} m '
-            f'(q = {stretch[node] - 1.0:.4g}, must be > -1)'
+            f'tensions compress the arm to nothing at s = {s[worst]:.4g} m '
+            f'(q = {stretch[worst] - 1.0:.4g}, must be > -1)'
         )
 
 

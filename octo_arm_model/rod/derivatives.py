@@ -227,7 +227,9 @@ class Derivatives:
         if has_friction:
             mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
             mean /= self._rest_lengths[:, np.newaxis]
-        return Change(*self._read(linear, z), length, mean, z)
+        rates = pose_rates(self._problem.elements.from_base, linear.rotation, linear.slope, z)
+        strain = along(self._at_stations, strain_changes(linear.state.z, z))
+        return Change(along(self._to_stations, rates), strain, length, mean, z)
 
     def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, total)."""
@@ -242,15 +244,6 @@ class Derivatives:
                 unit = getattr(linear, f'by_{name}').unit
                 found[:, own, where.start + own] = tension.by_unit(unit)
         return found
-
-    def _read(self, linear: _Linear, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Changes of poses (S, 6, columns) and strains (S, 4, columns) at the stations.
-
-        Of changes ``z`` (N, m, columns) of the twists at the nodes.
-        """
-        rates = pose_rates(self._problem.elements.from_base, linear.rotation, linear.slope, z)
-        strain = strain_changes(linear.state.z, z)
-        return along(self._to_stations, rates), along(self._at_stations, strain)
 
 
 def pose_rates(

@@ -65,7 +65,8 @@ class PaperEquations:
 
     Attributes:
         problem: the nodes.
-        tables: the arm at nodes and stations.
+        s: arc coordinates of nodes and stations [m], (N + S,).
+        tables: the arm at these.
     """
 
     def __init__(self, arm: Arm, problem: Problem, s: FloatArray, *, is_published: bool) -> None:
@@ -73,7 +74,7 @@ class PaperEquations:
 
         Where ``is_published`` of `renda2012`, else of `closed_form`.
         """
-        self.problem = problem
+        self.problem, self.s = problem, np.concatenate([problem.elements.s, s])
         self.tables = tabulate_paper(arm, problem.elements, s, is_published=is_published)
 
     def solve(self, tensions: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.arm.budget import Spending
-from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError
+from octo_arm_model.arm.errors import ConfigError, ConvergenceError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
+from octo_arm_model.rod.checks import check_compression
 from octo_arm_model.rod.derivatives import part_of, pose_rates, strain_changes
 from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
 from octo_arm_model.rod.factors import Blocks, Linear
@@ -122,14 +123,14 @@ class Papers(Statics):
         else:
             wanted = self.rod.at_level(wanted, number)
             (twist,), residual, iterations, local, along = self._slide(level, wanted)
-        self._check(problem, twist[:, 3])
+        check_compression(level.s, twist[: level.s.size, 3])
         z, nothing = twist[:nodes], np.zeros((nodes, 4))
         problem.orient(z)
         position, quaternion, error = problem.form.poses(problem.tables, z, places, problem.work)
         acting = Acting(wanted, local, nothing[:, :3], nothing[:, :3], np.ones((nodes, 2)))
         state = State(acting, z, nothing, float(residual[0]))
         equilibrium = Equilibrium(state, number, None, None, int(iterations[0]))
-        strains = strains_of(twist[nodes : nodes + len(places.element)])
+        strains = strains_of(twist[nodes : level.s.size])
         position += self._setup.base[0]
         return Shape(position[0], quaternion[0], strains, along, equilibrium), float(error[0])
 
@@ -157,7 +158,7 @@ class Papers(Statics):
         except ConvergenceError:
             return np.zeros(len(tensions), np.bool_)
         nodes, places = own.problem.elements.s.size, own.tables.stations
-        twist = twist[:, : nodes + self._setup.s.size]
+        twist = twist[:, : own.s.size]
         z = twist[:, :nodes].reshape(-1, 4)
         fine = self._write(self._several(level, len(tensions)), z, places, numbers, shapes)
         shapes.strains[:, numbers] = strains_of(twist[:, nodes:])
@@ -195,16 +196,6 @@ class Papers(Statics):
             if change <= _SETTLED * float(tensions.max()):
                 return twist, 0.0 * residual, np.array([steps]), local, at_stations
         raise ConvergenceError('the tension of tendons with friction', change, _MOST_STEPS)
-
-    def _check(self, problem: Problem, stretch: FloatArray) -> None:
-        """Refuse a cross section that is compressed to nothing."""
-        if not stretch.min() > 0.0:  # nor NaN
-            both = np.concatenate([problem.elements.s, self._setup.s])
-            worst = int(np.argmin(stretch[: both.size]))
-            raise SolveError(
-                f'tensions compress the arm to nothing at s = {both[worst]:.4g} m '
-                f'(q = {stretch[worst] - 1.0:.4g}, must be > -1)'
-            )
 
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """By tensions, E and friction alone."""
@@ -281,7 +272,7 @@ def sensitivity(
         stations[0] = tensions
         both = np.concatenate([state.acting.tensions, stations])
         stepped, _, _ = level.solve(both + own[:, np.newaxis])
-    by_local = stepped.imag.transpose(1, 2, 0)[: nodes + len(places.element)] / step
+    by_local = stepped.imag.transpose(1, 2, 0)[: level.s.size] / step
     if problem.friction is not None:
         columns, local = _with_friction(level, state, by_local[:nodes], names, rates)
         rest = problem.elements.weights[:, np.newaxis] * problem.unloaded_tendons.stretch

@@ -110,7 +110,7 @@ class Rod:
 
     def __init__(
         self, arm: Arm, loads: Loads = Loads(), base: FloatArray | None = None,
-        setting: Setting = Setting(), budget: Budget = Budget(),
+        setting: Setting = Setting(),
     ) -> None:  # fmt: skip
         """Of ``arm`` on a base of the orientation ``base``, a quaternion w, x, y, z.
 
@@ -118,7 +118,7 @@ class Rod:
             ArmDefinitionError: if gravity acts on an arm of no density, or if loads are larger
                 than `LoadLimits` allow.
         """
-        self.arm, self.setting, self._loads, self._budget = arm, setting, loads, budget
+        self.arm, self.setting, self._loads = arm, setting, loads
         self._base = np.array([1.0, 0.0, 0.0, 0.0]) if base is None else base
         self._form = choose_form(setting.compiled)
         self.is_compiled = self._form is not arrays
@@ -158,10 +158,6 @@ class Rod:
         """Reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
         return Readout(self.finer(level), self.arm, s)
 
-    def spending(self) -> Spending:
-        """Of one solve that begins now."""
-        return Spending(self._budget)
-
     def solve(
         self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None = None,
         spending: Spending | None = None, before: FloatArray | None = None,
@@ -176,7 +172,7 @@ class Rod:
             ContinuationError: if it would take more than the budget.
         """
         wanted = Condition(tensions, tip_wrench, before=before)
-        spending = spending or self.spending()
+        spending = spending or Spending(Budget())
         is_loaded = self.is_loaded or bool(tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             if is_loaded or self.has_friction:
@@ -374,8 +370,7 @@ class Rod:
                 if state.residual <= ON_THE_WAY:
                     return known, state.z
         if problem.discs is not None:
-            z = np.zeros((len(problem.elements.s), problem.strains))
-            z[:, :4] = unloaded_twists(problem.tables)
+            z = unloaded_twists(problem.tables, problem.strains)
             return known._replace(tensions=np.zeros_like(wanted.tensions)), z
         return known, self.unloaded(problem, known)[0]
 
@@ -385,8 +380,7 @@ class Rod:
         And twists (N, m) in it, nearly.
         """
         known = known._replace(tensions=np.zeros_like(known.tensions))
-        z = np.zeros((len(problem.elements.s), problem.strains))
-        z[:, :4] = unloaded_twists(problem.tables)
+        z = unloaded_twists(problem.tables, problem.strains)
         found = settle(problem, problem.evaluate(problem.acting(known), z), ON_THE_WAY).state
         return known, found.z if found.residual <= ON_THE_WAY else z
 

@@ -214,10 +214,10 @@ def unloaded_tendons(tables: Tables) -> Tendons:
     return Tendons(tables, unloaded_twists(tables), slack, np.zeros((*slack.shape, 2)))
 
 
-def unloaded_twists(tables: Tables) -> FloatArray:
-    """Twists (N, 4) of the unloaded arm."""
-    z = np.ones((len(tables.reach), 4))
-    z[:, :3] = tables.body[:, REST_T:]
+def unloaded_twists(tables: Tables, strains: int = 4) -> FloatArray:
+    """Twists (N, m) of the unloaded arm, of so many ``strains``."""
+    z = np.zeros((len(tables.reach), strains))
+    z[:, :3], z[:, 3] = tables.body[:, REST_T:], 1.0
     return z
 
 

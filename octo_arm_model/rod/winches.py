@@ -48,8 +48,8 @@ class Winches:
         displacements: FloatArray,
         driven: NDArray[np.bool_],
         condition: Condition,
-        start: Equilibrium | None = None,
-        spending: Spending | None = None,
+        start: Equilibrium | None,
+        spending: Spending,
     ) -> Equilibrium:
         """What holds ``displacements`` (J,) [m] of the ``driven`` tendons (J,).
 
@@ -65,7 +65,7 @@ class Winches:
             tensions=np.where(driven, 0.0, condition.tensions),
             lengths=np.where(driven, displacements, 0.0), driven=driven,
         )  # fmt: skip
-        search = _Search(self._rod, self.reeling, wanted, spending or self._rod.spending())
+        search = _Search(self._rod, self.reeling, wanted, spending)
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             found = search.find(self._rod.at_least(start, condition.before))
             problem = self.reeling(found.level).problem
