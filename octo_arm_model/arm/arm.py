@@ -176,20 +176,16 @@ class Arm:
             bad |= outside.any(axis=0) & (offset > discs + rounding)
         if bad.any():
             first = int(np.argmax(bad))
-            if not (self.body.is_round or discs > radius[first]):
+            at, most = f'at s = {s[first]} m', f'{limit[first]:.6g} [m]'
+            if discs > radius[first]:
+                expected = f'at most the radius of the discs {at}, {most}'
+            elif self.body.is_round:
+                expected = f'at most the radius of the body {at}, {most}'
+            else:
                 width, height = 2.0 * self.body.half_sizes(s[first])
-                raise ArmDefinitionError(
-                    name,
-                    float(offset[first]),
-                    f'such that the tendon is within the body at s = {s[first]} m, '
-                    f'{width:.6g} by {height:.6g} [m]',
-                )
-            what = 'the radius of the discs' if discs > radius[first] else 'the radius of the body'
-            raise ArmDefinitionError(
-                name,
-                float(offset[first]),
-                f'at most {what} at s = {s[first]} m, {limit[first]:.6g} [m]',
-            )
+                expected = f'such that the tendon is within the body {at}, '
+                expected += f'{width:.6g} by {height:.6g} [m]'
+            raise ArmDefinitionError(name, float(offset[first]), expected)
 
     def _names(self) -> tuple[str, ...]:
         """Check the names of the tendons, or make them."""

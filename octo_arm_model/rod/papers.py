@@ -170,11 +170,7 @@ class Papers(Statics):
     ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
         """As `PaperEquations.solve`, and tensions with friction at nodes and stations, (n, J) [N].
 
-        What bends the arm at a node depends on how it is bent before it, so that iterating both
-        converges.
-
-        Raises:
-            ConvergenceError: if it does not.
+        Iterated, which converges as a node is bent by what is before it.
         """
         problem, friction, s = level.problem, level.problem.friction, self._setup.s
         assert friction is not None
@@ -294,17 +290,11 @@ def _with_friction(
     level: PaperEquations, state: State, by_local: FloatArray, names: tuple[str, ...],
     rates: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """How local tensions change with those at the base, E and mu.
+    """Changes of tensions by those at the base, E and mu, at nodes and stations, (n, J, 2 J + 1).
 
-    From changes of z ``by_local`` (N, 4, J) tensions at the same node, with ``rates`` as of
-    `sensitivity`.
-
-    Returns:
-        Changes at nodes and stations (N + S, J, 2 J + 1), as if tensions fell where E rises, which
-        bends the arm as much less, and those of the tensions themselves at the nodes (N, J, ...).
-
-    Raises:
-        SolveError: if there are none, see `friction.TensionDerivatives.require`.
+    As if tensions fell where E rises, which bends the arm as much less; those of the tensions
+    themselves at the nodes are returned second. From changes of z ``by_local`` (N, 4, J) tensions
+    at the same node, with ``rates`` as of `sensitivity`; refused as by `TensionDerivatives`.
     """
     problem, base = level.problem, state.acting.condition.tensions
     nodes, tendons = state.acting.tensions.shape
