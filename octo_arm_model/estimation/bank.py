@@ -24,11 +24,7 @@ from numpy.typing import NDArray
 
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.estimation.gaussian import (
-    Gaussian,
-    square_of,
-    volume_of,
-)
+from octo_arm_model.estimation.gaussian import Gaussian, square_of, volume_of
 from octo_arm_model.estimation.measurement import Rows
 from octo_arm_model.estimation.measurements import LOAD_CELL
 from octo_arm_model.estimation.model import ArmModel, Prediction
@@ -40,14 +36,7 @@ from octo_arm_model.estimation.posterior import (
     nearest_possible,
     reached,
 )
-from octo_arm_model.estimation.rules import (
-    CONTRADICTED,
-    MEMORY,
-    MOST,
-    Doubts,
-    Rules,
-    channels_of,
-)
+from octo_arm_model.estimation.rules import CONTRADICTED, MEMORY, MOST, Doubts, Rules, channels_of
 
 _STAYS = 1.0  # by which another hypothesis has to be more probable than the present one [nat]
 _SHARE = 4  # evaluations for one hypothesis among several
@@ -311,9 +300,7 @@ class Judge:
         cost = channels.cost(is_used, ~is_used & ~is_doubted, squares, square, self._rules.gate)
         volume = 2.0 * np.log(np.einsum('hii->hi', root)).sum(axis=-1)
         volume += len(rows) * math.log(2.0 * math.pi)
-        return Judged(
-            mean, covariance, is_used, cost, innovation, expected, square, volume
-        )  # fmt: skip
+        return Judged(mean, covariance, is_used, cost, innovation, expected, square, volume)
 
     def _fit(
         self, bank: Bank, number: int, rows: Rows, at: Prediction, *, is_new: bool

@@ -15,7 +15,9 @@ what lies beyond a cross section,
     D3 (F p) [a, b, c] = sum over all orders of int F (phi_a x (d phi_b x h_c)).
 
 What the sections' own stiffness changes by is left out, and distributed loads are: it is little
-where an arm turns far for small strains.
+where an arm turns far for small strains. A logarithm l that divides a quantity x, as that of E or
+of what friction holds back, makes it x exp(-l): that has second derivatives by l, and by x and l,
+of its own, which are those of the first order by l and x.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ class CurvedTip:
         # In a matrix (n, n) as one row.
         self._where = (each[:, np.newaxis] * state.size + each).ravel()
         self._size, self._skipped = state.size, 3 - force.size
+        self._divided = _divided(state)
 
     def by_state(
         self, backbone: Backbone, pose: FloatArray, by_force: FloatArray, ratio: float
@@ -58,7 +61,21 @@ class CurvedTip:
         some = second[:, self._skipped :, self._skipped :]
         found = np.zeros((3, self._size * self._size))
         found[:, self._where] = some.reshape(3, -1)
+        one, other, divided = self._divided
+        found[:, one * self._size + other] -= pose[-1, :3].take(divided, axis=1)
         return found.reshape(3, self._size, self._size)
+
+
+def _divided(state: State) -> IntArray:
+    """Two components of which one divides, and the one that is divided, (3, pairs)."""
+    every, pairs = np.arange(state.size), []
+    for loss, tension in zip(every[state.tension_loss], every[state.tension], strict=False):
+        pairs += [(loss, loss, loss), (loss, tension, tension), (tension, loss, tension)]
+    for modulus in every[state.log_modulus]:
+        others = every[state.shapes & (every != modulus)]
+        pairs += [(modulus, modulus, modulus), *((modulus, one, one) for one in others)]
+        pairs += [(one, modulus, one) for one in others]
+    return np.array(pairs, np.intp).reshape(-1, 3).T
 
 
 def tip_curvature(position: FloatArray, change: FloatArray, force: FloatArray) -> FloatArray:
