@@ -38,7 +38,6 @@ _TOLERANCE = 0.1  # standard deviations a component, of a step that is the last
 _STRAIGHT, _OFF, _TURNED = 3.0, 0.1, 0.3
 _LOOSE = 0.3  # likewise of what is blurred
 _BLURRED = (100.0, 10.0)  # times the noise, one after the other
-_SOON = 4  # evaluations
 _INNER = 8  # steps within a local model
 _BENT = 0.8  # part of its stiffness that a direction may lose as measurements bend
 _WORSE = 2.0  # growth of what should be least that shortens a step
@@ -158,9 +157,9 @@ def agree(
 ) -> Fit:  # fmt: skip
     """The mean of what was known ``before`` and measured ``rows``, from the prediction ``at`` on.
 
-    Where it ``is_new``, or does not converge soon, measurements are taken to be less exact at
-    first, which widens the curved valley of likely states. Where no work is left before it has
-    converged, the last step is added to the covariance.
+    Where it ``is_new``, or no step leads on, measurements are taken to be less exact at first,
+    which widens the curved valley of likely states. Where no work is left before it has converged,
+    the last step is added to the covariance.
 
     Raises:
         SolveError: if there is no trustworthy shape on the way.
@@ -174,12 +173,12 @@ def agree(
         try:
             if _is_nearer(before, rows, at):
                 at = reached(at, nearest_possible(at.model, before.root, before.mean), work)
-            found = Posterior(before, rows, agreement).fit(at, work.share(_SOON))
+            found = Posterior(before, rows, agreement).fit(at, work)
+            if found.is_converged or not work.is_left:
+                return found
+            at = found.at
         except SolveError:
-            found = None
-        if found is not None and (found.is_converged or not work.is_left):
-            return found
-        at = at if found is None else found.at
+            pass  # on the way from here
     for factor in _BLURRED:
         at = Posterior(before, rows.blurred(factor), agreement).fit(at, work, _LOOSE).at
     return Posterior(before, rows, agreement).fit(at, work)
