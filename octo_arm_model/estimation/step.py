@@ -14,7 +14,7 @@ from octo_arm_model.estimation.bank import Bank, Judge, Judged, new_bank
 from octo_arm_model.estimation.gaussian import Gaussian
 from octo_arm_model.estimation.measurement import Measurement, Rows
 from octo_arm_model.estimation.model import ArmModel, Prediction
-from octo_arm_model.estimation.posterior import Work
+from octo_arm_model.estimation.posterior import Work, nearest_possible
 from octo_arm_model.estimation.rules import CONTRADICTED, Doubts, Innovation, Rules
 from octo_arm_model.estimation.together import NOTHING, Together
 from octo_arm_model.rod.sensitivity import chi_square_limit
@@ -152,8 +152,9 @@ class _Update:
         else:
             bank, sources = judge.opened(bank, self._shapes.channels(at))
             parts = [(rows, part.of(sources)) for rows, part in parts]
-            if start is None:
-                start_at = at = Prediction(model, bank.leading.mean, None)
+            if start is None:  # readings of slack tendons may be negative, tensions are not
+                known = bank.leading
+                start_at = Prediction(model, nearest_possible(model, known.root, known.mean), None)
             bank, judged, at = judge.shaped(bank, self._shapes, start_at, is_new=start is None)
             if len(set(sources)) < len(sources):
                 bank = judge.forgiven(bank, sources)

@@ -61,6 +61,16 @@ def test_with_tension_only_it_is_the_forward_model_with_propagated_covariance() 
     assert not found.unlearnt
 
 
+def test_a_first_reading_of_a_slack_tendon_may_be_negative() -> None:
+    model = rubber(FORCE_AT_TIP)
+    tensions = np.where(TENSIONS == TENSIONS.min(), 0.0, TENSIONS)
+    at = truth(model, np.zeros(3), tensions)
+    readings = np.where(tensions == 0.0, -0.05, tensions)
+    found = Filter(model).add(0.0, [Tensions(readings, 0.05), TipPosition(at.solved.tip, 1e-3)])
+    assert found.tensions.min() >= 0.0 and not found.refused
+    np.testing.assert_allclose(found.backbone.tip, at.solved.tip, atol=3e-3)
+
+
 _ARM = {
     'material.youngs_modulus': 1.1e5, 'material.density': 1080.0, 'body.length': 0.27,
     'body.radius_base': 0.015, 'body.radius_tip': 0.0074, 'sections.anchorage': [0.27],
