@@ -33,8 +33,8 @@ FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH
 
 _LOG, _COMPILE_LOG = 'prepare.log', 'compile.log'
 _KERNELS = (
-    'rod/loops.py', 'rod/section_loops.py', 'rod/section_formulas.py', 'rod/paper_loops.py',
-    'rod/compiled.py', 'rod/tables.py',
+    'rod/loops.py', 'rod/section_loops.py', 'rod/section_formulas.py', 'rod/angle_loops.py',
+    'rod/paper_loops.py', 'rod/compiled.py', 'rod/tables.py',
     'rod/inertia_loops.py', 'rod/inertia_arrays.py',
 )  # fmt: skip
 # Whoever solves afterwards finds this machine code again; without numba nothing is compiled.

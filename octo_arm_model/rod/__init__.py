@@ -13,8 +13,8 @@ nodes go from the base to the tip and have the node as first axis.
 `tables`         `Tables` of an arm at its nodes and `Work`, the arrays that node functions fill in
 `loops`          the node functions as loops for numba
 `arrays`         the same over whole arrays for NumPy; `section_loops`, `section_arrays`: of cross
-                 sections, by `section_formulas`; `paper_loops`, `paper_arrays`: of the paper's
-                 models; `compiled`: how numba compiles loops
+                 sections, by `section_formulas`; `angle_loops`: of wrap angles; `paper_loops`,
+                 `paper_arrays`: of the paper's models; `compiled`: how numba compiles loops
 `forms`          which of the two is used
 `tendons`        where tendons run at the nodes, their lengths, and the derivatives of both
 `dead_loads`     F and M_free of dead loads at the nodes

@@ -5,7 +5,7 @@ node by the wrap angle
 
     theta = int |c| ds + sum 2 asin(|[e]| / 2),    c = e' + kappa x e                          (1)
 
-with jumps [e] where strains jump, see `section_loops.angles`. It loses tension, dT = -mu T
+with jumps [e] where strains jump, see `angle_loops.angles`. It loses tension, dT = -mu T
 dtheta, where it is drawn in, gains as much where it is let out, and sticks in between (Euler and
 Eytelwein). With the tension T_0 at the base and T_b before at each node, T is the nearest to T_b
 of all within

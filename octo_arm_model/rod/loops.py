@@ -11,17 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.rod.angle_loops import angles
 from octo_arm_model.rod.compiled import compiled, helper, inlined
 from octo_arm_model.rod.inertia_loops import imbalance, moving_loads
 from octo_arm_model.rod.paper_loops import paper_twists
 from octo_arm_model.rod.resolution import OF_BENDS, OF_DIRECTIONS
-from octo_arm_model.rod.section_loops import (
-    add_gradients,
-    angles,
-    balance,
-    cross,
-    sections,
-)
+from octo_arm_model.rod.section_loops import add_gradients, balance, cross, sections
 from octo_arm_model.rod.tables import Places, Tables, Work
 
 # The node functions, see `forms.Form`.

@@ -20,7 +20,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from octo_arm_model.arm.hints import BoolArray, FloatArray, IntArray
+from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod.compiled import compiled, helper, inlined
 from octo_arm_model.rod.section_formulas import (
@@ -50,17 +50,16 @@ from octo_arm_model.rod.tables import (
 )
 
 _MOST_STEPS = 30  # of the offset of a tendon in its sheath
-_ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see `angles`
 _SETTLED = 1e-14  # change of an offset, over the lever
 MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `section_arrays.balance`
 _density, _widening = inlined(density), inlined(widening)
 _offset_stiffness, _bent_by = inlined(offset_stiffness), helper(bent_by)
 _rest_bend, _residual_left = inlined(rest_bend), inlined(residual_left)
-# `Tables.law`, `body`, `tendons`, `compliance` and `active`.
-_OfSections: TypeAlias = tuple[int, FloatArray, FloatArray, FloatArray, IntArray]
+SectionTables: TypeAlias = tuple[int, FloatArray, FloatArray, FloatArray, IntArray]
 
 
-def _of_sections(tables: Tables) -> _OfSections:
+def section_tables(tables: Tables) -> SectionTables:
+    """`Tables.law`, `body`, `tendons`, `compliance` and `active`."""
     return tables.law, tables.body, tables.tendons, tables.compliance, tables.active
 
 
@@ -170,13 +169,13 @@ def _add_rest(
 
 def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
     """Gradient and Hessian of the energy of every cross section by the twist."""
-    own = _of_sections(tables)
+    own = section_tables(tables)
     _fill_sections(own, z, tensions, work.offsets, work.gradient, work.hessian)
 
 
 @compiled
 def _fill_sections(
-    of_sections: _OfSections, z: FloatArray, tensions: FloatArray, offsets: FloatArray,
+    of_sections: SectionTables, z: FloatArray, tensions: FloatArray, offsets: FloatArray,
     gradient: FloatArray, hessian: FloatArray,
 ) -> None:  # fmt: skip
     law, body, tendons, compliance, active = of_sections
@@ -192,13 +191,13 @@ def _fill_sections(
 def add_gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> float:
     """Add the gradient of every cross section to its residual; see `loops.residual`."""
     return _add_gradients(
-        _of_sections(tables), z, tensions, work.offsets, work.scale, work.gradient, work.residual
+        section_tables(tables), z, tensions, work.offsets, work.scale, work.gradient, work.residual
     )
 
 
 @compiled
 def _add_gradients(
-    of_sections: _OfSections, z: FloatArray, tensions: FloatArray, offsets: FloatArray,
+    of_sections: SectionTables, z: FloatArray, tensions: FloatArray, offsets: FloatArray,
     scale: FloatArray, gradient: FloatArray, residual: FloatArray,
 ) -> float:  # fmt: skip
     law, body, tendons, compliance, active = of_sections
@@ -381,13 +380,13 @@ def balance(
     """
     found = work.offsets, work.gradient, work.hessian, work.residual
     return _balance(
-        _of_sections(tables), tables.least_scale, z, tensions, wrench, tolerance, found
+        section_tables(tables), tables.least_scale, z, tensions, wrench, tolerance, found
     )
 
 
 @compiled
 def _balance(
-    of_sections: _OfSections, least_scale: FloatArray, z: FloatArray, tensions: FloatArray,
+    of_sections: SectionTables, least_scale: FloatArray, z: FloatArray, tensions: FloatArray,
     wrench: FloatArray, tolerance: float,
     found: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
 ) -> tuple[float, int]:  # fmt: skip
@@ -488,71 +487,8 @@ def _solve_ldl(h: FloatArray, left: FloatArray, x: FloatArray) -> None:
             x[a] -= h[k, a] * x[k]
 
 
-# Tendons with friction -------------------------------------------------------------------------
-
-
-def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-    """Angle by which every tendon under tension has turned between the base and every node.
-
-    The integral of the length of e' + kappa x e, e the unit tangent in the axes of the section,
-    and the angles between tangents where strains jump; its length has a kink where it vanishes,
-    and is taken at fine points where it may. ``tensions`` displace tendons in sheaths.
-    """
-    sizes = tables.lengths, tables.weights, tables.sharp
-    rule = (
-        tables.to_point, tables.differentiation, tables.ends, tables.to_fine, tables.fine_weights
-    )  # fmt: skip
-    own = _of_sections(tables)
-    _fill_angles(sizes, rule, own, (z, tensions), tables.friction, work.offsets, work.angle)
-
-
-@compiled
-def _fill_angles(
-    sizes: tuple[FloatArray, FloatArray, BoolArray], rule: tuple[FloatArray, ...],
-    of_sections: _OfSections, of_nodes: tuple[FloatArray, FloatArray], friction: FloatArray,
-    offsets: FloatArray, angle: FloatArray,
-) -> None:  # fmt: skip
-    lengths, weights, sharp = sizes
-    to_point, differentiation, ends, to_fine, fine_weights = rule
-    law, body, tendons, compliance, active = of_sections
-    z, tensions = of_nodes
-    points, strain = to_point.shape[0], np.empty(6)
-    unit, bend, rate = np.empty((points, 3)), np.empty((points, 3)), np.empty(points)
-    last, total = np.zeros((friction.size, 3)), np.zeros(friction.size)
-    angle[:] = 0.0
-    for e in range(lengths.size):
-        start, h = e * points, lengths[e]
-        for j in range(active[start]):
-            if tensions[start, j] == 0.0 or friction[j] == 0.0:
-                continue
-            for k in range(points):
-                i = start + k
-                _tangent(
-                    law, z[i], tendons[i, j], body[i, LEVER], compliance[j] * tensions[i, j],
-                    strain, offsets[i, j], unit[k],
-                )  # fmt: skip
-            kink = _kink(ends, unit, last[j])
-            if sharp[e]:
-                total[j] += kink
-            _bends(differentiation, h, z[start : start + points], unit, bend, rate)
-            along, end = 0.0, points - 1
-            for c in range(3):
-                along += bend[0, c] * bend[end, c]
-            own = angle[start : start + points, j]
-            if along < _ROUGH * rate[0] * rate[end]:
-                total[j] = _turn_finely(to_fine, fine_weights, h, bend, total[j], own)
-                continue
-            for i in range(points):
-                value = 0.0
-                for k in range(points):
-                    value += to_point[i, k] * rate[k]
-                own[i] = total[j] + h * value
-            for k in range(points):
-                total[j] += weights[start + k] * rate[k]
-
-
 @helper
-def _tangent(
+def tangent(
     law: int, z: FloatArray, tendon: FloatArray, lever: float, yielding: float,
     strain: FloatArray, offset: FloatArray, unit: FloatArray,
 ) -> None:  # fmt: skip
@@ -566,61 +502,3 @@ def _tangent(
     u_t, u_n, u_b = _along(tendon, strain, width, d_n, d_b)
     over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
     unit[0], unit[1], unit[2] = over * u_t, over * u_n, over * u_b
-
-
-@helper
-def _kink(ends: FloatArray, unit: FloatArray, last: FloatArray) -> float:
-    """Angle between the tangents at the start of an element and the ``last``, before it."""
-    square = 0.0
-    for c in range(3):
-        first = end = 0.0
-        for k in range(unit.shape[0]):
-            first += ends[0, k] * unit[k, c]
-            end += ends[1, k] * unit[k, c]
-        square += (first - last[c]) ** 2
-        last[c] = end
-    return 2.0 * np.arcsin(min(0.5 * np.sqrt(square), 1.0))
-
-
-@helper
-def _bends(
-    differentiation: FloatArray, h: float, z: FloatArray, unit: FloatArray, bend: FloatArray,
-    rate: FloatArray,
-) -> None:  # fmt: skip
-    """Derivatives of the tangents ``unit`` (p, 3) by s, and their lengths."""
-    for k in range(z.shape[0]):
-        p = q = r = 0.0
-        for n in range(z.shape[0]):
-            slope = differentiation[k, n] / h
-            p += slope * unit[n, 0]
-            q += slope * unit[n, 1]
-            r += slope * unit[n, 2]
-        cross(z[k], unit[k], bend[k])
-        p, q, r = bend[k, 0] + p, bend[k, 1] + q, bend[k, 2] + r
-        bend[k, 0], bend[k, 1], bend[k, 2] = p, q, r
-        rate[k] = np.sqrt(p * p + q * q + r * r)
-
-
-@helper
-def _turn_finely(
-    to_fine: FloatArray, weights: FloatArray, h: float, bend: FloatArray, total: float,
-    angle: FloatArray,
-) -> float:  # fmt: skip
-    """Angles (p,) of a tendon at the points of an element with its ``bend``, by fine points.
-
-    From ``total`` at its start; returns that at its end.
-    """
-    points = bend.shape[0]
-    for i in range(points):
-        angle[i] = total
-    for f in range(to_fine.shape[0]):
-        p = q = r = 0.0
-        for k in range(points):
-            p += to_fine[f, k] * bend[k, 0]
-            q += to_fine[f, k] * bend[k, 1]
-            r += to_fine[f, k] * bend[k, 2]
-        size = h * np.sqrt(p * p + q * q + r * r)
-        for i in range(points):
-            angle[i] += weights[i, f] * size
-        total += weights[points, f] * size
-    return total

@@ -13,7 +13,7 @@ from checkout import ROOT
 import octo_arm_model
 
 # Folders that need neither ROS nor any optional extra, but for the loops that numba compiles.
-LOOPS = ('compiled', 'loops', 'paper_loops', 'inertia_loops', 'section_loops')
+LOOPS = ('compiled', 'loops', 'paper_loops', 'inertia_loops', 'section_loops', 'angle_loops')
 BASE = ('arm', 'rod', 'config', 'analysis', 'wire')
 CORE = sorted(
     module.name
