@@ -2,7 +2,8 @@
 
     python benchmarks/soak_motion.py [--seconds 600] [--seed 1]     `make soak` does it too
 
-Every half a second or so all tensions jump, up to what the arm bears. No step may fail, no shape
+Every half a second or so all tensions jump, up to what the arm bears, or winches reel some tendons
+in or out, until they are commanded by tension again. No step may fail, no shape
 may be missing for two seconds but in a pause, and the memory of every process stays what it was
 after a fifth of the time. The programs are processes of their own over DDS, the viewer among them.
 """
@@ -24,8 +25,9 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, Vector3Stamped
 from node import DEADLINE, Participant, environment_in, megabytes, new_domain
-from octo_arm_msgs.msg import TendonTensions
+from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from octo_arm_model import load_config
@@ -35,6 +37,7 @@ from octo_arm_model.arm.stiffness import bending_force, default_highest
 NAME = 'renda2012_table4'
 CONFIG = load_config(NAME)
 MOST_TENSION = np.minimum(default_highest(CONFIG.arm).ravel(), 8.0)  # [N], without a crush of four
+MOST_LENGTH = 0.15 * CONFIG.solver().rest_lengths.ravel()  # [m], reeled in
 MOST_FORCE = 10.0 * bending_force(CONFIG.arm, 0.3)  # [N] at the tip
 SHORT = 100.0  # [s] of a run in which memory is not judged
 SILENCE = 2.0  # [s] that no shape may be missing for
@@ -53,7 +56,7 @@ class Hand(Participant):
     def __init__(self, domain: int) -> None:
         """Connect to the arm in ``domain``."""
         super().__init__(domain)
-        self._commands = self.node.create_publisher(TendonTensions, 'tendon_commands', 10)
+        self._joints = self.node.create_publisher(JointState, 'tendon_commands/joint_state', 10)
         self._push = self.node.create_publisher(Vector3Stamped, 'push/force', 10)
         self.node.create_subscription(
             PoseArray, 'backbone/poses', self._on_shape, QoSProfile(depth=10), raw=True
@@ -88,10 +91,13 @@ class Hand(Participant):
             raise RuntimeError(f'{name}: {answer.result().message}')
         self.node.destroy_client(client)
 
-    def pull(self, tensions: FloatArray) -> None:
-        """Command ``tensions`` (tendons,) [N]."""
-        names = list(CONFIG.arm.tendon_names)
-        self._commands.publish(TendonTensions(name=names, tension=tensions.tolist()))
+    def move(self, tendons: NDArray[np.bool_], **values: FloatArray) -> None:
+        """Command the effort [N], or position [m], of some ``tendons`` alone, (tendons,) each."""
+        names = [name for name, one in zip(CONFIG.arm.tendon_names, tendons) if one]
+        if not names:
+            return
+        some = {interface: value[tendons].tolist() for interface, value in values.items()}
+        self._joints.publish(JointState(name=names, **some))
 
     def push(self, force: FloatArray) -> None:
         """Push the tip with a ``force`` (3,) [N], for half a second."""
@@ -145,21 +151,24 @@ def soak(seconds: float, seed: int = 1) -> list[str]:
         RuntimeError: if a step failed, the arm was silent, or memory grew.
     """
     random, domain = np.random.default_rng(seed), new_domain()
-    counts = dict.fromkeys(('jumps', 'pushes', 'pauses', 'resets'), 0)
+    counts = dict.fromkeys(('jumps', 'lengths', 'pushes', 'pauses', 'resets'), 0)
     with running(domain) as process:
         hand = Hand(domain)
         try:
             hand.wait(lambda: hand.shapes and hand.health, 'a shape')
-            tensions, hand.longest = np.zeros(MOST_TENSION.size), 0.0
+            hand.longest, count = 0.0, MOST_TENSION.size
             began, before = time.monotonic(), None
             while (now := time.monotonic() - began) < seconds:
                 if before is None and now > 0.2 * seconds:
                     before = memories(process.pid)
-                pulled = random.random(tensions.size) < random.random()
-                level = random.random(tensions.size) ** 3
-                tensions = np.where(pulled, level * MOST_TENSION, tensions)
-                hand.pull(tensions)
-                counts['jumps'] += 1
+                pulled = random.random(count) < random.random()
+                level = random.random(count) ** 3
+                if random.random() < 0.5:
+                    hand.move(pulled, position=level * MOST_LENGTH)
+                    counts['lengths'] += 1
+                else:
+                    hand.move(pulled, effort=level * MOST_TENSION)
+                    counts['jumps'] += 1
                 if random.random() < 0.2:
                     hand.push(MOST_FORCE * random.random() * random.uniform(-1.0, 1.0, 3))
                     counts['pushes'] += 1

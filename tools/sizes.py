@@ -14,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 # Lines of Python, docstrings and comments included.
 MOST = {
-    'octo_arm_model': 46_840,
+    'octo_arm_model': 46_850,
     'octo_arm_model/analysis': 1_620,
     'octo_arm_model/apps': 500,
     'octo_arm_model/arm': 2_550,

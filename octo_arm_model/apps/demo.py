@@ -32,6 +32,7 @@ LINE_PERIOD = 1.0  # [s] between lines of numbers where there is no terminal
 _MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # in order of preference
 _SLOWLY = 0.3  # highest speed of the movement of an arm that is pushed
 _POLL = 1.0 / 30.0  # [s]
+_WINCHES = 0.2  # largest speed of the winches of an arm that moves, over its length [1/s]
 _PROG = 'octo_arm_demo'
 _EPILOG = """\
 examples:
@@ -95,7 +96,8 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--moving',
         action='store_true',
-        help='the arm moves with its inertia, in water, and can be pulled in the page; without '
+        help='the arm moves with its inertia, in water, and can be pulled in the page; winches '
+        'reel in or out a fifth of its length a second at most (winches.speed_limit); without '
         '--estimate the shape is the true one, with it forces along the arm are found, inertia '
         'and drag among them',
     )
@@ -124,6 +126,7 @@ def _show(options: argparse.Namespace) -> int:
     if options.moving:
         water = in_water(config)
         playing['dynamics'] = water.pop('dynamics')
+        playing['winches.speed_limit'] = _WINCHES * config.arm.length
         common += parameter_arguments(water)
         if not options.estimate:
             shown, hidden = TRUE_SHAPE
