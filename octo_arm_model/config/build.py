@@ -171,8 +171,9 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
     """
     names = given['tension_names']
     distinct = [name for name in names if name != '-']
-    if len(set(distinct)) < len(distinct) or '' in names:
-        raise ConfigError(f'tension_names is {shown(list(names))}, expected distinct names or -')
+    if len(set(distinct)) < len(distinct) or '' in names or bool(names) > bool(distinct):
+        expected = 'distinct names or -, one name at least'
+        raise ConfigError(f'tension_names is {shown(list(names))}, expected {expected}')
     lists = 'tension_offset', 'tension_scale', 'tension_names'
     _check_each(given, arm, *lists)
     return LoadCellCalibration(given['tension_deadband'], *(tuple(given[name]) for name in lists))

@@ -102,12 +102,12 @@ class Config:
                 )
             given[parameter.name] = parameter.convert(value)
         _check_names(given)
+        base = Pose(given['base.position'], given['base.quaternion'])
         loads = build_loads(given)  # whose errors say which of several obstacles it is
         for parameter in PARAMETERS:  # what no part is built from, too, as a table without table_s
             value = given.get(parameter.name)
             if value is not None and (value != 0.0 or not parameter.unless):
                 parameter.check(value)
-        base = Pose(given['base.position'], given['base.quaternion'])
         arm = build.build_arm(given)
         uncertainty = build.build_uncertainty(given, arm)
         if given['model'] != 'exact' and (uncertainty.poisson_ratio or uncertainty.offset):

@@ -79,9 +79,9 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             + '; '.join([', '.join(now.models), *settings.notes])
         )
 
-    def cleanup(self) -> None:
+    def cleanup(self, state: str = 'unconfigured') -> None:
         """Free the arm and what is known of it."""
-        super().cleanup()
+        super().cleanup(state)
         self._measured = None
 
     def _begin_anew(self) -> Estimator:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable
 
@@ -109,6 +110,7 @@ class Diagnostics:
         self._has_history = False
         self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
         self.clock = SteppedClock(node)
+        self._reported, self._period = time.monotonic(), PERIOD
         # Steady: ROS time may stand still or jump.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(PERIOD, self._report, clock=clock)
@@ -181,6 +183,9 @@ class Diagnostics:
             self._refusals.count(topic, in_short(error))
 
     def _report(self) -> None:
+        # A solve may delay it.
+        before, self._reported = self._reported, time.monotonic()
+        self._period = max(self._reported - before, 1e-3)
         more = (part(self._idle) for part in self.parts)
         statuses = self._solver(), self._input(), self._output(), *more
         with until_shutdown(self._node.context):
@@ -242,7 +247,7 @@ class Diagnostics:
             age = f'{now - self._last:.3f}'
         fine = 'receiving' if self._received else 'waiting'
         return make_status('input', DiagnosticStatus.WARN, '; '.join(problems), fine, {
-            'rate [Hz]': f'{self._received / PERIOD:.1f}',
+            'rate [Hz]': f'{self._received / self._period:.1f}',
             'age of the newest stamp [s]': age,
             'source': ', '.join(topics),
             'publishers': sum(publishers.values()),
@@ -260,7 +265,7 @@ class Diagnostics:
         problem = self._idle or (f'{skipped} skipped for newer ones' if skipped else '')
         fine = 'publishing' if answered else 'waiting'
         return make_status('output', DiagnosticStatus.WARN, problem, fine, {
-            'rate [Hz]': f'{answered / PERIOD:.1f}',
+            'rate [Hz]': f'{answered / self._period:.1f}',
             'answered': self._totals['answered'],
             'skipped': self._totals['skipped'],
         })  # fmt: skip

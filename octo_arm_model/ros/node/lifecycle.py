@@ -90,7 +90,7 @@ class ManagedNode(CheckedNode, LifecycleNode):
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate and clean up, from any state."""
         self._server.deactivate()
-        self._server.cleanup()
+        self._server.cleanup('finalized')
         return SUCCESS
 
 

@@ -96,13 +96,13 @@ class Server(ABC, Generic[ArmT, PublishersT]):
             self._publishers.pause()
         self._diagnostics.end('inactive')
 
-    def cleanup(self) -> None:
-        """Free the arm and its publishers."""
+    def cleanup(self, state: str = 'unconfigured') -> None:
+        """Free the arm and its publishers; the node is in a ``state`` of its life from now on."""
         self._live.end()
         if self._publishers is not None:
             self._publishers.close()
         self._publishers = self._prepared = None
-        self._diagnostics.end('unconfigured')
+        self._diagnostics.end(state)
 
     @abstractmethod
     def _open(self) -> None:

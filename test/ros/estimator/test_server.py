@@ -24,7 +24,7 @@ from octo_arm_model.ros.estimator.main import EstimatorNode
 FORCE = np.array([0.0, -0.004, 0.008])
 PRIOR = 0.01  # standard deviation of each component of the force [N]
 BOTH = ('tendon_tensions', 'measured/tip_pose')
-GATES = itertools.count()
+GATES = itertools.count(1)  # the first one another than the default
 
 
 @pytest.fixture(scope='module')

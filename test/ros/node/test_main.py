@@ -222,6 +222,8 @@ def test_a_managed_node_answers_while_it_is_active():
             client.wait(lambda: not client.node.count_subscribers('tendon_tensions'), 'its end')
         assert client.transition(Transition.TRANSITION_CLEANUP)
         client.wait(lambda: not client.node.count_publishers('backbone/path'), 'its end')
+        assert client.transition(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+        assert client.status('input')[0].message == 'finalized'
 
 
 def test_a_managed_node_that_does_not_answer_says_so(managed):
