@@ -29,7 +29,7 @@ MOST = {
     'octo_arm_model/simulation': 2_400,
     'octo_arm_model/viewer': 2_320,
     'octo_arm_model/wire': 1_550,
-    'test': 26_030,
+    'test': 26_050,
 }
 
 

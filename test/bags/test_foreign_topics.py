@@ -104,7 +104,11 @@ def test_any_numbers_are_tensions_where_it_is_said_whose(way, tmp_path, cli):
         (joints, ['--tendons', 'a', 'b', 'c', 'd'], "no value 'a' for tendon_1_1; there are elbo"),
         (joints, ['--tendons', 'a'], 'tension_names has 1 values, expected 4, one per tendon'),
         (joints, ['--tendons', 'a', 'a', '-', '-'], 'expected distinct names or -'),
-        (joints, ['--tendons', '-', '-', '-', '-'], 'expected distinct names or -, one name at l'),
+        (
+            joints,
+            ['--tendons', '-', '-', '-', '-'],
+            'expected distinct names or -, one name at least',
+        ),
     ],
 )
 def test_what_fits_no_tendon_is_refused_and_says_what_there_is(

@@ -181,7 +181,8 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path, name):
         ('stations: 101', 'solve_budget.seconds: .nan',
          'solve_budget.seconds is nan, expected a finite number > 0'),
         ('youngs_modulus:', 'young_modulus:',
-         'material.young_modulus is no parameter of the arm; did you mean material.youngs_modul'),
+         'material.young_modulus is no parameter of the arm; did you mean '
+         'material.youngs_modulus?'),
         ('    stations: 101', '    zzz: 1', 'zzz is no parameter of the arm; known are model, '),
         ('stations: 101', 'stations: 101.5', 'stations is 101.5, expected integer'),
         ('stations: 101', 'stations: true', 'stations is True, expected integer'),

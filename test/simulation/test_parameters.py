@@ -20,7 +20,9 @@ from octo_arm_model.simulation.parameters import (
 ARM = load_parameters(preset_path('renda2012_prototype'))
 
 
-WRONG = {'>= 0': (-1.0, np.nan, np.inf), '> 0': (0.0, -1.0, np.nan), 'in [0, 1]': (1.5, np.nan)}
+WRONG = {
+    '>= 0': (-1.0, np.nan, np.inf), '> 0': (0.0, -1.0, np.nan, np.inf), 'in [0, 1]': (1.5, np.nan),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -36,7 +38,11 @@ def test_a_number_outside_its_range_is_refused_by_name(parameter) -> None:
         with pytest.raises(ArmDefinitionError) as caught:
             SimulatorConfig.from_parameters({**ARM, **of_obstacles, 'model': 'exact', **given})
         name = f'{parameter.name}[0]' if 'obstacles' in parameter.name else parameter.name
-        assert str(caught.value).startswith(f'{name} is {wrong}, expected a finite')
+        expected = f'{name} is {wrong}, expected a finite'
+        if parameter in PARAMETERS:
+            what = parameter.what if parameter.range == '>= 0' else 'number'
+            expected += f' {what} {parameter.range.replace("in", "within")}'
+        assert str(caught.value).startswith(expected)
 
 
 @pytest.mark.parametrize(

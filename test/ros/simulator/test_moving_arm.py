@@ -155,7 +155,11 @@ def test_a_state_that_is_saved_goes_on_to_the_same_bits(tmp_path, lag):
             ('"version": 3', '"version": 2', 'is of version 2, expected 3'),
             ('"command": [', '"command": [9', 'tension of tendon_1_1 is 9'),
             ('"played": ', '"other": ', 'played is None, expected numbers ()'),
-            ('"surroundings": [[', '"surroundings": [[9', 'surroundings are not those of the'),
+            (
+                '"surroundings": [[',
+                '"surroundings": [[9',
+                'surroundings are not those of the base',
+            ),
         ):
             file.write_bytes(whole)
             rewrite(file, old, new)
@@ -179,7 +183,8 @@ def test_a_state_that_is_saved_goes_on_to_the_same_bits(tmp_path, lag):
         is_done, why = client.trigger('save_state')
         assert not is_done and why.endswith('state.npz cannot be written: Is a directory')
         assert client.change(state_file='') == (True, '')
-        assert client.trigger('save_state')[1].startswith("state_file is '', expected the name")
+        wanted = "state_file is '', expected the name of a file of a state"
+        assert client.trigger('save_state') == (False, wanted)
 
 
 def rewrite(file, old, new, part='simulator.json'):
