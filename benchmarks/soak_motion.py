@@ -2,10 +2,10 @@
 
     python benchmarks/soak_motion.py [--seconds 600] [--seed 1]     `make soak` does it too
 
-Every half a second or so all tensions jump, up to what the arm bears, or winches reel some tendons
-in or out, until they are commanded by tension again. No step may fail, no shape
-may be missing for two seconds but in a pause, and the memory of every process stays what it was
-after a fifth of the time. The programs are processes of their own over DDS, the viewer among them.
+Every half a second or so tensions of some tendons jump, up to what the arm bears, or winches reel
+some in or out, until these are commanded by tension again. No step may fail, no shape may be
+missing for two seconds but in a pause, and the memory of every process stays what it was after a
+fifth of the time. The programs are processes of their own over DDS, the viewer among them.
 """
 
 from __future__ import annotations

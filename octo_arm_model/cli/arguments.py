@@ -323,4 +323,6 @@ def read_json(text: str, option: str, example: str) -> Any:
         raise
     except (RecursionError, ValueError) as error:
         where = f' at character {error.pos + 1}' if isinstance(error, json.JSONDecodeError) else ''
-        raise TensionError(f'{option} is not JSON{where}, expected such as {example}') from error
+        raise TensionError(
+            f'{option} is not JSON{where}, expected text such as {example}'
+        ) from error

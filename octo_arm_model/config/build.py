@@ -171,7 +171,7 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
     """
     names = given['tension_names']
     distinct = [name for name in names if name != '-']
-    if len(set(distinct)) < len(distinct) or '' in names or bool(names) > bool(distinct):
+    if len(set(distinct)) < len(distinct) or '' in names or (names and not distinct):
         expected = 'distinct names or -, one name at least'
         raise ConfigError(f'tension_names is {shown(list(names))}, expected {expected}')
     lists = 'tension_offset', 'tension_scale', 'tension_names'

@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray, Numbers
-from octo_arm_model.rod.section_formulas import (
-    paper_jump,
-    paper_moments,
-    paper_slope,
-    paper_twist,
-)
+from octo_arm_model.rod.section_formulas import paper_jump, paper_moments, paper_slope, paper_twist
 from octo_arm_model.rod.tables import PaperTables
 
 MOST_PAPER_SWEEPS = 60  # of an element in equation (10)

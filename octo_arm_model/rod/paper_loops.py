@@ -6,12 +6,7 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.compiled import compiled, helper, inlined
-from octo_arm_model.rod.section_formulas import (
-    paper_jump,
-    paper_moments,
-    paper_slope,
-    paper_twist,
-)
+from octo_arm_model.rod.section_formulas import paper_jump, paper_moments, paper_slope, paper_twist
 from octo_arm_model.rod.tables import PaperTables
 
 MOST_PAPER_SWEEPS, SWEEPS_A_CHECK = 60, 2  # see `paper_arrays`

@@ -11,6 +11,7 @@ from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConfigError, ConvergenceError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
+from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod.checks import check_compression
 from octo_arm_model.rod.derivatives import part_of, pose_rates, strain_changes
 from octo_arm_model.rod.equilibrium import Acting, Condition, Problem, State
@@ -38,7 +39,7 @@ _SETTLED = 1e-13  # change of these, over the largest tension
 class Papers(Statics):
     """One of the paper's models on a rod."""
 
-    def __init__(self, is_published: bool, setup: Setup) -> None:
+    def __init__(self, setup: Setup, *, is_published: bool) -> None:
         """Tabulate `renda2012` where ``is_published``, else `closed_form`.
 
         Raises:
@@ -54,7 +55,7 @@ class Papers(Statics):
                 )
         if is_published:
             check_is_papers(arm)
-        setting = Setting(False, accuracy=setup.accuracy, compiled=setup.compiled)
+        setting = Setting(LINEAR, accuracy=setup.accuracy, compiled=setup.compiled)
         self.rod = Rod(arm, Loads(), setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
         self._at = functools.cache(

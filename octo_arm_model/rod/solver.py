@@ -38,8 +38,8 @@ from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics
 from octo_arm_model.rod.stations import DEFAULT_STATIONS, StationGrid
 
 STATICS: dict[str, Callable[[Setup], Statics]] = {
-    'renda2012': functools.partial(Papers, True),
-    'closed_form': functools.partial(Papers, False),
+    'renda2012': functools.partial(Papers, is_published=True),
+    'closed_form': functools.partial(Papers, is_published=False),
     'exact': Exact,
 }
 MODELS = tuple(STATICS)

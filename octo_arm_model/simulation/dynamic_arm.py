@@ -38,15 +38,15 @@ class Reeled(NamedTuple):
     Attributes:
         lengths: reeled in [m]; NaN of winches that follow tensions.
         bounds: tensions below which they reel in, and above which they give way [N], (2, tendons).
-        away: signs of what they are to reel in from where they are.
-        at: of the bound that their tendons were at: -1, 1, or 0 of none.
-        keeps_taut: whether tendons at the lower bound are taut; else they hang from held winches.
+        direction: 1 where a winch is to reel in, -1 where it is to reel out, else 0.
+        at_bound: 1 where a tendon was at its upper bound, -1 at the lower one, else 0.
+        keeps_taut: whether the lower bound is a tension; tendons at one of 0 hang slack.
     """
 
     lengths: FloatArray
     bounds: FloatArray
-    away: FloatArray
-    at: FloatArray
+    direction: FloatArray
+    at_bound: FloatArray
     keeps_taut: bool
 
 
@@ -147,7 +147,7 @@ class DynamicArm:
         """The state after that, and lengths that winches hold."""
         if reeled is None:
             return self._dynamics.go_on(state, inputs, elapsed, _STEP), self._none
-        lengths, (least, most), away, at, keeps_taut = reeled
+        lengths, (least, most), direction, at, keeps_taut = reeled
         given, gave = np.asarray(inputs.tensions), np.zeros(at.size, np.bool_)
         while True:
             holds = ~np.isnan(lengths) & (at == 0.0)
@@ -160,9 +160,9 @@ class DynamicArm:
                 found = self._dynamics.go_on(state, inputs, elapsed, _STEP)
             except SolveError:
                 # Lengths may be beyond what any tensions reel in: winches then do what they can.
-                if not (away * holds).any():
+                if not (direction * holds).any():
                     raise
-                at, away = np.where(holds, away, at), 0.0 * away
+                at, direction = np.where(holds, direction, at), 0.0 * direction
                 continue
             over = (found.tensions - np.clip(found.tensions, least, most)) * holds
             gives = np.abs(over) > 1e-9 * (1.0 + found.tensions)  # not of rounding

@@ -134,11 +134,11 @@ class TendonDrive:
         bounds = np.array([np.full(most.size, winches.slack_floor), most])
         effective = relaxation.effective(relaxation.step(crept, bounds, elapsed), bounds)
         low, high = np.abs(tension - bounds) <= 1e-9 * (1.0 + bounds)
-        # Tendons of an elastic arm that hang from held winches are slack by its time steps.
+        # Without a floor time steps themselves tell which tendons of held winches are slack.
         low &= (effective[0] > 0.0) & (goal <= now)
         at = np.where(high & (goal > now), 1.0, -1.0 * low)
-        away = np.nan_to_num(np.sign(goal - now))
-        return Reeled(winches.reel(now, goal, elapsed), effective, away, at, bool(bounds[0, 0]))
+        direction, taut = np.nan_to_num(np.sign(goal - now)), bool(bounds[0, 0])
+        return Reeled(winches.reel(now, goal, elapsed), effective, direction, at, taut)
 
     def _at_rest(self, lengths: Mapping[str, float], tensions: FloatArray) -> Wound:
         names = self._config.arm.tendon_names

@@ -185,7 +185,7 @@ class Diagnostics:
     def _report(self) -> None:
         # A solve may delay it.
         before, self._reported = self._reported, time.monotonic()
-        self._period = max(self._reported - before, 1e-3)
+        self._period = self._reported - before
         more = (part(self._idle) for part in self.parts)
         statuses = self._solver(), self._input(), self._output(), *more
         with until_shutdown(self._node.context):

@@ -285,9 +285,10 @@ class SimulatorNode(CheckedNode):
         is_moved = config.pushed_arm is not None
         # Where a call comes more than a period late, the arm is slower than a clock that goes on.
         most = 2.0 / config.rate if is_moved and not config.publish_clock else math.inf
-        self._diagnostics.counts['simulated'] += min(elapsed, most)
+        of_arm = min(elapsed, most)
+        self._diagnostics.counts['simulated'] += of_arm
         try:
-            effective = self._drive.move(effective, pushed, min(elapsed, most))
+            effective = self._drive.move(effective, pushed, of_arm)
         except OctoArmError as error:
             self._fail(error)
             is_moved = False
