@@ -60,6 +60,7 @@ class EstimateStatus:
         ]
         if self._unused and not self._used:
             problems.append(f'none of {self._unused} measurements could be used: {self._reason}')
+        fine = 'estimating' if self._used else 'waiting'
         self._run_back, self._used, self._unused = {}, 0, 0
         if estimator is None or config is None or found is None:
             problem = idle or '; '.join(problems)
@@ -91,9 +92,7 @@ class EstimateStatus:
         values |= self._contact(found, config)
         reasons = '; '.join(one.reason for one in found.estimate.unlearnt)
         values['not observable'] = reasons[:_LONGEST]
-        return make_status(
-            'estimate', DiagnosticStatus.WARN, '; '.join(problems), 'estimating', values
-        )
+        return make_status('estimate', DiagnosticStatus.WARN, '; '.join(problems), fine, values)
 
     def _contact(self, found: Estimated, config: Config) -> dict[str, object]:
         contact = contact_of(found.estimate, config.arm)
