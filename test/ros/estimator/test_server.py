@@ -84,7 +84,6 @@ def test_tensions_alone_give_the_forward_model_and_say_what_they_cannot_tell(cli
     assert_allclose(found, 0.0, atol=1e-9)
     assert_allclose(stddev, PRIOR, rtol=1e-6)
     status, values = client.status('estimate')
-    # Since the report before nothing was measured.
     assert status.message == 'waiting' and status.level == DiagnosticStatus.OK
     for axis in 'xyz':
         assert f'tip_force {axis} keeps its prior' in values['not observable']
