@@ -25,7 +25,7 @@ from ros_domains import new_domain  # noqa: E402
 from octo_arm_model import load_config  # noqa: E402
 from octo_arm_model.config.parameter_files import preset_path  # noqa: E402
 from octo_arm_model.ros.processes import children  # noqa: E402
-from octo_arm_model.simulation.profiles.limits import figures  # noqa: E402
+from octo_arm_model.simulation.movements import figures  # noqa: E402
 from octo_arm_model.viewer.options import LOOPBACK, PORT  # noqa: E402
 from octo_arm_model.viewer.server import free_port, url  # noqa: E402
 

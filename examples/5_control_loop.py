@@ -16,7 +16,7 @@ from octo_arm_model import TipPosition, find_tensions, load_config
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.ros.node.main import make_executor
 from octo_arm_model.ros.processes import children
-from octo_arm_model.simulation.profiles.limits import tendon_limits
+from octo_arm_model.simulation.movements import tendon_limits
 
 CONFIG = 'config/renda2012_table4.yaml'
 RATE = 200.0  # [Hz]

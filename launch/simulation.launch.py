@@ -17,7 +17,7 @@ from octo_arm_model.ros.launch_parts import (
     value_of,
 )
 from octo_arm_model.simulation.parameters import for_arm_node, for_true_arm
-from octo_arm_model.simulation.touched_arm import touched
+from octo_arm_model.simulation.pushed_arm import touched
 
 
 def start(context):

@@ -21,10 +21,9 @@ from octo_arm_model.apps.shared import TRUE_SHAPE, add_optional_page, open_page,
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import find_path
 from octo_arm_model.ros.processes import children, ended, parameter_arguments, stop_signals
+from octo_arm_model.simulation.movements import TOPIC as COMMANDS
+from octo_arm_model.simulation.movements import check_profile, find_profile, tendon_limits
 from octo_arm_model.simulation.parameters import in_water
-from octo_arm_model.simulation.profiles.commands import TOPIC as COMMANDS
-from octo_arm_model.simulation.profiles.commands import find_profile
-from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
 from octo_arm_model.viewer.options import page_title
 

@@ -17,7 +17,7 @@ from octo_arm_model.bags.tensions import Reading
 from octo_arm_model.bags.topics import ANSWERS
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.simulation.driven_motion import LONGEST_GAP, DrivenMotion
+from octo_arm_model.simulation.moving_arm import LONGEST_GAP, DrivenMotion
 from octo_arm_model.wire.backbone import (
     TENDON_LENGTHS,
     TENSION_ESTIMATES,

@@ -19,7 +19,7 @@ from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.rod.motion import STEPS
 from octo_arm_model.rod.solver import MODELS
-from octo_arm_model.simulation.driven_motion import STEP
+from octo_arm_model.simulation.moving_arm import STEP
 
 _CONFIG = 'ROS parameter file of the arm, or the name of a preset'
 

@@ -10,6 +10,7 @@ import numpy as np
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, unwritten, writing
+from octo_arm_model.simulation.movements import find_profile
 from octo_arm_model.simulation.moving_arm import (
     Course,
     animate,
@@ -17,7 +18,6 @@ from octo_arm_model.simulation.moving_arm import (
     simulate,
     write_motion_csv,
 )
-from octo_arm_model.simulation.profiles.commands import find_profile
 
 SUMMARY = 'simulate the motion of the arm along a profile of tensions'
 DESCRIPTION = """\

@@ -31,7 +31,7 @@ from octo_arm_model.experiment.unknowns import FINE_STATIONS, OF_WATER, Readings
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.motion import Dynamics
-from octo_arm_model.simulation.driven_motion import DrivenMotion
+from octo_arm_model.simulation.moving_arm import DrivenMotion
 
 _SWINGS = 1e-3  # of the length: least distance of a swing from the equilibria
 _STRETCHES = 10  # of time, of at least so many frames

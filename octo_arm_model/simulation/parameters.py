@@ -19,11 +19,9 @@ from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.simulation.dynamic_arm import SUFFIX, DynamicArm
 from octo_arm_model.simulation.hardware import Hardware, LoadCells, Relaxation, Winches
-from octo_arm_model.simulation.profiles.commands import find_profile
-from octo_arm_model.simulation.profiles.limits import check_profile, tendon_limits
-from octo_arm_model.simulation.profiles.profile import CommandProfile
-from octo_arm_model.simulation.pushed_arm import PushedArm
-from octo_arm_model.simulation.sensors import Push, Sensors
+from octo_arm_model.simulation.movements import check_profile, find_profile, tendon_limits
+from octo_arm_model.simulation.profiles import CommandProfile
+from octo_arm_model.simulation.pushed_arm import Push, PushedArm, Sensors
 
 HIGHEST_RATE = 1000.0  # [Hz]
 # Parameters of the arm that say what its load cells read.

@@ -2,17 +2,130 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.budget import Budget
+from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
+from octo_arm_model.arm.stiffness import bending_force, default_highest
+from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter import ParameterGroup, stated
 from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements import Markers, Measurement
 from octo_arm_model.estimation.model import ArmModel, Prediction
+from octo_arm_model.estimation.parameters import MAX_MARKERS
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
-from octo_arm_model.simulation.sensors import Noise, Push, Sensors
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.rotations import axes_of
+
+_RATE = 'how often it is measured [Hz], at most rate; 0 for never'
+
+
+@dataclass(frozen=True)
+class Push(ParameterGroup):
+    """A force on one cross section, again and again."""
+
+    GROUP = 'push'
+
+    force: tuple[float, ...] = stated(
+        'force that pushes the arm, in base_frame [N]; with model exact', (0.0, 0.0, 0.0)
+    )
+    s: float = stated(
+        'arc coordinate of the cross section it acts on [m]; 0 for the tip', 0.0, 'on the arm'
+    )
+    period: float = stated(
+        'how often it begins anew, to last half of that [s]; 0 for a constant force', 0.0, '>= 0',
+        'time',
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        """Validate what does not depend on the arm."""
+        super().__post_init__()
+        if len(self.force) != 3 or not np.isfinite(self.force).all():
+            raise ArmDefinitionError('push.force', list(self.force), '3 finite numbers [N]')
+        not_negative('push.s', self.s, 'arc coordinate', 'm')
+
+    def at(self, time: float) -> FloatArray:
+        """Force ``time`` [s] after the beginning, the second half of each period (3,) [N]."""
+        acts = not self.period or math.fmod(time, self.period) >= 0.5 * self.period
+        return np.array(self.force) * acts
+
+    def is_at_tip(self, length: float) -> bool:
+        """Whether it acts on the tip of an arm of ``length`` [m]."""
+        return self.s in (0.0, length)
+
+
+@dataclass(frozen=True)
+class Sensors(ParameterGroup):
+    """The sensors, of rate 0 where there is none, and their noise."""
+
+    GROUP = 'sensors'
+
+    tip_pose_rate: float = stated(f'measured/tip_pose: {_RATE}', 0.0, '>= 0')
+    tip_position_stddev: float = stated(
+        'noise of each coordinate of the position of the tip [m]', 0.0, '>= 0'
+    )
+    tip_rotation_stddev: float = stated(
+        'noise of each component of its rotation [rad]', 0.0, '>= 0'
+    )
+    markers_rate: float = stated(f'measured/markers: {_RATE}', 0.0, '>= 0')
+    marker_s: tuple[float, ...] = stated(
+        f'arc coordinates of the markers [m], at most {MAX_MARKERS}', (), 'on the arm',
+        most=MAX_MARKERS,
+    )  # fmt: skip
+    marker_stddev: float = stated('noise of each coordinate of a marker [m]', 0.0, '>= 0')
+    base_wrench_rate: float = stated(f'measured/base_wrench: {_RATE}', 0.0, '>= 0')
+    base_force_stddev: float = stated(
+        'noise of each component of the force under the base [N]', 0.0, '>= 0'
+    )
+    base_moment_stddev: float = stated(
+        'noise of each component of the moment under the base [N m]', 0.0, '>= 0'
+    )
+    seed: int = stated('seed of the noise of all of them', 0, '>= 0')
+
+    def __post_init__(self) -> None:
+        """Validate what does not depend on the arm."""
+        super().__post_init__()
+        if self.markers_rate and not self.marker_s:
+            raise ArmDefinitionError('sensors.marker_s', (), 'arc coordinates of the markers [m]')
+
+    @property
+    def rates(self) -> tuple[float, float, float]:
+        """Rates of pose, markers and wrench [Hz]."""
+        return self.tip_pose_rate, self.markers_rate, self.base_wrench_rate
+
+
+class Noise:
+    """What the sensors read of true values."""
+
+    def __init__(self, sensors: Sensors) -> None:
+        """Of ``sensors``, by their seed."""
+        self._own, self._random = sensors, np.random.default_rng(sensors.seed)
+
+    def pose(self, shape: Backbone) -> Pose:
+        """The pose of the tip of ``shape``."""
+        position = shape.tip + self._own.tip_position_stddev * self._random.standard_normal(3)
+        turn = self._own.tip_rotation_stddev * self._random.standard_normal(3)
+        turned = Rotation.from_rotvec(turn) * Rotation.from_quat(np.array(shape.quaternion[-1]))
+        return Pose(tuple(position.tolist()), tuple(turned.as_quat().tolist()))
+
+    def markers(self, position: FloatArray) -> FloatArray:
+        """Markers at a ``position`` (markers, 3) [m]."""
+        noise = self._random.standard_normal(position.shape)
+        return np.asarray(position + self._own.marker_stddev * noise)
+
+    def base_wrench(self, wrench: FloatArray) -> FloatArray:
+        """The ``wrench`` of all loads about the base, (6,) [N, N m]."""
+        stddev = np.repeat([self._own.base_force_stddev, self._own.base_moment_stddev], 3)
+        return np.asarray(wrench + stddev * self._random.standard_normal(6))
+
 
 _ANY = Walk(1.0)  # the state of a simulation is known; its prior is not used
 
@@ -104,3 +217,52 @@ class PushedArm:
     def _predicted(self, zero: Measurement) -> FloatArray:
         """The value of a measurement without noise; ``zero`` is that measurement with value 0."""
         return -zero.innovation(self.at)
+
+
+PERIOD = 6.0  # [s] of the push, which lasts half of it
+_PUSHED = 0.3  # of the length: how far the push moves the tip
+_TOUCHED_RATE = 25.0  # [Hz]
+# Noise: in parts of the length, [rad], in parts of how hard tendons are pulled.
+_POSITION, _ROTATION, _TENSION = 2e-3, 0.03, 1e-3
+_CHANGE = 0.05  # of that: by how much tensions change in a second
+_MARKERS = (1 / 3, 2 / 3)  # of the length
+
+
+def touched(config: Config, is_moving: bool = False) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Parameters of `octo_arm_sim` and of `octo_arm_estimator`, besides those of the arm.
+
+    Inertia and drag of an arm that moves are taken for unknown forces at the tip and the markers,
+    as the estimator has the arm in balance; they change faster than a push.
+    """
+    length = config.arm.length
+    axes = axes_of(np.array(config.base.quaternion))
+    force = bending_force(config.arm, _PUSHED) * axes @ np.array([0.0, 0.6, 0.8])
+    highest = float(default_highest(config.arm).min())
+    tension = _TENSION * highest
+    markers = [part * length for part in _MARKERS]
+    simulator = {
+        'model': 'exact',
+        'load_cells.noise_stddev': tension,
+        'push.force': force.tolist(),
+        'push.period': PERIOD,
+        'sensors.tip_pose_rate': _TOUCHED_RATE,
+        'sensors.tip_position_stddev': _POSITION * length,
+        'sensors.tip_rotation_stddev': _ROTATION,
+        'sensors.markers_rate': _TOUCHED_RATE,
+        'sensors.marker_s': markers,
+        'sensors.marker_stddev': _POSITION * length,
+    }
+    estimator = {
+        'tension_stddev': tension,
+        'estimator.tension_rate': _CHANGE * highest,
+        'estimator.marker_s': markers,
+        'estimator.marker_stddev': _POSITION * length,
+        'estimator.force_time': 0.5,
+    }
+    if is_moving:
+        estimator |= {
+            'estimator.contact': 'at',
+            'estimator.contact_s': [length, *markers],
+            'estimator.force_time': 0.2,
+        }
+    return simulator, estimator

@@ -16,8 +16,8 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import Wound, displacements_of, solve_displacements
 from octo_arm_model.simulation.dynamic_arm import DynamicArm, Reeled
 from octo_arm_model.simulation.hardware import SimulatedHardware
+from octo_arm_model.simulation.movements import check_command
 from octo_arm_model.simulation.parameters import SimulatorConfig
-from octo_arm_model.simulation.profiles.limits import check_command
 from octo_arm_model.simulation.pushed_arm import PushedArm
 
 

@@ -15,7 +15,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.simulation.profiles.limits import figures
+from octo_arm_model.simulation.movements import figures
 
 FIELD = 0.7  # vertical field of view [rad]
 ASPECT = 0.9  # width over height of the scene between the panels, in a usual window

@@ -20,7 +20,7 @@ from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import positive
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.simulation.profiles.profile import CommandProfile, transition
+from octo_arm_model.simulation.profiles import CommandProfile, transition
 
 MOVE_TIME = 1.0  # [s] to a preset or to the first row of a profile
 

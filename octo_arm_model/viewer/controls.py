@@ -17,8 +17,13 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import MODELS, Solver
-from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
-from octo_arm_model.simulation.profiles.limits import check_profile, figures, tendon_limits
+from octo_arm_model.simulation.movements import (
+    check_profile,
+    figures,
+    find_profile,
+    profile_names,
+    tendon_limits,
+)
 from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.scene import OTHER_COLOUR, ArmScene, beside

@@ -25,7 +25,7 @@ from octo_arm_model.ros.client.client import (
     PublishedShape,
     PublishedStrains,
 )
-from octo_arm_model.simulation.profiles.limits import tendon_limits
+from octo_arm_model.simulation.movements import tendon_limits
 from octo_arm_model.viewer import numbers, scene
 from octo_arm_model.viewer.cameras import Cameras, framing, reached, tangent_of
 from octo_arm_model.viewer.commander import Answer, Commander, TargetSearch

@@ -28,7 +28,7 @@ from octo_arm_model.apps.shared import own_domain
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.simulator.main import SimulatorNode
-from octo_arm_model.simulation.profiles.commands import find_profile
+from octo_arm_model.simulation.movements import find_profile
 
 NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')
 

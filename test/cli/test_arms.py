@@ -16,8 +16,8 @@ from octo_arm_model import Config, ConfigError, Loads, Solver
 from octo_arm_model.analysis.workspace import sample_workspace
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path
-from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
-from octo_arm_model.simulation.profiles.profile_files import read_profile
+from octo_arm_model.simulation.movements import find_profile, profile_names
+from octo_arm_model.simulation.profiles import read_profile
 
 
 def test_the_summary_of_a_shape_is_in_millimetres(cli, table4):

@@ -23,7 +23,7 @@ from recordings import START, STEP, samples, text_sample, write_bag
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
-from octo_arm_model.simulation.profiles.profile_files import read_profile
+from octo_arm_model.simulation.profiles import read_profile
 
 pytest.importorskip('matplotlib', reason='needs matplotlib')
 STEPS = (0.0, 1.09, 3.06)

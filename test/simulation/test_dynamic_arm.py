@@ -12,8 +12,7 @@ from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.parameters import SimulatorConfig, in_water
-from octo_arm_model.simulation.pushed_arm import PushedArm
-from octo_arm_model.simulation.sensors import Push, Sensors
+from octo_arm_model.simulation.pushed_arm import Push, PushedArm, Sensors
 
 PLAIN = load_config('renda2012_table4')
 CONFIG = dataclasses.replace(

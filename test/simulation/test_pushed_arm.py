@@ -13,8 +13,7 @@ from octo_arm_model.arm.errors import ConfigError, OctoArmError
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.parameters import SimulatorConfig
-from octo_arm_model.simulation.pushed_arm import PushedArm
-from octo_arm_model.simulation.sensors import Push, Sensors
+from octo_arm_model.simulation.pushed_arm import Push, PushedArm, Sensors
 
 VALUES = load_parameters(preset_path('renda2012_prototype')) | {'model': 'exact', 'stations': 31}
 CONFIG = Config.from_parameters(VALUES)

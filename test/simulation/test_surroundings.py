@@ -10,7 +10,7 @@ import pytest
 from octo_arm_model import Pose
 from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, LoadError
 from octo_arm_model.rod.motion import base_of
-from octo_arm_model.simulation.surroundings import (
+from octo_arm_model.simulation.dynamic_arm import (
     FARTHEST,
     LAG,
     Surroundings,

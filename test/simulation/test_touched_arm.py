@@ -14,7 +14,7 @@ from octo_arm_model.estimation.measurements import Markers, Tensions, TipPositio
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.parameters import SimulatorConfig, in_water
-from octo_arm_model.simulation.touched_arm import PERIOD, touched
+from octo_arm_model.simulation.pushed_arm import PERIOD, touched
 
 
 @pytest.mark.parametrize('name', PRESETS)

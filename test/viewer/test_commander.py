@@ -12,9 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.simulation.profiles.commands import find_profile
-from octo_arm_model.simulation.profiles.limits import highest_tensions
-from octo_arm_model.simulation.profiles.profile import CommandProfile
+from octo_arm_model.simulation.movements import find_profile, highest_tensions
+from octo_arm_model.simulation.profiles import CommandProfile
 from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.commander import Commander, TargetSearch, as_shell_line, as_yaml
 from octo_arm_model.wire.tensions import TENDON_TENSIONS

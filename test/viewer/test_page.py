@@ -19,8 +19,7 @@ from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.rod.forms import is_available
 from octo_arm_model.ros.client.client import PublishedShape, PublishedStrains
-from octo_arm_model.simulation.profiles.commands import find_profile
-from octo_arm_model.simulation.profiles.limits import figures, highest_tensions
+from octo_arm_model.simulation.movements import figures, find_profile, highest_tensions
 from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.commander import Commander
 from octo_arm_model.viewer.controls import Controls, ModelOverlay

@@ -19,7 +19,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from octo_arm_model.ros.client.client import Topic
-from octo_arm_model.simulation.profiles.limits import tendon_limits
+from octo_arm_model.simulation.movements import tendon_limits
 
 LIMITS = tendon_limits(CONFIG)
 NAMES = CONFIG.arm.tendon_names

@@ -31,7 +31,7 @@ from octo_arm_model.ros.client.simulator_client import SimulatorClient
 from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator.diagnostics import PAUSED
-from octo_arm_model.simulation.profiles.commands import TOPIC
+from octo_arm_model.simulation.movements import TOPIC
 from octo_arm_model.wire.backbone import TENDON_LENGTHS, read_poses
 from octo_arm_model.wire.estimate import (
     CONTACT,

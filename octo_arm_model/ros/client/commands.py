@@ -22,9 +22,8 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.start import client_node
-from octo_arm_model.simulation.profiles.commands import TOPIC
-from octo_arm_model.simulation.profiles.limits import check_command, check_profile, tendon_limits
-from octo_arm_model.simulation.profiles.profile import CommandProfile, transition
+from octo_arm_model.simulation.movements import TOPIC, check_command, check_profile, tendon_limits
+from octo_arm_model.simulation.profiles import CommandProfile, transition
 from octo_arm_model.terminal import on_signals
 
 

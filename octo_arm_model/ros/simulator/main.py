@@ -47,11 +47,9 @@ from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
 from octo_arm_model.ros.simulator.services import offer_services
 from octo_arm_model.ros.simulator.simulation_clock import SimulationClock
 from octo_arm_model.ros.work import until_shutdown
-from octo_arm_model.simulation.dynamic_arm import DynamicArm
+from octo_arm_model.simulation.dynamic_arm import SHAPE, DynamicArm, check_values
+from octo_arm_model.simulation.movements import TOPIC, check_command
 from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
-from octo_arm_model.simulation.profiles.commands import TOPIC
-from octo_arm_model.simulation.profiles.limits import check_command
-from octo_arm_model.simulation.surroundings import SHAPE, check_values
 from octo_arm_model.simulation.tendon_drive import TendonDrive
 from octo_arm_model.wire.tensions import (
     DISPLACEMENTS,

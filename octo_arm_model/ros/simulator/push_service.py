@@ -14,7 +14,7 @@ from octo_arm_model.arm.errors import LoadError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.parameters import SimulatorConfig
-from octo_arm_model.simulation.sensors import Push
+from octo_arm_model.simulation.pushed_arm import Push
 
 TOPIC = 'push/force'
 

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.config.config import Config
-from octo_arm_model.simulation.profiles.limits import tendon_limits
+from octo_arm_model.simulation.movements import tendon_limits
 
 PLUGIN = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
 INTERFACES = ('effort', 'position')

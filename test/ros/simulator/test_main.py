@@ -29,8 +29,8 @@ from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.ros.simulator.main import main as simulator_main
+from octo_arm_model.simulation.movements import find_profile
 from octo_arm_model.simulation.parameters import PARAMETERS
-from octo_arm_model.simulation.profiles.commands import find_profile
 
 EXAMPLE = CONFIG_FILE.with_name('simulator.yaml')
 SLACK = np.zeros(12)

@@ -11,7 +11,7 @@ from std_srvs.srv import SetBool
 from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.simulator.main import SimulatorNode
-from octo_arm_model.simulation.touched_arm import touched
+from octo_arm_model.simulation.pushed_arm import touched
 
 FILE = preset_path('renda2012_prototype')
 CONFIG = load_config(FILE)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from octo_arm_model.arm.errors import ProfileError
-from octo_arm_model.simulation.profiles.profile import INTERPOLATIONS, CommandProfile, transition
+from octo_arm_model.simulation.profiles import INTERPOLATIONS, CommandProfile, transition
 
 
 @st.composite

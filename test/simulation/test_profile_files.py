@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from octo_arm_model.arm.errors import ProfileError
-from octo_arm_model.simulation.profiles.commands import find_profile
-from octo_arm_model.simulation.profiles.profile_files import read_profile, write_csv
+from octo_arm_model.simulation.movements import find_profile
+from octo_arm_model.simulation.profiles import read_profile, write_csv
 
 CSV = """\
 tendon_1_2, time, tendon_1_1, tendon_1_3, tendon_1_4

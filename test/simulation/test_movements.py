@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from octo_arm_model import TensionError
 from octo_arm_model.arm.errors import ProfileError
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
+from octo_arm_model.simulation.movements import find_profile, profile_names
 
 ANY_ARM = ('ramps', 'steps', 'sweeps')
 

@@ -13,14 +13,15 @@ from octo_arm_model import ConfigError, TensionError, load_config
 from octo_arm_model.arm.errors import ProfileError
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.simulation.profiles.commands import find_profile, profile_names
-from octo_arm_model.simulation.profiles.limits import (
+from octo_arm_model.simulation.movements import (
     check_command,
     check_profile,
+    find_profile,
     highest_tensions,
+    profile_names,
     tendon_limits,
 )
-from octo_arm_model.simulation.profiles.profile import CommandProfile
+from octo_arm_model.simulation.profiles import CommandProfile
 
 TABLE4 = preset_path('renda2012_table4')
 CONFIG = load_config(TABLE4)
