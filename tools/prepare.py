@@ -52,12 +52,14 @@ from octo_arm_model.rod.forms import is_available
 if is_available():
     arm = load_config(preset_path('renda2012_prototype')).arm
     tensions, wrench = np.full(arm.tension_shape, 0.1), [0.0, 1e-3, 0.0, 0.0, 0.0, 0.0]
+    Solver(arm).solve(tensions)
     for rough in ((), (0.1,) * 4):
         solver = Solver(dataclasses.replace(arm, friction=rough), 'exact')
         shape = solver.solve(tensions)
         solver.sensitivity(solver.solve(tensions, wrench, shape))
     dynamics = Dynamics(Solver(arm.with_density(1000.0), 'exact'))
-    dynamics.step(dynamics.at_rest(Inputs(tensions)), Inputs(tensions), 1e-3)
+    moved = dynamics.step(dynamics.at_rest(Inputs(tensions)), Inputs(tensions), 1e-3)
+    dynamics.backbone(moved)
     model = ArmModel(arm, Unknowns(Walk(1.0), tip_force=Walk(0.01)))
     measured = [Tensions(tensions.ravel(), 0.02), TipPosition(shape.tip, 0.01)]
     Filter(model).add(0.0, measured)

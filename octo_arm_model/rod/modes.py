@@ -106,7 +106,7 @@ def linearise(dynamics: Dynamics, state: MotionState, count: int = 12) -> Linear
 
 
 def _linearised(dynamics: Dynamics, state: MotionState, count: int) -> _Linearised:
-    problem, z = dynamics.problem, state.twist[0]
+    problem, z = dynamics.problem, state.z
     size = z.size
     if not 1 <= count <= size:
         raise ConfigError(f'number of modes is {count}, expected 1 to {size}')

@@ -313,7 +313,7 @@ class Dynamics:
 
     def _one_step(self, state: MotionState, given: Driven, dt: float) -> MotionState:
         problem, (m, f, gamma, beta) = self.problem, self._alpha
-        z, rate, bend, last_bend = state.twist
+        z, (_, rate, bend, last_bend) = state.z, state.twist
         place, velocity, acceleration, own = state.place
         problem.place_base(state.base)
         if state.dt != dt and (given.base == state.base).all():
@@ -341,7 +341,7 @@ class Dynamics:
             water[:2],
         )  # fmt: skip
         problem.place_base(given.base)
-        problem.reference = state.wrench
+        problem.reference = state.wrench.copy()  # as `MotionState.z`
         guess, factors = z + dt * rate + 0.5 * dt * dt * bend, None
         if state.dt == dt:
             factors = state.factors
@@ -425,13 +425,13 @@ class Dynamics:
         problem.rule = problem.rest._replace(water=np.array([state.water[0], np.zeros(3)]))
         problem.place_base(state.base)
         condition = Condition(state.tensions, state.tip_wrench, 1.0, state.history)
-        return problem.evaluate(problem.acting(condition), state.twist[0])
+        return problem.evaluate(problem.acting(condition), state.z)
 
     def backbone(self, state: MotionState) -> Backbone:
         """The shape at the stations of the solver."""
         problem, places = self.problem, self.places
         problem.place_base(state.base)
-        z = state.twist[0]
+        z = state.z
         problem.orient(z)
         position, quaternion, _ = problem.form.poses(problem.tables, z, places, problem.work)
         strains = strains_of(places.between @ z)

@@ -103,6 +103,11 @@ class MotionState:
     dt: float = 0.0
     factors: Linear | None = None
 
+    @property
+    def z(self) -> FloatArray:
+        """Twists (N, m); a copy, as numba compiles again for what is read-only."""
+        return self.twist[0].copy()
+
 
 def save_state(state: MotionState, path: Path) -> None:
     """Write a ``state`` to the file ``path``, from which `load_state` restores it to the bit."""
