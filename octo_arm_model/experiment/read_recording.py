@@ -90,9 +90,11 @@ def _check_sources(
     """Check that each thing comes from one place; MeasurementError if not."""
     has_all = files.tensions is not None and files.midlines is not None
     driven = files.displacements is not None and files.midlines is not None
-    if path is None and not (has_all or driven):
+    is_table = path is not None and Path(path).suffix == '.csv'
+    if is_table or (path is None and not (has_all or driven)):
+        table = f'{path} is a table, ' if is_table else ''
         raise MeasurementError(
-            'expected a bag, or --midline-csv and --tension-csv or --displacement-csv, or '
+            f'{table}expected a bag, or --midline-csv and --tension-csv or --displacement-csv, or '
             '--pose-csv'
         )
     if files.columns and not (files.tensions or files.midlines or files.displacements):

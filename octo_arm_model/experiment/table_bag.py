@@ -19,7 +19,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.estimation.parameters import PREFIX
 from octo_arm_model.experiment import csv_recording
-from octo_arm_model.experiment.csv_recording import CsvSources
+from octo_arm_model.experiment.csv_recording import DISPLACEMENT, CsvSources
 from octo_arm_model.experiment.csv_table import check_taken, read_csv
 from octo_arm_model.experiment.recording import Measured, MeasuredPoints
 from octo_arm_model.wire.measurements import MARKERS, TIP_POSE
@@ -92,8 +92,10 @@ def _write(
         csv_recording.has_displacements(table, config),
     )
     if not (has_cells or has_encoders):
+        name = config.arm.tendon_names[0]
         raise MeasurementError(
-            f'{path}: no column of the tension or displacement of a tendon; {table.listing}'
+            f'{path}: no column {name} or {DISPLACEMENT}{name}, nor those of another tendon; '
+            f'{table.listing}; say --columns {name}=COLUMN'
         )
     if (first := min(table.times())) < 0:
         raise MeasurementError(f'{path}: time is {1e-9 * first} s, expected none below 0')

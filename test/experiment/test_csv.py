@@ -136,6 +136,14 @@ def test_files_that_are_wrong_are_refused_by_line(
     assert message in cli.refused('compare', *files, *ARM)
 
 
+def test_a_table_is_told_how_it_is_given(tmp_path, cli):
+    table = tmp_path / 'table.csv'
+    table.write_text('time,F1,x,y,z\n0,1,0,0,0.1\n')
+    assert 'table, expected a bag, or --mid' in cli.refused('compare', str(table), *ARM)
+    told = 'no column tendon_1_1 or displacement_tendon_1_1, nor those of another tendon; it has '
+    assert f'{told}time, F1, x, y, z; say --co' in cli.refused('estimate', str(table), *ARM[:2])
+
+
 def test_what_is_read_has_bounds(tmp_path, cli, monkeypatch):
     from octo_arm_model.experiment import csv_table
 
