@@ -13,6 +13,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.estimation.estimator import Estimated, Estimator
 from octo_arm_model.estimation.measurement import Measurement
+from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.ros.estimator.estimate_status import EstimateStatus
 from octo_arm_model.ros.estimator.prepared import TABLE, PreparedEstimator
 from octo_arm_model.ros.estimator.publishers import EstimatePublishers
@@ -143,8 +144,11 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         """Warn of sensors that are not believed, by their names."""
         for one in found.innovations:
             if not one.is_accepted:
+                limit = chi_square_limit(self._arm.settings.rules.gate, one.value.size)
+                is_now = one.normalised_square > limit
+                when = 'contradicts the estimate' if is_now else 'contradicted the estimate, now'
                 error = MeasurementError(
-                    f'it contradicts the estimate by a normalised square of '
-                    f'{one.normalised_square:.3g} in {one.value.size} number(s)'
+                    f'it {when} by a normalised square of {one.normalised_square:.3g} in '
+                    f'{one.value.size} number(s)'
                 )
                 self._refusal_log.warn(one.name, error)
