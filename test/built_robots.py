@@ -18,7 +18,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of, solve_displacements
-from octo_arm_model.rod.interpolation import interpolated
+from octo_arm_model.rod.stations import interpolated
 
 START = 1_700_000_000 * 10**9  # [ns]
 SPOOL = 0.012  # radius [m]

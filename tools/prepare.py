@@ -35,7 +35,7 @@ _LOG, _COMPILE_LOG = 'prepare.log', 'compile.log'
 _KERNELS = (
     'rod/loops.py', 'rod/section_loops.py', 'rod/section_formulas.py', 'rod/angle_loops.py',
     'rod/paper_loops.py', 'rod/compiled.py', 'rod/tables.py',
-    'rod/inertia_loops.py', 'rod/inertia_arrays.py',
+    'rod/inertia_loops.py',
 )  # fmt: skip
 # Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
 _COMPILE = """

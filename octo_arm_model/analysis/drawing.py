@@ -12,10 +12,10 @@ from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.arm.obstacles import Cylinder, Obstacle, Plane, Sphere
 from octo_arm_model.arm.stiffness import bending_force
-from octo_arm_model.rod.interpolation import interpolated, nearest
 from octo_arm_model.rod.rotations import axes_of, quaternion_product
 from octo_arm_model.rod.section_formulas import widening
 from octo_arm_model.rod.sensitivity import chi_square_limit
+from octo_arm_model.rod.stations import interpolated, nearest
 
 SIDES = 12
 # More rings would not be resolved on a screen.

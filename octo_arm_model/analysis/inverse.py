@@ -19,7 +19,7 @@ from octo_arm_model.arm.errors import SolveError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import real_numbers
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.inputs import check_highest
+from octo_arm_model.rod.checks import check_highest
 from octo_arm_model.rod.sensitivity import Sensitivity
 from octo_arm_model.rod.solver import Solver
 

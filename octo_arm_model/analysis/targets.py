@@ -16,9 +16,9 @@ from octo_arm_model.arm.errors import TargetError, shown
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.validation import real_numbers
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.interpolation import nearest
 from octo_arm_model.rod.rotations import left_jacobian
 from octo_arm_model.rod.sensitivity import Change, Sensitivity
+from octo_arm_model.rod.stations import nearest
 
 _LARGEST = 1e9  # number of a target; squares of larger ones may overflow
 # Cosine of the angle between tangents that are opposite: a rotation from one to the other has any

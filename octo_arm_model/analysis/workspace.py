@@ -23,7 +23,7 @@ from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_SAMPLES
 from octo_arm_model.config.config import Config
-from octo_arm_model.rod.inputs import check_tensions
+from octo_arm_model.rod.checks import check_tensions
 from octo_arm_model.rod.solver import Solver
 
 # Sets in a chunk: enough that calls take little of the time, and few, since a chunk with a refused

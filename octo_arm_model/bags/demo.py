@@ -24,8 +24,8 @@ from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.parameter_files import parameters_as_yaml, preset_path
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of
-from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.rotations import axes_of
+from octo_arm_model.rod.stations import interpolated
 from octo_arm_model.wire.measurements import MARKERS, TIP_POSE
 from octo_arm_model.wire.tensions import DISPLACEMENTS
 

@@ -22,7 +22,7 @@ from octo_arm_model.arm.profile import BETWEEN, LINEAR, Constant, Linear, Profil
 from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
 from octo_arm_model.arm.validation import positive
 from octo_arm_model.config.parameter import Values, check_length
-from octo_arm_model.rod.inputs import check_tensions
+from octo_arm_model.rod.checks import check_tensions
 from octo_arm_model.rod.sensitivity import Uncertainty
 
 _ROUNDING = 1e-15  # over an offset: rounding of the sum of reading and offset

@@ -14,7 +14,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.estimation.measurement import Measurement
 from octo_arm_model.estimation.model import ArmModel, Prediction
-from octo_arm_model.rod.dead_loads import force_per_length
+from octo_arm_model.rod.loads import force_per_length
 from octo_arm_model.rod.stations import StationGrid
 
 _GAUSS = 4  # points of the quadrature between two stations

@@ -18,8 +18,8 @@ from octo_arm_model.arm.errors import MeasurementError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.estimation.measurement import Measurement, numbers
 from octo_arm_model.estimation.model import Prediction
-from octo_arm_model.rod.interpolation import nearest
 from octo_arm_model.rod.rotations import left_jacobian
+from octo_arm_model.rod.stations import nearest
 
 __all__ = [
     'LOAD_CELL',

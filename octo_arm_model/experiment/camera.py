@@ -25,8 +25,8 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.experiment.midlines import Curve, midline_errors
 from octo_arm_model.experiment.recording import Recording
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.solver import Solver
+from octo_arm_model.rod.stations import interpolated
 
 # Points within so many times their noise of a line or plane, or within this part of their extent,
 # lie in it.

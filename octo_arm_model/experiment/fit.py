@@ -34,8 +34,8 @@ from octo_arm_model.experiment.steady_windows import MAD, lengths_of
 from octo_arm_model.experiment.unknowns import ALIGNMENT, Readings, Unknowns
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of, solve_displacements
-from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.solver import Solver
+from octo_arm_model.rod.stations import interpolated
 
 # Least scale of the residuals, relative to the length: recordings are not more accurate.
 _FINEST = 1e-6

@@ -16,7 +16,7 @@ from scipy.ndimage import median_filter
 
 from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.interpolation import interpolated
+from octo_arm_model.rod.stations import interpolated
 
 _REPEATED = 1e-9  # of the length: points nearer together are one
 # The spread of the tip over that of the base is at least this.

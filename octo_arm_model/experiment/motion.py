@@ -29,8 +29,8 @@ from octo_arm_model.experiment.midlines import Curve
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.unknowns import FINE_STATIONS, OF_WATER, Readings, Unknowns
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.motion import Dynamics
+from octo_arm_model.rod.stations import interpolated
 from octo_arm_model.simulation.moving_arm import DrivenMotion
 
 _SWINGS = 1e-3  # of the length: least distance of a swing from the equilibria

@@ -31,7 +31,7 @@ from octo_arm_model.experiment.steady_windows import (
     steady_windows,
     with_displacements,
 )
-from octo_arm_model.rod.interpolation import interpolated, nearest
+from octo_arm_model.rod.stations import interpolated, nearest
 
 POINTS = 101  # of a step's midline
 _FINE = 401  # points by which its length is measured

@@ -22,8 +22,8 @@ from octo_arm_model.experiment.motion import TensionTrajectory
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.unknowns import is_of_arm
 from octo_arm_model.reproduce.figures import LINES
-from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.rotations import axes_of
+from octo_arm_model.rod.stations import interpolated
 
 if TYPE_CHECKING:
     from octo_arm_model.experiment.estimates import Moment, Touch

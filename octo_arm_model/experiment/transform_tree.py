@@ -20,7 +20,7 @@ from octo_arm_model.arm.errors import MeasurementError, listed
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.limits import MAX_NAME
 from octo_arm_model.arm.pose import Pose
-from octo_arm_model.rod.interpolation import interpolated
+from octo_arm_model.rod.stations import interpolated
 
 _NUMBERS = 7  # of a transform: translation [m], quaternion x, y, z, w
 # tf2 refuses quaternions whose norm differs by more; as float32 they differ by less.

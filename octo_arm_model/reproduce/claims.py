@@ -13,8 +13,8 @@ import numpy as np
 from octo_arm_model.config import paper_data
 from octo_arm_model.reproduce import cases
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.interpolation import nearest
 from octo_arm_model.rod.solver import DEFAULT_MODEL, MODELS
+from octo_arm_model.rod.stations import nearest
 
 PLANES = tuple(sorted({*range(-150, 181, 30), *range(-135, 136, 90)}))  # [deg], of Figure 10
 _PULL = 2.0  # [N], the largest amplitude of Table 3

@@ -13,37 +13,35 @@ nodes go from the base to the tip and have the node as first axis.
 `tables`         `Tables` of an arm at its nodes and `Work`, the arrays that node functions fill in
 `loops`          the node functions as loops for numba
 `arrays`         the same over whole arrays for NumPy; `section_loops`, `section_arrays`: of cross
-                 sections, by `section_formulas`; `angle_loops`: of wrap angles; `paper_loops`,
-                 `paper_arrays`: of the paper's models; `compiled`: how numba compiles loops
+                 sections, by `section_formulas`; `angle_loops`: of wrap angles; `inertia_loops`:
+                 of motion; `paper_loops`: of the paper's models; `compiled`: how numba compiles
 `forms`          which of the two is used
 `tendons`        where tendons run at the nodes, their lengths, and the derivatives of both
-`dead_loads`     F and M_free of dead loads at the nodes
-`other_loads`    the same of loads of a user's own, and their derivatives by the shape
+`loads`          F and M_free of all loads at the nodes, and their derivatives by the shape;
+                 `contact`: those of obstacles; `discs`: of tendons that discs hold
 `friction`       tension of every tendon at every node, and its derivatives
 `factors`        LU factors of the Jacobian, and whether its symmetric part is positive definite
-`equilibrium`    `Problem` (tables, loads, form) and `State`: residual, Jacobian, stability
-`unloaded`       the balance of every cross section by itself
-`newton`         chord steps and Newton's method
-`continuation`   following equilibria, and descent to the next where a branch ends
-`checks`         what a solution is refused for
-`resolution`     the error of positions, estimated from the last coefficients in each element
-`read_out`       positions, orientations and strains at stations
+`equilibrium`    `Problem` (tables, loads, form) and `State`: residual, Jacobian, stability; the
+                 balance of every cross section by itself; `Equilibrium`
+`continuation`   chord steps and Newton's method; following equilibria, and descent to the next
+                 where a branch ends
+`checks`         shapes and bounds of what is given, and what a solution is refused for
+`backbone`       `Backbone`: the result; positions, orientations and strains at stations
 `rod`            `Rod`: from tensions and a wrench on the tip to an `Equilibrium`
 `reeling`        Newton's method for tendons at given lengths, which may be slack
 `winches`        `Winches`: equilibria of tendons at given lengths, by `reeling`
-`derivatives`    first derivatives of an equilibrium; `sensitivity`: what they are given as
+`sensitivity`    first derivatives of an equilibrium, and the covariance of its tip
 
 `statics`        what every model gives; `exact` does by all of the above
-`papers`         the paper's models on the same nodes; `paper_equations` has their mathematics
-`inputs`         shapes and bounds of tensions and loads as they are given
+`papers`         the paper's models on the same nodes
 `rotations`      rotation vectors and quaternions
 `solver`         `Solver`: one arm or a batch, quantities of solutions; `solve` in one call
-`backbone`       `Backbone`: the result; `stations`: where it is known
+`stations`       where results are known
 `displacements`  tendons at given lengths: shapes and derivatives, for a user
 
 `motion`         `Dynamics`: implicit time steps; `motion_state`: what they take and give
 `inertia`        the same equations with inertia, drag, added mass and viscosity, and their
-                 derivatives; `inertia_loops` and `inertia_arrays` have its node functions
+                 derivatives
 `modes`          natural modes about an equilibrium, and its linear model
 
 A new effect is a term of these. It changes no signature:

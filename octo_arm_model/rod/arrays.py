@@ -8,11 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo_arm_model.arm.hints import ComplexArray, FloatArray
-from octo_arm_model.rod.inertia_arrays import imbalance, moving_loads
-from octo_arm_model.rod.paper_arrays import paper_twists
-from octo_arm_model.rod.resolution import position_errors
-from octo_arm_model.rod.rotations import quaternion_rates, rotation_matrices
+from octo_arm_model.arm.hints import ComplexArray, FloatArray, Numbers
+from octo_arm_model.rod.rotations import dot, quaternion_rates, rotation_matrices
 from octo_arm_model.rod.section_arrays import (
     LAST,
     NEXT,
@@ -23,7 +20,21 @@ from octo_arm_model.rod.section_arrays import (
     relative_residual,
     sections,
 )
-from octo_arm_model.rod.tables import Places, Tables, Work
+from octo_arm_model.rod.section_formulas import paper_jump, paper_moments, paper_slope, paper_twist
+from octo_arm_model.rod.tables import (
+    POSITION,
+    ROTARY_B,
+    ROTARY_N,
+    TANGENT,
+    Motion,
+    MotionTables,
+    PaperTables,
+    Places,
+    Tables,
+    TimeRule,
+    Work,
+    position_errors,
+)
 
 # The node functions, see `forms.Form`.
 __all__ = [
@@ -40,7 +51,7 @@ XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z
 def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
     """Orientation and r' of every node: q' = q (0, kappa) / 2 collocated in each element.
 
-    A quaternion is a + b j, see `quaternion`; the equations are linear in (a, b).
+    A quaternion is a + b j; the equations are linear in (a, b).
     """
     points, elements = tables.to_point.shape[0], tables.lengths.size
     half = z[:, :3].reshape(-1, elements, points, 3) * (0.5 * tables.lengths)[:, None, None]
@@ -191,3 +202,137 @@ def jacobian(
     size = points * strains
     blocks = work.jacobian.reshape(elements, size, elements, size)
     blocks[number, :, number] = own.swapaxes(2, 3).reshape(elements, size, size)
+
+
+# The paper's models ------------------------------------------------------------------------------
+
+MOST_PAPER_SWEEPS = 60  # of an element in equation (10)
+SWEEPS_A_CHECK = 2  # of these, as a check takes as long as a sweep
+
+
+def paper_twists(
+    tables: PaperTables, sums: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Twists (A, P, 4) in the paper's balance, and how (10) was solved, see `paper_loops`.
+
+    ``sums`` may be complex.
+    """
+    outcome, rest = np.full((len(sums), 3), (0.0, 0.0, -1.0)), tables.rest[:, np.newaxis]
+    if tables.swept:
+        rest, outcome = _imbalances(tables, sums, tolerance)
+    found = paper_twist(tuple(sums.swapaxes(0, 1)), tuple(tables.stiffness), tuple(rest))
+    return np.stack(found, axis=-1), outcome
+
+
+def _imbalances(
+    tables: PaperTables, sums: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Imbalance p (3, A, P) [N m] at nodes and stations, and how it was found, (A, 3)."""
+    (stations, nodes), points = tables.stations.between.shape, tables.backwards.shape[1]
+    p = np.zeros((3, len(sums), sums.shape[2]), sums.dtype)
+    residual, sweeps, stuck = outcome = np.zeros((3, len(sums)))
+    stuck[:] = -1.0
+    largest = np.abs(sums[:, 1:3, :nodes]).max(axis=(1, 2), initial=1e-300)
+    end = np.zeros((3, len(sums)), sums.dtype)
+    for e in range(tables.swept - 1, -1, -1):
+        own, at = slice(e * points, (e + 1) * points), tables.anchorage[e]
+        if at >= 0:
+            sides = _moments(sums[..., at]), _moments(sums[..., at + 1])
+            end = paper_jump(tables.stiffness[[1, 2, 2], at, np.newaxis], *sides, end)
+        coefficients = paper_slope(
+            tuple(tables.stiffness[:, own]), tuple(sums[..., own].swapaxes(0, 1))
+        )
+        backwards = -tables.lengths[e] * tables.backwards.T
+        found, change, count = _sweep(coefficients, backwards, end, tolerance * largest)
+        stuck[(stuck < 0.0) & ~(change <= tolerance * largest)] = e
+        np.maximum(residual, change / largest, out=residual)
+        np.maximum(sweeps, count, out=sweeps)
+        p[..., own], end = found[..., :points], found[..., points]
+    p[..., nodes : nodes + stations] = p[..., :nodes] @ tables.stations.between.T
+    return p, outcome.T
+
+
+def _moments(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """F and the diagonal of D of ``sums`` (A, 7), (3, A)."""
+    f, d = paper_moments(tuple(sums.T))
+    return np.stack(f), np.stack(d)
+
+
+def _sweep(
+    coefficients: Numbers, backwards: FloatArray, end: FloatArray,
+    allowed: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    """Imbalance (3, A, p + 1) from that at the ``end``, its last change and sweeps, (A,)."""
+    xi, k, product = coefficients[:3]
+    linear, aside = np.stack(coefficients[3:5]), np.stack(coefficients[5:])
+    end = end[..., np.newaxis]
+    p = np.repeat(end, len(backwards) + 1, axis=2)
+    n, b, others = p[1, :, :-1], p[2, :, :-1], p[:0:-1, :, :-1]
+    settled: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    for count in range(1, MOST_PAPER_SWEEPS + 1):
+        last = p.copy() if count % SWEEPS_A_CHECK == 0 else None
+        np.add(((product * b + k) * n - xi * b) @ backwards, end[0], out=p[0])
+        np.add(((aside * others + linear) * p[0, :, :-1]) @ backwards, end[1:], out=p[1:])
+        if last is None:
+            continue
+        change = np.abs(last - p).max(axis=(0, 2))
+        if settled is None:
+            settled = p.copy(), change, np.full(len(change), float(count))
+        else:
+            # A converged arm is swept no further, so that it does not depend on the others.
+            left = ~(settled[1] <= allowed)
+            np.copyto(settled[0], p, where=left[:, np.newaxis])
+            np.copyto(settled[1], change, where=left)
+            settled[2][left] = count
+        if (settled[1] <= allowed).all():
+            break
+    assert settled is not None
+    return settled
+
+
+# What moves --------------------------------------------------------------------------------------
+
+
+def moving_loads(
+    tables: MotionTables, rule: TimeRule, base: FloatArray, slope: FloatArray,
+    rotation: FloatArray, motion: Motion,
+) -> None:  # fmt: skip
+    """Fill in the ``motion`` of a rod of derivatives r', ``slope``, and ``rotation`` of sections.
+
+    ``base`` (3,) is the position of its base [m].
+    """
+    place, velocity, acceleration, load = motion
+    place[:, POSITION] = tables.from_base @ slope + base
+    place[:, 3:].reshape(-1, 3, 3)[...] = rotation.swapaxes(1, 2)
+    np.subtract(rule.by_velocity * place, rule.velocity, out=velocity)
+    np.subtract(rule.by_acceleration * place, rule.acceleration, out=acceleration)
+    mass, _, _, displaced, added, across, along = tables.section.T[..., np.newaxis]
+    # The cross products n x n'' + b x b'' are the antisymmetric part of n n''^T + b b''^T.
+    axes, turned = (one[:, 6:].reshape(-1, 2, 3) for one in (place, acceleration))
+    axes = axes * tables.section[:, ROTARY_N : ROTARY_B + 1, np.newaxis]
+    turn = axes.swapaxes(1, 2) @ turned
+    moment = turn[:, LAST, NEXT] - turn[:, NEXT, LAST]
+    force = -mass * acceleration[:, POSITION]
+    if tables.in_water:
+        (u, rate), t, dt = rule.water, place[:, TANGENT], velocity[:, TANGENT]
+        w, a = velocity[:, POSITION] - u, acceleration[:, POSITION] - rate
+        tw, pull = dot(t, w), dot(t, a) + dot(dt, w)
+        force -= added * (a - tw * dt - pull * t)
+        force -= np.sqrt(dot(w, w)) * (across * w + along * tw * t)
+        force += displaced * rate
+        moment -= added * tw * cross(t, w)
+    load[0], load[1] = tables.to_tip @ force, tables.to_tip @ moment
+
+
+def imbalance(
+    viscous: FloatArray, rate: FloatArray, reference: FloatArray, residual: FloatArray,
+    scale: FloatArray,
+) -> float:  # fmt: skip
+    """Add viscosity to the ``residual`` and return the largest, NaN if one is none.
+
+    Of the ``viscous`` coefficients and the ``rate`` of twists, (N, m); over `Work.scale` and a
+    ``reference`` moment and force, (m,).
+    """
+    residual[:] += viscous * rate
+    scale = scale[:, np.arange(rate.shape[1]) // 3] + reference
+    return float((np.abs(residual) / scale).max())

@@ -1,11 +1,25 @@
-"""The shape of an arm: the result of every solve."""
+"""The shape of the arm, the result of every solve, and how it is read at the stations.
+
+At the ends of elements integrals of a collocated solution are far more exact than within. They
+are as exact everywhere after one more step (iterated collocation): moments at more points of each
+element, which are integrals, and the twists there that balance them. Stations are reached from
+these by integrals and interpolation. Where tendons with friction slip, tensions and so strains
+have kinks between the points, but wrenches have none: there they are interpolated, and balanced.
+"""
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.rod.rod import Equilibrium
+from octo_arm_model.rod.equilibrium import Acting, Equilibrium, Problem, State, straight_twists
+from octo_arm_model.rod.friction import Band
+from octo_arm_model.rod.section_arrays import Bends, tendons_at
+from octo_arm_model.rod.tables import places_at, tabulate, work_arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,3 +97,163 @@ class Backbone:
     def tip(self) -> FloatArray:
         """Position of the tip [m], (..., 3)."""
         return self.position[..., -1, :]
+
+
+# At the stations ---------------------------------------------------------------------------------
+
+ONE_STEP = 1e300  # residual before the last step to the balance of sections
+
+
+class Finer:
+    """More points of each element, where sections balance what acts at the nodes.
+
+    Attributes:
+        problem: the nodes.
+        own: the equations at the points.
+    """
+
+    def __init__(self, problem: Problem, own: Problem) -> None:
+        """``own`` has the elements of ``problem`` with more points in each."""
+        self.problem, self.own = problem, own
+        self._between = problem.elements.interpolation(own.elements.s)
+        self._of_fine: FloatArray | None = None
+        if problem.friction is not None:
+            self._of_fine = problem.friction.projection(own.elements)
+        self.to_nodes = own.elements.interpolation(problem.elements.s)
+
+    def balance(self, state: State) -> tuple[Acting, FloatArray, FloatArray]:
+        """What acts there in ``state``, twists (n, m) that balance it, and wrenches (n, m).
+
+        The latter are moment and force of all beyond a point, in the axes of its section.
+        """
+        own, condition = self.own, state.acting.condition
+        if condition.tensions.ndim > 1:
+            # Given at the nodes.
+            condition = condition._replace(tensions=self._between @ condition.tensions)
+        elif self.problem.friction is not None:
+            condition = condition._replace(tensions=self._slid(state))
+        work, z, tensions = own.work, self._between @ state.z, condition.tensions
+        if tensions.ndim == 1:
+            tensions = np.empty((len(z), tensions.size))
+            tensions[:] = condition.tensions
+        if (contact := self.problem.contact) is not None:
+            # Depths differ too much between nodes and points for obstacles as stiff as they are.
+            self.problem.orient(state.z)
+            own.touching = contact.densities(self.problem.places(), to=own.contact)
+        force, couple = own.loads.at(condition.factor, condition.tip_wrench)
+        acting = state.acting._replace(
+            condition=condition, tensions=tensions, force=force, couple=couple
+        )
+        acting, wrench = own.wrenches(acting, z)
+        z = z.copy()  # Orientations of the other one are known.
+        inside = own.in_sections(acting.tensions)
+        own.form.balance(own.tables, z, inside, wrench, ONE_STEP, work)
+        return acting, z, wrench
+
+    def _slid(self, state: State) -> FloatArray:
+        friction, local = self.problem.friction, self.problem.local_tensions(state)
+        assert friction is not None
+        if local.band is not None:
+            assert self._of_fine is not None
+            return friction.spread(self._of_fine, local.band.tensions)
+        loss = self.problem.tables.friction * (self._between @ local.angle)
+        base = state.acting.condition.tensions * self.own.tables.reach
+        return np.asarray(base * np.exp(-loss))
+
+    def friction_error(self, state: State) -> float:
+        """Estimated error of tensions with friction, in parts of them."""
+        (acting, z, _), own = self.balance(state), self.own
+        own.form.angles(own.tables, z, acting.tensions, own.work)
+        means = []
+        for one, angle in (
+            (self.problem, self.problem.local_tensions(state).angle), (own, own.work.angle),
+        ):  # fmt: skip
+            parts = one.elements.weights[:, np.newaxis] * angle
+            means.append(parts.reshape(own.elements.lengths.size, one.elements.points, -1).sum(1))
+        change = (means[0] - means[1]) / own.elements.lengths[:, np.newaxis]
+        return float(np.abs(change * own.tables.friction).max())
+
+
+class Readout:
+    """Reads equilibria of a `Problem` at stations.
+
+    Attributes:
+        places: the stations among the finer points.
+    """
+
+    def __init__(self, finer: Finer, arm: Arm, s: FloatArray) -> None:
+        """At arc coordinates ``s`` (S,) [m] of ``arm``."""
+        self._problem, self._finer, self._s = finer.problem, finer, s
+        elements, own = finer.own.elements, finer.own
+        self.places = places_at(elements, s)
+        self._straight = straight_twists(own.strains)
+        if finer.problem.friction is not None:
+            at = s, elements.sections[self.places.element]
+            self._tables = tabulate(arm, elements, own.tables.base, law=own.tables.law, at=at)
+            self._work = work_arrays(self._tables, own.strains, has_jacobian=False)
+
+    def read(
+        self, state: State, fine: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+        """Cross sections at S stations in ``state``, whose twists at finer points may be known.
+
+        Positions (S, 3) [m] from the base, quaternions x, y, z, w (S, 4), twists (S, m) and, of
+        tendons with friction, tensions (S, J) [N], also beyond their anchorages.
+        """
+        finer, along = self._finer.own, None
+        if fine is not None:
+            twist = self.twists(fine)
+        else:
+            acting, fine, wrench = self._finer.balance(state)
+            twist = self.twists(fine)
+            if finer.friction is not None and finer.discs is not None:
+                along = self.places.between @ acting.tensions
+            elif finer.friction is not None:
+                along = self._tensions(state, acting, fine)
+                form, wrench = finer.form, self.places.between @ wrench
+                form.balance(self._tables, twist, along, wrench, ONE_STEP, self._work)
+        finer.orient(fine)
+        position, quaternion, _ = finer.form.poses(finer.tables, fine, self.places, finer.work)
+        return position[0], quaternion[0], twist, along
+
+    def twists(self, fine: FloatArray) -> FloatArray:
+        """Twists (..., S, m) at the stations, from those (..., n, m) at the finer points."""
+        # So that there is exactly no strain where there is none.
+        strained = self.places.between @ (fine - self._straight)
+        return np.asarray(strained + self._straight)
+
+    def _tensions(self, state: State, acting: Acting, z: FloatArray) -> FloatArray:
+        """See `read`; ``acting`` and twists ``z`` (n, m) are those of the finer points."""
+        if state.acting.condition.tensions.ndim > 1:
+            return np.asarray(self.places.between @ acting.tensions)
+        return self._slid(state, self._angle(acting, z))
+
+    def _angle(self, acting: Acting, z: FloatArray) -> FloatArray:
+        """Angle by which tendons have turned up to the stations [rad], (S, J)."""
+        tables, elements = self._finer.own.tables, self._finer.own.elements
+        tendons = tendons_at(tables, z, acting.tensions, self._finer.own.work)
+        bends = Bends(tables, z, tendons.unit.swapaxes(1, 2), tables.reach[:, tendons.pulled])
+        fine = tables.to_fine @ bends.bend.reshape(3, elements.lengths.size, elements.points, -1)
+        rate = np.sqrt((fine * fine).sum(axis=0)).reshape(-1, fine.shape[3])
+        found = np.zeros((self._s.size, tables.friction.size))
+        kinks = bends.kink_angles.cumsum(axis=0)[self.places.element]
+        found[:, tendons.pulled] = self._turned @ rate + kinks
+        return found
+
+    def _slid(self, state: State, angle: FloatArray) -> FloatArray:
+        """Tensions with friction at the stations (S, J), for an ``angle`` (S, J) [rad]."""
+        condition = state.acting.condition
+        base, loss = condition.tensions, self._problem.tables.friction * angle
+        if condition.before is None:
+            return np.asarray(base * np.exp(-loss))
+        return Band.of(base, loss, self._of_history @ condition.before).tensions
+
+    @functools.cached_property
+    def _turned(self) -> FloatArray:
+        """From rates at the fine points to integrals up to the stations, (S, M)."""
+        return self._finer.own.elements.fine.integration(self._s)
+
+    @functools.cached_property
+    def _of_history(self) -> FloatArray:
+        """From a history of friction to the stations, (S, M)."""
+        return self._problem.elements.fine.interpolation(self._s)

@@ -1,13 +1,27 @@
-"""What a solution is refused for: no material and no sheath bears it."""
+"""What is refused: input of impossible shapes and sizes, and solutions that nothing bears."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+import math
+from typing import Any
 
-from octo_arm_model.arm.errors import ConvergenceError, SolveError
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import (
+    ArmDefinitionError,
+    ConvergenceError,
+    LoadError,
+    SolveError,
+    TensionError,
+    shown,
+)
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import LINEAR
+from octo_arm_model.arm.stiffness import SectionStiffness
+from octo_arm_model.arm.validation import real_numbers
 from octo_arm_model.rod.equilibrium import Problem, State
 from octo_arm_model.rod.section_formulas import rest_bend, widening
 from octo_arm_model.rod.tables import (
@@ -22,6 +36,181 @@ from octo_arm_model.rod.tables import (
     Tables,
     least_bending,
 )
+
+# Of the weakest cross section, if it were linear [-]. No material bears a tenth of this strain,
+# and under larger forces the search for a balance only takes long and fails.
+LARGEST_STRAIN = 100.0
+_FEW = 64  # numbers, up to which Python takes less time than NumPy
+
+
+def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
+    """Return ``tensions`` as a float array that ends in the shape `Arm.tension_shape` [N].
+
+    Where that is flat, one set may also be given in rows, one for each section.
+
+    Raises:
+        TensionError: if the shape is not that of the arm, or a tension is negative or not
+            finite; the message names the tendon.
+    """
+    shape = arm.tension_shape
+    if len(shape) == 1:
+        tensions = _flatten_rows(arm, tensions)
+    array = real_numbers(tensions)
+    expected = f'(..., {", ".join(str(count) for count in shape)})'
+    if array is None:
+        raise TensionError(
+            f'tensions must be numbers in rows of equal length, expected shape {expected}'
+        )
+    if array.shape[-len(shape) :] != shape:
+        meaning = f'{len(arm.tendons)} tendons, section by section from the tip'
+        if len(shape) == 2:
+            meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
+        raise TensionError(f'tensions have shape {array.shape}, expected {expected}: {meaning}')
+    if not _are_tensions(array):
+        bad = ~((array >= 0.0) & (array < np.inf))
+        index = tuple(np.argwhere(bad)[0].tolist())
+        tendon = int(np.ravel_multi_index(index[-len(shape) :], shape))
+        lead = index[: -len(shape)]
+        raise TensionError(
+            f'tension of {arm.tendon_names[tendon]}{f" in set {lead}" if lead else ""} is '
+            f'{float(array[index])!r} N, expected a finite number >= 0'
+        )
+    return array
+
+
+def _flatten_rows(arm: Arm, tensions: ArrayLike) -> ArrayLike:
+    """One set of ``tensions`` in rows, one for each section of ``arm``, as one row."""
+    rows: Any = tensions if isinstance(tensions, (list, tuple)) else ()
+    counts = [len(row) if isinstance(row, (list, tuple)) else None for row in rows]
+    if counts == [len(section.tendons) for section in arm.sections]:
+        return [tension for row in rows for tension in row]
+    return tensions
+
+
+def check_highest(arm: Arm, highest: ArrayLike) -> FloatArray:
+    """Return largest tensions as (tendons,) [N], of one number or what has `Arm.tension_shape`.
+
+    One for each section, (sections, 1), will do as well.
+
+    Raises:
+        TensionError: if they have another shape, or one is not finite and > 0.
+    """
+    given = real_numbers(highest)
+    try:
+        limits = np.broadcast_to(np.nan if given is None else given, arm.tension_shape).ravel()
+    except ValueError:
+        given = None
+    if given is None:
+        raise TensionError(
+            f'highest is {shown(highest)}, expected one number or shape {arm.tension_shape}'
+        )
+    for name, value in zip(arm.tendon_names, limits.tolist(), strict=True):
+        if not 0.0 < value < np.inf:
+            raise TensionError(
+                f'highest tension of {name} is {shown(value)} N, expected a finite number > 0'
+            )
+    return limits
+
+
+def tip_wrench_of(given: ArrayLike) -> FloatArray:
+    """Return the wrench ``given`` (..., 6) [N, N m] as a float array.
+
+    Raises:
+        LoadError: if it is not six finite numbers.
+    """
+    array = real_numbers(given)
+    if array is None or array.shape[-1:] != (6,) or not np.isfinite(array).all():
+        raise LoadError(
+            f'tip_wrench is {shown(given)}, expected force and moment: (..., 6) finite numbers'
+        )
+    return array.copy()
+
+
+class LoadLimits:
+    """Largest force and moment on an arm.
+
+    Attributes:
+        force: `LARGEST_STRAIN` times the least E A [N].
+        moment: the same times the root of the least E A times the least E I [N m].
+        tension: largest tension that balances are found for at all [N].
+    """
+
+    def __init__(self, arm: Arm, s: FloatArray) -> None:
+        """Derive the limits from the stiffness of ``arm`` at arc coordinates ``s`` (n,) [m]."""
+        stiffness = SectionStiffness.at(arm, s)
+        axial, bending = float(stiffness.axial.min()), float(stiffness.bending.min())
+        self.force = LARGEST_STRAIN * axial
+        # The axial force is a difference of terms of this size; beyond, it is lost in rounding.
+        self.tension = 1e6 * axial
+        self.moment = LARGEST_STRAIN * math.sqrt(axial * bending)
+        factor = f'{LARGEST_STRAIN:.0f} times'
+        self._force = f'at most {self.force:.4g} N, {factor} the least E A of the arm'
+        self._moment = (
+            f'at most {self.moment:.4g} N m, {factor} the root of its least E A times its least '
+            'E I'
+        )
+
+    def check_tensions(self, tensions: FloatArray) -> None:
+        """Check the largest of ``tensions`` [N].
+
+        Raises:
+            SolveError: if it is too large.
+        """
+        if (largest := float(tensions.max(initial=0.0))) > self.tension:
+            raise SolveError(
+                f'tension of {largest:.4g} N is beyond {self.tension:.4g} N, a '
+                'million times what would compress the thinnest cross section to nothing'
+            )
+
+    def check_tip_wrench(self, wrench: FloatArray) -> None:
+        """Check the force and the moment of a ``wrench`` (..., 6) on the tip [N, N m].
+
+        Raises:
+            LoadError: if it is too large.
+        """
+        if (largest := _largest(wrench[..., :3])) > self.force:
+            raise LoadError(f'force on the tip is {largest:.4g} N, expected {self._force}')
+        if (largest := _largest(wrench[..., 3:])) > self.moment:
+            raise LoadError(f'moment on the tip is {largest:.4g} N m, expected {self._moment}')
+
+    def check_loads(self, loads: Loads, resultants: FloatArray) -> None:
+        """Check ``loads``, and their ``resultants`` on the cross sections of the straight rod.
+
+        The latter are forces and free moments (2, n, 3) [N, N m].
+
+        Raises:
+            ArmDefinitionError: if one is too large, or all together are.
+        """
+        if _largest(loads.tip_force) > self.force:
+            raise ArmDefinitionError('loads.tip_force', loads.tip_force, self._force)
+        moments = [('loads.point.moment', point.moment) for point in loads.points]
+        for name, moment in [('loads.tip_moment', loads.tip_moment), *moments]:
+            if _largest(moment) > self.moment:
+                raise ArmDefinitionError(name, moment, self._moment)
+        if (largest := _largest(resultants[0])) > self.force:
+            raise ArmDefinitionError('force of all loads along the arm', largest, self._force)
+        if (largest := _largest(resultants[1])) > self.moment:
+            raise ArmDefinitionError('moment of all loads along the arm', largest, self._moment)
+
+
+def _are_tensions(array: FloatArray) -> bool:
+    """Whether all numbers are finite and not negative."""
+    if array.size <= _FEW:
+        return all(0.0 <= one < math.inf for one in array.ravel().tolist())
+    return bool(((array >= 0.0) & (array < np.inf)).all())
+
+
+def _largest(vectors: FloatArray | tuple[float, ...]) -> float:
+    """The largest norm of ``vectors`` (..., 3); infinite where a number is none."""
+    if np.ndim(vectors) == 1:  # as of one arm: much sooner than by NumPy
+        norm = math.hypot(*vectors)
+        return math.inf if math.isnan(norm) else norm
+    with np.errstate(over='ignore', invalid='ignore'):
+        largest = float(np.linalg.norm(vectors, axis=-1).max(initial=0.0))
+    return math.inf if math.isnan(largest) else largest
+
+
+# Solutions ---------------------------------------------------------------------------------------
 
 SHORTEST_FIBRE = 0.02  # of its reference length
 _SHORTENS = 1.0  # tension over E A that would shorten a straight rod to nothing

@@ -17,7 +17,7 @@ from numba import njit
 
 _F = TypeVar('_F', bound=Callable[..., object])
 # What machine code is made of; of these files numba watches the one of each function alone.
-_SOURCES = '*loops.py', 'section_formulas.py', 'tables.py', 'resolution.py', 'compiled.py'
+_SOURCES = '*loops.py', 'section_formulas.py', 'tables.py', 'compiled.py'
 
 
 def _forget_older(folder: Path) -> None:

@@ -21,9 +21,8 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ArmDefinitionError, SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.obstacles import Obstacle
-from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.gauss import gauss_rule
-from octo_arm_model.rod.local_loads import LocalTangents
+from octo_arm_model.rod.elements import Elements, gauss_rule
+from octo_arm_model.rod.loads import LocalTangents
 from octo_arm_model.rod.rotations import dot, outer, skew
 
 _SPACING, _POINTS = 0.2, 3  # parts of an element over R, and points of each

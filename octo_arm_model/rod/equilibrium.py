@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.contact import Contact, Sliding
-from octo_arm_model.rod.dead_loads import DeadLoads
 from octo_arm_model.rod.discs import ChordModel, ChordTendons, ChordTensionDerivatives
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Linear, Variation, factorise
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
-from octo_arm_model.rod.local_loads import add_tangents
-from octo_arm_model.rod.other_loads import NodeRod, OtherLoads
+from octo_arm_model.rod.loads import DeadLoads, NodeRod, OtherLoads, add_tangents
 from octo_arm_model.rod.section_arrays import relative_residual
-from octo_arm_model.rod.tables import LEVER, Tables, force_scale, places_at, work_arrays
+from octo_arm_model.rod.tables import (
+    LEVER,
+    Places,
+    Tables,
+    Work,
+    force_scale,
+    places_at,
+    work_arrays,
+)
 from octo_arm_model.rod.tendons import Tendons, unloaded_tendons, unloaded_twists
 
 
@@ -97,6 +104,31 @@ class State(NamedTuple):
     wrong: FloatArray = np.zeros(0)
 
 
+class Equilibrium(NamedTuple):
+    """A stable equilibrium of a `Rod`.
+
+    Attributes:
+        state: twists at the nodes and what acts on them.
+        level: of `elements.LEVELS`.
+        factors: of the Jacobian at an equilibrium nearby; None of an arm without loads.
+        judged: that one, where it was seen to be stable by a margin; else None.
+        iterations: made in all.
+        fine: twists at the finer points, of an arm without loads.
+        key: by which `RecentFactors` has the factors of the equilibrium of a shape.
+        guess: of the twists of the next equilibrium, (N, m), from which it is not followed where
+            they lead to none. None for those of this one.
+    """
+
+    state: State
+    level: int
+    factors: Linear | None
+    judged: State | None
+    iterations: int
+    fine: FloatArray | None = None
+    key: object | None = None
+    guess: FloatArray | None = None
+
+
 class Problem:
     """The residual and Jacobian of one arm under its loads.
 
@@ -115,7 +147,7 @@ class Problem:
         discs: that hold the tendons; None where the body does.
     """
 
-    remembered = 1  # residual, see `newton.settle`
+    remembered = 1  # residual, see `continuation.settle`
 
     def __init__(
         self, arm: Arm, elements: Elements, tables: Tables, loads: Loads, form: Form, strains: int,
@@ -402,3 +434,62 @@ class Problem:
 
 def _are_same(one: State, other: State) -> bool:
     return one.z is other.z and one.acting is other.acting
+
+
+# Sections by themselves --------------------------------------------------------------------------
+
+TOLERANCE = 5e-11
+_BY_NODE = ('body', 'tendons', 'active', 'reach', 'least_scale')
+
+
+def balance_sections(
+    form: Form, tables: Tables, work: Work, tensions: FloatArray, z: FloatArray
+) -> tuple[float, int]:
+    """Bring the twists ``z`` (n, m) to balance under ``tensions`` (n, J) [N] alone.
+
+    From where they are, or from those of parallel tendons where they are zero.
+
+    Returns:
+        Residual and number of steps.
+
+    Raises:
+        ConvergenceError: if it does not converge.
+    """
+    left, steps = form.balance(tables, z, tensions, np.zeros_like(z), TOLERANCE, work)
+    if not left <= TOLERANCE:
+        raise ConvergenceError('the balance of the cross sections', left, steps)
+    return left, steps
+
+
+def straight_twists(strains: int) -> FloatArray:
+    """Twist (m,) of the straight rod."""
+    return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])[:strains]
+
+
+class Several:
+    """Arms without loads at the nodes of a `Problem`, one after the other.
+
+    Attributes:
+        tables: of all nodes of all arms; elements and weights are those of one.
+        work: for these.
+    """
+
+    def __init__(self, problem: Problem, arms: int) -> None:
+        """Of so many ``arms``."""
+        self._problem, own = problem, problem.tables
+        tiled: dict[str, Any] = {
+            name: np.concatenate([getattr(own, name)] * arms) for name in _BY_NODE
+        }
+        self.tables = own._replace(**tiled)
+        self.work = work_arrays(self.tables, problem.strains, has_jacobian=False)
+
+    def balance(self, tensions: FloatArray) -> tuple[FloatArray, float, int]:
+        """See `balance_sections`, of arms under ``tensions`` (A, J) [N]."""
+        local = np.repeat(tensions, self._problem.elements.s.size, axis=0)
+        z = np.zeros((len(local), self._problem.strains))
+        return z, *balance_sections(self._problem.form, self.tables, self.work, local, z)
+
+    def poses(self, z: FloatArray, places: Places) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """See `loops.poses`."""
+        self._problem.form.orientations(self.tables, z, self.work)
+        return self._problem.form.poses(self.tables, z, places, self.work)

@@ -14,13 +14,11 @@ from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import LAWS
 from octo_arm_model.rod.checks import are_stretched
-from octo_arm_model.rod.derivatives import Derivatives
-from octo_arm_model.rod.equilibrium import Condition, Problem
+from octo_arm_model.rod.equilibrium import Condition, Equilibrium, Problem, Several
 from octo_arm_model.rod.factors import RecentFactors
-from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
-from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
+from octo_arm_model.rod.rod import Rod, Setting
+from octo_arm_model.rod.sensitivity import Change, Derivatives, Sensitivity, Uncertainty
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
-from octo_arm_model.rod.unloaded import Several
 from octo_arm_model.rod.winches import Winches
 
 # Shapes whose factors are kept, and numbers in all of these: 128 MB.

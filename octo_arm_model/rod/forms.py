@@ -9,8 +9,15 @@ from typing import Protocol
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod import arrays
-from octo_arm_model.rod.inertia_arrays import Motion, MotionTables, TimeRule
-from octo_arm_model.rod.tables import PaperTables, Places, Tables, Work
+from octo_arm_model.rod.tables import (
+    Motion,
+    MotionTables,
+    PaperTables,
+    Places,
+    Tables,
+    TimeRule,
+    Work,
+)
 
 _LOG = logging.getLogger(__name__)
 

@@ -30,21 +30,22 @@ from octo_arm_model.rod.contact import Sliding
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.equilibrium import Acting, Problem, State
 from octo_arm_model.rod.forms import Form
-from octo_arm_model.rod.inertia_arrays import (
+from octo_arm_model.rod.loads import LocalTangents, add_tangents, kinematics
+from octo_arm_model.rod.rotations import dot, outer, skew
+from octo_arm_model.rod.section_arrays import cross
+from octo_arm_model.rod.tables import (
     COLUMNS,
     DISPLACED,
     POSITION,
+    RADIUS,
     ROTARY_B,
     ROTARY_N,
     TANGENT,
     Motion,
     MotionTables,
+    Tables,
     TimeRule,
 )
-from octo_arm_model.rod.local_loads import LocalTangents, add_tangents, kinematics
-from octo_arm_model.rod.rotations import dot, outer, skew
-from octo_arm_model.rod.section_arrays import cross
-from octo_arm_model.rod.tables import RADIUS, Tables
 
 
 class MovingProblem(Problem):

@@ -1,4 +1,4 @@
-"""The node functions of a rod that moves as loops for numba; `inertia_arrays` for NumPy."""
+"""The node functions of a rod that moves as loops for numba; `arrays` for NumPy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.compiled import compiled, helper
-from octo_arm_model.rod.inertia_arrays import (
+from octo_arm_model.rod.tables import (
     ACROSS,
     ADDED,
     ALONG,
@@ -24,7 +24,7 @@ def moving_loads(
     tables: MotionTables, rule: TimeRule, base: FloatArray, slope: FloatArray,
     rotation: FloatArray, motion: Motion,
 ) -> None:  # fmt: skip
-    """See `inertia_arrays`."""
+    """See `arrays`."""
     along = tables.from_base, tables.to_tip
     before = rule.velocity, rule.acceleration
     factors = rule.by_velocity, rule.by_acceleration, tables.in_water
@@ -113,7 +113,7 @@ def imbalance(
     viscous: FloatArray, rate: FloatArray, reference: FloatArray, residual: FloatArray,
     scale: FloatArray,
 ) -> float:  # fmt: skip
-    """See `inertia_arrays`."""
+    """See `arrays`."""
     worst = 0.0
     for i in range(rate.shape[0]):
         for c in range(rate.shape[1]):

@@ -15,9 +15,8 @@ from octo_arm_model.rod.angle_loops import angles
 from octo_arm_model.rod.compiled import compiled, helper, inlined
 from octo_arm_model.rod.inertia_loops import imbalance, moving_loads
 from octo_arm_model.rod.paper_loops import paper_twists
-from octo_arm_model.rod.resolution import OF_BENDS, OF_DIRECTIONS
 from octo_arm_model.rod.section_loops import add_gradients, balance, cross, sections
-from octo_arm_model.rod.tables import Places, Tables, Work
+from octo_arm_model.rod.tables import OF_BENDS, OF_DIRECTIONS, Places, Tables, Work
 
 # The node functions, see `forms.Form`.
 __all__ = [
@@ -150,7 +149,7 @@ def poses(
 
     Returns:
         Positions from the base (A, S, 3) [m], orientations x, y, z, w (A, S, 4) and the estimated
-        error of positions over the length of the arm (A,), see `resolution`, of A arms.
+        error of positions over the length of the arm (A,), of A arms.
     """
     arms = z.shape[0] // places.integration.shape[1]
     position, quaternion = np.empty((2, arms, places.element.size, 4))
@@ -221,7 +220,7 @@ def _advance(
 def _position_error(
     lengths: FloatArray, tail: FloatArray, z: FloatArray, slope: FloatArray
 ) -> float:
-    """See `resolution.position_errors`, of one arm."""
+    """See `tables.position_errors`, of one arm."""
     points, error, whole = tail.shape[1], 0.0, 0.0
     for length in lengths:
         whole += length

@@ -18,7 +18,7 @@ from scipy.linalg import eigh
 from octo_arm_model.arm.errors import ConfigError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition
-from octo_arm_model.rod.local_loads import kinematics
+from octo_arm_model.rod.loads import kinematics
 from octo_arm_model.rod.motion import Dynamics, MotionState
 
 

@@ -27,23 +27,21 @@ from octo_arm_model.arm.motion_properties import MotionProperties
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import vector, within
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.checks import check_stretches
+from octo_arm_model.rod.checks import check_stretches, check_tensions
 from octo_arm_model.rod.contact import NONE, Contacts
+from octo_arm_model.rod.continuation import Rule, settle
 from octo_arm_model.rod.displacements import check_displacements
 from octo_arm_model.rod.elements import LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Acting, Condition, State
 from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.inertia import MovingProblem, sliding_of
-from octo_arm_model.rod.inertia_arrays import POSITION, TimeRule
-from octo_arm_model.rod.inputs import check_tensions
 from octo_arm_model.rod.motion_state import Driven, Inputs, MotionState, load_state, save_state
-from octo_arm_model.rod.newton import Rule, settle
 from octo_arm_model.rod.reeling import Border, Reeling
 from octo_arm_model.rod.rod import moved
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.rod.statics import strains_of
-from octo_arm_model.rod.tables import places_at, tabulate
+from octo_arm_model.rod.tables import POSITION, TimeRule, places_at, tabulate
 
 RHO_INF = 0.85
 TOLERANCE = 1e-7  # residual of the balance at the end of a step

@@ -15,7 +15,7 @@ from octo_arm_model.arm.hints import FloatArray, Vector
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.rod.factors import Factors, Linear
 from octo_arm_model.rod.inertia import MovingProblem
-from octo_arm_model.rod.inertia_arrays import COLUMNS
+from octo_arm_model.rod.tables import COLUMNS
 
 _VERSION = 1  # of files of states
 _ARRAYS = 'twist', 'place', 'water', 'tensions', 'tip_wrench', 'base', 'wrench', 'base_wrench'

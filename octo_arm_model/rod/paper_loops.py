@@ -1,4 +1,4 @@
-"""The node function of the paper's models as loops for numba; `paper_arrays` for NumPy."""
+"""The node function of the paper's models as loops for numba; `arrays` for NumPy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from octo_arm_model.rod.compiled import compiled, helper, inlined
 from octo_arm_model.rod.section_formulas import paper_jump, paper_moments, paper_slope, paper_twist
 from octo_arm_model.rod.tables import PaperTables
 
-MOST_PAPER_SWEEPS, SWEEPS_A_CHECK = 60, 2  # see `paper_arrays`
+MOST_PAPER_SWEEPS, SWEEPS_A_CHECK = 60, 2  # see `arrays`
 _twist, _slope, _moments = inlined(paper_twist), inlined(paper_slope), inlined(paper_moments)
 _jump = inlined(paper_jump)
 
@@ -28,7 +28,7 @@ def _four(a: FloatArray, i: int) -> tuple[float, float, float, float]:
 def paper_twists(
     tables: PaperTables, sums: FloatArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Twists of cross sections that balance their tendons as in the paper, see `paper_equations`.
+    """Twists of cross sections that balance their tendons as in the paper, see `papers`.
 
     From ``sums`` (A, 7, P) over the tendons of A arms at P places. Where moments are not in
     balance, equation (10) is swept until its solution changes by less than ``tolerance`` times

@@ -86,7 +86,7 @@ class Border(NamedTuple):
 
 
 class Reeling:
-    """The equations of an arm and its winches at its nodes, for `newton.settle`.
+    """The equations of an arm and its winches at its nodes, for `continuation.settle`.
 
     Attributes:
         problem: the equations of the arm alone.

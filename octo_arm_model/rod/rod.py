@@ -16,27 +16,24 @@ from octo_arm_model.arm.limits import MAX_NODES
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import NEO_HOOKEAN
 from octo_arm_model.rod import arrays
-from octo_arm_model.rod.checks import check_solution, explain, explain_discs
+from octo_arm_model.rod.backbone import Finer, Readout
+from octo_arm_model.rod.checks import LoadLimits, check_solution, explain, explain_discs
 from octo_arm_model.rod.continuation import (
     MOST_CORRECTED,
     ON_THE_WAY,
+    Found,
     Judged,
     follow,
     judge_stable,
+    settle,
     tolerance_of,
 )
 from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
-from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.factors import Linear
+from octo_arm_model.rod.equilibrium import Condition, Equilibrium, Problem, State, balance_sections
 from octo_arm_model.rod.forms import choose_form
-from octo_arm_model.rod.inputs import LoadLimits
-from octo_arm_model.rod.newton import Found, settle
-from octo_arm_model.rod.read_out import Finer, Readout
-from octo_arm_model.rod.resolution import added_points, allowed_between
 from octo_arm_model.rod.section_arrays import initial_twists
-from octo_arm_model.rod.tables import least_bending, tabulate
+from octo_arm_model.rod.tables import added_points, allowed_between, least_bending, tabulate
 from octo_arm_model.rod.tendons import unloaded_twists
-from octo_arm_model.rod.unloaded import balance_sections
 
 _TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
 WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
@@ -68,31 +65,6 @@ class Setting(NamedTuple):
     shear: bool = False
     accuracy: float = 1e-8
     compiled: bool | None = None
-
-
-class Equilibrium(NamedTuple):
-    """A stable equilibrium of a `Rod`.
-
-    Attributes:
-        state: twists at the nodes and what acts on them.
-        level: of `elements.LEVELS`.
-        factors: of the Jacobian at an equilibrium nearby; None of an arm without loads.
-        judged: that one, where it was seen to be stable by a margin; else None.
-        iterations: made in all.
-        fine: twists at the finer points, of an arm without loads.
-        key: by which `RecentFactors` has the factors of the equilibrium of a shape.
-        guess: of the twists of the next equilibrium, (N, m), from which it is not followed where
-            they lead to none. None for those of this one.
-    """
-
-    state: State
-    level: int
-    factors: Linear | None
-    judged: State | None
-    iterations: int
-    fine: FloatArray | None = None
-    key: object | None = None
-    guess: FloatArray | None = None
 
 
 class Rod:

@@ -97,7 +97,7 @@ def offset_stiffness(
     )
 
 
-# The paper's models, see `paper_equations`: sums over tendons are pull, n, b, nn, bb, mixed and
+# The paper's models, see `papers`: sums over tendons are pull, n, b, nn, bb, mixed and
 # torque, stiffness is E A, G I and E J about n and about b, and vectors are along t, n and b.
 
 

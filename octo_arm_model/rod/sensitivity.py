@@ -1,18 +1,37 @@
-"""First derivatives of the shape, and the covariance of the tip that follows from them."""
+"""First derivatives of the shape, and the covariance of the tip that follows from them.
+
+At fixed twists a quantity p changes the residual by d res/dp, which a change of the twists
+balances, J dz = - d res/dp. With it, at nodes and stations, in base_frame,
+
+    rotation phi = int R d kappa,    displacement d r = int phi x r' + R d v
+
+where int is the integral from the base. Stations are reached from the nodes by integrals and
+interpolation.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.special import gammaincinv
 
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.validation import not_negative
+from octo_arm_model.rod.equilibrium import Equilibrium, Problem
+from octo_arm_model.rod.factors import Deferred
+from octo_arm_model.rod.loads import along, in_sections
+from octo_arm_model.rod.rod import Rod
+from octo_arm_model.rod.rotations import skew
+from octo_arm_model.rod.tables import REST_T, SHEAR, TORSION
+from octo_arm_model.rod.tendons import PathChange, outward_paths
 
 # Derivatives of the tip's position and rotation vector by several quantities, (6, n) each; None
 # where the model has none.
@@ -189,3 +208,255 @@ def chi_square_limit(probability: float, size: int) -> float:
     """Quantile of the chi-square distribution of ``size`` degrees of freedom [-]."""
     # As scipy.stats.chi2.ppf, whose import takes a quarter of a second.
     return float(2.0 * gammaincinv(0.5 * size, probability))
+
+
+# Of an equilibrium -------------------------------------------------------------------------------
+
+_MATERIAL, _PATHS = ('youngs_modulus', 'poisson_ratio'), ('offset', 'sheath_stiffness')
+_Columns: TypeAlias = Mapping[str, slice]  # of quantities, by their names in `Sensitivity`
+
+
+def _columns(**counts: int) -> _Columns:
+    """So many columns of each quantity, one after the other; those of none are left out."""
+    ends = itertools.pairwise(np.cumsum((0, *counts.values())).tolist())
+    return {name: slice(*at) for (name, count), at in zip(counts.items(), ends) if count}
+
+
+class _Linear:
+    """An equilibrium, the system about it, and what its residual changes by at fixed twists.
+
+    Attributes:
+        state: the equilibrium.
+        factors: of the Jacobian.
+        tendons: at the nodes.
+        tension: derivatives of tensions with friction; None where none change.
+        rates: derivatives of local tensions by those at the base at fixed twists, (N, J).
+        rotation: as in `Work`.
+        slope: likewise.
+    """
+
+    def __init__(
+        self, arm: Arm, problem: Problem, outwards: FloatArray, found: Equilibrium
+    ) -> None:
+        """Of what was ``found`` of ``arm`` on the nodes of ``problem``.
+
+        ``outwards`` (4, N, J) are `outward_paths` there.
+        """
+        state, known = found.state, found.factors
+        problem.others.require_tangents('sensitivity')
+        self.state, self.tension = state, problem.tension_derivatives(state)
+        # What was judged stable has been linearised for that.
+        if state is found.judged and isinstance(known, Deferred):
+            self.factors = known.factors()
+        else:
+            self.factors = problem.linearise(state)
+        problem.load_work(state)
+        if self.tension is not None:
+            self.tension.require(arm.tendon_names, state.acting.condition.tensions)
+        self.rates, self.tendons = problem.tension_rates(state), problem.tendons(state)
+        work, self._arm, self._problem, self._outwards = problem.work, arm, problem, outwards
+        self.rotation, self.slope = work.rotation.copy(), work.slope.copy()
+        self._gradient = work.gradient.copy()
+
+    def imbalance(self, columns: _Columns, total: int) -> FloatArray:
+        """Change of the residual at fixed local tensions and loads, (n, m, total)."""
+        found = np.zeros((*self.state.z.shape, total))
+        for name, where in columns.items():
+            if name in _MATERIAL:
+                found[..., where] = getattr(self, f'by_{name}')[..., np.newaxis]
+            elif name in _PATHS:
+                found[..., where] = getattr(self, f'by_{name}').gradient.swapaxes(1, 2)
+        return found
+
+    @functools.cached_property
+    def by_offset(self) -> PathChange:
+        """Per metre of each tendon's distance from the midline."""
+        return self.tendons.by_path(self._outwards)
+
+    @property
+    def by_sheath_stiffness(self) -> PathChange:
+        """Per pascal of each sheath."""
+        return self.tendons.by_sheath_stiffness
+
+    @property
+    def by_youngs_modulus(self) -> FloatArray:
+        """Per relative change of E, (n, m): the material's part of the gradient."""
+        pull = self.tendons.tension[..., np.newaxis] * self.tendons.gradient
+        return np.asarray(self._gradient - pull.sum(axis=1))
+
+    @property
+    def by_poisson_ratio(self) -> FloatArray:
+        """Per unit of nu, (n, m), by G alone."""
+        arm, body, s = self._arm, self._problem.tables.body, self._problem.elements.s
+        tendons, z, width = self.tendons, self.state.z, self.tendons.width[:, 0]
+        by_ratio = -1.0 / (1.0 + arm.material.poisson_ratio_at(s))
+        # Torsion of rubber is w (kappa_t - that at rest), as of all where w is 1.
+        twist, found = z[:, 0] - body[:, REST_T], np.zeros_like(z)
+        if 'torsion' not in arm.stiffness.profiles:
+            torque = by_ratio * body[:, TORSION] * width * twist
+            found[:, 0] = torque * width
+            found[:, 3] = torque * tendons.widening[:, 0] * twist
+        found[:, 4:] = (by_ratio * body[:, SHEAR])[:, np.newaxis] * z[:, 4:]
+        return found
+
+
+class Derivatives:
+    """First derivatives of equilibria of a rod on one level of nodes, at given stations."""
+
+    def __init__(self, rod: Rod, level: int, s: FloatArray) -> None:
+        """At arc coordinates ``s`` (S,) [m] of ``rod``."""
+        self._arm, self._problem = rod.arm, rod.problem(level)
+        elements = self._problem.elements
+        self._to_stations, self._at_stations = elements.integration(s), elements.interpolation(s)
+        self._rest = self._problem.unloaded_tendons.stretch
+        self._rest_lengths = elements.weights @ self._rest
+        self._outwards = outward_paths(rod.arm, self._problem.tables, elements.s)
+        self._kept: _Linear | None = None
+
+    def sensitivity(self, found: Equilibrium) -> Sensitivity:
+        """Of an equilibrium that was ``found``, by all quantities of `Sensitivity`.
+
+        Raises:
+            LoadError: if a load states no tangent stiffness.
+            ConvergenceError: if the Jacobian is singular.
+        """
+        tendons, slides = self._rest_lengths.size, self._problem.friction is not None
+        columns = _columns(
+            tension=tendons, youngs_modulus=1, tip_wrench=6, poisson_ratio=1,
+            friction=tendons * slides,
+        )  # fmt: skip
+        wrenches = np.tile(np.eye(6), (self._problem.elements.s.size, 1, 1))
+        change = self._change(found, columns, wrenches)
+        parts: dict[str, Any] = {
+            f'by_{name}': part_of(change, own) for name, own in columns.items()
+        }
+        return Sensitivity(**parts, find_path=functools.partial(self._by_path, found))
+
+    def _by_path(self, found: Equilibrium, name: str) -> Change | None:
+        """By one of `_PATHS`; None where it is of sheaths and all are rigid."""
+        if name == 'offset' or self._problem.tables.compliance.any():
+            return self._change(found, _columns(**{name: self._rest_lengths.size}))
+        return None
+
+    def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
+        """Change of an equilibrium that was ``found`` per unit of each of dead ``loads``.
+
+        Raises:
+            ArmDefinitionError: if gravity acts on an arm of no density.
+            LoadError: if a load states no tangent stiffness.
+            ConvergenceError: if the Jacobian is singular.
+        """
+        problem = self._problem
+        wrenches = np.empty((problem.elements.s.size, 6, len(loads)))
+        for number, one in enumerate(loads):
+            dead = problem.loads.tabulate(self._arm, problem.elements, one)
+            wrenches[..., number] = np.concatenate(dead, axis=1) + one.tip_wrench
+        return self._change(found, _columns(tip_wrench=len(loads)), wrenches)
+
+    def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
+        """Covariance (6, 6) of the tip in an equilibrium that was ``found``.
+
+        Raises:
+            LoadError: if a load states no tangent stiffness.
+            ConvergenceError: if the Jacobian is singular.
+        """
+        tendons = self._rest_lengths.size
+        counts = {'tension': tendons, 'youngs_modulus': 1, 'poisson_ratio': 1, 'offset': tendons}
+        columns = _columns(**{name: counts[name] for name in uncertainty.quantities})
+        if not columns:
+            return uncertainty.of_model
+        change = self._change(found, columns)
+        return uncertainty.tip_covariance([change.tip[:, own] for own in columns.values()])
+
+    def _linearised(self, found: Equilibrium) -> _Linear:
+        """The system about an equilibrium that was ``found``; that of the last one is kept."""
+        if self._kept is None or self._kept.state is not found.state:
+            self._kept = _Linear(self._arm, self._problem, self._outwards, found)
+        return self._kept
+
+    def _change(
+        self, found: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
+    ) -> Change:
+        """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
+        weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
+        linear = self._linearised(found)
+        tendons = linear.tendons
+        has_friction = self._problem.friction is not None
+        by_local = tendons.stretch_by_twist.swapaxes(1, 2)
+        push = linear.imbalance(columns, total)
+        local = self._local_changes(linear, columns, total)
+        if has_friction:
+            push += by_local @ local
+        elif 'tension' in columns:
+            push[..., columns['tension']] += by_local
+        if wrenches is not None:
+            force, levers = wrenches[:, :3], skew(linear.slope) @ wrenches[:, :3]
+            moment = wrenches[:, 3:] + along(self._problem.elements.to_tip, levers)
+            rows = in_sections(linear.rotation, force, moment, linear.state.z.shape[1])
+            push[..., columns['tip_wrench']] -= rows
+        z = linear.factors.solve(-push.reshape(-1, total)).reshape(push.shape)
+        if linear.tension is not None:
+            local += linear.tension.by_twists(z)
+        by_z = weights[:, np.newaxis, np.newaxis] * tendons.stretch_by_twist
+        length = np.tensordot(by_z, z, axes=([0, 2], [0, 1]))
+        if tendons.has_sheaths:
+            length += np.einsum('i,ij,ijc->jc', weights, tendons.stretch_by_tension, local)
+        own = np.arange(len(length))
+        for name in set(_PATHS).intersection(columns):
+            moved = getattr(linear, f'by_{name}').stretch
+            length[own, columns[name].start + own] += weights @ moved
+        mean = None
+        if has_friction:
+            mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
+            mean /= self._rest_lengths[:, np.newaxis]
+        rates = pose_rates(self._problem.elements.from_base, linear.rotation, linear.slope, z)
+        strain = along(self._at_stations, strain_changes(linear.state.z, z))
+        return Change(along(self._to_stations, rates), strain, length, mean, z)
+
+    def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
+        """Changes of the local tensions at fixed twists, (N, J, total)."""
+        found, tension = np.zeros((*linear.rates.shape, total)), linear.tension
+        own = np.arange(found.shape[1])
+        for name, where in columns.items():
+            if name == 'tension':
+                found[:, own, where.start + own] = linear.rates
+            elif tension is not None and name == 'friction':
+                found[:, own, where.start + own] = tension.by_friction
+            elif tension is not None and name in _PATHS:
+                unit = getattr(linear, f'by_{name}').unit
+                found[:, own, where.start + own] = tension.by_unit(unit)
+        return found
+
+
+def pose_rates(
+    to_nodes: FloatArray, rotation: FloatArray, slope: FloatArray, z: FloatArray
+) -> FloatArray:
+    """Derivatives by s of displacements and rotations (N, 6, columns) at the nodes.
+
+    Of changes ``z`` (N, m, columns) of the twists, with the integration ``to_nodes`` (N, N).
+    """
+    rates = np.empty((len(z), 6, z.shape[2]))
+    np.matmul(rotation, z[:, :3], out=rates[:, 3:])
+    turn = along(to_nodes, rates[:, 3:])
+    np.matmul(rotation[..., : z.shape[1] - 3], z[:, 3:], out=rates[:, :3])
+    rates[:, :3] -= skew(slope) @ turn
+    return rates
+
+
+def strain_changes(twist: FloatArray, z: FloatArray) -> FloatArray:
+    """Changes of tau, xi, k and q (n, 4, columns) by those ``z`` of a ``twist`` (n, m)."""
+    # tau, xi, k are curvatures over the stretch.
+    bends, stretch = twist[:, :3, np.newaxis], twist[:, 3:4, np.newaxis]
+    strain = z[:, :4].copy()
+    strain[:, :3] -= (bends / stretch) * z[:, 3:4]
+    strain[:, :3] /= stretch
+    return strain
+
+
+def part_of(change: Change, where: slice) -> Change:
+    """Some of the quantities of a ``change``."""
+    mean, twist = change.tendon_tension, change.twist
+    return Change(
+        change.pose[..., where], change.strain[..., where], change.tendon_length[..., where],
+        None if mean is None else mean[..., where], None if twist is None else twist[..., where],
+    )  # fmt: skip

@@ -26,13 +26,12 @@ from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.checks import LoadLimits, check_tensions, tip_wrench_of
 from octo_arm_model.rod.contact import Contacts
 from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.equilibrium import Condition
+from octo_arm_model.rod.equilibrium import Condition, Equilibrium
 from octo_arm_model.rod.exact import Exact
-from octo_arm_model.rod.inputs import LoadLimits, check_tensions, tip_wrench_of
 from octo_arm_model.rod.papers import Papers
-from octo_arm_model.rod.rod import Equilibrium
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics
 from octo_arm_model.rod.stations import DEFAULT_STATIONS, StationGrid

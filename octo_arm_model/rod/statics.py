@@ -17,13 +17,10 @@ from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.contact import NONE, Contacts
 from octo_arm_model.rod.elements import LEVELS
-from octo_arm_model.rod.equilibrium import Condition, Problem
-from octo_arm_model.rod.resolution import allowed_between
-from octo_arm_model.rod.rod import Equilibrium
+from octo_arm_model.rod.equilibrium import Condition, Equilibrium, Problem, Several
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.tables import Places
+from octo_arm_model.rod.tables import Places, allowed_between
 from octo_arm_model.rod.tendons import outward_paths
-from octo_arm_model.rod.unloaded import Several
 from octo_arm_model.rod.winches import Winches
 
 AT_ONCE = 24  # arms, for which tables have room in the processor's cache

@@ -1,4 +1,4 @@
-"""Stations of the results: where along the arm a backbone is known.
+"""Stations of the results: where along the arm a backbone is known; and values between rows.
 
 Anchorages and loads split the arm into *panels*, and are stations. Strains are smooth inside a
 panel and may jump between panels.
@@ -131,3 +131,21 @@ def _share_intervals(lengths: list[float], total: int) -> list[int]:
         longest = max(intervals) * (1.0 - _SAME)
         counts[next(i for i, interval in enumerate(intervals) if interval >= longest)] += 1
     return counts
+
+
+# Between rows of numbers -------------------------------------------------------------------------
+
+
+def interpolated(at: FloatArray | float, x: FloatArray, rows: FloatArray) -> FloatArray:
+    """Interpolate ``rows`` (n, ...) at ascending ``x`` (n,) to ``at``: (*at.shape, ...).
+
+    Constant before the first and after the last ``x``.
+    """
+    columns = rows.reshape(len(rows), -1).T
+    found = np.stack([np.interp(at, x, column) for column in columns], axis=-1)
+    return found.reshape(*np.shape(at), *rows.shape[1:])
+
+
+def nearest(at: FloatArray, x: FloatArray) -> IntArray:
+    """Index of the element of ascending ``x`` (n,) that is nearest to each ``at``."""
+    return np.searchsorted(0.5 * (x[1:] + x[:-1]), at)

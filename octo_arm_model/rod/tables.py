@@ -12,8 +12,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import BoolArray, FloatArray, IntArray
 from octo_arm_model.arm.stiffness import SectionStiffness
-from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.gauss import GaussRule
+from octo_arm_model.rod.elements import Elements, GaussRule
 
 # Columns of `Tables.body`.
 AXIAL, TORSION, SQUARED_N, SQUARED_B, SHEAR, LEVER, RADIUS, REST_T, REST_N, REST_B = range(10)
@@ -126,7 +125,7 @@ class PaperTables(NamedTuple):
     """The paper's models of an arm at P places: N nodes, S stations and both sides of anchorages.
 
     Attributes:
-        moments: from tensions to the seven sums over the tendons, see `paper_equations`,
+        moments: from tensions to the seven sums over the tendons, see `papers`,
             (J, 7, P).
         stiffness: E A [N], G I and E J about n and about b [N m^2] of the sections, (4, P).
         rest: moments that would straighten them, about t, n and b, (3, P) [N m].
@@ -257,3 +256,109 @@ def _body(arm: Arm, s: FloatArray, tendons: FloatArray) -> FloatArray:
         ],
         axis=1,
     )  # fmt: skip
+
+
+# What moves --------------------------------------------------------------------------------------
+
+# Columns of `MotionTables.section`.
+MASS, ROTARY_N, ROTARY_B, DISPLACED, ADDED, ACROSS, ALONG = range(7)
+# Columns of the place of a node: its position and the axes t, n and b of its section.
+POSITION, TANGENT, COLUMNS = slice(0, 3), slice(3, 6), 12
+
+
+class MotionTables(NamedTuple):
+    """What does not change while an arm moves.
+
+    Attributes:
+        from_base: matrix of integrals from the base to each node, (N, N) in columns [m].
+        to_tip: the same from each node to the tip.
+        section: per reference length, rho A [kg/m], rho times the second moments of area across
+            which n and b point [kg m], the mass of the displaced water and the added one [kg/m],
+            and factors of the drag, see `inertia` (1): rho_w R C_n and rho_w R (pi C_t / 2 - C_n)
+            [kg/m^2], (N, 7).
+        in_water: whether any of the last four is not zero.
+        viscous: D of the sections, (N, m).
+    """
+
+    from_base: FloatArray
+    to_tip: FloatArray
+    section: FloatArray
+    in_water: bool
+    viscous: FloatArray
+
+
+class TimeRule(NamedTuple):
+    """Velocities and accelerations as linear functions of what the rod is, x.
+
+    Those of places are by_velocity x - velocity and by_acceleration x - acceleration.
+
+    Attributes:
+        by_velocity: [1/s].
+        by_acceleration: [1/s^2].
+        velocity: (N, 12).
+        acceleration: (N, 12).
+        twist_rate: as `velocity`, of twists, (N, m).
+        water: velocity of the water [m/s] and its acceleration [m/s^2], (2, 3).
+    """
+
+    by_velocity: float
+    by_acceleration: float
+    velocity: FloatArray
+    acceleration: FloatArray
+    twist_rate: FloatArray
+    water: FloatArray
+
+
+class Motion(NamedTuple):
+    """How the nodes move, (N, 12) each, and what that exerts.
+
+    Attributes:
+        place: positions in base_frame [m] and axes of the sections [-].
+        velocity: of these.
+        acceleration: of these.
+        load: force and moment of inertia and water beyond each node, (2, N, 3) [N, N m].
+    """
+
+    place: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    load: FloatArray
+
+
+# Errors ------------------------------------------------------------------------------------------
+
+# Error of positions over the sums of squares, at most, where it is above 1e-10; measured for the
+# arm of Table 4 under random tensions in water and air and for the metal rod.
+OF_BENDS, OF_DIRECTIONS = 2e-3, 1e-4
+_BETWEEN = 30.0
+_ADDED, _ADDED_FINE, _FINE = 4, 5, 1e-8  # points, and the accuracy below which it is more
+
+
+def added_points(accuracy: float, has_friction: bool) -> int:
+    """Points more in each element at which sections are balanced, for stations between them."""
+    return _ADDED if accuracy >= _FINE and not has_friction else _ADDED_FINE
+
+
+def allowed_between(accuracy: float) -> float:
+    """What `position_errors` may be for positions between the points to be right to ``accuracy``.
+
+    Their error is of the first order of what the points leave, that at the ends of the second.
+    """
+    return min(accuracy, (_BETWEEN * accuracy) ** 2)
+
+
+def position_errors(
+    tail: FloatArray, lengths: FloatArray, z: FloatArray, slope: FloatArray
+) -> FloatArray:
+    """Estimated errors of positions over the length of A arms [-], (A,).
+
+    From the twists ``z`` (A N, m) and r' ``slope`` (A N, 3) at the nodes, by the last Legendre
+    coefficients of elements, see `Places.tail`, and ``lengths`` (E,) [m].
+    """
+    # Largest of the last two Legendre coefficients of bends and directions in each element.
+    values = np.concatenate([z[:, :3], slope], axis=1).reshape(-1, tail.shape[1], 6)
+    tails = np.abs(tail @ values).reshape(-1, 2, 2, 3).max(axis=(1, 3))
+    tails *= tails
+    tails = tails.reshape(-1, lengths.size, 2)
+    of_bends = OF_BENDS * (tails[..., 0] @ (lengths * lengths))
+    return np.asarray(of_bends + OF_DIRECTIONS / lengths.sum() * (tails[..., 1] @ lengths))

@@ -17,11 +17,10 @@ from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.checks import check_solution
-from octo_arm_model.rod.continuation import MOST_CORRECTED, growth, judge
-from octo_arm_model.rod.equilibrium import Condition
-from octo_arm_model.rod.newton import Found, settle
+from octo_arm_model.rod.continuation import MOST_CORRECTED, Found, growth, judge, settle
+from octo_arm_model.rod.equilibrium import Condition, Equilibrium
 from octo_arm_model.rod.reeling import Border, RodReeling
-from octo_arm_model.rod.rod import Equilibrium, Rod, moved
+from octo_arm_model.rod.rod import Rod, moved
 
 _TOLERANCE = 1e-10
 _MET = 1e-8  # residual that will do where rounding and friction leave no less

@@ -21,9 +21,9 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import LARGEST, vector
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.interpolation import interpolated
 from octo_arm_model.rod.motion import base_of
 from octo_arm_model.rod.motion_state import Inputs, MotionState
+from octo_arm_model.rod.stations import interpolated
 from octo_arm_model.simulation.pushed_arm import Noise, Push, Sensors
 
 # Time constant of each of the two lags with which both follow what is told [s]: poses come in

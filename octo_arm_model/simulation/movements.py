@@ -22,7 +22,7 @@ from octo_arm_model.config.paper_data import (
     Tensions,
 )
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.rod.inputs import check_highest, check_tensions
+from octo_arm_model.rod.checks import check_highest, check_tensions
 from octo_arm_model.simulation.profiles import CommandProfile, read_profile
 
 MOVE_TIME = 3.0  # [s] from one posture to the next

@@ -25,7 +25,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROFILE_BYTES, MAX_PROFILE_ROWS, MAX_YAML_BYTES
 from octo_arm_model.arm.validation import real_numbers
 from octo_arm_model.config.files import NUMBER, compose_yaml, read_text, reading, tension_columns
-from octo_arm_model.rod.interpolation import interpolated
+from octo_arm_model.rod.stations import interpolated
 
 INTERPOLATIONS = ('smooth', 'linear', 'steps')
 

@@ -11,7 +11,7 @@ from octo_arm_model.arm.errors import ArmDefinitionError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.arm.validation import vector, whole, within
-from octo_arm_model.rod.inputs import check_highest
+from octo_arm_model.rod.checks import check_highest
 from octo_arm_model.rod.motion import STEPS, Dynamics
 from octo_arm_model.rod.motion_state import Inputs, MotionState
 from octo_arm_model.terminal import missing

@@ -12,9 +12,8 @@ from rods import CASES, TENSIONS, WRENCH, forms, rod_of, twists_at
 
 from octo_arm_model import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.equilibrium import Condition, Problem
+from octo_arm_model.rod.equilibrium import TOLERANCE, Condition, Problem, balance_sections
 from octo_arm_model.rod.tables import AXIAL, force_scale, work_arrays
-from octo_arm_model.rod.unloaded import TOLERANCE, balance_sections
 
 CONDITION = Condition(TENSIONS, WRENCH)
 

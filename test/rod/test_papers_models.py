@@ -27,7 +27,7 @@ from octo_arm_model import (
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.rod import paper_arrays, paper_equations
+from octo_arm_model.rod import arrays, papers
 
 # Largest tensions of the paper on each arm [N], by section: Tables 1, 3 and 5; what the paper
 # pulled in Figure 8 is not printed, so the tip of that arm is compressed like that of Figure 15.
@@ -105,12 +105,12 @@ def test_several_loaded_sections_are_where_the_two_readings_differ(table4):
 
 
 def test_no_convergence_is_an_error_that_says_how_far_it_got(table4, monkeypatch):
-    monkeypatch.setattr(paper_arrays, 'MOST_PAPER_SWEEPS', 2)
+    monkeypatch.setattr(arrays, 'MOST_PAPER_SWEEPS', 2)
     with pytest.raises(ConvergenceError, match=r'equation \(10\) in section 3 did not conv') as e:
         table4.solver('renda2012', compiled=False).solve(10.0 * np.array(FETCHING_IN_SPACE))
     assert isinstance(e.value, SolveError)
     assert e.value.iterations == 2
-    assert e.value.residual > paper_equations.TOLERANCE
+    assert e.value.residual > papers.TOLERANCE
 
 
 def test_elements_are_cut_where_sweeps_over_the_whole_diverge(table4):
@@ -130,7 +130,7 @@ LOADED = loaded_arms()
 
 def solve_finely(arm: Arm, tensions: np.ndarray, model: str) -> Backbone:
     """Solve on far more nodes, with sweeps almost to rounding."""
-    with patch.object(paper_equations, 'TOLERANCE', 1e-12):
+    with patch.object(papers, 'TOLERANCE', 1e-12):
         return Solver(arm, model, accuracy=1e-12).solve(tensions)
 
 

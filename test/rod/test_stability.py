@@ -14,7 +14,8 @@ from octo_arm_model import Arm, Body, Loads, Material, Section, SolveError, Solv
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod.continuation import judge
-from octo_arm_model.rod.rod import Equilibrium, Rod, Setting
+from octo_arm_model.rod.equilibrium import Equilibrium
+from octo_arm_model.rod.rod import Rod, Setting
 
 COLUMN = Arm(Material(1e5), Body(0.4, 0.01, 0.01), (Section(0.4, 0.005, 0.005),))
 EULER = 1e5 * np.pi**3 * 0.01**4 / (16.0 * 0.4**2)  # [N], of a column that is held at its base

@@ -1,0 +1,274 @@
+"""Loads at the nodes: what they put on every node, and what they add to the Jacobian.
+
+Dead loads are fixed in base_frame, others of a user's own kind, `arm.loads.Load`. Loads per length
+that depend on where the arm is, as of obstacles, change with the turn phi = int R d kappa of a
+section and its displacement dr = int (phi x r' + R d v), where int is the integral from the base:
+a density of force f and of moment m changes the wrench beyond each node by
+
+    dF = int' df,    dM = int' (r' x dF + dm),
+
+where int' is the integral to the tip.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
+from octo_arm_model.arm.errors import ArmDefinitionError, LoadError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.loads import Load, Loads, ScaledLoads, Tangent
+from octo_arm_model.rod.elements import Elements
+from octo_arm_model.rod.rotations import quaternion_rates, rotation_matrices, skew
+from octo_arm_model.rod.tables import Work
+
+
+class DeadLoads:
+    """Force and free moment of dead loads beyond every node, without the wrench on the tip.
+
+    Attributes:
+        has_moments: whether a point load has a moment, which has no energy.
+    """
+
+    def __init__(self, arm: Arm, elements: Elements, loads: Loads) -> None:
+        """Tabulate the dead ones of ``loads`` on ``arm`` at the nodes of ``elements``."""
+        self._fixed = self.tabulate(arm, elements, loads)
+        self._scaled: ScaledLoads | None = loads.scaled
+        parts = loads.scaled.loads if loads.scaled is not None else ()
+        self._parts = [self.tabulate(arm, elements, part) for part in parts]
+        points = [point for one in (loads, *parts) for point in one.points]
+        self.has_moments = any(any(point.moment) for point in points)
+
+    def at(self, factor: float, tip_wrench: FloatArray) -> FloatArray:
+        """Force and free moment beyond every node, (2, N, 3) [N, N m], in base_frame.
+
+        ``factor`` times the loads, and the ``tip_wrench`` (6,) on the tip.
+        """
+        total = self._fixed
+        if self._scaled is not None:
+            for magnitude, part in zip(self._scaled.magnitudes, self._parts, strict=True):
+                total = total + magnitude * part
+        return np.asarray(factor * total + tip_wrench.reshape(2, 1, 3))
+
+    def tabulate(self, arm: Arm, elements: Elements, loads: Loads) -> FloatArray:
+        """Force and free moment of other dead ``loads`` at the same nodes, as `at`, (2, N, 3)."""
+        found = np.zeros((2, elements.s.size, 3))
+        found[0] = elements.to_tip @ force_per_length(arm, elements.s, loads)
+        for point in loads.points:
+            # No node lies at a load; one at the base acts on no section.
+            beyond = elements.s < point.s
+            found[0, beyond] += point.force
+            found[1, beyond] += point.moment
+        return found
+
+
+def force_per_length(arm: Arm, s: FloatArray, loads: Loads) -> FloatArray:
+    """Weight, buoyancy and distributed ``loads`` on ``arm`` at ``s`` (n,) [m], (n, 3) [N/m].
+
+    Raises:
+        ArmDefinitionError: if gravity acts on an arm of no density.
+    """
+    if any(loads.gravity) and not arm.material.density:
+        raise ArmDefinitionError(
+            'material.density', 0.0, 'a density > 0 [kg/m^3] where there is gravity'
+        )
+    body = arm.body.geometry(s)
+    weight = arm.material.density * body.area - loads.fluid_density * body.displaced
+    if arm.discs.mass:
+        weight = weight + arm.discs.mass / arm.discs.thickness * arm.discs.cover(s)
+    density = weight[:, np.newaxis] * np.array(loads.gravity)
+    for load in loads.distributed:
+        inside = (s >= load.s[0]) & (s <= load.s[-1])
+        density[inside] += load.at(s[inside]).T
+    return density
+
+
+# Of a user's own kind ----------------------------------------------------------------------------
+
+
+class NodeRod:
+    """The rod as it is at the nodes, a `DeformedRod`; arrays end in the nodes.
+
+    Attributes:
+        s: arc coordinates of the nodes [m], (N,).
+    """
+
+    def __init__(self, loads: OtherLoads, quaternion: FloatArray, z: FloatArray) -> None:
+        """Of orientations ``quaternion`` (N, 4), w, x, y, z, and twists ``z`` (N, m)."""
+        self._loads, self._quaternion, self._z = loads, quaternion, z
+        self.s = loads.elements.s
+
+    def rotation_at(self, s: float) -> FloatArray:
+        """Orientation (3, 3) of the cross section at ``s`` [m], columns t, n and b."""
+        # By an integral, as that is far more exact at the ends of elements than interpolation.
+        found = self._loads.base + self._loads.up_to(s) @ self._rates
+        found /= np.sqrt(found @ found)
+        return np.asarray(rotation_matrices(found[:, np.newaxis])[..., 0])
+
+    def integrate_from_tip(self, values: FloatArray) -> FloatArray:
+        """Integral along s of ``values`` (..., N) from each node to the tip."""
+        return np.asarray(values @ self._loads.elements.to_tip.T)
+
+    @functools.cached_property
+    def _rates(self) -> FloatArray:
+        rates = np.empty_like(self._quaternion)
+        quaternion_rates(self._quaternion, self._z[:, :3], rates)
+        return rates
+
+
+class OtherLoads:
+    """Resultants of loads that may change with the shape, and their derivatives by it.
+
+    Attributes:
+        loads: the loads.
+        elements: of the nodes.
+        base: orientation of the base, w, x, y, z, (4,).
+        up_to: for an arc coordinate [m], the row (N,) of the integral from the base to it.
+        without_tangent: name of a load that states no tangent stiffness, or ''.
+    """
+
+    def __init__(self, loads: tuple[Load, ...], elements: Elements, base: FloatArray) -> None:
+        """Ask ``loads`` on the straight rod whether they state tangents."""
+        self.has_obstacles = False
+        self.loads, self.elements, self.base, self.without_tangent = loads, elements, base, ''
+        if not loads:
+            return  # Most rods have none, and make no matrices for them.
+        self.up_to = functools.lru_cache(256)(self._up_to)
+        straight = self.straight()
+        self.without_tangent = next(
+            (type(load).__name__ for load in loads if load.tangents(straight) is None), ''
+        )
+
+    def straight(self) -> NodeRod:
+        """The straight rod."""
+        nodes = self.elements.s.size
+        return NodeRod(self, np.tile(self.base, (nodes, 1)), np.zeros((nodes, 4)))
+
+    def resultants(self, rod: NodeRod) -> FloatArray:
+        """Force and free moment of all beyond every node, in base_frame, (2, N, 3) [N, N m]."""
+        total = np.zeros((2, self.elements.s.size, 3))
+        for load in self.loads:
+            force, moment = load.resultants(rod)
+            total[0] += np.asarray(force).T
+            total[1] += np.asarray(moment).T
+        return total
+
+    def add_tangents(self, factor: float, z: FloatArray, work: Work) -> None:
+        """Add what ``factor`` times the loads add to the Jacobian at ``z``, in ``work``."""
+        rod = NodeRod(self, work.quaternion, z)
+        for load in self.loads:
+            for tangent in load.tangents(rod) or ():
+                self._add_tangent(factor, tangent, z.shape[1], work)
+
+    def _add_tangent(self, factor: float, tangent: Tangent, strains: int, work: Work) -> None:
+        # Nodes, component, and that of the rotation vector of the cross section.
+        force = factor * np.moveaxis(np.asarray(tangent.force), 2, 0)
+        moment = factor * np.moveaxis(np.asarray(tangent.moment), 2, 0)
+        # Minus the change of the wrench by the rotation of the section ...
+        moment = moment + along(self.elements.to_tip, skew(work.slope) @ force)
+        rows = in_sections(work.rotation, force, moment, strains)
+        # ... which is the integral of R d kappa up to it.
+        columns, inverse = np.zeros_like(rows), work.rotation.swapaxes(1, 2)
+        columns[:, :3] = self.up_to(tangent.s)[:, np.newaxis, np.newaxis] * inverse
+        work.jacobian[:] -= rows.reshape(-1, 3) @ columns.reshape(-1, 3).T
+
+    def require_tangents(self, what: str) -> None:
+        """Refuse ``what`` needs the tangent stiffness of every load, if one states none."""
+        if self.without_tangent:
+            raise LoadError(
+                f'{self.without_tangent} states no tangent stiffness, which {what} needs'
+            )
+
+    def _up_to(self, s: float) -> FloatArray:
+        return np.asarray(self.elements.integration(np.array([s]))[0])
+
+
+# By where the arm is -----------------------------------------------------------------------------
+
+
+class LocalTangents(NamedTuple):
+    """Derivatives of densities of force and moment by displacement and turn there, (P, 3, 3) each.
+
+    Attributes:
+        force_by_place: [N/m^2]; those after it are None where they are zero.
+        force_by_turn: [N/m].
+        moment_by_place: [N/m].
+        moment_by_turn: [N].
+        between: matrix (P, N) from values at the nodes to those at P points; None where these are
+            the nodes.
+        back: matrix (N, P) from densities at the points to those at the nodes that do the same
+            work.
+    """
+
+    force_by_place: FloatArray
+    force_by_turn: FloatArray | None = None
+    moment_by_place: FloatArray | None = None
+    moment_by_turn: FloatArray | None = None
+    between: FloatArray | None = None
+    back: FloatArray | None = None
+
+
+def kinematics(from_base: FloatArray, work: Work, strains: int) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of turns of sections and of r' by the twists in ``work``, (N, 3, N m).
+
+    With the integrals ``from_base`` (N, N) to each node.
+    """
+    nodes = len(work.slope)
+    columns = np.zeros((nodes, 3, nodes, strains))
+    part, axes = from_base[:, np.newaxis, :, np.newaxis], work.rotation
+    np.multiply(part, axes.transpose(1, 0, 2), out=columns[..., :3])
+    turn = columns.reshape(nodes, 3, -1)
+    slope, number = -(skew(work.slope) @ turn), np.arange(nodes)
+    own = slope.reshape(nodes, 3, nodes, strains)
+    own[number, :, number, 3:] += work.rotation[:, :, : strains - 3]
+    return turn, slope
+
+
+def add_tangents(
+    elements: Elements, work: Work, strains: int, tangents: Sequence[LocalTangents]
+) -> None:
+    """Add what loads of such ``tangents`` do to the Jacobian in ``work``."""
+    turn, slope = kinematics(elements.from_base, work, strains)
+    move = along(elements.from_base, slope)
+    force, moment = np.zeros_like(move), np.zeros_like(move)
+    for one in tangents:
+        moved, turned = move, turn
+        if one.between is not None:
+            moved = along(one.between, move)
+            if one.force_by_turn is not None or one.moment_by_turn is not None:
+                turned = along(one.between, turn)
+        force += _density(one.force_by_place, one.force_by_turn, moved, turned, one.back)
+        if one.moment_by_place is not None or one.moment_by_turn is not None:
+            parts = one.moment_by_place, one.moment_by_turn
+            moment += _density(*parts, moved, turned, one.back)
+    force = along(elements.to_tip, force)
+    moment = along(elements.to_tip, moment + skew(work.slope) @ force)
+    rows = in_sections(work.rotation, force, moment, strains)
+    work.jacobian[:] -= rows.reshape(work.jacobian.shape)
+
+
+def in_sections(
+    rotation: FloatArray, force: FloatArray, moment: FloatArray, strains: int
+) -> FloatArray:
+    """A ``force`` and a ``moment`` (N, 3, k) in the axes of sections as a residual, (N, m, k)."""
+    inverse = rotation.swapaxes(1, 2)
+    return np.concatenate([inverse @ moment, inverse[:, : strains - 3] @ force], axis=1)
+
+
+def _density(
+    by_place: FloatArray | None, by_turn: FloatArray | None, moved: FloatArray,
+    turned: FloatArray, back: FloatArray | None,
+) -> FloatArray:  # fmt: skip
+    """Change of a density at the nodes, (N, 3, n)."""
+    parts = [by @ to for by, to in ((by_place, moved), (by_turn, turned)) if by is not None]
+    total = parts[0] if len(parts) == 1 else parts[0] + parts[1]
+    return total if back is None else along(back, total)
+
+
+def along(matrix: FloatArray, values: FloatArray) -> FloatArray:
+    """``matrix`` (n, P) times ``values`` (P, c, k)."""
+    return (matrix @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
