@@ -12,8 +12,8 @@ import sys
 from functools import partial
 
 
-def _run(module: str, interrupted: int) -> int:
-    """Run ``module``; returns its exit status, or ``interrupted`` where it is not yet imported.
+def _run(module: str, interrupted: int, program: str = 'main') -> int:
+    """Run a ``program`` of ``module``; returns its exit status, ``interrupted`` while importing.
 
     Where ROS or an extra is missing, that is one line, and --help is answered nevertheless.
     """
@@ -26,7 +26,7 @@ def _run(module: str, interrupted: int) -> int:
     if sys.stderr is None:  # closed: what is printed to it would go to standard output
         sys.stderr = open(os.devnull, 'w')
     try:
-        status: int = importlib.import_module(module).main()
+        status: int = getattr(importlib.import_module(module), program)()
     except ModuleNotFoundError as error:
         terminal = importlib.import_module('octo_arm_model.terminal')
         name = os.path.basename(sys.argv[0])
@@ -40,7 +40,7 @@ command_line = partial(_run, 'octo_arm_model.cli.main', 130)
 # To the others Ctrl-C is the usual end.
 demo = partial(_run, 'octo_arm_model.apps.demo', 0)
 estimator = partial(_run, 'octo_arm_model.ros.estimator.main', 0)
-lifecycle_estimator = partial(_run, 'octo_arm_model.ros.estimator.lifecycle', 0)
+lifecycle_estimator = partial(_run, 'octo_arm_model.ros.estimator.main', 0, 'managed')
 lifecycle_node = partial(_run, 'octo_arm_model.ros.node.lifecycle', 0)
 node = partial(_run, 'octo_arm_model.ros.node.main', 0)
 octopus = partial(_run, 'octo_arm_model.apps.octopus', 0)

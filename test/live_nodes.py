@@ -32,7 +32,7 @@ from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros import refusal_log
+from octo_arm_model.ros import checked_node
 from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
@@ -50,7 +50,7 @@ CONFIG = load_config(CONFIG_FILE)
 NAMES = list(CONFIG.arm.tendon_names)
 # Nodes in this process report and warn more often than those in processes of their own, each
 # second: most of the time of their tests would be waiting for that.
-diagnostics.PERIOD = refusal_log.WARNING_PERIOD = 0.2
+diagnostics.PERIOD = checked_node.WARNING_PERIOD = 0.2
 # What makes the nodes, and their names.
 NODES = {
     'node': (OctoArmNode, 'octo_arm'),

@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> None:
         refuse_unknown(values, known, 'arm, simulator or estimator')
         # A missing parameter is refused here: the node would take its default.
         Config.from_parameters({name: v for name, v in values.items() if name in names})
-    from octo_arm_model.ros.client.arm_swap import swap_arm
+    from octo_arm_model.ros.client.commands import swap_arm
 
     swap_arm(values, _OTHERS, options.node, options.wait)
     print(f'{options.node} has the arm of {path}')

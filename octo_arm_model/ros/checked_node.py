@@ -1,7 +1,8 @@
-"""A node that checks /clock and parameter requests before rclpy handles them."""
+"""A node that checks /clock and parameter requests before rclpy, and warnings of messages."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -20,10 +21,43 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 
-from octo_arm_model.arm.errors import shown
-from octo_arm_model.ros.refusal_log import WARNING_PERIOD
+from octo_arm_model.arm.errors import OctoArmError, in_short, shown
 from octo_arm_model.ros.start import read_here
 from octo_arm_model.ros.work import interruptible
+
+WARNING_PERIOD = 1.0  # [s] between warnings of one topic
+
+
+class RefusalLog:
+    """Warns of refused messages.
+
+    Every topic has a period of its own, so that what is refused often does not hide what is
+    refused seldom. The logger's own throttle looks up the calling line, which takes longer than to
+    solve an arm.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Warn by the logger of ``node``."""
+        self._node = node
+        self._next: dict[str, float] = {}
+
+    def warn(self, topic: str, error: OctoArmError) -> None:
+        """Say why a message on ``topic``, a subscribed one, is refused; nothing if too soon."""
+        if self._is_time(topic):
+            self._node.get_logger().warning(f'{topic} refused: {in_short(error)}')
+
+    def say(self, topic: str, words: str) -> None:
+        """Warn of what a message on ``topic`` led to, besides those refused."""
+        if self._is_time(f'{topic}:'):
+            self._node.get_logger().warning(f'{topic}: {words}')
+
+    def _is_time(self, key: str) -> bool:
+        now = time.monotonic()
+        if now < self._next.get(key, now):
+            return False
+        self._next[key] = now + WARNING_PERIOD
+        return True
+
 
 # builtin_interfaces/Time holds seconds of 32 bits, and rclpy takes no negative ones.
 _LAST_SECOND = 2**31 - 1

@@ -8,7 +8,7 @@ import viser
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import bending_force
 from octo_arm_model.config.config import Config
-from octo_arm_model.ros.client.simulator_client import SimulatorClient
+from octo_arm_model.ros.client.commands import SimulatorClient
 from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.controls import Later
 

@@ -15,7 +15,7 @@ from octo_arm_model import ConfigError, MotionProperties, load_config
 from octo_arm_model.arm.stiffness import bending_force
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.client.client import ArmClient
-from octo_arm_model.ros.client.simulator_client import SimulatorClient
+from octo_arm_model.ros.client.commands import SimulatorClient
 from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.viewer.motion import MotionControls

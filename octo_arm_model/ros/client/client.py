@@ -26,8 +26,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parse_parameters
-from octo_arm_model.ros.client.commands import CommandPublisher
-from octo_arm_model.ros.client.simulator_client import SimulatorClient
+from octo_arm_model.ros.client.commands import CommandPublisher, SimulatorClient
 from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator.diagnostics import PAUSED

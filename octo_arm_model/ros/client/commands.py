@@ -1,26 +1,36 @@
-"""Tension commands within a tendon's limit, published one by one or as a profile."""
+"""What is sent to nodes: tensions and profiles, another arm, and what pulls a simulated one."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
+import rclpy
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Vector3, Vector3Stamped
 from numpy.typing import ArrayLike
 from octo_arm_msgs.msg import TendonTensions
+from rcl_interfaces.srv import ListParameters, SetParametersAtomically
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.exceptions import InvalidTopicNameException
+from rclpy.exceptions import InvalidTopicNameException, NameValidationException
 from rclpy.node import Node
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
 
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter import Parameter, refuse_unknown
+from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.ros.live_parameters import ros_parameter
 from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
+from octo_arm_model.ros.simulator.services import PUSH_TOPIC
 from octo_arm_model.ros.start import client_node
 from octo_arm_model.simulation.movements import TOPIC, check_command, check_profile, tendon_limits
 from octo_arm_model.simulation.profiles import CommandProfile, transition
@@ -178,3 +188,115 @@ class _Player:
     def _send(self, tensions: FloatArray) -> None:
         self._newest = tensions
         self._commands.publish(tensions, self._clock.now().to_msg())
+
+
+_QUESTIONS = 2  # requests sent before a node counts as one that does not answer
+
+
+def swap_arm(
+    values: Mapping[str, Any], others: Sequence[Parameter], node_name: str, timeout: float
+) -> None:
+    """Give the node ``node_name`` the arm that ``values`` describe, in one step or not at all.
+
+    Parameters of the arm missing in ``values`` return to their defaults; other parameters of the
+    node are set if given and unchanged if not.
+
+    Args:
+        values: by their dotted names.
+        others: parameters that the node may have besides those of the arm.
+        node_name: with its namespace, such as ``/octo_arm``.
+        timeout: to wait for the node, and then for each of its answers [s].
+
+    Raises:
+        ConfigError: if there is no such node, it has no arm, it does not know a parameter, a value
+            is of the wrong type, or the node refuses.
+    """
+    with client_node('octo_arm_load') as node:
+        _swap(node, values, others, node_name, timeout)
+
+
+def _swap(
+    node: Node,
+    values: Mapping[str, Any],
+    others: Sequence[Parameter],
+    node_name: str,
+    timeout: float,
+) -> None:
+    try:
+        client = AsyncParameterClient(node, node_name)
+    except NameValidationException as error:
+        expected = 'expected the name of a node, such as /octo_arm'
+        raise ConfigError(f'--node is {node_name!r}, {expected}') from error
+    if not client.wait_for_services(timeout):
+        raise ConfigError(
+            f'no node {node_name} within {timeout} s: `ros2 node list` names those that run'
+        )
+    listed: ListParameters.Response = _ask(node, client.list_parameters, node_name, timeout)
+    names = set(listed.result.names)
+    arm = {parameter.name: parameter for parameter in PARAMETERS}
+    if not names >= arm.keys():
+        raise ConfigError(f'{node_name} has no arm, expected an octo_arm_node or octo_arm_sim')
+    known = arm | {p.name: p for p in others if p.name in names}
+    refuse_unknown(values, list(known), node_name)
+    wanted = {name: parameter.default_or_none_given for name, parameter in arm.items()}
+    wanted.update(values)
+    changes = [ros_parameter(known[name], value) for name, value in wanted.items()]
+    answer: SetParametersAtomically.Response = _ask(
+        node, lambda: client.set_parameters_atomically(changes), node_name, timeout
+    )
+    if not answer.result.successful:
+        raise ConfigError(f'{node_name} stays as it is: {answer.result.reason}')
+
+
+def _ask(node: Node, ask: Callable[[], Future], node_name: str, timeout: float) -> Any:
+    """Result of the request ``ask``, sent up to twice; ConfigError after ``timeout`` [s]."""
+    # A server that has not discovered the reader of its answers yet loses the first.
+    asked, begin = list[Future](), time.monotonic()
+    for part in range(_QUESTIONS):
+        asked.append(ask())
+        while (left := begin + (part + 1) / _QUESTIONS * timeout - time.monotonic()) > 0.0:
+            rclpy.spin_once(node, timeout_sec=left)
+            for answer in asked:
+                if answer.done():
+                    return answer.result()
+    raise ConfigError(f'{node_name} has not answered within {timeout} s')
+
+
+class SimulatorClient:
+    """Publishes forces and calls services, whose answers are not waited for."""
+
+    def __init__(self, node: Node, prefix: str = '') -> None:
+        """Create the entities on ``node``, with ``prefix`` before their names."""
+        self._force = node.create_publisher(Vector3Stamped, prefix + PUSH_TOPIC, OUTPUT_QOS)
+        self._services = {
+            name: node.create_client(SetBool if name == 'pause' else Trigger, prefix + name)
+            for name in ('pause', 'step', 'reset')
+        }
+
+    def pull(self, force: FloatArray) -> None:
+        """Pull the arm with a ``force`` (3,) [N], for half a second or until the next."""
+        x, y, z = force.tolist()
+        self._force.publish(Vector3Stamped(vector=Vector3(x=x, y=y, z=z)))
+
+    def pause(self, is_paused: bool) -> None:
+        """Stop the simulator, or let it go on.
+
+        Raises:
+            ConfigError: if there is none.
+        """
+        self._call('pause', SetBool.Request(data=is_paused))
+
+    def trigger(self, name: str) -> None:
+        """Call the service ``name``, step or reset.
+
+        Raises:
+            ConfigError: as `pause`.
+        """
+        self._call(name, Trigger.Request())
+
+    def _call(self, name: str, request: SetBool.Request | Trigger.Request) -> None:
+        service = self._services[name]
+        if not service.service_is_ready():
+            raise ConfigError(f'nobody offers {service.srv_name}, expected octo_arm_sim')
+        # Nothing spins the node: the answer is not taken.
+        service.remove_pending_request(service.call_async(request))

@@ -2,27 +2,82 @@
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
 
-from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.arm.errors import ConfigError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_YAML_BYTES
+from octo_arm_model.arm.loads import ZERO, FollowingWrench
+from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.config.parameter_files import parameters_as_yaml
+from octo_arm_model.rod.solver import Solver
+from octo_arm_model.ros.checked_node import RefusalLog
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.inputs import Inputs, stamp_of
 from octo_arm_model.ros.node.outputs import BackbonePublishers
-from octo_arm_model.ros.node.prepared_arm import Prepared
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.qos import check_overrides
-from octo_arm_model.ros.refusal_log import RefusalLog
 from octo_arm_model.wire.stamp import Stamp
 from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, TensionMessage
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """An arm ready to be solved, swapped as a whole.
+
+    Attributes:
+        description: the parameters it was made from, as a parameter file.
+        config: what they say.
+        solver: its solver.
+    """
+
+    description: str
+    config: Config
+    solver: Solver
+
+    @functools.cached_property
+    def followed(self) -> tuple[Solver, FollowingWrench]:
+        """A solver of the arm under a wrench that turns with its tip, and that wrench.
+
+        Raises:
+            ConfigError: if the model has no loads.
+        """
+        tip = FollowingWrench(self.config.arm.length, ZERO)
+        loads = replace(self.config.loads, others=(*self.config.loads.others, tip))
+        return replace(self.config, loads=loads).node_solver(), tip
+
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> Prepared:
+        """Prepare the arm that ``values`` describe.
+
+        Raises:
+            OctoArmError: if they do not describe one; the message says why.
+        """
+        config = Config.from_parameters(values)
+        for kind in filter(None, (config.tension_type, config.displacement_type)):
+            message_class(kind)
+        return cls(describe(values), config, config.node_solver())
+
+
+def describe(values: Mapping[str, Any]) -> str:
+    """The parameter file of ``values``; ConfigError if it is larger than those that are read."""
+    text = parameters_as_yaml(values)
+    if len(text) > MAX_YAML_BYTES:
+        raise ConfigError(
+            f'the description of the arm has {len(text)} bytes, expected at most {MAX_YAML_BYTES}'
+        )
+    return text
+
 
 # Topics of messages of any type.
 TENSIONS_FIELD, MOTORS_FIELD = 'tendon_tensions/field', 'tendon_displacements/field'

@@ -37,15 +37,16 @@ from octo_arm_model.ros.node.inputs import Inputs
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.qos import check_overrides, create_publisher
-from octo_arm_model.ros.simulator.commanders import Commanders
-from octo_arm_model.ros.simulator.diagnostics import PAUSED, SimulatorDiagnostics
-from octo_arm_model.ros.simulator.motion_publishers import MotionPublishers
-from octo_arm_model.ros.simulator.push_service import TOPIC as PUSH_TOPIC
-from octo_arm_model.ros.simulator.push_service import PushService, check_frame
+from octo_arm_model.ros.simulator.diagnostics import PAUSED, Commanders, SimulatorDiagnostics
+from octo_arm_model.ros.simulator.publishers import MotionPublishers, SensorPublishers
 from octo_arm_model.ros.simulator.robot_description import COMMANDS as JOINT_COMMANDS
-from octo_arm_model.ros.simulator.sensor_publishers import SensorPublishers
-from octo_arm_model.ros.simulator.services import offer_services
-from octo_arm_model.ros.simulator.simulation_clock import SimulationClock
+from octo_arm_model.ros.simulator.services import (
+    PUSH_TOPIC,
+    PushService,
+    SimulationClock,
+    check_frame,
+    offer_services,
+)
 from octo_arm_model.ros.work import until_shutdown
 from octo_arm_model.simulation.dynamic_arm import SHAPE, DynamicArm, check_values
 from octo_arm_model.simulation.movements import TOPIC, check_command

@@ -1,4 +1,4 @@
-"""Services that stop, step, reset, save and restore the simulator.
+"""When the simulator steps, and the services that stop, step, reset, save, restore and push it.
 
 As those of `simulation_interfaces` too, where that package is installed.
 """
@@ -6,14 +6,112 @@ As those of `simulation_interfaces` too, where that package is installed.
 from __future__ import annotations
 
 import importlib
+import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+from geometry_msgs.msg import Vector3Stamped
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
+from rclpy.timer import Timer
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
-from octo_arm_model.arm.errors import OctoArmError
-from octo_arm_model.ros.simulator.simulation_clock import SimulationClock
+from octo_arm_model.arm.errors import LoadError, OctoArmError, shown
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.ros.work import SLICE, until_shutdown
+from octo_arm_model.simulation.dynamic_arm import DynamicArm
+from octo_arm_model.simulation.parameters import SimulatorConfig
+from octo_arm_model.simulation.pushed_arm import Push
+
+TOPIC = '/clock'
+_AGAIN = 1e-3  # [s] between slices of steps, in which others are answered
+_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class SimulationClock:
+    """Calls a function once a period.
+
+    Attributes:
+        is_paused: whether time stands still.
+        period: of the steps [s].
+    """
+
+    def __init__(self, node: Node, step: Callable[[float, Time], None]) -> None:
+        """Call ``step`` with the time that it goes on by [s] and the time then."""
+        self._node, self._step = node, step
+        self.is_paused = False
+        self.period, self._is_own, self._slice = 0.0, False, 0.0
+        self._timer: Timer | None = None
+        self._pace: tuple[float, ...] = ()
+        self._last, self._time_ns = 0, 0
+        self._publisher: Publisher | None = None
+
+    def use(self, rate: float, is_own: bool, factor: float) -> None:
+        """Step at ``rate`` [Hz] of the node's clock, or of an own one.
+
+        That goes ``factor`` times as fast as the wall clock; 0 for as fast as it goes.
+        """
+        pace, self._pace = self._pace, (rate, is_own, factor)
+        if pace == self._pace:
+            return
+        self.period, self._is_own = 1.0 / rate, is_own
+        self._slice = 0.0 if factor else SLICE
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+        if not is_own:
+            self._timer = self._node.create_timer(self.period, self._go_on)
+            return
+        self._last = 0
+        if self._publisher is None:
+            self._publisher = create_publisher(self._node, ClockMessage, TOPIC, _QOS)
+        self._timer = self._node.create_timer(
+            self.period / factor if factor else _AGAIN, self._go_on_alone,
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )  # fmt: skip
+
+    def reset(self) -> None:
+        """Begin anew, where time is the simulator's own."""
+        self._time_ns = 0
+
+    def step(self) -> None:
+        """Go on by one period, also while paused."""
+        self._advance(self.period, self._node.get_clock().now())
+
+    def _go_on(self) -> None:
+        clock_time = self._node.get_clock().now()
+        now = clock_time.nanoseconds
+        if now == self._last:
+            return  # where several clock messages wait, rclpy calls the timer once for each
+        # Time that is not set yet is 0. Where it jumps back, as when a bag is played again, the
+        # winches do not move.
+        elapsed = 1e-9 * (now - self._last) if self._last else self.period
+        self._last = now
+        if not self.is_paused:
+            self._advance(max(elapsed, 0.0), clock_time)
+
+    def _go_on_alone(self) -> None:
+        until = time.monotonic() + self._slice
+        while not self.is_paused:
+            self.step()
+            if time.monotonic() >= until:
+                return
+
+    def _advance(self, elapsed: float, now: Time) -> None:
+        with until_shutdown(self._node.context):
+            if self._is_own and self._publisher is not None:
+                self._time_ns += round(1e9 * elapsed)
+                now = Time(nanoseconds=self._time_ns)
+                # First, so that who hears what comes at this time knows it.
+                self._publisher.publish(ClockMessage(clock=now.to_msg()))
+            self._step(elapsed, now)
+
 
 MOST_STEPS, LONGEST = 1000, 10.0  # of one request, which all others wait for; [s]
 NOT_PAUSED = 'is not paused, expected pause before step'
@@ -165,4 +263,77 @@ class StandardServices:
     def _result(self, response: Any, code: str, words: str = '') -> Any:
         response.result.result = getattr(self._messages.Result, code)
         response.result.error_message = words
+        return response
+
+
+PUSH_TOPIC = 'push/force'
+
+
+def check_frame(header: Header, config: SimulatorConfig, what: str) -> None:
+    """Refuse ``what`` a message says in another frame than the base_frame of ``config``.
+
+    Raises:
+        LoadError: if it is.
+    """
+    if header.frame_id not in ('', config.base_frame):
+        given = shown(header.frame_id)
+        raise LoadError(f'the {what} is in frame {given}, expected {config.base_frame!r}')
+
+
+_HOLD = 0.5  # [s] for which a force of a message acts, unless another comes
+
+
+class PushService:
+    """Begins the push that the parameters describe, or ends it, whatever `push.period` is.
+
+    A force that messages hold is in its place.
+    """
+
+    def __init__(self, node: Node, push: Callable[[], Push]) -> None:
+        """Offer the service on ``node``; ``push`` returns the present one."""
+        self._push = push
+        self._is_asked: bool | None = None
+        self._held: FloatArray | None = None
+        self._until: float | None = None
+        node.create_service(SetBool, 'push', self._answer)
+
+    def forget(self) -> None:
+        """Push as the parameters say."""
+        self._is_asked = self._held = None
+
+    def hold(self, message: Vector3Stamped, config: SimulatorConfig, arm: DynamicArm) -> None:
+        """Push the ``arm`` of ``config`` with the force of a ``message``, for half a second.
+
+        Raises:
+            LoadError: if it is in another frame than base_frame, not finite, or too large.
+        """
+        check_frame(message.header, config, 'force')
+        force = np.array([message.vector.x, message.vector.y, message.vector.z])
+        if not np.isfinite(force).all():
+            raise LoadError(f'the force is {force.tolist()}, expected finite numbers [N]')
+        arm.check_force(force)
+        self._held, self._until = force, None
+
+    def at(self, time: float) -> FloatArray:
+        """Force ``time`` [s] after the beginning (3,) [N]."""
+        push = self._push()
+        if self._held is not None:
+            self._until = time + _HOLD if self._until is None else self._until
+            if time < self._until:
+                return self._held
+            self._held = None
+        if self._is_asked is None:
+            return push.at(time)
+        return np.array(push.force) * self._is_asked
+
+    def _answer(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        push = self._push()
+        if not any(push.force):
+            response.message = 'push.force is 0, expected a force [N] to push with'
+            return response
+        self._is_asked, response.success = bool(request.data), True
+        where = f's = {push.s:g} m' if push.s else 'the tip'
+        response.message = (
+            f'pushes {where} with {list(push.force)} N' if request.data else 'lets go'
+        )
         return response

@@ -18,8 +18,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from octo_arm_model import Loads, PointLoad, displacements_of
-from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
-from octo_arm_model.ros.estimator.main import EstimatorNode
+from octo_arm_model.ros.estimator.main import EstimatorNode, ManagedEstimatorNode
 
 FORCE = np.array([0.0, -0.004, 0.008])
 PRIOR = 0.01  # standard deviation of each component of the force [N]

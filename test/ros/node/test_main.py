@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from octo_arm_model import Config, OctoArmError, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import parse_parameters
-from octo_arm_model.ros.estimator.lifecycle import ManagedEstimatorNode
+from octo_arm_model.ros.estimator.main import ManagedEstimatorNode
 from octo_arm_model.ros.node import lifecycle
 from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
 from octo_arm_model.ros.node.main import PROFILES, OctoArmNode, bound_memory, main

@@ -11,8 +11,8 @@ from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
-from octo_arm_model.ros.estimator.prepared import PreparedEstimator
-from octo_arm_model.ros.node.prepared_arm import Prepared
+from octo_arm_model.ros.estimator.main import PreparedEstimator
+from octo_arm_model.ros.node.server import Prepared
 
 EXTREMES = (1e300, 1e160, 1e-160, 1e-300)
 LOADED = {
