@@ -37,7 +37,7 @@ from octo_arm_model import (
     load_config,
 )
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.motion_properties import WATERS
+from octo_arm_model.arm.material import WATERS
 from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.forms import is_available
 

@@ -9,9 +9,7 @@ from __future__ import annotations
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import BackboneShape, Bending, Stiffness, TipPose, TipPosition
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.body import Body, ProfiledBody, RectangularBody
-from octo_arm_model.arm.cross_section import GivenStiffness, RestShape
-from octo_arm_model.arm.discs import Discs
+from octo_arm_model.arm.body import Body, GivenStiffness, ProfiledBody, RectangularBody, RestShape
 from octo_arm_model.arm.errors import (
     ArmDefinitionError,
     ConfigError,
@@ -23,13 +21,12 @@ from octo_arm_model.arm.errors import (
     TensionError,
 )
 from octo_arm_model.arm.loads import DistributedLoad, FollowingWrench, Loads, PointLoad
-from octo_arm_model.arm.material import Material
-from octo_arm_model.arm.motion_properties import MotionProperties
+from octo_arm_model.arm.material import Material, MotionProperties
 from octo_arm_model.arm.obstacles import Cylinder, Plane, Sphere
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.profile import Constant, Function, Linear, Profile, Table
 from octo_arm_model.arm.stiffness import estimate_sheath_stiffness
-from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
+from octo_arm_model.arm.tendon import Discs, RoutedSection, Section, Tendon
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.contact import Contacts

@@ -1,9 +1,10 @@
-"""What programs share on a terminal: parser of options, how they end, line of numbers."""
+"""What programs share on a terminal: parser of options, how they end, line of numbers, logs."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import logging
 import math
 import os
 import signal
@@ -187,3 +188,22 @@ class StatusLine:
         if self._is_open:
             self._stream.write('\n')
             self._is_open = False
+
+
+class _Shown(logging.Handler):
+    """Calls a function for every record."""
+
+    def __init__(self, show: Callable[[str, bool], object]) -> None:
+        super().__init__(logging.INFO)
+        self._show = show
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._show(record.getMessage(), record.levelno >= logging.WARNING)
+
+
+def show_logs(show: Callable[[str, bool], object]) -> None:
+    """Call ``show`` with the text of each record, and whether it is a warning or an error."""
+    logger = logging.getLogger('octo_arm_model')
+    logger.handlers = [_Shown(show)]
+    logger.setLevel(logging.INFO)
+    logger.propagate = False

@@ -14,7 +14,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model import Arm, Config, load_config
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.tensions import Reading, read_tensions
+from octo_arm_model.bags.topics import Reading, read_tensions
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.wire.tensions import TENSION_TOPICS

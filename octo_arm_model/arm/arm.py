@@ -14,15 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.arm.body import Body, ProfiledBody, RectangularBody
-from octo_arm_model.arm.cross_section import GivenStiffness, RestShape
-from octo_arm_model.arm.discs import Discs
+from octo_arm_model.arm.body import Body, GivenStiffness, ProfiledBody, RectangularBody, RestShape
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.limits import MAX_FRICTION, MAX_NAME, MAX_SECTIONS, MAX_TENDONS
 from octo_arm_model.arm.material import Material
 from octo_arm_model.arm.profile import as_profile
-from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
+from octo_arm_model.arm.tendon import Discs, RoutedSection, Section, Tendon
 from octo_arm_model.arm.validation import LARGEST, SMALLEST, is_text, not_negative, set_fields
 
 _CHECKED = 257  # arc coordinates at which profiles are checked, besides their knots

@@ -1,11 +1,19 @@
-"""Bounds on the size of all input, in one table; each is checked where the input enters.
+"""Bounds on the size of all input, and on what one solve may take.
 
 Time and memory of a solve grow in proportion to stations and to nodes times tendons, under loads
 with the third and second power of the nodes. Within these bounds every model takes at most some
-tens of seconds and some gigabytes.
+tens of seconds and some gigabytes. Each is checked where the input enters.
 """
 
 from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from octo_arm_model.arm.errors import ConfigError, ContinuationError, shown
 
 MAX_STATIONS = 10_000
 MAX_INTERVALS = 20_000  # that an arm could be cut into, each no longer than thick
@@ -37,3 +45,102 @@ MAX_CSV_COLUMNS = 4_000
 MAX_YAML_BYTES = 2**20
 MAX_YAML_VALUES = 100_000
 MAX_YAML_DEPTH = 20
+
+
+_MOST_RESIDUAL = 1e-6  # beyond, a shape is not one of the arm's
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What one solve may take; one that would take more is refused.
+
+    Attributes:
+        iterations: of Newton's method, of one arm.
+        seconds: of one arm [s].
+        residual: that may be left of an equilibrium that is followed from one nearby [-], at most
+            1e-6; others are found to 1e-11. The tip is then right to about as much of the length,
+            or to some ten times as much near a limit point.
+
+    Raises:
+        ConfigError: if one is not positive, or the residual is larger.
+    """
+
+    iterations: int = 1000
+    seconds: float = math.inf
+    residual: float = 1e-9
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+                raise ConfigError(f'solve budget: {name} is {shown(value)}, expected a number > 0')
+        if self.residual > _MOST_RESIDUAL:
+            raise ConfigError(
+                f'solve budget: residual is {shown(self.residual)}, expected at most '
+                f'{_MOST_RESIDUAL:g}'
+            )
+
+
+class Spending:
+    """What one solve has taken of its `Budget` so far.
+
+    Attributes:
+        iterations: made.
+        residual: that may be left, see `Budget`.
+    """
+
+    def __init__(self, budget: Budget, begin: float | None = None) -> None:
+        """Start the clock of a solve that may take ``budget``, now or at ``begin``."""
+        self._budget = budget
+        self._begin = time.monotonic() if begin is None else begin
+        self.residual = budget.residual
+        self.iterations = 0
+
+    def add(self, iterations: int, part: float, residual: float) -> None:
+        """Count ``iterations`` of Newton's method.
+
+        For the error: ``part`` is the fraction of the path followed so far [-], ``residual`` that
+        of the last iterate.
+
+        Raises:
+            ContinuationError: if the budget is spent.
+        """
+        self.iterations += iterations
+        if self.iterations > self._budget.iterations:
+            spent = f'{self._budget.iterations} iterations'
+        elif time.monotonic() - self._begin > self._budget.seconds:
+            spent = f'{self._budget.seconds:g} s'
+        else:
+            return
+        raise ContinuationError(spent, part, residual, self.iterations)
+
+
+class Allowance:
+    """What the solves of one arm may take: each its budget, or several together the time of one.
+
+    Attributes:
+        budget: the budget.
+    """
+
+    def __init__(self, budget: Budget) -> None:
+        """Allow each solve this ``budget``."""
+        self.budget = budget
+        self._begin: float | None = None
+
+    @contextlib.contextmanager
+    def together(self, began: float | None = None) -> Iterator[None]:
+        """Give all that is solved within this context the time of one budget.
+
+        The clock runs since ``began``, of `time.monotonic` [s], or from now on; where one context
+        lies within another, since that of the outer one.
+        """
+        outer = self._begin
+        if outer is None:
+            self._begin = time.monotonic() if began is None else began
+        try:
+            yield
+        finally:
+            self._begin = outer
+
+    def spending(self) -> Spending:
+        """Start the clock of one solve."""
+        return Spending(self.budget, self._begin)

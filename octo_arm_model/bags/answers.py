@@ -13,8 +13,7 @@ from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.analysis.worker_pool import solve_parts
 from octo_arm_model.arm.errors import ConfigError, OctoArmError, SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.bags.tensions import Reading
-from octo_arm_model.bags.topics import ANSWERS
+from octo_arm_model.bags.topics import ANSWERS, Reading
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.simulation.moving_arm import LONGEST_GAP, DrivenMotion

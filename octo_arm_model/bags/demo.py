@@ -16,9 +16,8 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_FRICTION
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.arm.validation import not_negative, positive, whole, within
-from octo_arm_model.bags.sensor_messages import TENSIONS, SensorMessages
 from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
-from octo_arm_model.bags.writer import BagWriter
+from octo_arm_model.bags.writer import TENSIONS, BagWriter, SensorMessages
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.parameter_files import parameters_as_yaml, preset_path

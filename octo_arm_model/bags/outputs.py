@@ -10,9 +10,8 @@ import numpy as np
 from octo_arm_model.bags.demo import START
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.replay import open_copies
-from octo_arm_model.bags.sensor_messages import TENSIONS
 from octo_arm_model.bags.topics import DESCRIPTION
-from octo_arm_model.bags.writer import BagWriter, Message
+from octo_arm_model.bags.writer import TENSIONS, BagWriter, Message
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.estimation.estimate import Estimate
@@ -20,7 +19,7 @@ from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.simulation.moving_arm import Moment
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS, BackboneWriter
 from octo_arm_model.wire.estimate import ESTIMATES, EstimateMessages
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 

@@ -13,16 +13,20 @@ from rosbags.interfaces import Connection
 
 from octo_arm_model.arm.errors import BagError, SolveError
 from octo_arm_model.bags.answers import Answer, Answers
-from octo_arm_model.bags.arms import RecordedArm
 from octo_arm_model.bags.reader import BagReader, Record
-from octo_arm_model.bags.tensions import read_lengths, read_tensions
-from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION
+from octo_arm_model.bags.topics import (
+    ANSWERS,
+    DESCRIPTION,
+    RecordedArm,
+    read_lengths,
+    read_tensions,
+)
 from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, station_rows, tension_columns
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.messages import Refusals
 
 _LISTED = 100  # of the messages left out of each topic; all are counted
 

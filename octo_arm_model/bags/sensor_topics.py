@@ -16,11 +16,11 @@ from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.bags import topics
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.tensions import TYPES, pick_displacements, pick_tensions, read_tensions
+from octo_arm_model.bags.topics import TYPES, pick_displacements, pick_tensions, read_tensions
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.measurements import Measurement, Tensions
 from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS, MeasuredArm
-from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS
 
 NONE = '-'  # in place of a topic that is not to be used

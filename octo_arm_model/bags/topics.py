@@ -1,14 +1,29 @@
-"""Names of topics, in whatever namespace, and which of those in a bag something is read from."""
+"""What is read of which topics of a bag, in whatever namespace: arms, tensions, displacements."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
-from octo_arm_model.arm.errors import BagError, listed
-from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.arm.errors import BagError, ConfigError, MessageError, listed
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.bags.reader import BagReader, Record
+from octo_arm_model.bags.types import STRING
+from octo_arm_model.config.config import Config
+from octo_arm_model.config.parameter_files import naming, parameters_of
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS, TENDON_LENGTHS, TENSION_ESTIMATES
 from octo_arm_model.wire.estimate import ESTIMATES
-from octo_arm_model.wire.tensions import DISPLACEMENT_TYPE, DISPLACEMENTS, TENSION_TOPICS
+from octo_arm_model.wire.messages import Stamp, time_of
+from octo_arm_model.wire.tensions import (
+    DISPLACEMENT_TYPE,
+    DISPLACEMENTS,
+    TENSION_TOPICS,
+    FieldMessage,
+    read_displacements,
+)
 
 # What the model answers with, and the types of that: never a measurement.
 ANSWERS: dict[str, str] = {
@@ -126,3 +141,240 @@ def only_one(reader: BagReader, topics: Sequence[str], what: str) -> str | None:
     if len(topics) > 1:
         raise BagError(f'{reader.path}: several topics of {what}, name one of {listed(topics)}')
     return topics[0] if topics else None
+
+
+TYPES = tuple(kind.type_name for kind in TENSION_TOPICS.values())
+_KINDS = {kind.type_name: kind for kind in TENSION_TOPICS.values()}
+_LISTED = 20
+
+
+class Reading(NamedTuple):
+    """Tensions or displacements of a message, or why it was refused.
+
+    Attributes:
+        stamp: its stamp, see `stamp_of`, sec and nanosec as they came.
+        tensions: of `Arm.tension_shape` [N]; None if it was refused, or has displacements.
+        reason: why it was refused, or ''.
+        displacements: length reeled in [m] by name of the tendons driven by length; None if it
+            has none of them to say.
+    """
+
+    stamp: Stamp
+    tensions: FloatArray | None
+    reason: str
+    displacements: dict[str, float] | None = None
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether it says neither."""
+        return self.tensions is None and self.displacements is None
+
+    @property
+    def stamp_ns(self) -> int:
+        """Its stamp [ns]."""
+        return self.stamp.ns
+
+
+def pick_tensions(
+    reader: BagReader, wanted: str | None, without: str | None = None
+) -> tuple[str, str]:
+    """Topic of tensions and the field they are in, '' for the usual one of its type.
+
+    ``wanted`` is TOPIC or TOPIC:FIELD; None for the only topic that there is ``without`` one that
+    is read as something else.
+
+    Raises:
+        BagError: if there is none; the message lists the numeric fields of other types.
+    """
+    if wanted is not None and ':' in wanted:
+        return _pick_field(reader, wanted, 'tensions')
+    try:
+        topic = pick_topic(reader, wanted, TYPES, 'tensions', without)
+    except BagError as error:
+        others = [wanted] if wanted is not None else list(reader.topics)
+        others = [reader.full_name(one) for one in others]
+        raise BagError(f'{error}{_fields_of(reader, others)}') from None
+    return topic, ''
+
+
+def _pick_field(reader: BagReader, wanted: str, what: str) -> tuple[str, str]:
+    """Topic and numeric field that ``wanted``, TOPIC:FIELD, names; BagError lists those there."""
+    topic, _, field = wanted.partition(':')
+    topic = pick_topic(reader, topic, None, what)
+    fields = reader.numeric_fields(reader.topics[topic])
+    if re.sub(r'\[\d+\]', '', field) not in fields:
+        raise BagError(
+            f'{reader.path}: {topic} ({reader.topics[topic]}) has no numeric field {field!r}; '
+            f'it has {", ".join(fields) or "none"}'
+        )
+    return topic, field
+
+
+def pick_displacements(reader: BagReader, wanted: str | None) -> tuple[str, str] | None:
+    """Topic of displacements and the field they are in, '' for positions of a JointState.
+
+    ``wanted`` is TOPIC or TOPIC:FIELD; None for tendon_displacements, if there.
+
+    Raises:
+        BagError: if there is no such topic or field, or there are several.
+    """
+    if wanted is not None and ':' in wanted:
+        return _pick_field(reader, wanted, 'displacements')
+    kinds = (DISPLACEMENT_TYPE,)
+    topic = pick_usual(reader, wanted, DISPLACEMENTS, kinds, 'displacements')
+    return None if topic is None else (topic, '')
+
+
+def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
+    """Numeric fields of the messages on ``topics`` whose types are none of `TYPES`, in words."""
+    found = []
+    for topic in topics[:_LISTED]:
+        type_name = reader.topics.get(topic, '')
+        if type_name and type_name not in TYPES:
+            if fields := reader.numeric_fields(type_name):
+                found.append(f'{topic}:{{{",".join(fields)}}}')
+    return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(found)}' if found else ''
+
+
+def read_tensions(
+    reader: BagReader, config: Config, field: str, record: Record, *, raw: bool = False
+) -> Reading:
+    """Tensions of a ``record``, for the arm and load cells of ``config``, or why it was refused.
+
+    Readings are in ``field``, if that is given; ``raw`` ones may be below zero, as noise is.
+    """
+    cells, arm = config.load_cells, config.arm
+    calibrated = cells.scale_and_offset if raw else partial(cells.tensions, arm)
+    kind = FieldMessage(record.type_name, field) if field else _KINDS[record.type_name]
+    found = reader.read(record, lambda message: calibrated(kind.read(message, arm, cells.names)))
+    return _stampable(Reading(*found))
+
+
+def read_lengths(reader: BagReader, config: Config, field: str, record: Record) -> Reading:
+    """Displacements of a ``record``, as the node reads them, or why it was refused.
+
+    Readings are in ``field``, if that is given.
+    """
+    read = partial(read_displacements, arm=config.arm, encoders=config.encoders, field=field)
+    stamp, found, reason = reader.read(record, read)
+    return _stampable(Reading(stamp, None, reason, found))
+
+
+def _stampable(reading: Reading) -> Reading:
+    """The ``reading``, refused where its stamp is no time, or cannot hold that of its receipt."""
+    if reading.is_refused:
+        return reading
+    if not -(2**31) <= reading.stamp.sec < 2**31:
+        reason = f'received at {reading.stamp.sec} s, which no stamp can hold'
+        return Reading(reading.stamp, None, reason)
+    try:
+        time_of(reading.stamp)
+    except MessageError as error:
+        return Reading(reading.stamp, None, str(error))
+    return reading
+
+
+class RecordedArm(NamedTuple):
+    """An arm whose tensions or displacements are in a bag.
+
+    Attributes:
+        prefix: namespace of its topics, with the slash.
+        topics: those of both.
+        parameters: what it is, see `Config.from_parameters`.
+        fields: what holds the numbers, of topics where that is not the usual field.
+        displacements: those of ``topics`` that hold displacements.
+    """
+
+    prefix: str
+    topics: tuple[str, ...]
+    parameters: Mapping[str, Any]
+    fields: Mapping[str, str] = MappingProxyType({})
+    displacements: frozenset[str] = frozenset()
+
+
+def find_arms(
+    reader: BagReader,
+    topics: Sequence[str] = (),
+    parameters: Mapping[str, Any] | None = None,
+    model: str | None = None,
+    calibration: Mapping[str, Any] = MappingProxyType({}),
+    displacements: Sequence[str] = (),
+) -> list[RecordedArm]:
+    """The arms in a bag, one for each namespace of tensions or displacements.
+
+    Args:
+        reader: the bag.
+        topics: those of both, or TOPIC:FIELD; if none, all with the names that the node listens
+            to, or else the only one there is.
+        parameters: of the arms; None for the arm_description in the bag.
+        model: model instead of theirs.
+        calibration: parameters of load cells and encoders instead of theirs.
+        displacements: further topics of displacements, or TOPIC:FIELD.
+
+    Raises:
+        BagError: if there are no tensions, or a topic is named twice.
+        ConfigError: if there is no description.
+    """
+    driven = dict(filter(None, (pick_displacements(reader, one) for one in displacements)))
+    if topics:
+        named = [_pick(reader, topic) for topic in topics]
+        picked = dict(named)
+        if len(picked) < len(named):
+            raise BagError(f'--topics names {" ".join(topics)}, expected each topic once')
+    else:
+        found = [] if driven else usual_topics(reader, DISPLACEMENTS, (DISPLACEMENT_TYPE,))
+        for usual, kind in TENSION_TOPICS.items():
+            found += usual_topics(reader, usual, (kind.type_name,))
+        picked = dict.fromkeys(sorted(found), '')
+        if not (picked or driven):
+            picked = dict([pick_tensions(reader, None)])
+    picked |= driven
+    by_prefix: dict[str, list[str]] = {}
+    for topic in picked:
+        by_prefix.setdefault(namespace(topic, (*TENSION_TOPICS, DISPLACEMENTS)), []).append(topic)
+    arms = []
+    for prefix, own in by_prefix.items():
+        values = dict(parameters if parameters is not None else describe(reader, prefix))
+        if model is not None:
+            values['model'] = model
+        values.update(calibration)
+        fields = {topic: picked[topic] for topic in own if picked[topic]}
+        lengths = frozenset(
+            topic
+            for topic in own
+            if topic in driven
+            or (topic not in fields and holds_displacements(topic, reader.topics[topic]))
+        )
+        arms.append(RecordedArm(prefix, tuple(own), values, fields, lengths))
+    return arms
+
+
+def _pick(reader: BagReader, wanted: str) -> tuple[str, str]:
+    """Topic of tensions and its field, see `pick_tensions`, or one of displacements."""
+    topic = reader.full_name(wanted)
+    if holds_displacements(topic, reader.topics.get(topic, '')):
+        return topic, ''
+    return pick_tensions(reader, wanted)
+
+
+def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
+    """Parameters of the arm as described in a bag, the last if they changed.
+
+    That of the namespace ``prefix``, or else the only one.
+
+    Raises:
+        ConfigError: if there is no description, or that of no arm.
+        BagError: if the bag is damaged.
+    """
+    topics = usual_topics(reader, DESCRIPTION, (STRING,))
+    if prefix + DESCRIPTION in topics:
+        topics = [prefix + DESCRIPTION]
+    if len(topics) != 1:
+        what = f'several topics {DESCRIPTION}' if topics else f'no topic {DESCRIPTION}'
+        raise ConfigError(f'{reader.path}: it has {what}, so say which arm it was by --config')
+    for last in reader.messages(topics):
+        record = last
+    with naming(f'{reader.path}, {topics[0]}'):
+        values = parameters_of(reader.decode(record).data)
+        Config.from_parameters(values)
+    return values

@@ -12,8 +12,7 @@ import numpy as np
 
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.loads import TIP_FRAMES
-from octo_arm_model.arm.material import LAWS
-from octo_arm_model.arm.motion_properties import WATERS, WaterCoefficients
+from octo_arm_model.arm.material import LAWS, WATERS, WaterCoefficients
 from octo_arm_model.arm.validation import within
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import load_parameters

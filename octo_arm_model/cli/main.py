@@ -24,8 +24,7 @@ from octo_arm_model.cli import (
     workspace,
 )
 from octo_arm_model.cli.files import folders_made
-from octo_arm_model.logs import show_logs
-from octo_arm_model.terminal import fail, make_parser, missing, on_signals, pipe_closed
+from octo_arm_model.terminal import fail, make_parser, missing, on_signals, pipe_closed, show_logs
 
 
 class Command(Protocol):

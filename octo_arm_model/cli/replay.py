@@ -82,8 +82,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Write the bag of answers, and print how many messages have one."""
-    from octo_arm_model.bags.arms import find_arms
     from octo_arm_model.bags.replay import CsvAnswers, replay
+    from octo_arm_model.bags.topics import find_arms
     from octo_arm_model.bags.writer import BagWriter
     from octo_arm_model.experiment.table_bag import opened as open_bag
 

@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from octo_arm_model.arm.arm import Arm, check_size
-from octo_arm_model.arm.body import Body, ProfiledBody, RectangularBody
-from octo_arm_model.arm.cross_section import GivenStiffness, RestShape
-from octo_arm_model.arm.discs import Discs
+from octo_arm_model.arm.body import Body, GivenStiffness, ProfiledBody, RectangularBody, RestShape
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_DISCS
 from octo_arm_model.arm.material import Material
 from octo_arm_model.arm.profile import BETWEEN, LINEAR, Constant, Linear, Profile, Table
-from octo_arm_model.arm.tendon import RoutedSection, Section, Tendon
+from octo_arm_model.arm.tendon import Discs, RoutedSection, Section, Tendon
 from octo_arm_model.arm.validation import positive
 from octo_arm_model.config.parameter import Values, check_length
 from octo_arm_model.rod.checks import check_tensions

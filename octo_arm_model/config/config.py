@@ -9,19 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.budget import Budget
 from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, ContinuationError, shown
-from octo_arm_model.arm.limits import MIN_RATE
+from octo_arm_model.arm.limits import MIN_RATE, Budget
 from octo_arm_model.arm.loads import Loads
-from octo_arm_model.arm.material import DEFAULT_LAW
-from octo_arm_model.arm.motion_properties import MotionProperties
+from octo_arm_model.arm.material import DEFAULT_LAW, MotionProperties
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.config import build
-from octo_arm_model.config.motion import build_motion
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS, DiagnosticLimits, build_loads
+from octo_arm_model.config.surroundings import build_motion
 from octo_arm_model.rod.motion import Dynamics
 from octo_arm_model.rod.sensitivity import Uncertainty
 from octo_arm_model.rod.solver import Solver

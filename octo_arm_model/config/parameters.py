@@ -11,8 +11,6 @@ from octo_arm_model.arm import limits
 from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.loads import TIP, TIP_FRAMES, DistributedLoad, Loads, PointLoad
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
-from octo_arm_model.config.motion import MOTION_PARAMETERS
-from octo_arm_model.config.obstacles import OBSTACLE_PARAMETERS, build_obstacles
 from octo_arm_model.config.parameter import (
     TABLE_BOUND,
     Parameter,
@@ -20,6 +18,11 @@ from octo_arm_model.config.parameter import (
     Values,
     stated,
     vectors_of,
+)
+from octo_arm_model.config.surroundings import (
+    MOTION_PARAMETERS,
+    OBSTACLE_PARAMETERS,
+    build_obstacles,
 )
 from octo_arm_model.rod.solver import DEFAULT_MODEL, MODELS
 from octo_arm_model.rod.stations import DEFAULT_STATIONS

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.budget import Budget
 from octo_arm_model.arm.errors import (
     ConfigError,
     LoadError,
@@ -23,6 +22,7 @@ from octo_arm_model.arm.errors import (
     TensionError,
 )
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import Budget
 from octo_arm_model.arm.loads import ZERO, Loads, ScaledLoads
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config

@@ -10,22 +10,23 @@ import numpy as np
 
 from octo_arm_model.arm.errors import BagError, MeasurementError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.bags.arms import describe
 from octo_arm_model.bags.reader import BagReader, Record, stamp_of
-from octo_arm_model.bags.tensions import (
+from octo_arm_model.bags.topics import (
     Reading,
+    describe,
+    namespace,
     pick_displacements,
     pick_tensions,
+    pick_topic,
     read_lengths,
     read_tensions,
 )
-from octo_arm_model.bags.topics import namespace, pick_topic
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.csv_recording import NO_READING, CsvSources
 from octo_arm_model.experiment.recording import Count, Measured, MeasuredPoints, Stamped
 from octo_arm_model.experiment.transform_tree import TransformTree
-from octo_arm_model.wire.points import MIDLINES, ONE, POSITIONS, points_of
-from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.measurements import MIDLINES, ONE, POSITIONS, points_of
+from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS, field_of
 
 TF = 'tf2_msgs/msg/TFMessage'

@@ -14,7 +14,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.csv_table import FORCE, CsvTable, read_csv
 from octo_arm_model.experiment.recording import LENGTH_UNITS, Measured, MeasuredPoints, Stamped
-from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import NONE
 
 DISPLACEMENT = 'displacement_'  # and the name of a tendon: what its encoder reads

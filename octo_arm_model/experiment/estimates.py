@@ -25,7 +25,7 @@ from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.camera import CameraErrors
 from octo_arm_model.experiment.sensor_recording import Recorded
 from octo_arm_model.rod.sensitivity import chi_square_limit
-from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.messages import Refusals
 
 Group = Sequence[StampedMeasurement]  # what has the same stamp
 

@@ -27,7 +27,7 @@ from octo_arm_model.experiment.recording import (
     Stamped,
     assemble,
 )
-from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.messages import Refusals
 
 if TYPE_CHECKING:
     from octo_arm_model.experiment.bag_recording import BagRecording

@@ -15,7 +15,7 @@ import numpy as np
 from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import LARGEST
-from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.messages import Refusals
 
 MOST_MARKERS = 1000
 LENGTH_UNITS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}

@@ -11,7 +11,6 @@ import numpy as np
 from octo_arm_model.arm.errors import BagError, MeasurementError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
-from octo_arm_model.bags.arms import describe
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.sensor_topics import (
     SensorTopics,
@@ -20,7 +19,7 @@ from octo_arm_model.bags.sensor_topics import (
     read_measured,
     read_tension_rows,
 )
-from octo_arm_model.bags.topics import MIDLINE, usual_topics
+from octo_arm_model.bags.topics import MIDLINE, describe, usual_topics
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.model import PATIENT, ArmModel
 from octo_arm_model.estimation.parameters import PREFIX
@@ -32,7 +31,7 @@ from octo_arm_model.experiment.observations import Pairing, base_first, camera_o
 from octo_arm_model.experiment.recording import Count, Measured, MeasuredPoints, Stamped, assemble
 from octo_arm_model.experiment.steady_windows import reading_noise
 from octo_arm_model.wire.measurements import MeasuredArm, PoseOf
-from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.messages import Refusals
 
 _TIMES = 3.0  # standard deviations that the largest change of a tension may be
 

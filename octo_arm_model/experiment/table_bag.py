@@ -12,9 +12,8 @@ import numpy as np
 
 from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.sensor_messages import LEVEL, TENSIONS, SensorMessages
 from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
-from octo_arm_model.bags.writer import BagWriter
+from octo_arm_model.bags.writer import LEVEL, TENSIONS, BagWriter, SensorMessages
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.estimation.parameters import PREFIX
@@ -23,7 +22,7 @@ from octo_arm_model.experiment.csv_recording import DISPLACEMENT, CsvSources
 from octo_arm_model.experiment.csv_table import check_taken, read_csv
 from octo_arm_model.experiment.recording import Measured, MeasuredPoints
 from octo_arm_model.wire.measurements import MARKERS, TIP_POSE
-from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import DISPLACEMENTS
 
 

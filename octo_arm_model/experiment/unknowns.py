@@ -18,7 +18,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.motion_properties import MotionProperties
+from octo_arm_model.arm.material import MotionProperties
 from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.arm.tendon import Section
 from octo_arm_model.config.config import Config

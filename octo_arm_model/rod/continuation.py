@@ -16,9 +16,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import Spending
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import Deferred, Linear, Stability, Variation, factorise
 from octo_arm_model.rod.loads import OtherLoads

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.limits import Spending
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import LAWS
 from octo_arm_model.rod.checks import are_stretched

@@ -24,7 +24,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
-from octo_arm_model.arm.motion_properties import MotionProperties
+from octo_arm_model.arm.material import MotionProperties
 from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.rod.contact import Sliding
 from octo_arm_model.rod.elements import Elements

@@ -23,7 +23,7 @@ import numpy as np
 
 from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError, TensionError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.motion_properties import MotionProperties
+from octo_arm_model.arm.material import MotionProperties
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import vector, within
 from octo_arm_model.rod.backbone import Backbone

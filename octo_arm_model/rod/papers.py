@@ -43,9 +43,9 @@ from numpy.typing import NDArray
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.body import Body
-from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ConfigError, ConvergenceError
 from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.limits import Spending
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.arm.profile import Profile

@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.budget import Budget, Spending
 from octo_arm_model.arm.errors import ConfigError, ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.limits import MAX_NODES
+from octo_arm_model.arm.limits import MAX_NODES, Budget, Spending
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import NEO_HOOKEAN
 from octo_arm_model.rod import arrays

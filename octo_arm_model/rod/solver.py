@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.budget import Allowance, Budget
 from octo_arm_model.arm.errors import (
     ConfigError,
     ContinuationError,
@@ -22,6 +21,7 @@ from octo_arm_model.arm.errors import (
     shown,
 )
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import Allowance, Budget
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.arm.pose import Pose

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.budget import Allowance, Spending
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.limits import Allowance, Spending
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.rod.contact import NONE, Contacts
 from octo_arm_model.rod.elements import LEVELS

@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.arm.budget import Spending
 from octo_arm_model.arm.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import Spending
 from octo_arm_model.rod.checks import check_solution
 from octo_arm_model.rod.continuation import MOST_CORRECTED, Found, growth, judge, settle
 from octo_arm_model.rod.equilibrium import Condition, Equilibrium

@@ -11,7 +11,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MIN_RATE
-from octo_arm_model.arm.motion_properties import MotionProperties
+from octo_arm_model.arm.material import MotionProperties
 from octo_arm_model.arm.validation import positive, within
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import Parameter, refuse_unknown

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.arm.budget import Budget
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import Budget
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.arm.validation import not_negative

@@ -6,8 +6,8 @@ import html
 
 import numpy as np
 
+from octo_arm_model.analysis.drawing import Overlap
 from octo_arm_model.analysis.inverse import Inverse
-from octo_arm_model.analysis.self_intersection import Overlap
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_NAME
 from octo_arm_model.rod.backbone import Backbone

@@ -11,8 +11,8 @@ import numpy as np
 import viser
 from viser import uplot
 
+from octo_arm_model.analysis.drawing import deepest_overlap
 from octo_arm_model.analysis.inverse import Inverse
-from octo_arm_model.analysis.self_intersection import deepest_overlap
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
@@ -29,8 +29,7 @@ from octo_arm_model.simulation.movements import tendon_limits
 from octo_arm_model.viewer import numbers, scene
 from octo_arm_model.viewer.cameras import Cameras, framing, reached, tangent_of
 from octo_arm_model.viewer.commander import Answer, Commander, TargetSearch
-from octo_arm_model.viewer.controls import Controls, Later, ModelOverlay
-from octo_arm_model.viewer.motion import MotionControls
+from octo_arm_model.viewer.controls import Controls, Later, ModelOverlay, MotionControls
 from octo_arm_model.viewer.options import TITLE
 from octo_arm_model.viewer.server import RefusalLog
 

@@ -17,8 +17,8 @@ from octo_arm_model.analysis.drawing import (
     INSIDE,
     Drawing,
     UncertaintyDrawing,
+    deepest_overlap,
 )
-from octo_arm_model.analysis.self_intersection import deepest_overlap
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.rotations import axes_of

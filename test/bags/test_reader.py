@@ -31,7 +31,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.tensions import TYPES as TENSION_TYPES
+from octo_arm_model.bags.topics import TYPES as TENSION_TYPES
 from octo_arm_model.bags.topics import pick_topic
 from octo_arm_model.bags.types import types_for
 from octo_arm_model.bags.writer import STORAGES, BagWriter

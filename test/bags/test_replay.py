@@ -33,9 +33,8 @@ from recordings import (
 
 from octo_arm_model import Backbone, Config, load_config
 from octo_arm_model.bags import replay as module
-from octo_arm_model.bags.arms import find_arms
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.topics import ANSWERS
+from octo_arm_model.bags.topics import ANSWERS, find_arms
 from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.config.parameter_files import (
     load_parameters,

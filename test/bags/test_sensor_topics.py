@@ -20,7 +20,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.wire.measurements import MeasuredArm
-from octo_arm_model.wire.refusals import Refusals
+from octo_arm_model.wire.messages import Refusals
 
 CONFIG = Config.from_parameters(load_parameters(preset_path('renda2012_prototype')))
 NAMES = CONFIG.arm.tendon_names

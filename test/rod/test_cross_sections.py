@@ -32,9 +32,9 @@ from octo_arm_model import (
     modes,
     solve_displacements,
 )
-from octo_arm_model.arm.cross_section import Geometry
-from octo_arm_model.arm.discs import Discs
+from octo_arm_model.arm.body import Geometry
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.tendon import Discs
 
 LENGTH, YOUNG, DENSITY, OFFSET = 0.2, 6e10, 6450.0, 0.008
 METAL = Material(YOUNG, 0.33, DENSITY)

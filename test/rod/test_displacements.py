@@ -27,8 +27,8 @@ from octo_arm_model import (
     solve_displacements,
     wound_sensitivity,
 )
-from octo_arm_model.arm.budget import Budget
 from octo_arm_model.arm.errors import ContinuationError, ConvergenceError
+from octo_arm_model.arm.limits import Budget
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.rod.reeling import Tolerance, complementary_step
 
@@ -188,7 +188,7 @@ def test_the_solves_of_a_winding_have_the_time_of_one_budget_together(
         table4.arm.with_density(1080.0), axial_stiffness=(2000.0,), friction=friction
     )
     clock = iter(np.arange(0.0, 1e4, 1e-3))
-    monkeypatch.setattr('octo_arm_model.arm.budget.time.monotonic', lambda: next(clock))
+    monkeypatch.setattr('octo_arm_model.arm.limits.time.monotonic', lambda: next(clock))
     reeled = dict.fromkeys(arm.tendon_names, 0.05)
     # Of a clock that ticks whenever it is looked at, a budget is an exact number of looks.
     solver = Solver(arm, 'exact', loads=IN_AIR, budget=Budget(seconds=0.0015))

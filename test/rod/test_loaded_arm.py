@@ -33,9 +33,9 @@ from octo_arm_model import (
     Section,
     Solver,
 )
-from octo_arm_model.arm.budget import Budget
 from octo_arm_model.arm.errors import ContinuationError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import Budget
 
 LAWS = ('linear', 'neo_hookean')
 GRAVITY = (0.0, 0.0, -9.81)

@@ -18,7 +18,7 @@ from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.ros.client.commands import SimulatorClient
 from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
-from octo_arm_model.viewer.motion import MotionControls
+from octo_arm_model.viewer.controls import MotionControls
 
 FILE = preset_path('renda2012_prototype')
 CONFIG = dataclasses.replace(load_config(FILE), motion=MotionProperties(current=(0.0, 0.2, 0.0)))

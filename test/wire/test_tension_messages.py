@@ -10,8 +10,7 @@ from numpy.testing import assert_array_equal
 from octo_arm_model import TensionError, load_config
 from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.wire.refusals import Refusals
-from octo_arm_model.wire.stamp import Stamp, time_of
+from octo_arm_model.wire.messages import Refusals, Stamp, time_of
 from octo_arm_model.wire.tensions import FLOAT64_ARRAY, TENDON_TENSIONS, TENSION_TOPICS
 
 ARM = load_config(preset_path('renda2012_table4')).arm

@@ -41,7 +41,7 @@ from octo_arm_model.wire.measurements import (
     displacements_of,
     tensions_of,
 )
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.messages import Stamp
 
 TABLE = (*PARAMETERS, *ESTIMATOR_PARAMETERS)
 MODEL = 'exact'  # solves whatever the parameter says: it alone has loads

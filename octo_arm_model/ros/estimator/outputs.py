@@ -19,7 +19,7 @@ from octo_arm_model.ros.node.diagnostics import make_status
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.wire.estimate import BESIDES, EstimateWriter
 from octo_arm_model.wire.markers import UncertaintyMarkersWriter
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.messages import Stamp
 
 _BAND = 0.999  # of the chi-square distribution; innovations beyond it are too large
 _FEWEST = 30  # innovations from which on that is judged

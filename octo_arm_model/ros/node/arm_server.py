@@ -32,7 +32,7 @@ from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.node.server import Prepared, Server
 from octo_arm_model.ros.work import SLICE, QueuedService, Steps, sliced
 from octo_arm_model.wire.backbone import TIP_POSE, BackboneWriter
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENDON_TENSIONS, read_displacements
 
 TIP_FRAME = 'tip'  # after the prefix of frames

@@ -20,8 +20,7 @@ from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.node.inputs import Inputs
 from octo_arm_model.ros.qos import create_publisher
 from octo_arm_model.ros.work import until_shutdown
-from octo_arm_model.wire.refusals import Refusals
-from octo_arm_model.wire.stamp import Stamp, time_of
+from octo_arm_model.wire.messages import Refusals, Stamp, time_of
 
 # Tolerance in steps of /clock: a message may precede the next one, and one may be lost.
 _STEPS = 2.0

@@ -18,7 +18,7 @@ from octo_arm_model.arm.errors import MeasurementError, OctoArmError
 from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.qos import create_subscription
 from octo_arm_model.ros.work import WorkQueue
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.messages import Stamp
 
 # Called with the whole name of a topic and a message on it, which an OctoArmError refuses.
 Read: TypeAlias = Callable[[str, Any], None]

@@ -35,7 +35,7 @@ from octo_arm_model.wire.backbone import (
     TensionProfilesWriter,
 )
 from octo_arm_model.wire.markers import FramesWriter, MarkersWriter
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.messages import Stamp
 
 _STILL_HEARD = 0.1  # [s] after it was, that who is gone may still be published to
 

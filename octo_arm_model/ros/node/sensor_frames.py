@@ -19,7 +19,7 @@ from octo_arm_model.ros.checked_node import RefusalLog
 from octo_arm_model.ros.node.inputs import NotKnownYet
 from octo_arm_model.ros.node.outputs import TF_QOS, TF_TOPIC
 from octo_arm_model.ros.qos import create_subscription, is_overridden
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.messages import Stamp
 
 _STATIC_TOPIC = '/tf_static'
 _STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)

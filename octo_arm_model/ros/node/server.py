@@ -27,7 +27,7 @@ from octo_arm_model.ros.node.inputs import Inputs, stamp_of
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.qos import check_overrides
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, TensionMessage
 
 

@@ -15,7 +15,7 @@ from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPAC
 from octo_arm_model.ros.node.main import OctoArmNode
 from octo_arm_model.ros.node.outputs import MarkerPublisher, Output, frames_class
 from octo_arm_model.wire.markers import MarkersWriter
-from octo_arm_model.wire.stamp import Stamp
+from octo_arm_model.wire.messages import Stamp
 
 
 def test_whoever_comes_late_hears_what_the_arm_is(client, tmp_path):
