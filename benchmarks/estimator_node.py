@@ -27,7 +27,7 @@ from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.messages import message_class, pose_message
+from octo_arm_model.ros.topics import message_class, pose_message
 from octo_arm_model.wire.estimate import ESTIMATES
 
 FILE = preset_path('renda2012_prototype')

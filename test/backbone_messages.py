@@ -9,7 +9,7 @@ from octo_arm_msgs.msg import SectionStrains
 from std_msgs.msg import Header
 
 from octo_arm_model import Backbone
-from octo_arm_model.ros.messages import pose_message
+from octo_arm_model.ros.topics import pose_message
 
 
 def messages_of(backbone: Backbone, stamp: Any, frame: str) -> tuple[Any, Any, Any]:

@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.messages import pose_message
+from octo_arm_model.ros.topics import pose_message
 
 FILE = preset_path('renda2012_prototype')
 MARKER_S = (0.1, 0.2)

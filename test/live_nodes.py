@@ -32,13 +32,13 @@ from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros import checked_node
-from octo_arm_model.ros.messages import message_class
+from octo_arm_model.ros import start
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
 from octo_arm_model.ros.node.main import OctoArmNode, make_executor
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.ros.start import read_here
+from octo_arm_model.ros.topics import message_class
 from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 # [s] for anything that takes milliseconds on an idle machine; long, since only what fails waits.
@@ -50,7 +50,7 @@ CONFIG = load_config(CONFIG_FILE)
 NAMES = list(CONFIG.arm.tendon_names)
 # Nodes in this process report and warn more often than those in processes of their own, each
 # second: most of the time of their tests would be waiting for that.
-diagnostics.PERIOD = checked_node.WARNING_PERIOD = 0.2
+diagnostics.PERIOD = start.WARNING_PERIOD = 0.2
 # What makes the nodes, and their names.
 NODES = {
     'node': (OctoArmNode, 'octo_arm'),

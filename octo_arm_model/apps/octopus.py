@@ -16,8 +16,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from octo_arm_model.analysis.drawing import ARMS, base_pose
-from octo_arm_model.apps.demo import LINE_PERIOD, movement_of
-from octo_arm_model.apps.shared import TRUE_SHAPE, add_optional_page, open_page, own_domain
+from octo_arm_model.apps.demo import (
+    LINE_PERIOD,
+    TRUE_SHAPE,
+    add_optional_page,
+    movement_of,
+    open_page,
+    own_domain,
+)
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import find_path
 from octo_arm_model.ros.processes import children, ended, parameter_arguments, stop_signals

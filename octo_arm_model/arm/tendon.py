@@ -106,11 +106,6 @@ class Section:
             )
         set_fields(self, angles=angles, twist=twist if any(twist) else ())
 
-    @property
-    def offset_slope(self) -> float:
-        """Change of the tendons' distance per unit length, dy_i/ds [-]."""
-        return (self.offset_anchorage - self.offset_base) / self.anchorage
-
     def offset(self, s: ArrayLike) -> FloatArray:
         """Distance y_i(s) of the tendons from the midline [m] (eq. 5)."""
         return self._offset.value(s)

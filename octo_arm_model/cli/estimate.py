@@ -357,10 +357,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Estimate from the bag, and print and write what was found."""
+    from octo_arm_model.experiment.bag_recording import as_described
+    from octo_arm_model.experiment.bag_recording import opened as open_bag
     from octo_arm_model.experiment.estimates import EstimateTables, estimate
     from octo_arm_model.experiment.sensor_recording import read_recorded
-    from octo_arm_model.experiment.table_bag import as_described
-    from octo_arm_model.experiment.table_bag import opened as open_bag
 
     refuse_inside(options.bag, options.out, options.csv, options.plot)
     check_out(options, '--csv', folder=True)

@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> None:
     from octo_arm_model.bags.replay import CsvAnswers, replay
     from octo_arm_model.bags.topics import find_arms
     from octo_arm_model.bags.writer import BagWriter
-    from octo_arm_model.experiment.table_bag import opened as open_bag
+    from octo_arm_model.experiment.bag_recording import opened as open_bag
 
     step = arguments.read_dynamic(options)
     if step is not None and options.model not in (None, 'exact'):

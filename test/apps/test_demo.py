@@ -24,7 +24,7 @@ from live_nodes import DEADLINE, RosClient, hosting, new_domain, spinning
 
 from octo_arm_model import load_config
 from octo_arm_model.apps import demo, octopus
-from octo_arm_model.apps.shared import own_domain
+from octo_arm_model.apps.demo import own_domain
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.simulator.main import SimulatorNode

@@ -6,8 +6,8 @@ from checkout import ROOT
 
 from octo_arm_model import ConfigError, load_config
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.outputs import MARKERS_TOPIC
+from octo_arm_model.ros.topics import message_class
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 

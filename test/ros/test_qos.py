@@ -22,8 +22,8 @@ from octo_arm_model.ros.estimator.main import EstimatorNode, ManagedEstimatorNod
 from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
 from octo_arm_model.ros.node.main import OctoArmNode
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
-from octo_arm_model.ros.qos import POLICIES
 from octo_arm_model.ros.simulator.main import SimulatorNode
+from octo_arm_model.ros.topics import POLICIES
 
 MANUAL = ROOT / 'docs' / 'node.md'
 CONFIG_FILE = preset_path('renda2012_table4')

@@ -23,7 +23,7 @@ from visualization_msgs.msg import MarkerArray
 
 from octo_arm_model import Backbone, ConfigError, Solver, load_config
 from octo_arm_model.arm.errors import MessageError
-from octo_arm_model.ros.messages import pose_message
+from octo_arm_model.ros.topics import pose_message
 from octo_arm_model.wire.backbone import BackboneWriter, TensionProfilesWriter, read_poses
 from octo_arm_model.wire.estimate import read_covariance
 from octo_arm_model.wire.markers import FramesWriter, MarkersWriter, UncertaintyMarkersWriter

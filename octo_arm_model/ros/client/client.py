@@ -27,9 +27,9 @@ from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.ros.client.commands import CommandPublisher, SimulatorClient
-from octo_arm_model.ros.messages import decoded
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
-from octo_arm_model.ros.simulator.diagnostics import PAUSED
+from octo_arm_model.ros.simulator.publishers import PAUSED
+from octo_arm_model.ros.topics import decoded
 from octo_arm_model.simulation.movements import TOPIC
 from octo_arm_model.wire.backbone import TENDON_LENGTHS, read_poses
 from octo_arm_model.wire.estimate import (

@@ -28,10 +28,10 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import Parameter, refuse_unknown
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.ros.live_parameters import ros_parameter
-from octo_arm_model.ros.messages import tensions_message
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.simulator.services import PUSH_TOPIC
 from octo_arm_model.ros.start import client_node
+from octo_arm_model.ros.topics import tensions_message
 from octo_arm_model.simulation.movements import TOPIC, check_command, check_profile, tendon_limits
 from octo_arm_model.simulation.profiles import CommandProfile, transition
 from octo_arm_model.terminal import on_signals

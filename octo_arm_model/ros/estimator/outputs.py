@@ -14,9 +14,9 @@ from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.estimator import Estimated, Estimator
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.diagnostics import make_status
 from octo_arm_model.ros.node.outputs import BackbonePublishers
+from octo_arm_model.ros.topics import message_class
 from octo_arm_model.wire.estimate import BESIDES, EstimateWriter
 from octo_arm_model.wire.markers import UncertaintyMarkersWriter
 from octo_arm_model.wire.messages import Stamp

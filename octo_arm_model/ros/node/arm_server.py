@@ -25,11 +25,11 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.ros.messages import decoded, pose_message, tensions_message, wrench_values
 from octo_arm_model.ros.node.inputs import LatestSubscription, stamp_of
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.node.server import Prepared, Server
+from octo_arm_model.ros.topics import decoded, pose_message, tensions_message, wrench_values
 from octo_arm_model.ros.work import SLICE, QueuedService, Steps, sliced
 from octo_arm_model.wire.backbone import TIP_POSE, BackboneWriter
 from octo_arm_model.wire.messages import Stamp

@@ -18,7 +18,7 @@ from octo_arm_model.config.parameters import DiagnosticLimits
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.node.inputs import Inputs
-from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.ros.topics import create_publisher
 from octo_arm_model.ros.work import until_shutdown
 from octo_arm_model.wire.messages import Refusals, Stamp, time_of
 

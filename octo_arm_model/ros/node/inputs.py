@@ -15,8 +15,7 @@ from rclpy.timer import Timer
 from std_msgs.msg import Header
 
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError
-from octo_arm_model.ros.messages import decoded
-from octo_arm_model.ros.qos import create_subscription
+from octo_arm_model.ros.topics import create_subscription, decoded
 from octo_arm_model.ros.work import WorkQueue
 from octo_arm_model.wire.messages import Stamp
 

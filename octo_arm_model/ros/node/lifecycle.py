@@ -15,10 +15,10 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 
 from octo_arm_model.arm.errors import OctoArmError
-from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.server import Server
+from octo_arm_model.ros.start import CheckedNode
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 

@@ -20,11 +20,10 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from octo_arm_model.arm.errors import OctoArmError
-from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.processes import arguments_of_ros
-from octo_arm_model.ros.start import start_ros
+from octo_arm_model.ros.start import CheckedNode, start_ros
 from octo_arm_model.ros.work import ignore_signals, install, interruptible
 from octo_arm_model.terminal import fail, show_logs
 

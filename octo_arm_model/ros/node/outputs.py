@@ -23,8 +23,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.ros.messages import message_class
-from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.ros.topics import create_publisher, message_class
 from octo_arm_model.ros.work import until_shutdown
 from octo_arm_model.wire.backbone import (
     BACKBONE_TOPICS,

@@ -15,10 +15,10 @@ from rclpy.subscription import Subscription
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError, in_short
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.experiment.transform_tree import TransformTree
-from octo_arm_model.ros.checked_node import RefusalLog
 from octo_arm_model.ros.node.inputs import NotKnownYet
 from octo_arm_model.ros.node.outputs import TF_QOS, TF_TOPIC
-from octo_arm_model.ros.qos import create_subscription, is_overridden
+from octo_arm_model.ros.start import RefusalLog
+from octo_arm_model.ros.topics import create_subscription, is_overridden
 from octo_arm_model.wire.messages import Stamp
 
 _STATIC_TOPIC = '/tf_static'

@@ -19,14 +19,13 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.ros.checked_node import RefusalLog
 from octo_arm_model.ros.live_parameters import LiveParameters
-from octo_arm_model.ros.messages import message_class
 from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.inputs import Inputs, stamp_of
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
-from octo_arm_model.ros.qos import check_overrides
+from octo_arm_model.ros.start import RefusalLog
+from octo_arm_model.ros.topics import check_overrides, message_class
 from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, TensionMessage
 

@@ -29,16 +29,18 @@ from octo_arm_model.arm.errors import ConfigError, LoadError, OctoArmError, in_s
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
-from octo_arm_model.ros.checked_node import CheckedNode
 from octo_arm_model.ros.live_parameters import LiveParameters
-from octo_arm_model.ros.messages import message_class, tensions_message
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.inputs import Inputs
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
-from octo_arm_model.ros.qos import check_overrides, create_publisher
-from octo_arm_model.ros.simulator.diagnostics import PAUSED, Commanders, SimulatorDiagnostics
-from octo_arm_model.ros.simulator.publishers import MotionPublishers, SensorPublishers
+from octo_arm_model.ros.simulator.publishers import (
+    PAUSED,
+    Commanders,
+    MotionPublishers,
+    SensorPublishers,
+    SimulatorDiagnostics,
+)
 from octo_arm_model.ros.simulator.robot_description import COMMANDS as JOINT_COMMANDS
 from octo_arm_model.ros.simulator.services import (
     PUSH_TOPIC,
@@ -46,6 +48,13 @@ from octo_arm_model.ros.simulator.services import (
     SimulationClock,
     check_frame,
     offer_services,
+)
+from octo_arm_model.ros.start import CheckedNode
+from octo_arm_model.ros.topics import (
+    check_overrides,
+    create_publisher,
+    message_class,
+    tensions_message,
 )
 from octo_arm_model.ros.work import until_shutdown
 from octo_arm_model.simulation.dynamic_arm import SHAPE, DynamicArm, check_values

@@ -24,7 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from octo_arm_model.arm.errors import LoadError, OctoArmError, shown
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.ros.qos import create_publisher
+from octo_arm_model.ros.topics import create_publisher
 from octo_arm_model.ros.work import SLICE, until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.parameters import SimulatorConfig
