@@ -244,7 +244,8 @@ class QueuedService:
         self._under_way: tuple[Steps, Any, Any] | None = None
         self._request: Any = None
         self._service = node.create_service(kind, name, self._keep)
-        # `send_response` gets the header that identifies the request, the callback does not.
+        # `send_response` gets the header that identifies the request, the callback does not; nor
+        # may that be a coroutine, for which rclpy's events executor does not wait.
         self._send = self._service.send_response
         self._service.send_response = self._add  # type: ignore[method-assign]
 
