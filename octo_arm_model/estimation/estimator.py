@@ -16,12 +16,11 @@ import numpy as np
 
 from octo_arm_model.arm.errors import MeasurementError, SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.estimation.consistency import Consistency, count_innovations
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.measurement import Measurement
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.posterior import Work
-from octo_arm_model.estimation.rules import Innovation, Rules
+from octo_arm_model.estimation.rules import Consistency, Innovation, Rules, count_innovations
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.step import EVALUATIONS, ITERATIONS, Step, next_step
 from octo_arm_model.estimation.window import Window

@@ -27,8 +27,7 @@ from octo_arm_model.arm.loads import ZERO, Loads, ScaledLoads
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.tip_curvature import CurvedTip
-from octo_arm_model.estimation.unit_loads import unit_loads
-from octo_arm_model.estimation.unknowns import State, Unknowns
+from octo_arm_model.estimation.unknowns import State, Unknowns, unit_loads
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import quaternion_product
 from octo_arm_model.rod.sensitivity import Change

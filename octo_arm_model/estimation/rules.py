@@ -1,10 +1,12 @@
-"""What is taken for granted of sensors, and how they contradict a hypothesis."""
+"""What is taken for granted of sensors, how they contradict a hypothesis, and how often."""
 
 from __future__ import annotations
 
+import collections
 import functools
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.sensitivity import chi_square_limit
 
 GATE = 0.9999
+RECENT = 200  # innovations of a kind that count as recent
 MEMORY = 0.5  # [s] in which contradictions are forgotten
 EXPECTED = 2.0  # normalised square of a number, beyond which it contradicts
 MOST = 16.0  # contradiction of a hypothesis [nat]: it is forgotten in three times MEMORY
@@ -144,3 +147,55 @@ class Innovation(NamedTuple):
     covariance: FloatArray
     normalised_square: float
     is_accepted: bool
+
+
+@dataclass
+class Consistency:
+    """Innovations of one kind of measurement.
+
+    Attributes:
+        accepted: how many measurements.
+        refused: how many the gate refused.
+        square: sum of the normalised squares of those accepted; chi-square of `size` where all
+            is as told.
+        size: of how many numbers.
+        recent: square and size of the newest of them.
+        refused_from: stamp of the first one refused [ns]; None of none.
+        refused_to: of the last.
+    """
+
+    accepted: int = 0
+    refused: int = 0
+    square: float = 0.0
+    size: int = 0
+    recent: collections.deque[tuple[float, int]] = field(
+        default_factory=lambda: collections.deque(maxlen=RECENT)
+    )
+    refused_from: int | None = None
+    refused_to: int | None = None
+
+    @property
+    def mean(self) -> float:
+        """Mean of the normalised squares per number, 1 where all is as told; NaN of none."""
+        return self.square / self.size if self.size else math.nan
+
+    def count(self, stamp_ns: int, one: Innovation) -> None:
+        """Count an innovation."""
+        if one.is_accepted:
+            self.accepted += 1
+            self.square += one.normalised_square
+            self.size += one.value.size
+            self.recent.append((one.normalised_square, one.value.size))
+            return
+        self.refused += 1
+        if self.refused_from is None:
+            self.refused_from = stamp_ns
+        self.refused_to = stamp_ns
+
+
+def count_innovations(
+    consistency: dict[str, Consistency], stamp_ns: int, innovations: Sequence[Innovation]
+) -> None:
+    """Count ``innovations`` of one stamp [ns] in the ``consistency`` of their kinds."""
+    for one in innovations:
+        consistency.setdefault(one.name, Consistency()).count(stamp_ns, one)

@@ -22,8 +22,7 @@ from octo_arm_model.estimation.parameters import (
     TURNED,
 )
 from octo_arm_model.estimation.rules import Rules
-from octo_arm_model.estimation.unit_loads import facing_area
-from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk, place_names
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk, facing_area, place_names
 
 _TENSION = 0.02  # [N], where neither the arm nor the recording says how exact load cells are
 

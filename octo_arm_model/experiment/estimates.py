@@ -14,11 +14,10 @@ from octo_arm_model.arm.errors import MeasurementError, OctoArmError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.sensor_topics import StampedMeasurement
 from octo_arm_model.config.files import CsvFiles
-from octo_arm_model.estimation.consistency import Consistency, count_innovations
-from octo_arm_model.estimation.contact import Contact, contact_of
-from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.estimation.estimate import Contact, Estimate, contact_of
 from octo_arm_model.estimation.estimator import Estimated, Estimator
 from octo_arm_model.estimation.model import ArmModel
+from octo_arm_model.estimation.rules import Consistency, count_innovations
 from octo_arm_model.estimation.smoother import check_count, smooth_steps
 from octo_arm_model.estimation.step import Step
 from octo_arm_model.estimation.unknowns import State

@@ -10,8 +10,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.estimation.contact import NO_CONTACT, Contact, contact_of
-from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.estimation.estimate import NO_CONTACT, Contact, Estimate, contact_of
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.wire.backbone import (
     BACKBONE_TOPICS,

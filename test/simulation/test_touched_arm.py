@@ -8,7 +8,7 @@ from checkout import PRESETS
 
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.estimation.contact import contact_of
+from octo_arm_model.estimation.estimate import contact_of
 from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import Markers, Tensions, TipPosition
 from octo_arm_model.estimation.settings import EstimatorSettings

@@ -8,10 +8,9 @@ from rclpy.node import Node
 
 from octo_arm_model.arm.errors import OctoArmError, in_short
 from octo_arm_model.config.config import Config
-from octo_arm_model.estimation.consistency import Consistency
-from octo_arm_model.estimation.contact import NO_CONTACT, contact_of
-from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.estimation.estimate import NO_CONTACT, Estimate, contact_of
 from octo_arm_model.estimation.estimator import Estimated, Estimator
+from octo_arm_model.estimation.rules import Consistency
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.node.diagnostics import make_status
