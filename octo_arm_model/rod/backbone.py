@@ -126,28 +126,20 @@ class Finer:
 
         The latter are moment and force of all beyond a point, in the axes of its section.
         """
-        own, condition = self.own, state.acting.condition
+        own, condition, z = self.own, state.acting.condition, self._between @ state.z
         if condition.tensions.ndim > 1:
             # Given at the nodes.
             condition = condition._replace(tensions=self._between @ condition.tensions)
         elif self.problem.friction is not None:
             condition = condition._replace(tensions=self._slid(state))
-        work, z, tensions = own.work, self._between @ state.z, condition.tensions
-        if tensions.ndim == 1:
-            tensions = np.empty((len(z), tensions.size))
-            tensions[:] = condition.tensions
         if (contact := self.problem.contact) is not None:
             # Depths differ too much between nodes and points for obstacles as stiff as they are.
             self.problem.orient(state.z)
             own.touching = contact.densities(self.problem.places(), to=own.contact)
-        force, couple = own.loads.at(condition.factor, condition.tip_wrench)
-        acting = state.acting._replace(
-            condition=condition, tensions=tensions, force=force, couple=couple
-        )
-        acting, wrench = own.wrenches(acting, z)
+        acting, wrench = own.wrenches(own.acting(condition), z)
         z = z.copy()  # Orientations of the other one are known.
         inside = own.in_sections(acting.tensions)
-        own.form.balance(own.tables, z, inside, wrench, ONE_STEP, work)
+        own.form.balance(own.tables, z, inside, wrench, ONE_STEP, own.work)
         return acting, z, wrench
 
     def _slid(self, state: State) -> FloatArray:

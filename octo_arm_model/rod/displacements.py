@@ -184,8 +184,8 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
             reeled_in = reeled_in + np.diag(solver.displacements_by_offset(wound.backbone))
         return _combined(change, by_tension, -tension @ reeled_in)
 
-    at_once = 'tension', 'youngs_modulus', 'tip_wrench', 'poisson_ratio', 'friction'
-    others = Sensitivity(**{f'by_{name}': held(name) for name in at_once}, find_path=held)
+    at_once = 'tension', 'youngs_modulus', 'tip_wrench', 'friction'
+    others = Sensitivity(**{f'by_{name}': held(name) for name in at_once}, find=held)
     for array in vars(others.by_tension).values():
         if array is not None:
             array[..., wound.driven] = 0.0  # they follow from the displacements

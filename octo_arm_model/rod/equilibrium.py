@@ -75,6 +75,7 @@ class Acting(NamedTuple):
         force: of all loads beyond each node, in base_frame, (N, 3) [N].
         couple: their free moment, without what forces have of it, (N, 3) [N m].
         scale: see `Work`.
+        dead: force and couple of those loads that do not follow the shape, (2, N, 3).
     """
 
     condition: Condition
@@ -82,6 +83,7 @@ class Acting(NamedTuple):
     force: FloatArray
     couple: FloatArray
     scale: FloatArray
+    dead: FloatArray
 
 
 class State(NamedTuple):
@@ -192,13 +194,13 @@ class Problem:
         if tensions.ndim == 1:
             tensions = np.empty((self.elements.s.size, tensions.size))
             tensions[:] = condition.tensions
-        force, couple = self.loads.at(condition.factor, condition.tip_wrench)
+        dead = self.loads.at(condition.factor, condition.tip_wrench)
         last = self._last_acting
         if last is None or last.condition.tensions is not condition.tensions:
             scale = force_scale(self.tables, condition.tensions)
         else:
             scale = last.scale
-        self._last_acting = Acting(condition, tensions, force, couple, scale)
+        self._last_acting = Acting(condition, tensions, dead[0], dead[1], scale, dead)
         return self._last_acting
 
     def straight_resultants(self) -> FloatArray:
@@ -242,12 +244,11 @@ class Problem:
 
     def _following(self, acting: Acting, z: FloatArray) -> Acting:
         """What is ``acting`` at twists ``z`` (N, m), where some of it follows their shape."""
-        acting, condition = self._with_friction(acting, z), acting.condition
+        acting = self._with_friction(acting, z)
         if not self._follows:
             return acting
-        total = self.loads.at(condition.factor, condition.tip_wrench)
-        total += self._following_loads(condition.factor, z)
-        return acting._replace(force=total[0], couple=total[1])
+        force, couple = acting.dead + self._following_loads(acting.condition.factor, z)
+        return acting._replace(force=force, couple=couple)
 
     def _following_loads(self, factor: float, z: FloatArray) -> FloatArray:
         """Force and free moment of loads that follow the shape, (2, N, 3)."""

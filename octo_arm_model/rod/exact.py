@@ -122,16 +122,22 @@ class Exact(Statics):
         """The equilibrium of a shape with its factors, while they are among the recent ones."""
         return found if found.key is None else found._replace(factors=self._recent.find(found.key))
 
+    def _linearised(self, found: Equilibrium) -> Derivatives:
+        """Derivatives about an equilibrium, whose factors the next solve begins with too."""
+        derivatives = self._derivatives(found.level)
+        factors = derivatives.linearise(self._with_factors(found))
+        if found.key is not None:
+            self._recent.add(found.key, factors, found.state.z.size)
+        return derivatives
+
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """See `Statics`."""
-        return self._derivatives(found.level).sensitivity(self._with_factors(found))
+        return self._linearised(found).sensitivity(found)
 
     def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
         """See `Statics`."""
-        return self._derivatives(found.level).tip_covariance(
-            self._with_factors(found), uncertainty
-        )
+        return self._linearised(found).tip_covariance(found, uncertainty)
 
     def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
         """See `Statics`."""
-        return self._derivatives(found.level).by_loads(self._with_factors(found), loads)
+        return self._linearised(found).by_loads(found, loads)

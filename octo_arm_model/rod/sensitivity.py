@@ -26,7 +26,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.rod.equilibrium import Equilibrium, Problem
-from octo_arm_model.rod.factors import Deferred
+from octo_arm_model.rod.factors import Deferred, Factors
 from octo_arm_model.rod.loads import along, in_sections
 from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.rotations import skew
@@ -146,8 +146,8 @@ class Uncertainty:
 class Sensitivity:
     """First derivatives of one solution.
 
-    The paper's models have those by tension and by E alone; the others are None. Those by offset
-    and by sheath are found when one is first asked for.
+    The paper's models have those by tension and by E alone; the others are None. Those by nu,
+    offset and sheath are found when one is first asked for.
 
     Attributes:
         by_tension: per newton of each tendon's tension.
@@ -158,25 +158,29 @@ class Sensitivity:
         by_sheath_stiffness: per pascal of each tendon's sheath, zero for a rigid one; None where
             all are rigid.
         by_friction: per unit of each tendon's mu, where tendons have friction.
-        find_path: finds `by_offset` and `by_sheath_stiffness`, by their quantities.
+        find: finds the three that were not yet asked for, by their quantities.
     """
 
     by_tension: Change
     by_youngs_modulus: Change
     by_tip_wrench: Change | None = None
-    by_poisson_ratio: Change | None = None
     by_friction: Change | None = None
-    find_path: Callable[[str], Change | None] = lambda _: None
+    find: Callable[[str], Change | None] = lambda _: None
+
+    @functools.cached_property
+    def by_poisson_ratio(self) -> Change | None:
+        """See above."""
+        return self.find('poisson_ratio')
 
     @functools.cached_property
     def by_offset(self) -> Change | None:
         """See above."""
-        return self.find_path('offset')
+        return self.find('offset')
 
     @functools.cached_property
     def by_sheath_stiffness(self) -> Change | None:
         """See above."""
-        return self.find_path('sheath_stiffness')
+        return self.find('sheath_stiffness')
 
     @property
     def compliance(self) -> FloatArray:
@@ -218,8 +222,10 @@ _Columns: TypeAlias = Mapping[str, slice]  # of quantities, by their names in `S
 
 def _columns(**counts: int) -> _Columns:
     """So many columns of each quantity, one after the other; those of none are left out."""
-    ends = itertools.pairwise(np.cumsum((0, *counts.values())).tolist())
-    return {name: slice(*at) for (name, count), at in zip(counts.items(), ends) if count}
+    ends = itertools.accumulate(counts.values())
+    return {
+        name: slice(end - count, end) for (name, count), end in zip(counts.items(), ends) if count
+    }
 
 
 class _Linear:
@@ -311,6 +317,8 @@ class Derivatives:
         self._rest = self._problem.unloaded_tendons.stretch
         self._rest_lengths = elements.weights @ self._rest
         self._outwards = outward_paths(rod.arm, self._problem.tables, elements.s)
+        tendons = self._rest_lengths.size
+        self._counts = dict.fromkeys(('tension', *_PATHS), tendons) | dict.fromkeys(_MATERIAL, 1)
         self._kept: _Linear | None = None
 
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
@@ -322,21 +330,20 @@ class Derivatives:
         """
         tendons, slides = self._rest_lengths.size, self._problem.friction is not None
         columns = _columns(
-            tension=tendons, youngs_modulus=1, tip_wrench=6, poisson_ratio=1,
-            friction=tendons * slides,
-        )  # fmt: skip
+            tension=tendons, youngs_modulus=1, tip_wrench=6, friction=tendons * slides
+        )
         wrenches = np.tile(np.eye(6), (self._problem.elements.s.size, 1, 1))
         change = self._change(found, columns, wrenches)
         parts: dict[str, Any] = {
             f'by_{name}': part_of(change, own) for name, own in columns.items()
         }
-        return Sensitivity(**parts, find_path=functools.partial(self._by_path, found))
+        return Sensitivity(**parts, find=functools.partial(self._by, found))
 
-    def _by_path(self, found: Equilibrium, name: str) -> Change | None:
-        """By one of `_PATHS`; None where it is of sheaths and all are rigid."""
-        if name == 'offset' or self._problem.tables.compliance.any():
-            return self._change(found, _columns(**{name: self._rest_lengths.size}))
-        return None
+    def _by(self, found: Equilibrium, name: str) -> Change | None:
+        """By nu or one of `_PATHS`; None where it is of sheaths and all are rigid."""
+        if name == 'sheath_stiffness' and not self._problem.tables.compliance.any():
+            return None
+        return self._change(found, _columns(**{name: self._counts[name]}))
 
     def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
         """Change of an equilibrium that was ``found`` per unit of each of dead ``loads``.
@@ -360,13 +367,16 @@ class Derivatives:
             LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
-        tendons = self._rest_lengths.size
-        counts = {'tension': tendons, 'youngs_modulus': 1, 'poisson_ratio': 1, 'offset': tendons}
-        columns = _columns(**{name: counts[name] for name in uncertainty.quantities})
+        columns = _columns(**{name: self._counts[name] for name in uncertainty.quantities})
         if not columns:
             return uncertainty.of_model
-        change = self._change(found, columns)
-        return uncertainty.tip_covariance([change.tip[:, own] for own in columns.values()])
+        linear, z, _ = self._twists(found, columns)
+        tip = along(self._to_stations[-1:], self._pose_rates(linear, z))[0]
+        return uncertainty.tip_covariance([tip[:, own] for own in columns.values()])
+
+    def linearise(self, found: Equilibrium) -> Factors:
+        """Factors of the Jacobian at an equilibrium that was ``found``."""
+        return self._linearised(found).factors
 
     def _linearised(self, found: Equilibrium) -> _Linear:
         """The system about an equilibrium that was ``found``; that of the last one is kept."""
@@ -374,18 +384,18 @@ class Derivatives:
             self._kept = _Linear(self._arm, self._problem, self._outwards, found)
         return self._kept
 
-    def _change(
+    def _twists(
         self, found: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
-    ) -> Change:
-        """Of all ``columns``; loads change the wrench (N, 6, loads) beyond the nodes."""
-        weights, total = self._problem.elements.weights, max(at.stop for at in columns.values())
-        linear = self._linearised(found)
-        tendons = linear.tendons
-        has_friction = self._problem.friction is not None
-        by_local = tendons.stretch_by_twist.swapaxes(1, 2)
+    ) -> tuple[_Linear, FloatArray, FloatArray]:
+        """Changes of twists (N, m, total) and local tensions (N, J, total) about what was `found`.
+
+        Loads change the wrench (N, 6, loads) beyond the nodes.
+        """
+        total, linear = max(at.stop for at in columns.values()), self._linearised(found)
+        by_local = linear.tendons.stretch_by_twist.swapaxes(1, 2)
         push = linear.imbalance(columns, total)
         local = self._local_changes(linear, columns, total)
-        if has_friction:
+        if linear.tension is not None:
             push += by_local @ local
         elif 'tension' in columns:
             push[..., columns['tension']] += by_local
@@ -397,6 +407,16 @@ class Derivatives:
         z = linear.factors.solve(-push.reshape(-1, total)).reshape(push.shape)
         if linear.tension is not None:
             local += linear.tension.by_twists(z)
+        return linear, z, local
+
+    def _change(
+        self, found: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
+    ) -> Change:
+        """Of all ``columns``, with arguments of `_twists`."""
+        (linear, z, local), weights = (
+            self._twists(found, columns, wrenches), self._problem.elements.weights
+        )  # fmt: skip
+        tendons = linear.tendons
         by_z = weights[:, np.newaxis, np.newaxis] * tendons.stretch_by_twist
         length = np.tensordot(by_z, z, axes=([0, 2], [0, 1]))
         if tendons.has_sheaths:
@@ -406,12 +426,16 @@ class Derivatives:
             moved = getattr(linear, f'by_{name}').stretch
             length[own, columns[name].start + own] += weights @ moved
         mean = None
-        if has_friction:
+        if self._problem.friction is not None:
             mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
             mean /= self._rest_lengths[:, np.newaxis]
-        rates = pose_rates(self._problem.elements.from_base, linear.rotation, linear.slope, z)
+        pose = along(self._to_stations, self._pose_rates(linear, z))
         strain = along(self._at_stations, strain_changes(linear.state.z, z))
-        return Change(along(self._to_stations, rates), strain, length, mean, z)
+        return Change(pose, strain, length, mean, z)
+
+    def _pose_rates(self, linear: _Linear, z: FloatArray) -> FloatArray:
+        """See `pose_rates`."""
+        return pose_rates(self._problem.elements.from_base, linear.rotation, linear.slope, z)
 
     def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, total)."""

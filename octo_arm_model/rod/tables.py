@@ -225,7 +225,8 @@ def force_scale(tables: Tables, tensions: FloatArray) -> FloatArray:
         force = np.einsum('ij,ij->i', tensions, tables.reach)
     force += tables.least_scale
     scale = np.empty((force.size, 2))
-    scale[:, 0], scale[:, 1] = force * tables.body[:, LEVER], force
+    np.multiply(force, tables.body[:, LEVER], out=scale[:, 0])
+    scale[:, 1] = force
     return scale
 
 
