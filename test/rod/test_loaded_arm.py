@@ -398,18 +398,14 @@ def test_a_start_changes_how_long_it_takes_and_nothing_else(law):
         start = solver.solve(factor * HELICAL_TENSIONS, wrench)
         warm = solver.solve(HELICAL_TENSIONS, start=start)
         assert_same(warm, cold, 2e-8)  # Some from a start on finer elements.
-        solver.sensitivity(start)  # Linearised there, what is near is found in fewer steps.
-        again = solver.solve(HELICAL_TENSIONS, start=start)
-        assert again.iterations <= warm.iterations
-        assert_same(again, cold, 2e-8)
+        solver.sensitivity(start)  # Linearised there, what is near takes no more steps.
+        assert solver.solve(HELICAL_TENSIONS, start=start).iterations <= warm.iterations
 
 
 def test_a_start_of_another_solver_is_refused():
     solver = Solver(HELICAL, 'exact', material='linear', loads=EVERYTHING)
-    for other in (
-        Solver(HELICAL, 'exact', 51, material='linear', loads=EVERYTHING),
-        Solver(HELICAL, 'exact', material='linear', shear=True, loads=EVERYTHING),
-    ):
+    for more in ({'stations': 51}, {'shear': True}):
+        other = Solver(HELICAL, 'exact', material='linear', loads=EVERYTHING, **more)
         with pytest.raises(ConfigError, match='another solver'):
             solver.solve(HELICAL_TENSIONS, start=other.solve(HELICAL_TENSIONS))
 

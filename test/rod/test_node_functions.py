@@ -13,24 +13,23 @@ from rods import CASES, TENSIONS, WRENCH, forms, rod_of, twists_at
 from octo_arm_model import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import TOLERANCE, Condition, Problem, balance_sections
+from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.tables import AXIAL, force_scale, work_arrays
 
 CONDITION = Condition(TENSIONS, WRENCH)
 
 
-def evaluated(problem: Problem, z: FloatArray, form: object) -> dict[str, FloatArray]:
+def evaluated(problem: Problem, z: FloatArray, form: Form) -> dict[str, FloatArray]:
     """What all node functions of a ``form`` make of ``z``."""
     acting = problem.acting(CONDITION)
     work = work_arrays(problem.tables, problem.strains)
     work.scale[:] = acting.scale
     given = problem.tables, z, acting.tensions
     balanced = z.copy()
-    form.balance(  # type: ignore[attr-defined]
-        problem.tables, balanced, acting.tensions, 0.01 * z, 1e300, work
-    )
-    form.orientations(problem.tables, z, work)  # type: ignore[attr-defined]
-    form.residual(*given, acting.force, acting.couple, work)  # type: ignore[attr-defined]
-    form.jacobian(*given, acting.force, work)  # type: ignore[attr-defined]
+    form.balance(problem.tables, balanced, acting.tensions, 0.01 * z, 1e300, work)
+    form.orientations(problem.tables, z, work)
+    form.residual(*given, acting.force, acting.couple, work)
+    form.jacobian(*given, acting.force, work)
     return work._asdict() | {'balanced': balanced}
 
 

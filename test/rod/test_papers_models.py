@@ -123,7 +123,6 @@ def test_elements_are_cut_where_sweeps_over_the_whole_diverge(table4):
 
 # Properties for any arm and any tensions ---------------------------------------------------------
 
-
 MODEL = st.sampled_from(MODEL_NAMES)
 LOADED = loaded_arms()
 
