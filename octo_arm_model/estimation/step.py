@@ -178,7 +178,7 @@ def next_step(
                     # Each time that this is in vain it takes twice as long to the next.
                     patience = 2 * found.patience
                     work.grow(_FIRST)
-                    anew = update.step(None, found)
+                    anew = update.step(last, found, is_anew=True)
                     found = dataclasses.replace(anew, begins_anew=True, patience=patience)
     except np.linalg.LinAlgError as error:
         raise _unresolved(measurements) from error
@@ -213,12 +213,18 @@ class _Update:
         self._shapes = Rows(shapes) if shapes else None
         self._judge, self._work = Judge(model, rules, work), work
 
-    def step(self, last: Step | None, near: Step | None) -> Step:
-        """What comes of them after the ``last`` step, looked for from it or from one ``near``."""
+    def step(self, last: Step | None, near: Step | None, *, is_anew: bool = False) -> Step:
+        """What comes of them after the ``last`` step, looked for from it or from one ``near``.
+
+        Where it begins ``is_anew`` only the covariance holds what was known before.
+        """
         model, judge = self._model, self._judge
+        earlier = None if is_anew else last
         # Where no work is left the shape is the one that was found nearby before.
-        start = last or near if self._work.is_left else near or last
-        bank = new_bank(model) if last is None else last.bank.after(model, self._time - last.time)
+        start = earlier or near if self._work.is_left else near or earlier
+        bank = new_bank(model)
+        if earlier is not None:
+            bank = earlier.bank.after(model, self._time - earlier.time)
         start_at = Prediction(model, bank.leading.mean, None) if start is None else start.at
         at = Prediction(model, bank.leading.mean, start_at.shape)
         parts: list[tuple[Rows, Judged]] = []
@@ -240,7 +246,7 @@ class _Update:
         leader, doubted = bank.leader, bank.doubts[bank.leader]
         since = None
         if bank.contradiction[leader] >= CONTRADICTED:
-            before = None if last is None else last.contradicted_since
+            before = None if earlier is None else earlier.contradicted_since
             since = self._time if before is None else before
         used = [(rows, judged.is_used[leader]) for rows, judged in parts]
         square = sum(float(judged.square[leader]) for _, judged in parts)
@@ -252,7 +258,7 @@ class _Update:
         bank = judge.followed(bank)
         known, together = judge.mixture(bank), Together()
         if last is not None and self._rules.doubts_any:
-            expected = last.together.after(model, last.known, self._time - last.time)
+            expected = last.together.after(model, last.bank.leading, self._time - last.time)
             together = expected.with_jump(known, at, last.innovations, innovations)
             known = together.held(known)
         return Step(

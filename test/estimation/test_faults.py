@@ -44,6 +44,7 @@ def test_a_sensor_that_lies_is_named_at_once_and_believed_again(case: Case) -> N
         # What goes together cannot be told from an arm that moved, and is still held.
         Case(ARM, 'tip and cells by 50 mm', 5, 'tip', 10.0),
         Case('rao2021', 'tip and cells by 50 mm', 1, 'tip', 4.0),  # a third is its motion
+        pytest.param(Case('rao2021', 'tip and cells by 50 mm'), marks=pytest.mark.endurance),
         Case('renda2012_prototype', 'tip and cells by 50 mm', 0, 'tip', 4.0),
         pytest.param(
             Case(ARM, 'tip and cells by 50 mm', 0, 'both', 50.0, is_moving=False),

@@ -104,7 +104,6 @@ def test_a_sensor_that_lies_alone_stays_thrown_out() -> None:
     assert own.consistency['tip position'].refused == 18
     assert own.consistency['markers'].refused == own.consistency['tensions'].refused == 0
     assert_is(found[-1], CALM)
-    # It tells the truth again, and is welcome.
     assert_is(steps(own, range(22, 42), [cells, markers, tip])[-1], CALM)
     assert not own.refused_since
 
