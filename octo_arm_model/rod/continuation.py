@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -188,11 +189,14 @@ ON_THE_WAY = 3e-3  # residual of equilibria on the way
 _CLOSER = 1e-7  # the same where these are not stable by a margin
 # Where the steps after the first turn the arm by more [rad] they may have left its branch.
 MOST_CORRECTED = 0.25
-_SMALLEST_STEP = 1e-3
+SMALLEST_STEP = 1e-3
+# Iterations of a step after which the next may be longer, and factors on a step that was not
+# accepted, or not found.
+_QUICKLY, _SHORTER, _MUCH_SHORTER = 5, 0.7, 0.25
 _USUAL_CORRECTION = 0.1  # correction that load steps are chosen for [rad]
 _LONGER = 1.7  # times the step before, at most
 _MOST_DESCENT = 300
-_BEYOND = 0.05  # load step past the end of a branch, from where energy is minimised
+BEYOND = 0.05  # load step past the end of a branch, from where energy is minimised
 _PERTURBATION = 0.02  # of an unstable equilibrium [rad]
 _MOST_PERTURBED = 6  # times that a descent leaves unstable equilibria
 # Residual from which on Newton's method may lead to the next equilibrium, stable or not, and what
@@ -244,6 +248,35 @@ def tolerance_of(problem: Problem) -> float:
     return TOLERANCE if problem.contact is None else _TOUCHING
 
 
+def advance(
+    attempt: Callable[[float, float, bool], tuple[Found, bool, bool]],
+    leap: Callable[[float, Found], tuple[float, float]],
+    step: float,
+    smallest: float,
+) -> None:
+    """Go the way from 0 to 1 by steps of which the first is ``step`` and none below ``smallest``.
+
+    ``attempt`` follows a branch from one part of the way to another, by the smallest step or not:
+    where Newton's method ended, whether in balance, and whether that is accepted. Where the branch
+    ends ``leap`` goes on to another one, and returns its part of the way and the next step.
+    """
+    done = 0.0
+    while done < 1.0:
+        target, is_smallest = min(1.0, done + step), step <= smallest
+        found, is_met, is_accepted = attempt(done, target, is_smallest)
+        # The correction grows with the square of the step.
+        factor = math.sqrt(_USUAL_CORRECTION / max(found.corrected, 1e-9))
+        factor = min(max(factor, 0.1), _LONGER)
+        if is_accepted:
+            step = (target - done) * (factor if found.iterations <= _QUICKLY else 1.0)
+            done = target
+        elif is_smallest:
+            done, step = leap(done, found)
+        else:
+            shorter = min(factor, _SHORTER) if is_met else _MUCH_SHORTER
+            step = max(shorter * (target - done), smallest)
+
+
 def follow(
     problem: Problem, known: Condition, z: FloatArray, wanted: Condition, spending: Spending,
     step: float = 1.0, roughly: bool = False,
@@ -261,55 +294,47 @@ def follow(
         ConvergenceError: if none was found.
         ContinuationError: if it would take more than the budget of ``spending``.
     """
-    tolerance = ON_THE_WAY if roughly else tolerance_of(problem)
-    done = 0.0
-    last: tuple[FloatArray, float] | None = None
+    last: tuple[FloatArray, float] | None = None  # twists before the last step, and its size
     reached: Judged | None = None
-    while True:
-        target = min(1.0, done + step)
-        acting = problem.acting(known.towards(wanted, target))
-        limit = tolerance if target == 1.0 else ON_THE_WAY
-        guess = z
-        if last is not None:
-            guess = z + (target - done) / last[1] * (z - last[0])
-        found = settle(problem, problem.evaluate(acting, guess), limit)
+
+    def attempt(done: float, target: float, is_smallest: bool) -> tuple[Found, bool, bool]:
+        nonlocal z, last, reached
+        tolerance = ON_THE_WAY if roughly or target < 1.0 else tolerance_of(problem)
+        guess = z if last is None else z + (target - done) / last[1] * (z - last[0])
+        begun = problem.evaluate(problem.acting(known.towards(wanted, target)), guess)
+        found = settle(problem, begun, tolerance)
         spending.add(found.iterations, done, found.state.residual)
-        is_found = found.state.residual <= limit and not problem.passes(z, found.state.z)
+        is_met = found.state.residual <= tolerance and not problem.passes(z, found.state.z)
+        is_last = is_smallest and not problem.others.without_tangent
         judged = None
-        is_last = step <= _SMALLEST_STEP and not problem.others.without_tangent
-        if is_found and (found.corrected <= MOST_CORRECTED or is_last):
+        if is_met and (found.corrected <= MOST_CORRECTED or is_last):
             judged = judge_stable(problem, found.state)
             is_firm = not is_last if judged is None else judged.stability.is_firm
-            if limit > _CLOSER and not is_firm:
+            if tolerance > _CLOSER and not is_firm:
                 # Near the end of a branch what a rough balance leaves decides where the arm goes.
                 found, judged = _closer(problem, found, judged)
                 spending.add(found.iterations, done, found.state.residual)
-        if judged is None and step <= _SMALLEST_STEP:
-            if not is_last:
-                # No direction of descent follows without the tangent.
-                raise _unbalanced(found.state, spending.iterations)
-            if roughly and reached is not None:
-                return reached
-            # The branch ends or is unstable. Just past its end the imbalance is small and descent
-            # slow, so that it begins a little further on.
-            target = min(1.0, done + _BEYOND)
-            condition = known.towards(wanted, target)
-            judged = descend(problem, condition, z, spending, done)
-            last, step = None, _BEYOND
-        elif judged is None:
-            step = max(_shorter(found, is_found) * (target - done), _SMALLEST_STEP)
-            continue
-        else:
-            last = z, target - done
-            step = last[1] * (growth(found.corrected) if found.iterations <= 5 else 1.0)
-        if target == 1.0:
-            return judged
-        done, z, reached = target, judged.state.z, judged
+        if judged is not None:
+            last, z, reached = (z, target - done), judged.state.z, judged
+        return found, is_met, judged is not None
 
+    def leap(done: float, found: Found) -> tuple[float, float]:
+        nonlocal z, last, reached
+        if problem.others.without_tangent:
+            # No direction of descent follows without the tangent.
+            raise _unbalanced(found.state, spending.iterations)
+        if roughly and reached is not None:
+            return 1.0, step
+        # The branch ends or is unstable. Just past its end the imbalance is small and descent
+        # slow, so that it begins a little further on.
+        target = min(1.0, done + BEYOND)
+        reached = descend(problem, known.towards(wanted, target), z, spending, done)
+        last, z = None, reached.state.z
+        return target, BEYOND
 
-def _shorter(found: Found, is_found: bool) -> float:
-    """Factor on a step that was not accepted, by its correction, or that was not ``found``."""
-    return min(growth(found.corrected), 0.7) if is_found else 0.25
+    advance(attempt, leap, step, SMALLEST_STEP)
+    assert reached is not None
+    return reached
 
 
 def _closer(problem: Problem, found: Found, judged: Judged | None) -> tuple[Found, Judged | None]:
@@ -331,15 +356,6 @@ def judge_stable(problem: Problem, state: State) -> Judged | None:
     """The equilibrium ``state`` if it is stable."""
     judged = judge(problem, state)
     return judged if judged.stability.is_stable else None
-
-
-def growth(corrected: float) -> float:
-    """Factor by which to change the load step after one with the angle ``corrected`` [rad].
-
-    It grows with the square of the step, which gives the step whose correction is
-    `_USUAL_CORRECTION`.
-    """
-    return min(max(math.sqrt(_USUAL_CORRECTION / max(corrected, 1e-9)), 0.1), _LONGER)
 
 
 def descend(

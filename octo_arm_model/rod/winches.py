@@ -17,7 +17,15 @@ from octo_arm_model.arm.errors import ContinuationError, ConvergenceError, Solve
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import Spending
 from octo_arm_model.rod.checks import check_solution
-from octo_arm_model.rod.continuation import MOST_CORRECTED, Found, growth, judge, settle
+from octo_arm_model.rod.continuation import (
+    BEYOND,
+    MOST_CORRECTED,
+    SMALLEST_STEP,
+    Found,
+    advance,
+    judge,
+    settle,
+)
 from octo_arm_model.rod.equilibrium import Condition, Equilibrium
 from octo_arm_model.rod.reeling import Border, RodReeling
 from octo_arm_model.rod.rod import Rod, moved
@@ -25,12 +33,9 @@ from octo_arm_model.rod.rod import Rod, moved
 _TOLERANCE = 1e-10
 _MET = 1e-8  # residual that will do where rounding and friction leave no less
 _ON_THE_WAY, _TURNING = 3e-4, 1e-6  # of equilibria on the way, and where tendons turn round
-# Of continuation, see `rod.continuation`: the first step, the smallest, iterations of one that may
-# grow, and factors on one that was not accepted or not found.
-_FIRST_STEP, _SMALLEST_STEP, _QUICKLY, _SHORTER, _MUCH_SHORTER = 0.3, 1e-3, 5, 0.7, 0.25
-_SMALLEST_LOAD = 0.03  # where loads begin to act
+_FIRST_STEP = 0.3  # of continuation
+_SMALLEST_LOAD = 0.03  # likewise, where loads begin to act
 _SERVED = 3  # steps up to which a border from nearby will do for the next search too
-_BEYOND = 0.05  # the end of a branch
 _MOST_JUMPS = 4  # to what an arm whose branch ends turns to under tensions that are held
 
 
@@ -172,32 +177,31 @@ class _Search:
 
     def _followed(self, wanted: Condition, last: Equilibrium) -> Equilibrium:
         """By continuation from the equilibrium ``last``, of the same loads or of none."""
-        known, done, step, jumps = self._held(last), 0.0, _FIRST_STEP, 0
+        known, jumps = self._held(last), 0
         is_loading = known.factor < wanted.factor
-        smallest = _SMALLEST_LOAD if is_loading else _SMALLEST_STEP
         on_the_way = _ON_THE_WAY if wanted.before is None else _TURNING
-        while True:
-            target = min(1.0, done + step)
+
+        def attempt(done: float, target: float, _: bool) -> tuple[Found, bool, bool]:
+            nonlocal last
             tolerance = _TOLERANCE if target == 1.0 else on_the_way
             more, found = self._try(known.towards(wanted, target), last, tolerance, done)
-            if more is not None:
-                if target == 1.0:
-                    return more
-                longer = growth(found.corrected) if found.iterations <= _QUICKLY else 1.0
-                last, done, step = more, target, longer * (target - done)
-            elif step > smallest:
-                is_met = found.state.residual <= tolerance
-                shorter = min(growth(found.corrected), _SHORTER) if is_met else _MUCH_SHORTER
-                step = max(shorter * (target - done), smallest)
-            else:
-                jumps += 1
-                if jumps > _MOST_JUMPS or self.is_free(wanted) or is_loading:
-                    raise self._error(found)
-                # The branch ends: on with what the arm turns to under the tensions there.
-                beyond, own = known.towards(wanted, min(1.0, done + _BEYOND)), last.state.acting
-                pulled = np.where(beyond.driven, own.condition.tensions, beyond.tensions)
-                last = self._pulled(pulled, beyond, last)
-                known, done, step = self._held(last), 0.0, _FIRST_STEP
+            last = more or last
+            return found, found.state.residual <= tolerance, more is not None
+
+        def leap(done: float, found: Found) -> tuple[float, float]:
+            nonlocal known, last, jumps
+            jumps += 1
+            if jumps > _MOST_JUMPS or self.is_free(wanted) or is_loading:
+                raise self._error(found)
+            # On with what the arm turns to under the tensions at the end of the branch.
+            beyond, own = known.towards(wanted, min(1.0, done + BEYOND)), last.state.acting
+            pulled = np.where(beyond.driven, own.condition.tensions, beyond.tensions)
+            last = self._pulled(pulled, beyond, last)
+            known = self._held(last)
+            return 0.0, _FIRST_STEP
+
+        advance(attempt, leap, _FIRST_STEP, _SMALLEST_LOAD if is_loading else SMALLEST_STEP)
+        return last
 
     def _pulled(
         self, tensions: FloatArray, condition: Condition, start: Equilibrium | None
