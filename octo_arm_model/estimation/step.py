@@ -137,6 +137,13 @@ class Step:
     together: Together
     begins_anew: bool = False
 
+    def is_lost(self, time: float, recover_after: float) -> bool:
+        """Whether it has been contradicted for so long at ``time`` [s] as to begin anew."""
+        since = self.contradicted_since
+        if since is None or not recover_after:
+            return False
+        return time - since >= self.patience * recover_after
+
     def innovations_after(self, before: Step | None) -> tuple[Innovation, ...]:
         """Those that are new after the step ``before``, which is of the same time.
 
@@ -166,20 +173,13 @@ def next_step(
         MeasurementError: if a measurement does not fit the arm.
     """
     work = work or Work(EVALUATIONS, ITERATIONS)
+    is_anew = last is not None and last.is_lost(time, rules.recover_after)
     if last is None:
         work.grow(_FIRST)
     update = _Update(model, time, measurements, rules, work)
     try:
         with np.errstate(all='ignore'):  # what overflows is not finite in the end
-            found = update.step(last, near)
-            since = found.contradicted_since
-            if last is not None and since is not None and rules.recover_after:
-                if found.time - since >= found.patience * rules.recover_after:
-                    # Each time that this is in vain it takes twice as long to the next.
-                    patience = 2 * found.patience
-                    work.grow(_FIRST)
-                    anew = update.step(last, found, is_anew=True)
-                    found = dataclasses.replace(anew, begins_anew=True, patience=patience)
+            found = update.step(last, near or last, is_anew=is_anew)
     except np.linalg.LinAlgError as error:
         raise _unresolved(measurements) from error
     is_finite = np.isfinite(found.known.mean).all() and np.isfinite(found.known.root).all()
@@ -265,7 +265,8 @@ class _Update:
             self._time, self._measurements, bank, known, at,
             tuple(innovations), tuple(one for one in accepted if len(one)),
             (square, sum(len(one) for one in accepted)), -0.5 * (square + volume), doubted,
-            since, 1 if last is None else last.patience, together,
+            # Each time that it begins anew in vain it takes twice as long to the next.
+            since, (1 + is_anew) * (1 if last is None else last.patience), together, is_anew,
         )  # fmt: skip
 
     def _innovations(
