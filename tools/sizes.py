@@ -24,7 +24,7 @@ MOST = {
     'octo_arm_model/estimation': 3_990,
     'octo_arm_model/experiment': 6_310,
     'octo_arm_model/reproduce': 1_100,
-    'octo_arm_model/rod': 11_050,
+    'octo_arm_model/rod': 11_028,
     'octo_arm_model/ros': 5_390,
     'octo_arm_model/simulation': 2_400,
     'octo_arm_model/viewer': 2_320,

@@ -32,7 +32,7 @@ nodes go from the base to the tip and have the node as first axis.
 `winches`        `Winches`: equilibria of tendons at given lengths, by `reeling`
 `sensitivity`    first derivatives of an equilibrium, and the covariance of its tip
 
-`statics`        what every model gives; `exact` does by all of the above
+`statics`        what every model gives; `Exact` does by all of the above
 `papers`         the paper's models on the same nodes
 `rotations`      rotation vectors and quaternions
 `solver`         `Solver`: one arm or a batch, quantities of solutions; `solve` in one call

@@ -10,7 +10,7 @@ from __future__ import annotations
 import bisect
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,7 +20,6 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import BoolArray, FloatArray, IntArray
 from octo_arm_model.arm.limits import MAX_INTERVALS, MAX_NODES
-from octo_arm_model.rod.stations import apart
 
 # Least number of elements, and the part of the ratio of radii that each takes: an arm that tapers
 # to an eighth has one for each factor of `_TAPER`.
@@ -36,6 +35,8 @@ _COARSE_POINTS = 4
 # Parts of each element, and points of each part, where tendons slide: tensions have kinks.
 FINE = 12, 4
 _SAMPLES = 101  # at which the thickness is looked at
+# Lengths with a smaller relative difference are equal up to rounding.
+SAME_LENGTH = 1e-9
 MOST_KNOTS = 48  # of profiles, which cost convergence only where elements contain them
 
 
@@ -199,6 +200,23 @@ def _edges(arm: Arm, breaks: tuple[float, ...], knots: tuple[float, ...]) -> Flo
     for knot in smooth:
         bisect.insort(found, knot)
     return np.array(found)
+
+
+def apart(places: Iterable[float], others: Sequence[float], length: float) -> list[float]:
+    """Places on an arm of ``length`` that coincide, up to rounding, with none of ``others``.
+
+    Of ``places`` that coincide with each other the first is kept. Sorted.
+    """
+    known = sorted(others)
+    found = []
+    for place in sorted(places):
+        after = bisect.bisect(known, place)
+        if all(
+            abs(one - place) > SAME_LENGTH * length for one in known[max(after - 1, 0) : after + 1]
+        ):
+            known.insert(after, place)
+            found.append(place)
+    return found
 
 
 def _graded(arm: Arm, edges: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -26,7 +26,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.rod.equilibrium import Equilibrium, Problem
-from octo_arm_model.rod.factors import Deferred, Factors
+from octo_arm_model.rod.factors import Deferred
 from octo_arm_model.rod.loads import along, in_sections
 from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.rotations import skew
@@ -228,7 +228,7 @@ def _columns(**counts: int) -> _Columns:
     }
 
 
-class _Linear:
+class Linearised:
     """An equilibrium, the system about it, and what its residual changes by at fixed twists.
 
     Attributes:
@@ -319,7 +319,7 @@ class Derivatives:
         self._outwards = outward_paths(rod.arm, self._problem.tables, elements.s)
         tendons = self._rest_lengths.size
         self._counts = dict.fromkeys(('tension', *_PATHS), tendons) | dict.fromkeys(_MATERIAL, 1)
-        self._kept: _Linear | None = None
+        self._kept: Linearised | None = None
 
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """Of an equilibrium that was ``found``, by all quantities of `Sensitivity`.
@@ -374,24 +374,20 @@ class Derivatives:
         tip = along(self._to_stations[-1:], self._pose_rates(linear, z))[0]
         return uncertainty.tip_covariance([tip[:, own] for own in columns.values()])
 
-    def linearise(self, found: Equilibrium) -> Factors:
-        """Factors of the Jacobian at an equilibrium that was ``found``."""
-        return self._linearised(found).factors
-
-    def _linearised(self, found: Equilibrium) -> _Linear:
+    def linearised(self, found: Equilibrium) -> Linearised:
         """The system about an equilibrium that was ``found``; that of the last one is kept."""
         if self._kept is None or self._kept.state is not found.state:
-            self._kept = _Linear(self._arm, self._problem, self._outwards, found)
+            self._kept = Linearised(self._arm, self._problem, self._outwards, found)
         return self._kept
 
     def _twists(
         self, found: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
-    ) -> tuple[_Linear, FloatArray, FloatArray]:
+    ) -> tuple[Linearised, FloatArray, FloatArray]:
         """Changes of twists (N, m, total) and local tensions (N, J, total) about what was `found`.
 
         Loads change the wrench (N, 6, loads) beyond the nodes.
         """
-        total, linear = max(at.stop for at in columns.values()), self._linearised(found)
+        total, linear = max(at.stop for at in columns.values()), self.linearised(found)
         by_local = linear.tendons.stretch_by_twist.swapaxes(1, 2)
         push = linear.imbalance(columns, total)
         local = self._local_changes(linear, columns, total)
@@ -433,11 +429,11 @@ class Derivatives:
         strain = along(self._at_stations, strain_changes(linear.state.z, z))
         return Change(pose, strain, length, mean, z)
 
-    def _pose_rates(self, linear: _Linear, z: FloatArray) -> FloatArray:
+    def _pose_rates(self, linear: Linearised, z: FloatArray) -> FloatArray:
         """See `pose_rates`."""
         return pose_rates(self._problem.elements.from_base, linear.rotation, linear.slope, z)
 
-    def _local_changes(self, linear: _Linear, columns: _Columns, total: int) -> FloatArray:
+    def _local_changes(self, linear: Linearised, columns: _Columns, total: int) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, total)."""
         found, tension = np.zeros((*linear.rates.shape, total)), linear.tension
         own = np.arange(found.shape[1])

@@ -30,10 +30,9 @@ from octo_arm_model.rod.checks import LoadLimits, check_tensions, tip_wrench_of
 from octo_arm_model.rod.contact import Contacts
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.equilibrium import Condition, Equilibrium
-from octo_arm_model.rod.exact import Exact
 from octo_arm_model.rod.papers import Papers
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
-from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics
+from octo_arm_model.rod.statics import Exact, Setup, Shape, Shapes, Statics
 from octo_arm_model.rod.stations import DEFAULT_STATIONS, StationGrid
 
 STATICS: dict[str, Callable[[Setup], Statics]] = {

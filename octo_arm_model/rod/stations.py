@@ -6,9 +6,7 @@ panel and may jump between panels.
 
 from __future__ import annotations
 
-import bisect
 import itertools
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,10 +16,9 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.limits import MAX_STATIONS
+from octo_arm_model.rod.elements import SAME_LENGTH, apart
 
 DEFAULT_STATIONS = 101
-# Lengths with a smaller relative difference are equal up to rounding.
-_SAME = 1e-9
 
 
 class Panel(NamedTuple):
@@ -102,21 +99,6 @@ class StationGrid:
         return cls(s, section)
 
 
-def apart(places: Iterable[float], others: Sequence[float], length: float) -> list[float]:
-    """Places on an arm of ``length`` that coincide, up to rounding, with none of ``others``.
-
-    Of ``places`` that coincide with each other the first is kept. Sorted.
-    """
-    known = sorted(others)
-    found = []
-    for place in sorted(places):
-        after = bisect.bisect(known, place)
-        if all(abs(one - place) > _SAME * length for one in known[max(after - 1, 0) : after + 1]):
-            known.insert(after, place)
-            found.append(place)
-    return found
-
-
 def _share_intervals(lengths: list[float], total: int) -> list[int]:
     """Distribute ``total`` intervals in proportion to ``lengths``, at least one each.
 
@@ -125,10 +107,10 @@ def _share_intervals(lengths: list[float], total: int) -> list[int]:
     """
     # Lower bounds: the proportional part of the intervals beyond one each, rounded down.
     unit = sum(lengths) / max(total - len(lengths), 1)
-    counts = [max(1, int(length / unit * (1.0 - _SAME))) for length in lengths]
+    counts = [max(1, int(length / unit * (1.0 - SAME_LENGTH))) for length in lengths]
     for _ in range(total - sum(counts)):
         intervals = [length / count for length, count in zip(lengths, counts, strict=True)]
-        longest = max(intervals) * (1.0 - _SAME)
+        longest = max(intervals) * (1.0 - SAME_LENGTH)
         counts[next(i for i, interval in enumerate(intervals) if interval >= longest)] += 1
     return counts
 

@@ -25,10 +25,10 @@ from octo_arm_model import (
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import DeformedRod, FollowingWrench, Resultants, Tangent
 from octo_arm_model.rod.equilibrium import Equilibrium
-from octo_arm_model.rod.exact import strains_of
 from octo_arm_model.rod.rod import Rod, Setting
 from octo_arm_model.rod.rotations import rotation_matrices
 from octo_arm_model.rod.sensitivity import Derivatives
+from octo_arm_model.rod.statics import strains_of
 
 NOTHING = np.zeros(6)
 PULL = np.array([0.0, 0.1, 0.1, 0.0, 0.5, 0.0, 0.0, 0.2, 0.0, 1.0, 0.0, 0.0])
