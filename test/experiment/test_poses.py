@@ -1,10 +1,26 @@
-"""Tables of static poses, a row for each: a set of tensions and the tip that it has."""
+"""Tables of static poses, recordings without steps, and markers in place of midlines."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import experiments
 import numpy as np
 import pytest
 from experiments import PARAMETERS
+from labs import (
+    MARKER_S,
+    STATIONS,
+    TENSIONS,
+    TIP_ERRORS,
+    WAYS,
+    at_any,
+    marker_bag,
+    pose_array,
+    seen,
+    staircase_of,
+)
+from recordings import TENDON_TENSIONS, Sample, tensions_data
 
 from octo_arm_model.config.config import Config
 
@@ -106,3 +122,226 @@ def test_options_of_steps_have_no_effect_on_others(words, message, tmp_path, cli
     given = files(tmp_path, random_poses(4, 3), np.arange(3.0))
     status, out, err = cli('compare', *given, *ARM, *words)
     assert (status, out) == (2, '') and message in err
+
+
+STILL = ['--clock-offset', '0', '--json']
+
+
+@pytest.fixture(scope='module')
+def ramp(tmp_path_factory):
+    """A bag: pulled for 30 s and let go for 30 s, at a steady rate; midlines at 5 Hz."""
+    time = np.arange(0.0, 60.0, 0.02)
+    pulled = np.interp(time, [0.0, 30.0, 60.0], [TENSIONS[0], TENSIONS[-1], TENSIONS[0]])
+    samples = [experiments.description(model='exact'), *experiments.tension_samples(time, pulled)]
+    for at in np.arange(0.1, 59.9, 0.2):
+        line = at_any(float(np.interp(at, time, pulled)), STATIONS)
+        samples.append(experiments.path_sample(line, experiments.nanoseconds(at)))
+    return str(experiments.bag_of(tmp_path_factory.mktemp('ramp') / 'bag', samples))
+
+
+def test_what_has_no_steps_is_refused_with_the_way_to_read_it(ramp, cli):
+    # At the defaults the turn at the top counts as a step, of a fraction of the time.
+    said = cli.json('compare', ramp, *STILL)
+    assert len(said['steps']) == 1
+    assert any('tensions are steady in' in note and 'say --ramp' in note for note in said['notes'])
+    line = cli.refused('compare', ramp, '--steady', '0.02', *STILL, status=1)
+    assert 'no tension stays within' in line
+    assert 'where it changes slowly instead of in steps, say --ramp' in line
+
+
+@pytest.mark.parametrize('width', [[], ['0.3']])
+def test_a_ramp_has_the_errors_of_its_tensions(width, ramp, cli):
+    said = cli.json('compare', ramp, '--ramp', *width, *STILL)
+    assert len(said['steps']) > 20
+    for step in said['steps']:
+        expected = np.interp(step['tension'], TENSIONS, TIP_ERRORS)
+        assert step['tip_error_percent'] == pytest.approx(expected, abs=0.12)
+    assert any('windows of a ramp' in note for note in said['notes'])
+
+
+def test_markers_of_a_ramp_are_no_outliers_for_moving_more_towards_the_tip(tmp_path, cli):
+    time = np.arange(0.0, 30.0, 0.02)
+    pulled = np.interp(time, [0.0, 30.0], [TENSIONS[0], TENSIONS[-1]])
+    samples = [experiments.description(model='exact'), *experiments.tension_samples(time, pulled)]
+    for at in np.arange(0.1, 29.9, 0.1):
+        points = at_any(float(np.interp(at, time, pulled)), MARKER_S)
+        samples += pose_array(points, experiments.nanoseconds(at))
+    bag = str(experiments.bag_of(tmp_path / 'bag', samples))
+    given = ['--marker-s', *map(str, MARKER_S), '--ramp']
+    said = cli.json('compare', bag, *given, *STILL)
+    assert [step['outliers'] for step in said['steps']] == [0] * len(said['steps'])
+    assert any('298 of 298 used' in note for note in said['notes'])
+    for step in said['steps']:
+        expected = np.interp(step['tension'], TENSIONS, TIP_ERRORS)
+        assert step['tip_error_percent'] == pytest.approx(expected, abs=0.12)
+
+
+def test_an_arm_is_fitted_to_a_ramp(ramp, cli):
+    fitted = cli.json('identify', ramp, '--ramp', '1.2', *STILL, '--model', 'exact')
+    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ('width', 'message'),
+    [
+        ('1e-4', 'more than 1000 windows of 0.0001 N, expected a wider'),
+        ('nan', '--ramp is '),
+        ('0', '--ramp is '),
+    ],
+)
+def test_widths_that_make_too_many_windows_or_none_are_refused(width, message, ramp, cli):
+    assert message in cli.refused('compare', ramp, '--ramp', width, *STILL)
+
+
+# Raw load cells: noise around zero, a wrong scale and an offset, told and fitted -----------------
+
+
+GIVEN = ['--marker-s', *map(str, MARKER_S), '--clock-offset', '0', '--json']
+STEPS = len(staircase_of()[0])
+FEW = TENSIONS[::2]
+
+
+def cell_bag(
+    path: Path,
+    scale: float = 1.0,
+    offset: float = 0.0,
+    held: Sequence[float] = TENSIONS,
+    **changes: Any,
+) -> str:
+    """Cells of which the true tension is ``scale`` times the reading plus ``offset`` [N]."""
+    rng = np.random.default_rng(0)
+    time, pulled, times = staircase_of(held)
+    samples: list[Sample] = [experiments.description(model='exact', **changes)]
+    for at, pull in zip(time, pulled):
+        true = experiments.one_tendon((pull - offset) / scale)
+        read = true + 2e-3 * rng.standard_normal(4)
+        stamp = experiments.nanoseconds(at)
+        data = tensions_data(TENDON_TENSIONS, experiments.ARM.tendon_names, read, stamp)
+        samples.append(Sample('/tendon_tensions', TENDON_TENSIONS, stamp, data))
+    for at, pull in zip(times, np.interp(times, time, pulled)):
+        samples += pose_array(seen(float(pull), MARKER_S), experiments.nanoseconds(at))
+    return str(experiments.bag_of(path, samples))
+
+
+def test_readings_below_zero_are_counted_by_reason_and_zero_within_a_deadband(tmp_path, cli):
+    bag = cell_bag(tmp_path / 'raw')
+    notes = cli.json('compare', bag, *GIVEN)['notes']
+    counts = [int(note.split()[1]) for note in notes if 'left out, as tension of tendon_1' in note]
+    # Seven of eight messages have one of three slack tendons below zero, by its name.
+    assert len(counts) == 3
+    assert sum(counts) == pytest.approx(7 / 8 * STEPS, rel=0.05)
+    (report,) = cli.json('replay', bag, tmp_path / 'out', '--json')['topics'].values()
+    assert sorted(report['reasons'].values()) == sorted(counts)
+    quiet = cell_bag(tmp_path / 'quiet', tension_deadband=0.012)
+    said = cli.json('compare', quiet, *GIVEN)
+    assert not any('left out' in note for note in said['notes'])
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.05)
+    replayed = cli.json('replay', quiet, tmp_path / 'all', '--json')
+    (report,) = replayed['topics'].values()
+    assert (report['answered'], report['refused']) == (STEPS, 0)
+
+
+def test_the_fitted_file_reproduces_the_fit(tmp_path, cli):
+    bag = cell_bag(tmp_path / 'bag', 1.2, 0.15, FEW, tension_deadband=0.012)
+    fitted = str(tmp_path / 'fitted.yaml')
+    fits = ['--model', 'exact', '--fit', 'tension_scale', 'tension_offset']
+    said = cli.json('identify', bag, *GIVEN, *fits, '--out', fitted)
+    scale, offset = (said['estimates'][name] for name in ('tension_scale', 'tension_offset'))
+    assert scale['interval95'][0] < 1.2 < scale['interval95'][1]
+    assert offset['interval95'][0] < 0.15 < offset['interval95'][1]
+    before, after = (said['residuals'][name]['tip_error_percent'] for name in ('before', 'after'))
+    assert after < 0.1 * before
+    again = cli.json('compare', bag, *GIVEN, '--config', fitted)
+    average = again['models']['exact']['average_tip_error_percent']
+    assert average == pytest.approx(after, rel=5e-3)
+    out = str(tmp_path / 'out')
+    report = cli.json('replay', bag, out, '--config', fitted, '--json')['topics']
+    assert report['/tendon_tensions']['answered'] == len(staircase_of(FEW)[0])
+
+
+S = ['--marker-s', *map(str, MARKER_S)]
+
+
+@pytest.mark.parametrize('way', WAYS)
+def test_four_points_have_the_errors_of_points(way, tmp_path, cli):
+    see, options = WAYS[way]
+    bag = str(marker_bag(tmp_path / 'bag', see))
+    said = cli.json('compare', bag, *S, *options, *STILL)
+    assert [step['tension'] for step in said['steps']] == pytest.approx(TENSIONS, abs=2e-3)
+    for step, expected in zip(said['steps'], TIP_ERRORS):
+        assert step['tip_error_percent'] == pytest.approx(expected, abs=0.03)
+        assert step['mean_error_percent'] < step['tip_error_percent'] + 0.05
+        assert step['hausdorff_percent'] is None
+    if way != next(iter(WAYS)):
+        return
+    fitted = cli.json('identify', bag, *S, *options, *STILL, '--model', 'exact')
+    # The error of the model at the highest tensions, of which a marker at the tip sees all.
+    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
+
+
+def test_hidden_markers_are_left_out_and_their_frames_are_not(tmp_path, cli):
+    def hide(points, number):
+        points = points.copy()
+        points[1 + number % 3] = np.nan
+        if number < 12:
+            points[3] = np.nan  # in all of the first step
+        if number == 41:
+            points[2] += 0.1  # which leaves the others of its frame
+        return points
+
+    bag = str(marker_bag(tmp_path / 'bag', pose_array, change=hide))
+    said = cli.json('compare', bag, *S, *STILL)
+    whole = cli.json('compare', marker_bag(tmp_path / 'whole'), *S, *STILL)
+    assert said['steps'][0]['tip_error_percent'] is None
+    assert said['steps'][0]['mean_error_percent'] < 0.1
+    assert sum(step['outliers'] for step in said['steps']) == 1
+    average = np.mean(TIP_ERRORS[1:])
+    assert said['models']['exact']['average_tip_error_percent'] == pytest.approx(average, abs=0.03)
+    for one, other in zip(said['steps'][1:], whole['steps'][1:]):
+        assert one['frames'] == other['frames']
+        assert one['tip_error_percent'] == pytest.approx(other['tip_error_percent'], rel=1e-6)
+    assert any('the marker at 0.27 m is not seen in 36 of 84' in note for note in said['notes'])
+
+
+def test_millimetres_are_asked_about_and_not_guessed(tmp_path, cli):
+    bag = str(marker_bag(tmp_path / 'bag', change=lambda points, number: 1e3 * points))
+    assert 'are they in mm? then say --length-unit mm' in cli.refused('compare', bag, *S, *STILL)
+    said = cli.json('compare', bag, *S, *STILL, '--length-unit', 'mm')
+    average = np.mean(TIP_ERRORS)
+    assert said['models']['exact']['average_tip_error_percent'] == pytest.approx(average, abs=0.03)
+    # The other way round, a bag in metres that is said to be in millimetres.
+    assert 'are they in m? then say --length-unit m' in cli.refused(
+        'compare', str(marker_bag(tmp_path / 'metres')), *S, '--length-unit', 'mm'
+    )
+    # Midlines likewise.
+    assert 'are they in mm? then say --length-unit mm' in cli.refused('compare', bag, *STILL)
+
+
+def test_a_camera_somewhere_else_is_aligned_by_markers(tmp_path, cli):
+    turned = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+
+    def elsewhere(points, number):
+        return points @ turned.T + [0.3, -0.2, 0.9]
+
+    bag = str(marker_bag(tmp_path / 'bag', change=elsewhere))
+    said = cli.json('compare', bag, *S, *STILL, '--align', 'fit')
+    assert said['models']['exact']['average_tip_error_percent'] < np.mean(TIP_ERRORS)
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        (['--marker-s', '0', '0.1', '0.1', '0.2'], '--marker-s has 0.1 after 0.1, expected incr'),
+        (['--marker-s', '0', '90', '180', '270'], '--marker-s has 90, expected arc coordinates '
+         'from 0 to 0.27 m: in metres?'),
+        (['--marker-s', '0', '0.27'], 'it has 4 point(s), expected 2, one for each of --marker-s'),
+        (['--marker-s', 'nan'], '--marker-s has nan'),
+        (['--marker-s', *map(str, np.linspace(0.0, 0.27, 1001))], 'at most 1000'),
+        ([*S, '--midlines', '/mocap/markers', '/tf'], '--midlines names 2, --marker-s has 4'),
+        ([*S, '--marker-frames', 'm0'], '--marker-frames names 1, --marker-s has 4'),
+    ],
+)  # fmt: skip
+def test_markers_that_cannot_be_are_refused_in_one_line(options, message, tmp_path, cli):
+    bag = str(marker_bag(tmp_path / 'bag', held=TENSIONS[:2]))
+    assert message in cli.refused('compare', bag, *options)
