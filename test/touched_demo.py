@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip('rosbags', reason='needs rosbags')
-from octo_arm_model.bags.demo import TOUCH_DIRECTION, Experiment, add_demo, custom_data
+from octo_arm_model.bags.outputs import TOUCH_DIRECTION, Experiment, add_demo, custom_data
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 

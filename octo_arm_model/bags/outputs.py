@@ -1,26 +1,306 @@
-"""Estimates and simulated motions written into bags, on the topics of the nodes."""
+"""Bags that commands write: a synthetic experiment, estimates and simulated motions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
-from octo_arm_model.bags.demo import START
+from octo_arm_model.arm.errors import ConfigError
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_FRICTION
+from octo_arm_model.arm.stiffness import default_highest
+from octo_arm_model.arm.validation import not_negative, positive, whole, within
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.replay import open_copies
-from octo_arm_model.bags.topics import DESCRIPTION
-from octo_arm_model.bags.writer import TENSIONS, BagWriter, Message
-from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import parameters_as_yaml
+from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE
+from octo_arm_model.bags.writer import TENSIONS, BagWriter, Message, SensorMessages
+from octo_arm_model.config.config import Config, load_config
+from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
+from octo_arm_model.config.parameter_files import parameters_as_yaml, preset_path
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.model import ArmModel
+from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.displacements import displacements_of
+from octo_arm_model.rod.rotations import axes_of
+from octo_arm_model.rod.stations import interpolated
 from octo_arm_model.simulation.moving_arm import Moment
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS, BackboneWriter
 from octo_arm_model.wire.estimate import ESTIMATES, EstimateMessages
+from octo_arm_model.wire.measurements import MARKERS, TIP_POSE
 from octo_arm_model.wire.messages import Stamp
-from octo_arm_model.wire.tensions import TENSION_TOPICS
+from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS
+
+PRESET = 'renda2012_prototype'
+# Pose of the camera's frame in base_frame: beside the arm, looking at it.
+CAMERA_POSITION = (0.12, 0.05, 0.60)  # [m]
+CAMERA_QUATERNION = (0.8, -0.36, 0.288, 0.384)  # x, y, z, w
+TOUCH_DIRECTION = (0.0, 0.6, 0.8)  # in base_frame
+# Parts of the time that a tension is held: before a touch, and while it grows; it ends likewise.
+_TOUCH_AFTER, _TOUCH_GROWN = 0.125, 0.1875
+_LEVELS = 41  # tensions that encoders are computed at, between which they are interpolated
+_MOST_AHEAD = 1e8  # [s] of a clock: seconds of a stamp are an int32
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Parameters of a simulation and the noise of its sensors; see `add_demo`.
+
+    Attributes:
+        stiffness: true Young's modulus over that of the config [-].
+        clock_offset: how far the camera's clock is ahead [s].
+        hold: how long each tension is held [s].
+        ramp: how long it takes to the next [s].
+        tension_rate: messages of tensions a second [Hz].
+        camera_rate: midlines a second [Hz].
+        tension_noise: standard deviation of the tension of the tendon that is pulled [N].
+        midline_noise: standard deviation of each coordinate of a midline [m].
+        dropped: share of the midlines that are missing [-].
+        outliers: share of the midlines with points that are nowhere near the arm [-].
+        sheath: true stiffness of the tendons' sheaths [Pa]; 0 for that of the config. With it, or
+            with the next, the encoders of the winches are recorded as well.
+        axial_stiffness: true E A of the tendons themselves [N]; 0 for that of the config.
+        encoder_noise: standard deviation of what an encoder reads [m].
+        friction: coefficient of friction of the tendons [-]; where there is some, the tensions go
+            down again the way they came.
+        touch: force on the tip [N] along `TOUCH_DIRECTION`, while the middle tension is held. With
+            it the pose of the tip is measured as well.
+        markers: arc coordinates of markers that are measured [m].
+        marker_rate: poses of the tip, and frames of markers, a second [Hz].
+        marker_noise: standard deviation of each coordinate of tip and markers [m].
+        turn_noise: of each component of the rotation vector of the tip [rad].
+        seed: of everything random.
+
+    Raises:
+        ArmDefinitionError: if a value is impossible.
+    """
+
+    stiffness: float = 1.1
+    clock_offset: float = 0.08
+    hold: float = 4.0
+    ramp: float = 1.0
+    tension_rate: float = 100.0
+    camera_rate: float = 10.0
+    tension_noise: float = 0.005
+    midline_noise: float = 0.0005
+    dropped: float = 0.05
+    outliers: float = 0.03
+    sheath: float = 0.0
+    axial_stiffness: float = 0.0
+    encoder_noise: float = 2e-5
+    friction: float = 0.0
+    touch: float = 0.0
+    markers: tuple[float, ...] = ()
+    marker_rate: float = 20.0
+    marker_noise: float = 0.0005
+    turn_noise: float = 0.02
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Validate what the command line sets."""
+        positive('--stiffness', self.stiffness, '-')
+        within('--clock-offset', self.clock_offset, -_MOST_AHEAD, _MOST_AHEAD, 's')
+        not_negative('--sheath', self.sheath, 'stiffness', 'Pa')
+        not_negative('--axial-stiffness', self.axial_stiffness, 'stiffness', 'N')
+        not_negative('--friction', self.friction, 'coefficient', '-', MAX_FRICTION)
+        not_negative('--touch', self.touch, 'force', 'N')
+        whole('--seed', self.seed)
+        if self.touch and (self.sheath or self.axial_stiffness):
+            # Encoders are interpolated over the tensions alone.
+            raise ConfigError('--touch does not go with --sheath or --axial-stiffness')
+
+    def schedule(self, config: Config) -> tuple[FloatArray, FloatArray]:
+        """Corners of the tension of the first tendon over time: [s] and [N].
+
+        Those of the paper's Table 1 one after the other, or as large a part of what other arms
+        than its prototype bear.
+        """
+        prototype = load_config(preset_path(PRESET)).arm
+        bears, usual = (default_highest(arm).flat[0] for arm in (config.arm, prototype))
+        held = np.concatenate([[0.0], np.array(list(PROTOTYPE_ERRORS)) * (bears / usual)])
+        if self.friction:
+            held = np.concatenate([held, held[-2:0:-1]])
+        begins = np.arange(held.size) * (self.hold + self.ramp)
+        return np.stack([begins, begins + self.hold], axis=1).ravel(), np.repeat(held, 2)
+
+    def touches(self, time: FloatArray, corners: FloatArray) -> FloatArray:
+        """Force on the tip at each ``time`` (n,) [s], (n, 3) [N]; ``corners`` of the tension."""
+        parts = [_TOUCH_AFTER, _TOUCH_GROWN, 1.0 - _TOUCH_GROWN, 1.0 - _TOUCH_AFTER]
+        at = corners[2 * (len(corners) // 4)] + self.hold * np.array(parts)
+        return np.outer(np.interp(time, at, [0.0, self.touch, self.touch, 0.0]), TOUCH_DIRECTION)
+
+
+def custom_data(experiment: Experiment) -> dict[str, str]:
+    """Custom data for the metadata of a demo: its parameters, and the text of the topic note."""
+    camera = {'camera_position': CAMERA_POSITION, 'camera_quaternion': CAMERA_QUATERNION}
+    truth = json.dumps({'model': 'exact', **asdict(experiment), **camera})
+    note = (
+        'This recording is synthetic: nothing of it was measured. octo-arm record-demo made it '
+        f'with {truth}.'
+    )
+    return {'note': note, 'truth': truth}
+
+
+class TrueArm:
+    """Its shapes and lengths while the first tendon is pulled.
+
+    Attributes:
+        config: what it is.
+        solver: of its shape.
+    """
+
+    def __init__(self, parameters: Mapping[str, Any], experiment: Experiment) -> None:
+        """Change the arm of ``parameters`` as the ``experiment`` says."""
+        changed: dict[str, Any] = {'model': 'exact'}
+        for name in ('material.youngs_modulus', 'material.table_youngs_modulus'):
+            if parameters.get(name):
+                changed[name] = (experiment.stiffness * np.array(parameters[name])).tolist()
+        for name, value in (
+            ('tendons.sheath_stiffness', experiment.sheath),
+            ('tendons.axial_stiffness', experiment.axial_stiffness),
+            ('tendons.friction', experiment.friction),
+        ):
+            if value:
+                changed[name] = [value]
+        self.config = Config.from_parameters({**parameters, **changed})
+        self.solver = self.config.solver()
+
+    def reeled_in(self, pulls: FloatArray) -> FloatArray:
+        """Lengths that the winches of all tendons have reeled in, (pulls, tendons) [m].
+
+        Under one pull after another [N].
+        """
+        if self.config.arm.friction:
+            # They depend on the pulls before.
+            shapes = self.shapes(pulls, np.zeros((pulls.size, 3)))
+            return np.array([displacements_of(self.solver, shape).ravel() for shape in shapes])
+        levels = np.linspace(0.0, pulls.max(), _LEVELS)
+        known = [
+            displacements_of(self.solver, self.solver.solve(self._tensions(level))).ravel()
+            for level in levels
+        ]
+        return np.asarray(CubicSpline(levels, known)(pulls))
+
+    def shapes(self, pulls: FloatArray, forces: FloatArray) -> list[Backbone]:
+        """Shapes under one pull after another [N], with ``forces`` (pulls, 3) on the tip [N]."""
+        last: Backbone | None = None
+        found: list[Backbone] = []
+        for pull, force in zip(pulls, forces, strict=True):
+            tensions, wrench = self._tensions(pull), np.append(force, np.zeros(3))
+            if (
+                last is None
+                or (tensions != last.tensions).any()
+                or (wrench != last.tip_wrench).any()
+            ):
+                last = self.solver.follow(tensions, last, wrench if wrench.any() else None)
+            found.append(last)
+        return found
+
+    def _tensions(self, pull: float) -> FloatArray:
+        arm = self.config.arm
+        tensions = np.zeros(len(arm.tendons))
+        tensions[0] = pull
+        return tensions.reshape(arm.tension_shape)
+
+
+START = 1_335_830_400 * 10**9  # 1 May 2012 [ns]
+_POINTS = 41  # of a midline
+
+
+def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Experiment) -> None:
+    """Write a simulated ``experiment`` on the arm of ``parameters``, the same for the same seed.
+
+    The first tendon is pulled by the tensions of the paper's Table 1 one after the other (by as
+    large a part of what other arms than its prototype bear). What a camera sees of the arm is the
+    answer of the model exact, in the camera's frame and with the stamps of its clock.
+
+    Raises:
+        OctoArmError: if the parameters are those of no arm, or a marker is not on it, or the bag
+            cannot be written.
+    """
+    config = Config.from_parameters(parameters)
+    for s in experiment.markers:
+        within('--markers', s, 0.0, config.arm.length, 'm')
+    rng = np.random.default_rng(experiment.seed)
+    times, pulls = experiment.schedule(config)
+    messages = SensorMessages(writer, config, 'camera')
+    true = TrueArm(parameters, experiment)
+    writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(parameters), START)
+    writer.add_text('/note', custom_data(experiment)['note'], START)
+
+    sampled = np.arange(0.0, times[-1], 1.0 / experiment.tension_rate)
+    measured = np.interp(sampled, times, pulls)
+    # The load cell of a slack tendon reads zero, without noise.
+    noise = experiment.tension_noise * rng.standard_normal(measured.size)
+    measured = np.where(measured > 0.0, np.maximum(measured + noise, 0.0), 0.0)
+    tensions = np.zeros((measured.size, len(config.arm.tendons)))
+    tensions[:, 0] = measured
+    for time, row in zip(sampled, tensions):
+        messages.add(TENSIONS, _nanoseconds(time), row)
+
+    if experiment.sheath or experiment.axial_stiffness:
+        reeled_in = true.reeled_in(np.interp(sampled, times, pulls))
+        # Random numbers of their own: all else is the same with encoders and without.
+        noise = np.random.default_rng([experiment.seed, 1]).standard_normal(reeled_in.shape)
+        reeled_in += experiment.encoder_noise * noise
+        for time, displacements in zip(sampled, reeled_in):
+            messages.add(DISPLACEMENTS, _nanoseconds(time), displacements)
+
+    seen = np.arange(0.0, times[-1], 1.0 / experiment.camera_rate)
+    seen = seen[rng.random(seen.size) >= experiment.dropped]
+    shapes = true.shapes(np.interp(seen, times, pulls), experiment.touches(seen, times))
+    midlines = _seen_by_camera(shapes)
+    midlines += experiment.midline_noise * rng.standard_normal(midlines.shape)
+    for time, midline in zip(seen, midlines):
+        if rng.random() < experiment.outliers:
+            # From a random point on the tracking is lost, as at a reflection.
+            lost = slice(int(rng.integers(_POINTS // 4, _POINTS)), None)
+            midline[lost] += rng.normal(0.0, 0.05 * config.arm.length, 3)
+        ahead = round(1e9 * experiment.clock_offset)
+        messages.add(MIDLINE, _nanoseconds(time), midline, ahead_ns=ahead)
+    if experiment.touch or experiment.markers:
+        seen = np.arange(0.0, times[-1], 1.0 / experiment.marker_rate)
+        shapes = true.shapes(np.interp(seen, times, pulls), experiment.touches(seen, times))
+        _add_measured(messages, seen, shapes, experiment)
+    messages.write()
+
+
+def _seen_by_camera(shapes: Sequence[Backbone]) -> FloatArray:
+    """Midlines in the camera's frame, base first, (shapes, points, 3) [m]."""
+    at = np.linspace(0.0, shapes[0].s[-1], _POINTS)
+    points = np.array([interpolated(at, shape.s, shape.position) for shape in shapes])
+    rotation = axes_of(CAMERA_QUATERNION)
+    # Row vectors times the matrix are rotated by its inverse: base_frame to the camera's.
+    return (points - CAMERA_POSITION) @ rotation
+
+
+def _add_measured(
+    messages: SensorMessages, times: FloatArray, shapes: Sequence[Backbone], experiment: Experiment
+) -> None:
+    """Add what is measured of ``shapes`` at ``times`` (n,) [s] besides midlines."""
+    # Random numbers of their own: all else is the same with a touch and without.
+    rng = np.random.default_rng([experiment.seed, 2])
+    stddev = np.repeat([experiment.marker_noise, experiment.turn_noise], 3)
+    for time, shape in zip(times, shapes, strict=True):
+        if experiment.touch:
+            error = stddev * rng.standard_normal(6)
+            turned = Rotation.from_rotvec(error[3:]) * Rotation.from_quat(shape.quaternion[-1])
+            pose = shape.tip + error[:3], turned.as_quat(), np.diag(stddev**2)
+            messages.add(TIP_POSE, _nanoseconds(time), pose[0][np.newaxis], *pose[1:])
+        if experiment.markers:
+            points = interpolated(np.array(experiment.markers), shape.s, shape.position)
+            noise = experiment.marker_noise * rng.standard_normal(points.shape)
+            messages.add(MARKERS, _nanoseconds(time), points + noise)
+
+
+def _nanoseconds(time: float) -> int:
+    """Stamp of a ``time`` from the start [s]."""
+    return START + round(time * 1e9)
 
 
 class EstimateOutput:

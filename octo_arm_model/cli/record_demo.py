@@ -72,7 +72,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Write the bag."""
-    from octo_arm_model.bags.demo import Experiment, add_demo, custom_data
+    from octo_arm_model.bags.outputs import Experiment, add_demo, custom_data
     from octo_arm_model.bags.writer import BagWriter
 
     parameters, stiffness = load_parameters(options.config), options.stiffness

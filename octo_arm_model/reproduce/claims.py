@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from octo_arm_model.config import paper_data
-from octo_arm_model.reproduce import cases
+from octo_arm_model.reproduce import tables
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import DEFAULT_MODEL, MODELS
 from octo_arm_model.rod.stations import nearest
@@ -72,13 +72,13 @@ def _below(value: float, digits: int) -> str:
 
 
 def _bent(model: str, section: int, plane: float) -> Backbone:
-    t1, t2, t3, t4 = (_PULL * tension for tension in cases.pair(plane))
-    return cases.solve('table2', model, cases.pull(section, (t1, t2, t3, t4), 3))
+    t1, t2, t3, t4 = (_PULL * tension for tension in tables.pair(plane))
+    return tables.solve('table2', model, tables.pull(section, (t1, t2, t3, t4), 3))
 
 
 def _worst_plane(model: str, sections: tuple[int, ...]) -> Finding:
     worst = max(
-        cases.angle_between(cases.bending_plane(_bent(model, section, plane)), plane)
+        tables.angle_between(tables.bending_plane(_bent(model, section, plane)), plane)
         for section, plane in itertools.product(sections, PLANES)
     )
     return (f'{_below(worst, 2)}° off at most', worst < _SAME_PLANE)
@@ -86,10 +86,10 @@ def _worst_plane(model: str, sections: tuple[int, ...]) -> Finding:
 
 def _distances(model: str, tensions: paper_data.Tensions) -> tuple[float, float]:
     """Distances from the base of the tip, and of section 1 on average [mm]."""
-    shape = cases.solve('table4', model, tensions)
+    shape = tables.solve('table4', model, tensions)
     distal = shape.position[shape.section == 1] - shape.position[0]
     mean = np.linalg.norm(distal, axis=1).mean()
-    return cases.tip_distance(shape) * 1e3, float(mean) * 1e3
+    return tables.tip_distance(shape) * 1e3, float(mean) * 1e3
 
 
 @_claim(
@@ -102,8 +102,8 @@ def _one_cable(model: str) -> Finding:
     aside, out = 0.0, 0.0
     for section, plane in itertools.product((1, 2, 3), (-90, 0, 90, 180)):
         shape = _bent(model, section, plane)
-        aside = max(aside, cases.angle_between(cases.bending_plane(shape), plane))
-        out = max(out, cases.out_of_plane(shape) / shape.s[-1])
+        aside = max(aside, tables.angle_between(tables.bending_plane(shape), plane))
+        out = max(out, tables.out_of_plane(shape) / shape.s[-1])
     return (
         f'{_below(aside, 2)}° aside, {_below(100 * out, 4)} % of L out of the plane',
         aside < _SAME_PLANE and out < _FLAT,
@@ -119,11 +119,11 @@ def _one_cable(model: str) -> Finding:
     'cables give none, and what renda2012 has comes from its jump (11).',
 )
 def _in_space(model: str) -> Finding:
-    shape = cases.solve('table4', model, paper_data.FETCHING_IN_SPACE)
-    out = cases.out_of_plane(shape) / shape.s[-1]
+    shape = tables.solve('table4', model, paper_data.FETCHING_IN_SPACE)
+    out = tables.out_of_plane(shape) / shape.s[-1]
     return (
         f'{100 * out:.0f} % of L off the best plane, twist of '
-        f'{_below(abs(cases.tip_rotation(shape)), 2)}°',
+        f'{_below(abs(tables.tip_rotation(shape)), 2)}°',
         out > 0.01,
     )
 
@@ -137,9 +137,9 @@ def _in_space(model: str) -> Finding:
     'at the tip are pulled there.)',
 )
 def _jumps(model: str) -> Finding:
-    shape = cases.solve('table4', model, paper_data.FETCHING_IN_PLANE)
+    shape = tables.solve('table4', model, paper_data.FETCHING_IN_PLANE)
     steps = np.abs(np.diff(shape.q))
-    at = cases.anchorages(shape)[:-1]
+    at = tables.anchorages(shape)[:-1]
     elsewhere = float(np.delete(steps, at).max())
     return (
         'q steps by ' + ' and '.join(f'{steps[i]:.3f}' for i in at) + f', elsewhere by '
@@ -156,16 +156,16 @@ def _jumps(model: str) -> Finding:
     f'{100 * _SOFTER:g} % lower. Holds if it moves more the further it is from the base.',
 )
 def _errors_grow(model: str) -> Finding:
-    config = cases.config('prototype')
-    tensions = cases.pull(1, (paper_data.PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1)
+    config = tables.config('prototype')
+    tensions = tables.pull(1, (paper_data.PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1)
     material = config.arm.material
     assert isinstance(material.youngs_modulus, float)
     softer = dataclasses.replace(
         material, youngs_modulus=(1.0 - _SOFTER) * material.youngs_modulus
     )
     arm = dataclasses.replace(config.arm, material=softer)
-    shape = cases.solve('prototype', model, tensions)
-    solver = dataclasses.replace(config, arm=arm).solver(model, cases.STATIONS)
+    shape = tables.solve('prototype', model, tensions)
+    solver = dataclasses.replace(config, arm=arm).solver(model, tables.STATIONS)
     off = solver.solve(tensions).position
     error = np.linalg.norm(off - shape.position, axis=1) * 1e3
     quarters = error[nearest(np.array([0.25, 0.5]) * shape.s[-1], shape.s)]
@@ -194,13 +194,13 @@ def _plane_law(model: str) -> Finding:
 )
 def _captions(model: str) -> Finding:
     planes = [
-        cases.bending_plane(cases.solve('table2', model, tensions))
+        tables.bending_plane(tables.solve('table2', model, tensions))
         for tensions in paper_data.BENDING.values()
     ]
     return (
         ', '.join(f'{plane:.2f}°' for plane in planes),
         all(
-            cases.angle_between(plane, cases.law(tensions)) < _SAME_PLANE
+            tables.angle_between(plane, tables.law(tensions)) < _SAME_PLANE
             for plane, tensions in zip(planes, paper_data.BENDING.values(), strict=True)
         ),
     )
@@ -225,7 +225,7 @@ def _any_anchorage(model: str) -> Finding:
 )
 def _more_tension(model: str) -> Finding:
     curvatures = [
-        cases.solve('prototype', model, cases.pull(1, (tension, 0.0, 0.0, 0.0), 1)).k
+        tables.solve('prototype', model, tables.pull(1, (tension, 0.0, 0.0, 0.0), 1)).k
         for tension in paper_data.PROTOTYPE_ERRORS
     ]
     least = min(float((b / a).min()) for a, b in itertools.pairwise(curvatures))
@@ -240,9 +240,9 @@ def _more_tension(model: str) -> Finding:
     'and all lie within a millionth of L of one plane.',
 )
 def _fetching_in_plane(model: str) -> Finding:
-    shape = cases.solve('table4', model, paper_data.FETCHING_IN_PLANE)
-    out = cases.out_of_plane(shape) / shape.s[-1]
-    proximal, medial, distal = cases.turns(shape).values()
+    shape = tables.solve('table4', model, paper_data.FETCHING_IN_PLANE)
+    out = tables.out_of_plane(shape) / shape.s[-1]
+    proximal, medial, distal = tables.turns(shape).values()
     return (
         f'turns by {proximal:+.0f}°, {medial:+.0f}°, {distal:+.0f}°; '
         f'{_below(100 * out, 4)} % of L out of the plane',
@@ -260,7 +260,7 @@ def _fetching_in_plane(model: str) -> Finding:
 def _opposite(model: str) -> Finding:
     alone = (*((0.0,) * 4,) * 2, paper_data.FETCHING_IN_PLANE[2])
     together, by_itself = (
-        abs(cases.turns(cases.solve('table4', model, tensions))[3])
+        abs(tables.turns(tables.solve('table4', model, tensions))[3])
         for tensions in (paper_data.FETCHING_IN_PLANE, alone)
     )
     return (f'{together:.0f}° instead of {by_itself:.0f}°', together < by_itself)
@@ -294,7 +294,7 @@ def _nearer_in_space(model: str) -> Finding:
 )
 def _antagonists(model: str) -> Finding:
     free, held = (
-        cases.solve('prototype', model, cases.pull(1, (both + 0.1, 0.0, both, 0.0), 1)).k
+        tables.solve('prototype', model, tables.pull(1, (both + 0.1, 0.0, both, 0.0), 1)).k
         for both in (0.0, 2.0)
     )
     lower = 100.0 * (1.0 - held / free)

@@ -24,7 +24,7 @@ from octo_arm_model.config.paper_data import (
     PROTOTYPE_IN_FIGURE_9,
     Tensions,
 )
-from octo_arm_model.reproduce import cases
+from octo_arm_model.reproduce import tables
 from octo_arm_model.reproduce.claims import PLANES
 from octo_arm_model.reproduce.tables import UNKNOWN_TENSIONS
 from octo_arm_model.rod.backbone import Backbone
@@ -70,11 +70,11 @@ def limits(shapes: Iterable[Backbone]) -> tuple[FloatArray, FloatArray]:
 def draw_plane(axes: Any, preset: str, tensions: Tensions, body: bool = True) -> None:
     """A shape in the x-y plane by every model, with the body of the paper's."""
     if body:
-        shape = cases.solve(preset, 'renda2012', tensions)
-        radius = cases.solver(preset, 'renda2012').arm.body.radius(shape.s)
+        shape = tables.solve(preset, 'renda2012', tensions)
+        radius = tables.solver(preset, 'renda2012').arm.body.radius(shape.s)
         axes.add_collection(_silhouette(shape, radius))
     for model in MODELS:
-        shape = cases.solve(preset, model, tensions)
+        shape = tables.solve(preset, model, tensions)
         points = shape.position[:, :2] * 1e3
         axes.plot(*points.T, **LINES[model])
         if body:
@@ -94,7 +94,7 @@ def _silhouette(shape: Backbone, radius: FloatArray) -> PolyCollection:
 
 def draw_space(axes: Any, preset: str, tensions: Tensions, view: tuple[float, float]) -> None:
     """A shape in space by every model, its axes to one scale, from elevation and azimuth."""
-    shapes = [cases.solve(preset, model, tensions) for model in MODELS]
+    shapes = [tables.solve(preset, model, tensions) for model in MODELS]
     for model, shape in zip(MODELS, shapes, strict=True):
         axes.plot(*(shape.position * 1e3).T, **LINES[model])
         mark(axes, shape, shape.position * 1e3, model)
@@ -114,7 +114,7 @@ def mark(axes: Any, shape: Backbone, points: FloatArray, model: str) -> None:
     """A square at the base, dots at the anchorages, the tip among them."""
     colour = LINES[model]['color']
     axes.plot(*points[[0]].T, 's', color='black', markersize=3)
-    axes.plot(*points[cases.anchorages(shape)].T, 'o', color=colour, markersize=2.6)
+    axes.plot(*points[tables.anchorages(shape)].T, 'o', color=colour, markersize=2.6)
 
 
 def label_axes(grid: Any) -> None:
@@ -153,7 +153,7 @@ def figure_8(figure: FigureBase) -> None:
                      'wspace': 0.06, 'hspace': 0.3},
     )  # fmt: skip
     for axes, tension in zip(grid.flat, UNKNOWN_TENSIONS, strict=True):
-        draw_plane(axes, 'fem', cases.pull(1, (tension, 0.0, 0.0, 0.0), 1))
+        draw_plane(axes, 'fem', tables.pull(1, (tension, 0.0, 0.0, 0.0), 1))
         axes.set_title(f'$T_{{11}}$ = {tension:g} N', pad=3)
     label_axes(grid)
     add_legend(figure, body=True)
@@ -166,12 +166,12 @@ def figure_9(figure: FigureBase) -> None:
         gridspec_kw={'left': 0.075, 'right': 0.985, 'bottom': 0.15, 'top': 0.82,
                      'wspace': 0.06},
     )  # fmt: skip
-    draw_plane(left, 'prototype', cases.pull(1, (PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1))
+    draw_plane(left, 'prototype', tables.pull(1, (PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1))
     left.set_title(f'Figure 9: $T_{{11}}$ = {PROTOTYPE_IN_FIGURE_9:g} N', pad=3)
     for tension in PROTOTYPE_ERRORS:
-        pulled = cases.pull(1, (tension, 0.0, 0.0, 0.0), 1)
+        pulled = tables.pull(1, (tension, 0.0, 0.0, 0.0), 1)
         draw_plane(right, 'prototype', pulled, body=False)
-        tips = np.array([cases.solve('prototype', model, pulled).tip[:2] for model in MODELS])
+        tips = np.array([tables.solve('prototype', model, pulled).tip[:2] for model in MODELS])
         right.annotate(
             f'{tension:.2f}', (tips[:, 0].mean() * 1e3, tips[:, 1].min() * 1e3), xytext=(0, -4),
             textcoords='offset points', ha='center', va='top', rotation=90, fontsize=7,
@@ -187,9 +187,9 @@ def figure_10(figure: FigureBase) -> None:
     axes = figure.add_axes((0.15, 0.09, 0.7, 0.84))
     reach = 0.0
     for plane in PLANES:
-        pulled = cases.pull(1, cases.pair(plane), 3)
+        pulled = tables.pull(1, tables.pair(plane), 3)
         for model in MODELS:
-            points = cases.seen_from_tip(cases.solve('table2', model, pulled)) * 1e3
+            points = tables.seen_from_tip(tables.solve('table2', model, pulled)) * 1e3
             axes.plot(*points.T, **LINES[model])
             reach = max(reach, float(np.hypot(*points.T).max()))
     for plane in PLANES:
@@ -209,7 +209,7 @@ def figure_10(figure: FigureBase) -> None:
 
 def ratio_of(plane: int) -> str:
     """The pulled cables of section 1 and the ratio of their tensions, as mathtext."""
-    tensions = cases.pair(plane)
+    tensions = tables.pair(plane)
     names = {j: f'T_{{1{j}}}' for j in (1, 3, 2, 4) if tensions[j - 1] > 0.0}
     if len(names) == 1:
         return f'${"".join(names.values())}$ alone'
@@ -221,7 +221,7 @@ def ratio_of(plane: int) -> str:
 def figure_11(figure: FigureBase) -> None:
     """Three planes of bending, in space and seen from the tip."""
     for column, (panel, tensions) in enumerate(BENDING.items()):
-        plane = cases.law(tensions)
+        plane = tables.law(tensions)
         in_space = figure.add_axes(
             (0.005 + 0.333 * column, 0.475, 0.32, 0.47), projection='3d', computed_zorder=False
         )
@@ -232,8 +232,8 @@ def figure_11(figure: FigureBase) -> None:
         axes.plot(ray * np.cos(np.deg2rad(plane)), ray * np.sin(np.deg2rad(plane)), ':',
                   color='0.5', linewidth=0.9)  # fmt: skip
         for model in MODELS:
-            shape = cases.solve('table2', model, tensions)
-            axes.plot(*(cases.seen_from_tip(shape) * 1e3).T, **LINES[model])
+            shape = tables.solve('table2', model, tensions)
+            axes.plot(*(tables.seen_from_tip(shape) * 1e3).T, **LINES[model])
         axes.plot(0.0, 0.0, 's', color='black', markersize=3)
         axes.set(xlabel='along $b$ [mm]', aspect='equal', xlim=(-200, 200), ylim=(-200, 200))
         axes.locator_params(nbins=5)
@@ -259,7 +259,7 @@ def figure_12(figure: FigureBase) -> None:
     }
     for axes, (name, label) in zip(grid.flat, labels.items(), strict=True):
         for model in MODELS:
-            shape = cases.solve('table2', model, BENDING['A'])
+            shape = tables.solve('table2', model, BENDING['A'])
             axes.plot(shape.s * 1e3, getattr(shape, name), **LINES[model])
         axes.set(ylabel=label, xlim=(0.0, shape.s[-1] * 1e3))
     grid[0, 0].set_ylim(-1.0, 1.0)
@@ -281,7 +281,7 @@ def figure_15(figure: FigureBase) -> None:
     in_space = figure.add_axes((0.53, 0.5, 0.44, 0.45), projection='3d', computed_zorder=False)
     draw_space(in_space, 'table4', FETCHING_IN_SPACE, (30.0, 35.0))
     # Orthographic views: neighbours share an axis.
-    shapes = [cases.solve('table4', model, FETCHING_IN_SPACE) for model in MODELS]
+    shapes = [tables.solve('table4', model, FETCHING_IN_SPACE) for model in MODELS]
     low, high = limits(shapes)
     for place, (across, up) in {
         (0.085, 0.56): (0, 2), (0.085, 0.08): (0, 1), (0.57, 0.08): (2, 1),

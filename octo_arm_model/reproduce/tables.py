@@ -1,18 +1,133 @@
-"""The paper's tables: its parameters, and the models' numbers beside its measurements."""
+"""The paper's arms and quantities of their shapes; its tables, beside the models' numbers."""
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.body import Body
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.tendon import Section
 from octo_arm_model.config import paper_data
-from octo_arm_model.reproduce import cases
+from octo_arm_model.config.config import Config, load_config
+from octo_arm_model.config.paper_data import Tensions
+from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.solver import MODELS
+from octo_arm_model.rod.rotations import axes_of
+from octo_arm_model.rod.solver import MODELS, Solver
+
+# Enough for a smooth drawing of the coiled tip.
+STATIONS = 401
+
+
+@functools.cache
+def config(preset: str) -> Config:
+    """Configuration of the paper's arm ``preset``: fem, prototype, table2 or table4."""
+    return load_config(preset_path(f'renda2012_{preset}'))
+
+
+@functools.cache
+def solver(preset: str, model: str) -> Solver:
+    """Solver of the paper's arm ``preset``."""
+    return config(preset).solver(model, STATIONS)
+
+
+@functools.cache
+def solve(preset: str, model: str, tensions: Tensions) -> Backbone:
+    """Shape of the paper's arm ``preset``."""
+    return solver(preset, model).solve(tensions)
+
+
+def pull(section: int, tensions: tuple[float, float, float, float], sections: int) -> Tensions:
+    """``tensions`` [N] of one ``section``, numbered from the tip, of ``sections``."""
+    rows = [(0.0, 0.0, 0.0, 0.0)] * sections
+    rows[section - 1] = tensions
+    return tuple(rows)
+
+
+def pair(plane: float) -> tuple[float, float, float, float]:
+    """Tensions of amplitude 1 N of two neighbours that bend the arm in ``plane`` [deg].
+
+    The inverse of `law`.
+    """
+    sine, cosine = np.sin(np.deg2rad(plane)), np.cos(np.deg2rad(plane))
+    t1, t2, t3, t4 = np.maximum(0.0, np.round((-sine, cosine, sine, -cosine), 15)).tolist()
+    return t1, t2, t3, t4
+
+
+def law(tensions: Tensions) -> float:
+    """Bending plane of one loaded section by the paper's law [deg].
+
+    It is measured in the axes b and -n of the base (section 6.1, Figure 10).
+    """
+    t1, t2, t3, t4 = np.sum(tensions, axis=0)
+    return float(np.rad2deg(np.arctan2(t3 - t1, t2 - t4)))
+
+
+def seen_from_tip(backbone: Backbone) -> FloatArray:
+    """Points along b and -n of the base (stations, 2) [m], as Figure 10 shows them."""
+    axes = axes_of(backbone.quaternion[0])
+    local = (backbone.position - backbone.position[0]) @ axes
+    return np.stack([local[:, 2], -local[:, 1]], axis=1)
+
+
+def bending_plane(backbone: Backbone) -> float:
+    """Direction of the point furthest from the axis of the base, measured as `law` is [deg]."""
+    points = seen_from_tip(backbone)
+    along_b, along_minus_n = points[np.hypot(*points.T).argmax()]
+    return float(np.rad2deg(np.arctan2(along_minus_n, along_b)))
+
+
+def angle_between(one: float, other: float) -> float:
+    """Angle between two directions [deg], from 0 to 180."""
+    return abs((one - other + 180.0) % 360.0 - 180.0)
+
+
+def out_of_plane(backbone: Backbone) -> float:
+    """Largest distance of a point from the plane that fits all of them best [m]."""
+    centred = backbone.position - backbone.position.mean(axis=0)
+    normal = np.linalg.svd(centred, full_matrices=False)[2][-1]
+    return float(np.abs(centred @ normal).max())
+
+
+def headings(backbone: Backbone) -> FloatArray:
+    """Direction of the tangent of a shape in the plane of t and n of its base (stations,) [deg].
+
+    From t towards n: positive on the side of tendon 1.
+    """
+    axes = axes_of(backbone.quaternion)
+    along_t, along_n = axes[:, :2, 0].T @ axes[:, 0]
+    return np.rad2deg(np.unwrap(np.arctan2(along_n, along_t)))
+
+
+def turns(backbone: Backbone) -> dict[int, float]:
+    """Angle each section of a plane shape bends by [deg], by section, base first."""
+    heading, ends = headings(backbone), {}
+    for section in dict.fromkeys(backbone.section.tolist()):
+        stations = np.flatnonzero(backbone.section == section)
+        # A section begins where the one before it ends.
+        ends[section] = float(heading[stations[-1]] - heading[max(0, stations[0] - 1)])
+    return ends
+
+
+def anchorages(backbone: Backbone) -> list[int]:
+    """Stations of the anchorages, base first."""
+    return [*np.flatnonzero(np.diff(backbone.section)).tolist(), backbone.s.size - 1]
+
+
+def tip_rotation(backbone: Backbone) -> float:
+    """Rotation of the tip about the tangent by torsion, the integral of tau [deg]."""
+    rate = backbone.tau * (1.0 + backbone.q)
+    return float(np.rad2deg(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(backbone.s))))
+
+
+def tip_distance(backbone: Backbone) -> float:
+    """Distance of the tip from the base [m]."""
+    return float(np.linalg.norm(backbone.tip - backbone.position[0]))
+
 
 UNKNOWN_TENSIONS = (0.02, 0.05, 0.1, 0.2)  # [N], for Figure 8, of which the paper prints none
 _ARMS = {
@@ -42,7 +157,7 @@ def arms() -> DataTable:
     return DataTable(
         'Tables 2 and 4, sections 5.1 and 5.2. Lengths in mm, E in kPa.',
         ('', 'E', 'ν', 'L = l1', 'Rmin', 'Rmax', 'b1', 'a1', 'b2', 'a2', 'l2', 'b3', 'a3', 'l3'),
-        tuple((name, *_parameters(cases.config(preset).arm)) for name, preset in _ARMS.items()),
+        tuple((name, *_parameters(config(preset).arm)) for name, preset in _ARMS.items()),
         'The paper prints no ν for the arms of section 5, where that of Table 2 stands in, and '
         'no E for that of 5.1, where that of 5.2 stands in (‘all material and geometric '
         'properties of the real prototype have been used’).',
@@ -97,8 +212,8 @@ _TIPS = (
 
 def _tips(preset: str, tension: float) -> list[str]:
     """The columns `_TIPS` of an arm with one cable."""
-    pulled = cases.pull(1, (tension, 0.0, 0.0, 0.0), 1)
-    shapes = [cases.solve(preset, model, pulled) for model in MODELS]
+    pulled = pull(1, (tension, 0.0, 0.0, 0.0), 1)
+    shapes = [solve(preset, model, pulled) for model in MODELS]
     first, length = shapes[0], shapes[0].s[-1]
     apart = [float(np.linalg.norm(shape.tip - first.tip)) / length for shape in shapes[1:]]
     return [*(_point(shape) for shape in shapes), *(f'{100.0 * value:.1f}' for value in apart)]
@@ -128,7 +243,7 @@ def bending() -> DataTable:
         'Figure 11 in numbers: plane [°] and tip x, y, z [mm].',
         ('', 'caption', *(f'{model}: {what}' for model in MODELS for what in ('plane', 'tip'))),
         tuple(
-            (f'({panel})', f'{cases.law(rows):.0f}', *_planes_and_tips(rows))
+            (f'({panel})', f'{law(rows):.0f}', *_planes_and_tips(rows))
             for panel, rows in paper_data.BENDING.items()
         ),
     )
@@ -137,8 +252,8 @@ def bending() -> DataTable:
 def _planes_and_tips(rows: paper_data.Tensions) -> list[str]:
     cells = []
     for model in MODELS:
-        shape = cases.solve('table2', model, rows)
-        cells += [f'{cases.bending_plane(shape):.2f}', _point(shape, 3)]
+        shape = solve('table2', model, rows)
+        cells += [f'{bending_plane(shape):.2f}', _point(shape, 3)]
     return cells
 
 
@@ -150,10 +265,10 @@ def fetching() -> DataTable:
         ('Figure 15', paper_data.FETCHING_IN_SPACE),
     ):
         for model in MODELS:
-            shape = cases.solve('table4', model, pulled)
+            shape = solve('table4', model, pulled)
             rows.append((
-                f'{figure}, {model}', _point(shape, 3), f'{cases.tip_distance(shape) * 1e3:.1f}',
-                f'{100.0 * shape.q.min():.0f}', f'{cases.tip_rotation(shape):.2f}',
+                f'{figure}, {model}', _point(shape, 3), f'{tip_distance(shape) * 1e3:.1f}',
+                f'{100.0 * shape.q.min():.0f}', f'{tip_rotation(shape):.2f}',
             ))  # fmt: skip
     return DataTable(
         'Figures 14 and 15 in numbers.',

@@ -12,7 +12,7 @@ import viser
 from octo_arm_model.analysis.drawing import RADIUS
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.viewer import numbers, scene
-from octo_arm_model.viewer.cameras import Cameras, View
+from octo_arm_model.viewer.scene import Cameras, View
 
 _READING = 0.5  # [s] between numbers
 _FROM = (1.8, -1.5, 1.63)  # position of the camera in lengths of an arm, in a wide picture

@@ -27,10 +27,10 @@ from octo_arm_model.ros.client.client import (
 )
 from octo_arm_model.simulation.movements import tendon_limits
 from octo_arm_model.viewer import numbers, scene
-from octo_arm_model.viewer.cameras import Cameras, framing, reached, tangent_of
 from octo_arm_model.viewer.commander import Answer, Commander, TargetSearch
 from octo_arm_model.viewer.controls import Controls, Later, ModelOverlay, MotionControls
 from octo_arm_model.viewer.options import TITLE
+from octo_arm_model.viewer.scene import Cameras, framing, reached, tangent_of
 from octo_arm_model.viewer.server import RefusalLog
 
 _LABELS = (

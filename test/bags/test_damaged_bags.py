@@ -33,7 +33,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from octo_arm_model import load_config
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags import storages
-from octo_arm_model.bags.demo import Experiment, add_demo
+from octo_arm_model.bags.outputs import Experiment, add_demo
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from recordings import tensions_in
 
 from octo_arm_model import Config, Solver, displacements_of, load_config
-from octo_arm_model.bags.demo import (
+from octo_arm_model.bags.outputs import (
     CAMERA_POSITION,
     CAMERA_QUATERNION,
     Experiment,

@@ -12,7 +12,7 @@ from recordings import TYPES, Sample, write_bag
 from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touched, touched_bag
 
 from octo_arm_model.arm.errors import SolveError
-from octo_arm_model.bags.demo import TrueArm
+from octo_arm_model.bags.outputs import TrueArm
 from octo_arm_model.bags.reader import BagReader, Record
 from octo_arm_model.cli.estimate import summary
 from octo_arm_model.estimation.measurements import Tensions

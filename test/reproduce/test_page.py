@@ -15,7 +15,7 @@ from octo_arm_model import MODELS, load_config
 from octo_arm_model.cli import reproduce
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, PROTOTYPE_ERRORS
-from octo_arm_model.reproduce import cases, figures, tables
+from octo_arm_model.reproduce import figures, tables
 from octo_arm_model.reproduce.claims import CLAIMS, Claim
 
 FIGURES = [f'Figure {number}' for number in (8, 9, 10, 11, 12, 14, 15)]
@@ -78,10 +78,10 @@ def test_figures_draw_the_backbones_of_the_solver(model):
     figure = Figure()
     figures.figure_14(figure)
     curves = [line for line in figure.axes[0].lines if len(line.get_xdata()) > 100]
-    expected = cases.solve('table4', model, FETCHING_IN_PLANE).position[:, :2] * 1e3
+    expected = tables.solve('table4', model, FETCHING_IN_PLANE).position[:, :2] * 1e3
     drawn = curves[MODELS.index(model)].get_xydata()
     assert_allclose(drawn, expected, atol=1e-12)
-    assert np.abs(cases.solve('table2', model, BENDING['A']).tau).max() < 1e-9
+    assert np.abs(tables.solve('table2', model, BENDING['A']).tau).max() < 1e-9
 
 
 def test_the_arms_and_tensions_are_those_printed():

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.simulation.movements import figures, tendon_limits
-from octo_arm_model.viewer.cameras import ASPECT, FIELD, framing, reached, tangent_of
+from octo_arm_model.viewer.scene import ASPECT, FIELD, framing, reached, tangent_of
 
 PRESETS = ('renda2012_prototype', 'renda2012_table2', 'renda2012_table4', 'rao2021')
 HANGING = (0.0, 0.5**0.5, 0.0, 0.5**0.5)
