@@ -17,22 +17,14 @@ from typing import Any, NoReturn, TextIO
 from octo_arm_model.arm.errors import OctoArmError
 
 _PERIOD = 0.1  # between two states of the line on a terminal [s]
-# Extras of setup.py, which bounds their versions, by the modules that they bring.
+# Extras of setup.py, which bounds their versions, with the modules that they bring.
 _EXTRAS = {
-    'apsw': 'bags',
-    'backports': 'bags',
-    'cloudpickle': 'cluster',
-    'dask': 'cluster',
-    'distributed': 'cluster',
-    'gymnasium': 'gymnasium',
-    'llvmlite': 'compiled',
-    'lz4': 'bags',
-    'matplotlib': 'figures',
-    'msgspec': 'viewer',
-    'numba': 'compiled',
-    'rosbags': 'bags',
-    'viser': 'viewer',
-    'websockets': 'viewer',
+    'bags': ('apsw', 'backports', 'lz4', 'rosbags'),
+    'cluster': ('cloudpickle', 'dask', 'distributed'),
+    'compiled': ('llvmlite', 'numba'),
+    'figures': ('matplotlib',),
+    'gymnasium': ('gymnasium',),
+    'viewer': ('msgspec', 'viser', 'websockets'),
 }
 
 
@@ -108,8 +100,8 @@ def missing(error: ModuleNotFoundError, *extras: str) -> str:
     module = (error.name or '').partition('.')[0]
     if module == 'octo_arm_model':
         raise error  # a fault of the package
-    if module in _EXTRAS:
-        wanted = ','.join(sorted({_EXTRAS[module], *extras}))
+    if found := {name for name, modules in _EXTRAS.items() if module in modules}:
+        wanted = ','.join(sorted({*found, *extras}))
         return f"needs {module}; install it with: pip install 'octo_arm_model[{wanted}]'"
     return (
         f'needs ROS 2 and the package octo_arm_msgs ({module} is missing): source them, or put '

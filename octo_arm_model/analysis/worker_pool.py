@@ -75,11 +75,6 @@ def _solve(solver: Solver, tensions: FloatArray) -> Solved:
     return Solved(kept, np.concatenate(tips), np.concatenate(directions))
 
 
-def _in_process(solver: Solver, chunks: Sequence[FloatArray]) -> Results:
-    for number, tensions in enumerate(chunks):
-        yield number, _solve(solver, tensions)
-
-
 def on_cores(
     solver: Solver, config: Config, chunks: Sequence[FloatArray], processes: int | None
 ) -> Results:
@@ -98,12 +93,13 @@ def on_cores(
         began = time.monotonic()
         yield 0, _solve(solver, chunks[0])
         first = 1
-        alone = (time.monotonic() - began) * (len(chunks) - first)
-        if alone * (1.0 - 1.0 / processes) < _POOL_START:
+        duration = (time.monotonic() - began) * (len(chunks) - first)
+        if duration * (1.0 - 1.0 / processes) < _POOL_START:
             processes = 1
     rest = chunks[first:]
     processes = min(processes, len(rest))
-    results = _in_process(solver, rest) if processes < 2 else _in_pool(config, rest, processes)
+    alone = ((number, _solve(solver, part)) for number, part in enumerate(rest))
+    results = alone if processes < 2 else _in_pool(config, rest, processes)
     with contextlib.closing(results):
         for number, part in results:
             yield first + number, part

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -303,42 +303,35 @@ def _nanoseconds(time: float) -> int:
     return START + round(time * 1e9)
 
 
-class EstimateOutput:
-    """Writes the estimates of one arm into a bag."""
+def estimate_output(
+    writer: BagWriter,
+    prefix: str,
+    parameters: Mapping[str, Any],
+    models: Mapping[str, ArmModel],
+    start_ns: int,
+) -> Callable[[str, Estimate, int, int], None]:
+    """A function that writes an estimate by a hypothesis, its stamp and time of receipt [ns].
 
-    def __init__(
-        self,
-        writer: BagWriter,
-        prefix: str,
-        parameters: Mapping[str, Any],
-        models: Mapping[str, ArmModel],
-        start_ns: int,
-    ) -> None:
-        """Write to topics in the namespace ``prefix``, with its slash, by ``writer``.
+    It writes to topics in the namespace ``prefix``, with its slash, by ``writer``. The arm of
+    ``parameters`` is described there as of ``start_ns`` [ns]; it is estimated by ``models``, named
+    as the hypotheses.
 
-        The arm of ``parameters`` is described there as of ``start_ns`` [ns]; it is estimated by
-        ``models``, named as the hypotheses.
+    Raises:
+        BagError: if the bag cannot be written, as the function does.
+        ConfigError: by the function, if no stamp can hold the time.
+    """
+    frame = Config.from_parameters(parameters).base_frame
+    messages = {name: EstimateMessages(frame, one) for name, one in models.items()}
+    writer.add_text(prefix + DESCRIPTION, parameters_as_yaml(parameters), start_ns)
 
-        Raises:
-            BagError: if the bag cannot be written.
-        """
-        self._writer, self._prefix = writer, prefix
-        frame = Config.from_parameters(parameters).base_frame
-        self._messages = {name: EstimateMessages(frame, one) for name, one in models.items()}
-        writer.add_text(prefix + DESCRIPTION, parameters_as_yaml(parameters), start_ns)
-
-    def write(self, hypothesis: str, estimate: Estimate, stamp_ns: int, received_ns: int) -> None:
-        """Write an ``estimate`` by one hypothesis.
-
-        Raises:
-            ConfigError: if no stamp can hold the time.
-            BagError: if the bag cannot be written.
-        """
-        found = self._messages[hypothesis].write(estimate, *Stamp.from_ns(stamp_ns))
-        self._writer.write(
-            (self._writer.add(self._prefix + topic, ESTIMATES[topic]), received_ns, data)
+    def write(hypothesis: str, estimate: Estimate, stamp_ns: int, received_ns: int) -> None:
+        found = messages[hypothesis].write(estimate, *Stamp.from_ns(stamp_ns))
+        writer.write(
+            (writer.add(prefix + topic, ESTIMATES[topic]), received_ns, data)
             for topic, data in found.items()
         )
+
+    return write
 
 
 def copy_bag(reader: BagReader, writer: BagWriter, prefix: str) -> dict[str, str]:

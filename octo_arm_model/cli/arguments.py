@@ -30,13 +30,10 @@ def refuse_without_effect(options: argparse.Namespace, names: Sequence[str], why
         ConfigError: if one is.
     """
     for name in names:
-        if is_given(options, name.lstrip('-').replace('-', '_')):
+        key = name.lstrip('-').replace('-', '_')
+        is_set = key in getattr(options, 'given', ())
+        if is_set or getattr(options, key) != options.default_of(key):
             raise ConfigError(f'{name} has no effect {why}')
-
-
-def is_given(options: argparse.Namespace, key: str) -> bool:
-    """Whether the option stored as ``key`` is given."""
-    return key in getattr(options, 'given', ()) or getattr(options, key) != options.default_of(key)
 
 
 def add_number(

@@ -169,7 +169,7 @@ def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str
             left_out = f' ({step.shape.outliers} outliers left out)' if step.shape.outliers else ''
             lines.append(
                 f'{step.number:>4} {step.shape.tension:>8.3f} {step.direction:>11} '
-                f'{step.shape.frames:>7} {tip:>14} {_signed(bend):>8} {mean:>6} {largest:>6} '
+                f'{step.shape.frames:>7} {tip:>14} {_cell(bend, "+"):>8} {mean:>6} {largest:>6} '
                 f'{hausdorff:>11} {noise:>18.2f}{left_out}'
             )
         tip, mean, largest, hausdorff = (_cell(_average(values)) for values in columns)
@@ -195,9 +195,5 @@ def _average(percent: FloatArray) -> float | None:
     return float(known.mean()) if known.size else None
 
 
-def _cell(value: float | None) -> str:
-    return '-' if value is None or math.isnan(value) else f'{value:.2f}'
-
-
-def _signed(value: float) -> str:
-    return '-' if math.isnan(value) else f'{value:+.2f}'
+def _cell(value: float | None, sign: str = '-') -> str:
+    return '-' if value is None or math.isnan(value) else f'{value:{sign}.2f}'

@@ -184,8 +184,9 @@ def summary(result: Result, files: Sequence[str]) -> str:
     if len(result.hypotheses) > 1:
         parts = [f'{name} {100.0 * part:.0f} %' for name, part in result.hypotheses.items()]
         lines.append(f'place of contact, mean probability: {", ".join(parts)}')
-    tip = np.median([one.tip_stddev for one in result.moments], axis=0)
-    lines.append(f'tip known to {_millimetres(tip)} mm in x, y, z (median standard deviation)')
+    tip = 1e3 * np.median([one.tip_stddev for one in result.moments], axis=0)
+    known = ', '.join(f'{value:.2f}' for value in tip)
+    lines.append(f'tip known to {known} mm in x, y, z (median standard deviation)')
     for name, one in result.consistency.items():
         mean = f', normalised innovation {one.mean:.2f} (1)' if one.size else ''
         lines.append(f'{name}: {one.accepted} used{mean}')
@@ -256,10 +257,6 @@ def _or_none(value: float) -> float | None:
 def _median(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else float('nan')
-
-
-def _millimetres(values: FloatArray) -> str:
-    return ', '.join(f'{1e3 * value:.2f}' for value in values)
 
 
 SUMMARY = 'estimate shape and contact force from all that a bag holds'
@@ -440,7 +437,7 @@ def _bag_output(
     recorded: Recorded,
 ) -> Callable[[Moment, Estimated], None]:
     """A function that writes estimates to the bag --out, at most --rate of them a second."""
-    from octo_arm_model.bags.outputs import EstimateOutput, copy_bag
+    from octo_arm_model.bags.outputs import copy_bag, estimate_output
     from octo_arm_model.bags.writer import BagWriter
 
     custom = {**reader.metadata, 'octo_arm_estimate': f'estimates for {options.bag.name}'}
@@ -449,7 +446,8 @@ def _bag_output(
     if not options.no_copy:
         left_out = copy_bag(reader, writer, prefix)
         recorded.notes.extend(f'{topic} not copied: {why}' for topic, why in left_out.items())
-    bag = EstimateOutput(writer, prefix, recorded.parameters, recorded.models, reader.start_ns)
+    described = recorded.parameters, recorded.models, reader.start_ns
+    write_estimate = estimate_output(writer, prefix, *described)
     period = 1.0 / options.rate if options.rate else 0.0
     due = -math.inf
 
@@ -458,7 +456,7 @@ def _bag_output(
         if moment.time < due - 1e-9:
             return
         due = max(due + period, moment.time) if math.isfinite(due) else moment.time + period
-        bag.write(one.hypothesis, one.estimate, moment.stamp_ns, moment.received_ns)
+        write_estimate(one.hypothesis, one.estimate, moment.stamp_ns, moment.received_ns)
 
     return write
 

@@ -123,7 +123,8 @@ def _unify(nodes: Nodes) -> None:
     kinds: dict[tuple[str, str], set[Any]] = {}
     for node, parameters in nodes:
         for name, value in parameters.items():
-            kinds.setdefault((node, name), set()).add(_kind_of(value))
+            kind = (list, *{*map(type, value)}) if isinstance(value, list) else (type(value),)
+            kinds.setdefault((node, name), set()).add(kind)
     for node, parameters in nodes:
         for name, value in parameters.items():
             found = kinds[node, name] - {(list,)}  # an empty list is of every type
@@ -133,11 +134,6 @@ def _unify(nodes: Nodes) -> None:
                 raise ConfigError(f'{name} is {shown(value)} and a value of another type as well')
             is_list = isinstance(value, list)
             parameters[name] = [*map(float, value)] if is_list else float(value)
-
-
-def _kind_of(value: Any) -> tuple[type, ...]:
-    """The type of a ``value``, and of the elements of a list."""
-    return (list, *{*map(type, value)}) if isinstance(value, list) else (type(value),)
 
 
 def _file_of(nodes: Nodes, stack: contextlib.ExitStack) -> str:

@@ -208,7 +208,8 @@ def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
             continue
         line = reader.line_num
         if header is None:
-            header = [_without_unit(cell.strip()) for cell in cells]
+            plain = (cell.strip() for cell in cells)
+            header = ['time' if one == 'time [s]' else one.removesuffix(' [N]') for one in plain]
             names = ('time', *arm.tendon_names)
             # A tendon may be called time as well.
             if sorted(header) != sorted(names) or len(set(names)) < len(names):
@@ -221,11 +222,6 @@ def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
         value = dict(zip(header, cells))
         rows.append(_Row(line, value['time'], line, [value[name] for name in arm.tendon_names]))
     return rows, 'smooth'
-
-
-def _without_unit(name: str) -> str:
-    """The ``name`` of a column without its unit, s of the time and N of tensions."""
-    return 'time' if name == 'time [s]' else name.removesuffix(' [N]')
 
 
 def _read_yaml(text: str, arm: Arm) -> tuple[list[_Row], str]:

@@ -231,20 +231,12 @@ def _of_choice(control: Any, value: object) -> str:
     return '' if is_one else f'one of {", ".join(control.options)}'
 
 
-def _of_checkbox(control: Any, value: object) -> str:
-    return '' if isinstance(value, bool) else 'true or false'
-
-
-def _of_button(control: Any, value: object) -> str:
-    return '' if value is True else 'true'
-
-
 _EXPECTED: dict[type, Callable[[Any, object], str]] = {
     viser.GuiSliderHandle: _of_slider,
     viser.GuiDropdownHandle: _of_choice,
     viser.GuiButtonGroupHandle: _of_choice,
-    viser.GuiCheckboxHandle: _of_checkbox,
-    viser.GuiButtonHandle: _of_button,
+    viser.GuiCheckboxHandle: lambda _, value: '' if isinstance(value, bool) else 'true or false',
+    viser.GuiButtonHandle: lambda _, value: '' if value is True else 'true',
 }
 
 

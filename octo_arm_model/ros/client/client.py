@@ -52,7 +52,8 @@ class Topic:
     def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile = NEWEST_QOS) -> None:
         """Subscribe on ``node``, which need not be spun."""
         self._kind = kind
-        self._subscription = node.create_subscription(kind, topic, _never, qos, raw=True)
+        # The callback is never called, as messages are taken by `take_raw`.
+        self._subscription = node.create_subscription(kind, topic, lambda _: None, qos, raw=True)
 
     def close(self, node: Node) -> None:
         """Unsubscribe."""
@@ -98,10 +99,6 @@ class Meter:
             return 0.0
         (first, before), (last, after) = self._seen[0], self._seen[-1]
         return (after - before) / max(last - first, 1e-3)
-
-
-def _never(message: bytes) -> None:
-    """Callback that is never called, because the node's messages are taken by `take_raw`."""
 
 
 _UNIT = 1e-3  # by which the length of a quaternion may be off
@@ -178,12 +175,6 @@ def covariance_of(message: Any) -> BackboneCovariance:
     if np.isinf(found.contact_s):
         raise MessageError('contact_s is infinite')
     return found
-
-
-def force_of(message: Any) -> FloatArray:
-    """Force in a ``geometry_msgs/msg/WrenchStamped`` (3,) [N]; MessageError if not finite."""
-    force = message.wrench.force
-    return _finite('force', [force.x, force.y, force.z])
 
 
 def tip_deviation_of(message: Any) -> FloatArray:
@@ -337,7 +328,8 @@ class ArmClient:
             self.covariance = None
             self.covariance = covariance_of(message)
         elif name in (TIP_WRENCH, CONTACT):
-            self.force = force_of(message)
+            force = message.wrench.force
+            self.force = _finite('force', [force.x, force.y, force.z])
         else:
             self.tip_deviation = tip_deviation_of(message)
 

@@ -109,7 +109,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._live = LiveParameters(node, table, prepare, self._use)
         self._prepared: ArmT | None = None
         self._publishers: PublishersT | None = None
-        self._inputs = Inputs(node, self._refuse, self._skip)
+        self._inputs = Inputs(node, self._refuse, lambda older: self._diagnostics.skipped(older))
         self._frames = SensorFrames(node, self._inputs.look_again)
         self._diagnostics = Diagnostics(node, self._inputs)
         self._diagnostics.end('unconfigured')
@@ -236,9 +236,6 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         """The present arm, which there is while anything is answered."""
         assert self._prepared is not None
         return self._prepared
-
-    def _skip(self, older: int) -> None:
-        self._diagnostics.skipped(older)
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
         self._diagnostics.refused(topic, error)
