@@ -85,11 +85,7 @@ def within(name: str, value: object, low: float, high: float, unit: str) -> floa
 
 
 def whole(name: str, value: object) -> int:
-    """Return ``value`` as an integer >= 0.
-
-    Raises:
-        ArmDefinitionError: if it is not one.
-    """
+    """Return ``value`` as an integer >= 0; ArmDefinitionError if it is not one."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise ArmDefinitionError(name, value, 'an integer >= 0')
     return value

@@ -136,11 +136,7 @@ class CsvAnswers(CsvFiles):
         self._origin: int | None = None
 
     def write(self, topic: str, stamp_ns: int, shape: Backbone, tendons: Sequence[str]) -> None:
-        """Write the ``shape`` that answers a message.
-
-        Raises:
-            OSError: if it cannot be written.
-        """
+        """Write the ``shape`` that answers a message; OSError if it cannot be written."""
         if self._origin is None:
             self._origin = stamp_ns
         time = round(1e-9 * (stamp_ns - self._origin), 9)

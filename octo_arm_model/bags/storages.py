@@ -79,11 +79,7 @@ def check_file(path: Path) -> None:
 
 
 def check_size(size: int, what: str) -> None:
-    """Refuse what is too large for memory.
-
-    Raises:
-        ValueError: if ``size`` is more than `LARGEST` bytes.
-    """
+    """Refuse what is too large for memory; ValueError if ``size`` is more than `LARGEST` bytes."""
     if size > LARGEST:
         raise ValueError(f'{what} of {size} bytes, at most {LARGEST} are read')
 
@@ -115,11 +111,7 @@ def _expand_file(path: Path, folder: Path) -> Path:
 
 
 def expand_message(data: bytes) -> bytes:
-    """A message compressed by zstd.
-
-    Raises:
-        ValueError: if it is larger than `LARGEST`.
-    """
+    """A message compressed by zstd; ValueError if it is larger than `LARGEST`."""
     return _read(zstd.open(io.BytesIO(data), 'rb'), LARGEST, 'a compressed message')
 
 
@@ -229,11 +221,7 @@ class McapFile:
         self._file.close()
 
     def messages(self, topics: Collection[str]) -> Iterator[Found]:
-        """Messages of ``topics`` in the order of receipt.
-
-        Raises:
-            ValueError: if it is damaged.
-        """
+        """Messages of ``topics`` in the order of receipt; ValueError if it is damaged."""
         sources = [
             Source(chunk.start, functools.partial(self._in_chunk, chunk, topics))
             for chunk in self._chunks
@@ -443,11 +431,7 @@ class Sqlite3File:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open the file at ``path``.
-
-        Raises:
-            ValueError: if it is damaged.
-        """
+        """Open the file at ``path``; ValueError if it is damaged."""
         check_file(path)
         for ending in ('-wal', '-journal'):
             beside = path.with_name(path.name + ending)

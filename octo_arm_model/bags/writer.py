@@ -225,11 +225,7 @@ class BagWriter:
             )
 
     def write(self, messages: Iterable[Message]) -> None:
-        """Add ``messages``.
-
-        Raises:
-            BagError: if the bag cannot be written.
-        """
+        """Add ``messages``; BagError if the bag cannot be written."""
         with self._failures():
             for connection, received_ns, data in messages:
                 self._writer.write(connection, received_ns, data)
@@ -291,9 +287,5 @@ class SensorMessages:
         return layout
 
     def write(self) -> None:
-        """Write all of them.
-
-        Raises:
-            BagError: if the bag cannot be written.
-        """
+        """Write all of them; BagError if the bag cannot be written."""
         self._writer.write(sorted(self._messages, key=lambda message: message[1]))

@@ -282,11 +282,7 @@ class EstimateTables(CsvFiles):
         ])  # fmt: skip
 
     def write(self, moment: Moment, one: Estimated) -> None:
-        """Write ``one`` estimate.
-
-        Raises:
-            OSError: if it cannot be written.
-        """
+        """Write ``one`` estimate; OSError if it cannot be written."""
         time, estimate = round(moment.time, 9), one.estimate
         at = _besides_contact(estimate.state)
         deviations = np.sqrt(np.diag(estimate.covariance))[at]

@@ -45,11 +45,7 @@ class Measured:
     marker_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Validate.
-
-        Raises:
-            MeasurementError: if the numbers of markers differ.
-        """
+        """Validate; MeasurementError if the numbers of markers differ."""
         name, names = '--marker-frames', self.marker_frames
         if self.marker_names:
             name, names = '--marker-names', self.marker_names
@@ -89,11 +85,7 @@ class MeasuredPoints:
         self._unit, self._factor = measured.unit, LENGTH_UNITS[measured.unit]
 
     def check_frame(self, frame_id: str) -> None:
-        """Have all points be in one frame.
-
-        Raises:
-            MeasurementError: if they are not.
-        """
+        """Have all points be in one frame; MeasurementError if they are not."""
         if self.frame_id is None:
             self.frame_id = frame_id
         elif frame_id != self.frame_id:

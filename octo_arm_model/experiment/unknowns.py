@@ -483,11 +483,7 @@ class Unknowns:
         return found
 
     def solver(self, x: FloatArray) -> Solver:
-        """Solver of the arm at ``x``.
-
-        Raises:
-            ArmDefinitionError: if there can be no such arm.
-        """
+        """Solver of the arm at ``x``; ArmDefinitionError if there can be no such arm."""
         config = Config.from_parameters(self.parameters(x))
         return config.solver(stations=max(config.stations, FINE_STATIONS))
 

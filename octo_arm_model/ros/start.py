@@ -221,11 +221,7 @@ class CheckedNode(Node):
     """
 
     def __init__(self, name: str, **options: Any) -> None:
-        """As `Node`.
-
-        Raises:
-            ConfigError: if one of its own parameter files cannot be read.
-        """
+        """As `Node`; ConfigError if one of its own parameter files cannot be read."""
         with read_here(options.pop('cli_args', None) or ()) as given:
             super().__init__(name, cli_args=given or None, **options)
 

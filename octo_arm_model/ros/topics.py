@@ -31,11 +31,7 @@ _TYPE = re.compile(r'([a-z]\w*)/msg/([A-Z]\w*)')
 
 
 def decoded(data: bytes, kind: Any) -> Any:
-    """The message of type ``kind`` that ``data`` is.
-
-    Raises:
-        MessageError: if it is none.
-    """
+    """The message of type ``kind`` that ``data`` is; MessageError if it is none."""
     try:
         return deserialize_message(data, kind)
     except Exception as error:
@@ -71,11 +67,7 @@ def _has_messages(package: str) -> bool:
 
 
 def wrench_values(message: Wrench) -> FloatArray:
-    """Force and moment (6,) [N, N m].
-
-    Raises:
-        LoadError: if a component is not finite.
-    """
+    """Force and moment (6,) [N, N m]; LoadError if a component is not finite."""
     force, torque = message.force, message.torque
     values = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
     if not np.isfinite(values).all():

@@ -144,11 +144,7 @@ class DynamicArm:
     """The motion of an arm under tensions, winches and a push, and what sensors read of it."""
 
     def __init__(self, config: Config, push: Push, sensors: Sensors) -> None:
-        """Of the arm of ``config``, by the model exact.
-
-        Raises:
-            OctoArmError: if the arm has no density.
-        """
+        """Of the arm of ``config``, by the model exact; OctoArmError if the arm has no density."""
         self._at_tip, self._sensors = push.is_at_tip(config.arm.length), sensors
         self._push: ScaledLoads | None = None
         if not self._at_tip:
@@ -188,11 +184,7 @@ class DynamicArm:
         self.surroundings = Surroundings(self._config.base, self._config.motion.current)
 
     def check_force(self, force: FloatArray) -> None:
-        """Check a ``force`` of the push, (3,) [N].
-
-        Raises:
-            LoadError: if it is too large.
-        """
+        """Check a ``force`` of the push, (3,) [N]; LoadError if it is too large."""
         self._dynamics.solver.check_tip_wrench(np.append(force, np.zeros(3)))
 
     def check_lengths(self, lengths: Mapping[str, float]) -> None:

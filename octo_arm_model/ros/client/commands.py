@@ -279,19 +279,11 @@ class SimulatorClient:
         self._force.publish(Vector3Stamped(vector=Vector3(x=x, y=y, z=z)))
 
     def pause(self, is_paused: bool) -> None:
-        """Stop the simulator, or let it go on.
-
-        Raises:
-            ConfigError: if there is none.
-        """
+        """Stop the simulator, or let it go on; ConfigError if there is none."""
         self._call('pause', SetBool.Request(data=is_paused))
 
     def trigger(self, name: str) -> None:
-        """Call the service ``name``, step or reset.
-
-        Raises:
-            ConfigError: as `pause`.
-        """
+        """Call the service ``name``, step or reset; ConfigError as `pause`."""
         self._call(name, Trigger.Request())
 
     def _call(self, name: str, request: SetBool.Request | Trigger.Request) -> None:
