@@ -17,8 +17,7 @@ from octo_arm_model.ros.launch_parts import (
     sim_time,
     value_of,
 )
-from octo_arm_model.ros.simulator.robot_description import INTERFACES, robot_description
-from octo_arm_model.simulation.parameters import in_water
+from octo_arm_model.simulation.simulator import INTERFACES, in_water, robot_description
 
 CONTROLLER = {'effort': 'tendon_effort_controller', 'position': 'tendon_position_controller'}
 

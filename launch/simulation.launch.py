@@ -16,8 +16,8 @@ from octo_arm_model.ros.launch_parts import (
     text,
     value_of,
 )
-from octo_arm_model.simulation.parameters import for_arm_node, for_true_arm
 from octo_arm_model.simulation.pushed_arm import touched
+from octo_arm_model.simulation.simulator import for_arm_node, for_true_arm
 
 
 def start(context):

@@ -20,9 +20,9 @@ from octo_arm_model.config.config import load_config
 from octo_arm_model.config.parameter_files import find_path
 from octo_arm_model.ros.processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.simulation.movements import find_profile, profile_names
-from octo_arm_model.simulation.parameters import in_water
 from octo_arm_model.simulation.profiles import CommandProfile
 from octo_arm_model.simulation.pushed_arm import touched
+from octo_arm_model.simulation.simulator import in_water
 from octo_arm_model.terminal import StatusLine, fail, make_parser, missing, status_of
 from octo_arm_model.viewer.options import add_address, page_title
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS

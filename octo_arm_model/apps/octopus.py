@@ -29,7 +29,7 @@ from octo_arm_model.config.parameter_files import find_path
 from octo_arm_model.ros.processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.simulation.movements import TOPIC as COMMANDS
 from octo_arm_model.simulation.movements import check_profile, find_profile, tendon_limits
-from octo_arm_model.simulation.parameters import in_water
+from octo_arm_model.simulation.simulator import in_water
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
 from octo_arm_model.viewer.options import page_title
 

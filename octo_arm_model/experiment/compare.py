@@ -15,12 +15,12 @@ from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, station_rows, tension_columns
-from octo_arm_model.experiment.branches import STILL, directions, part_along, remarks
 from octo_arm_model.experiment.camera import Alignment, undetermined
 from octo_arm_model.experiment.fit import fit_alignment, shape_residuals
 from octo_arm_model.experiment.midlines import Curve, MidlineErrors, marker_errors, midline_errors
 from octo_arm_model.experiment.motion import TensionTrajectory, moving_shapes
 from octo_arm_model.experiment.observations import MeasuredShape, is_at_tip
+from octo_arm_model.experiment.steady_windows import STILL, directions, part_along, remarks
 from octo_arm_model.experiment.uncertainty import misfit_of, noise_of
 from octo_arm_model.experiment.unknowns import FINE_STATIONS
 from octo_arm_model.rod.backbone import Backbone

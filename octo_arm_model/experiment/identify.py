@@ -15,7 +15,6 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment import uncertainty
-from octo_arm_model.experiment.branches import STILL, UNLOADING, directions, part_along, remarks
 from octo_arm_model.experiment.camera import Alignment, undetermined
 from octo_arm_model.experiment.fit import LOSSES, SOFT_L1, Problem, fit_alignment
 from octo_arm_model.experiment.identification import (
@@ -25,6 +24,13 @@ from octo_arm_model.experiment.identification import (
     unfitted,
 )
 from octo_arm_model.experiment.observations import MeasuredShape
+from octo_arm_model.experiment.steady_windows import (
+    STILL,
+    UNLOADING,
+    directions,
+    part_along,
+    remarks,
+)
 from octo_arm_model.experiment.unknowns import AXIAL, Readings, Unknowns, is_of_arm
 
 Fits = dict[str, tuple[FloatArray, float | None]]  # x and the scale, by each loss

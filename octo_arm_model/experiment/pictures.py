@@ -13,13 +13,13 @@ import numpy as np
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.branches import LOADING, REST, UNLOADING
 from octo_arm_model.experiment.camera import CameraErrors
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison, compare
 from octo_arm_model.experiment.fit import shape_residuals
 from octo_arm_model.experiment.identification import Identification
 from octo_arm_model.experiment.motion import TensionTrajectory
 from octo_arm_model.experiment.observations import MeasuredShape
+from octo_arm_model.experiment.steady_windows import LOADING, REST, UNLOADING
 from octo_arm_model.experiment.unknowns import is_of_arm
 from octo_arm_model.reproduce.figures import LINES
 from octo_arm_model.rod.rotations import axes_of

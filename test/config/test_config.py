@@ -21,7 +21,7 @@ from octo_arm_model import (
 from octo_arm_model.arm.errors import ContinuationError
 from octo_arm_model.config.parameter_files import parameters_as_yaml, parse_parameters, preset_path
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.simulation.parameters import PARAMETERS as SIMULATOR_PARAMETERS
+from octo_arm_model.simulation.simulator import PARAMETERS as SIMULATOR_PARAMETERS
 
 GOOD = preset_path('renda2012_table4').read_text(encoding='utf-8')
 MINIMAL = {

@@ -18,7 +18,7 @@ from launch_ros.utilities import evaluate_parameters
 
 from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.simulation.parameters import for_arm_node
+from octo_arm_model.simulation.simulator import for_arm_node
 
 EXAMPLE = ROOT / 'config' / 'simulator.yaml'
 

@@ -21,8 +21,8 @@ from octo_arm_model.simulation.dynamic_arm import (
     current_of,
     pose_of,
 )
-from octo_arm_model.simulation.parameters import SimulatorConfig, in_water
 from octo_arm_model.simulation.pushed_arm import Push, PushedArm, Sensors
+from octo_arm_model.simulation.simulator import SimulatorConfig, in_water
 
 PLAIN = load_config('renda2012_table4')
 CONFIG = dataclasses.replace(

@@ -177,7 +177,7 @@ def test_a_seed_draws_the_same_again_and_another_something_else() -> None:
 
 
 def test_the_simulation_needs_neither_ros_nor_matplotlib() -> None:
-    code = 'import octo_arm_model.simulation.parameters, octo_arm_model.cli.play, sys; '
+    code = 'import octo_arm_model.simulation.simulator, octo_arm_model.cli.play, sys; '
     done = subprocess.run(
         [sys.executable, '-c', code + 'print(*sys.modules)'], capture_output=True, text=True
     )

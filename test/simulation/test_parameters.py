@@ -10,7 +10,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.simulation.hardware import Hardware, LoadCells, Relaxation, Winches
-from octo_arm_model.simulation.parameters import (
+from octo_arm_model.simulation.simulator import (
     PARAMETERS,
     SimulatorConfig,
     for_arm_node,

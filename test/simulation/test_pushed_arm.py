@@ -18,8 +18,8 @@ from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import Markers, Tensions, TipPosition
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
-from octo_arm_model.simulation.parameters import SimulatorConfig, in_water
 from octo_arm_model.simulation.pushed_arm import PERIOD, Push, PushedArm, Sensors, touched
+from octo_arm_model.simulation.simulator import SimulatorConfig, in_water
 
 VALUES = load_parameters(preset_path('renda2012_prototype')) | {'model': 'exact', 'stations': 31}
 CONFIG = Config.from_parameters(VALUES)

@@ -10,8 +10,7 @@ import pytest
 from octo_arm_model import TensionError, load_config, solve_displacements
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.simulation.parameters import SimulatorConfig, in_water
-from octo_arm_model.simulation.tendon_drive import TendonDrive
+from octo_arm_model.simulation.simulator import SimulatorConfig, TendonDrive, in_water
 
 NAMES = load_config('renda2012_prototype').arm.tendon_names
 NONE, SLACK = np.zeros(3), np.zeros(4)

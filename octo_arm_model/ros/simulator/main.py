@@ -41,7 +41,6 @@ from octo_arm_model.ros.simulator.publishers import (
     SensorPublishers,
     SimulatorDiagnostics,
 )
-from octo_arm_model.ros.simulator.robot_description import COMMANDS as JOINT_COMMANDS
 from octo_arm_model.ros.simulator.services import (
     PUSH_TOPIC,
     PushService,
@@ -59,8 +58,8 @@ from octo_arm_model.ros.topics import (
 from octo_arm_model.ros.work import until_shutdown
 from octo_arm_model.simulation.dynamic_arm import SHAPE, DynamicArm, check_values
 from octo_arm_model.simulation.movements import TOPIC, check_command
-from octo_arm_model.simulation.parameters import PARAMETERS, SimulatorConfig
-from octo_arm_model.simulation.tendon_drive import TendonDrive
+from octo_arm_model.simulation.simulator import COMMANDS as JOINT_COMMANDS
+from octo_arm_model.simulation.simulator import PARAMETERS, SimulatorConfig, TendonDrive
 from octo_arm_model.wire.tensions import (
     DISPLACEMENTS,
     NONE,

@@ -28,11 +28,10 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
-from octo_arm_model.ros.simulator.robot_description import STATES
 from octo_arm_model.ros.start import RefusalLog
 from octo_arm_model.ros.topics import create_publisher, message_class, pose_message
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
-from octo_arm_model.simulation.parameters import SimulatorConfig
+from octo_arm_model.simulation.simulator import STATES, SimulatorConfig
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS, BackboneWriter
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, TIP_POSE
 

@@ -27,8 +27,8 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.ros.topics import create_publisher
 from octo_arm_model.ros.work import SLICE, until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
-from octo_arm_model.simulation.parameters import SimulatorConfig
 from octo_arm_model.simulation.pushed_arm import Push
+from octo_arm_model.simulation.simulator import SimulatorConfig
 
 TOPIC = '/clock'
 _AGAIN = 1e-3  # [s] between slices of steps, in which others are answered

@@ -30,7 +30,7 @@ from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPAC
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.ros.simulator.main import main as simulator_main
 from octo_arm_model.simulation.movements import find_profile
-from octo_arm_model.simulation.parameters import PARAMETERS
+from octo_arm_model.simulation.simulator import PARAMETERS
 
 EXAMPLE = CONFIG_FILE.with_name('simulator.yaml')
 SLACK = np.zeros(12)

@@ -16,7 +16,7 @@ from octo_arm_model import ConfigError, load_config, solve_displacements
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
-from octo_arm_model.ros.simulator.robot_description import COMMANDS, STATES, robot_description
+from octo_arm_model.simulation.simulator import COMMANDS, STATES, robot_description
 
 FILE = preset_path('renda2012_prototype')
 CONFIG = load_config(FILE)
