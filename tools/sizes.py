@@ -24,7 +24,7 @@ MOST = {
     'octo_arm_model/estimation': 3_990,
     'octo_arm_model/experiment': 6_280,
     'octo_arm_model/reproduce': 1_090,
-    'octo_arm_model/rod': 11_028,
+    'octo_arm_model/rod': 11_023,
     'octo_arm_model/ros': 5_150,
     'octo_arm_model/simulation': 2_340,
     'octo_arm_model/viewer': 2_290,

@@ -16,7 +16,7 @@ import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.rod.equilibrium import Acting, Equilibrium, Problem, State, straight_twists
+from octo_arm_model.rod.equilibrium import Acting, Equilibrium, Problem, State
 from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.section_arrays import Bends, tendons_at
 from octo_arm_model.rod.tables import places_at, tabulate, work_arrays
@@ -178,7 +178,7 @@ class Readout:
         self._problem, self._finer, self._s = finer.problem, finer, s
         elements, own = finer.own.elements, finer.own
         self.places = places_at(elements, s)
-        self._straight = straight_twists(own.strains)
+        self._straight = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])[: own.strains]
         if finer.problem.friction is not None:
             at = s, elements.sections[self.places.element]
             self._tables = tabulate(arm, elements, own.tables.base, law=own.tables.law, at=at)

@@ -439,7 +439,7 @@ def _are_same(one: State, other: State) -> bool:
 
 # Sections by themselves --------------------------------------------------------------------------
 
-TOLERANCE = 5e-11
+OF_SECTIONS = 5e-11  # residual that may be left
 _BY_NODE = ('body', 'tendons', 'active', 'reach', 'least_scale')
 
 
@@ -456,15 +456,10 @@ def balance_sections(
     Raises:
         ConvergenceError: if it does not converge.
     """
-    left, steps = form.balance(tables, z, tensions, np.zeros_like(z), TOLERANCE, work)
-    if not left <= TOLERANCE:
+    left, steps = form.balance(tables, z, tensions, np.zeros_like(z), OF_SECTIONS, work)
+    if not left <= OF_SECTIONS:
         raise ConvergenceError('the balance of the cross sections', left, steps)
     return left, steps
-
-
-def straight_twists(strains: int) -> FloatArray:
-    """Twist (m,) of the straight rod."""
-    return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])[:strains]
 
 
 class Several:

@@ -12,7 +12,7 @@ from rods import CASES, TENSIONS, WRENCH, forms, rod_of, twists_at
 
 from octo_arm_model import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.rod.equilibrium import TOLERANCE, Condition, Problem, balance_sections
+from octo_arm_model.rod.equilibrium import OF_SECTIONS, Condition, Problem, balance_sections
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.tables import AXIAL, force_scale, work_arrays
 
@@ -62,7 +62,7 @@ def test_sections_that_said_to_be_in_balance_are(name, compiled):
                 balanced += 1
                 problem.form.sections(tables, z, local, work)
                 over = np.abs(work.gradient[:, :3]) / force_scale(tables, tensions)[:, :1]
-                assert over.max() <= TOLERANCE
+                assert over.max() <= OF_SECTIONS
     assert balanced >= 20
 
 
