@@ -46,7 +46,7 @@ class Config:
         markers_rate: highest rate of the node's markers [Hz]; 0 for every shape.
         diagnostic_limits: thresholds of the node's diagnostics.
         tendon_limits: largest tension that may be commanded of each tendon [N]; empty for the
-            defaults of `simulation.limits`.
+            defaults of `simulation.movements`.
         load_cells: calibration of the load cells.
         encoders: calibration of the encoders of the winches.
         tension_type: type of further messages that the node takes tensions from; empty for none.

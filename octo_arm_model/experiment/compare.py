@@ -37,7 +37,7 @@ class StepComparison:
         measured: its midline in base_frame (m, 3) [m].
         backbone: the solution of the model.
         errors: distances between the two.
-        direction: from which side its tensions were reached, of `branches.directions`.
+        direction: from which side its tensions were reached, of `steady_windows.directions`.
         bend: signed error of the tip, along the way it moves as tensions rise: > 0 where the arm
             bends farther than the model [m]; NaN where no tendon is pulled, the tip was not
             measured, friction leaves the way open, or the arm moves.

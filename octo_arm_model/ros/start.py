@@ -217,7 +217,7 @@ _LISTS = {
 class CheckedNode(Node):
     """Checks the arguments of rclpy's own callbacks, whose exceptions would end the program.
 
-    Parameters of a node with arguments of its own are read as `start.read_here` does.
+    Parameters of a node with arguments of its own are read as `read_here` does.
     """
 
     def __init__(self, name: str, **options: Any) -> None:

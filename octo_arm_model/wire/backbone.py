@@ -207,11 +207,7 @@ class TensionProfilesWriter:
         self._template = cdr.Template(layout)
 
     def write(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
-        """Message of a single solution with the stations and tendons of this writer.
-
-        Raises:
-            ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
-        """
+        """Message of a single solution of this arm; ConfigError as of `cdr.Template`."""
         self._tensions[...] = backbone.tendon_tensions
         self._positions[...] = backbone.position
         return self._template.write(sec, nanosec, self._points.view(np.uint8).ravel())

@@ -134,11 +134,7 @@ class EstimateMessages:
         self._besides = EstimateWriter(frame_id, model.arm, grid.s)
 
     def write(self, estimate: Estimate, sec: int, nanosec: int) -> dict[str, bytes]:
-        """Bytes by topic of `ESTIMATES`; those of a contact and of biases if they are estimated.
-
-        Raises:
-            ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
-        """
+        """Bytes by topic of `ESTIMATES`, as `EstimateWriter.write`, and with its errors."""
         stamp = sec, nanosec
         shape = self._shape.all(estimate.backbone, estimate.pose_covariance[-1], *stamp)
         return {

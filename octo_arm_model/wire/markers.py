@@ -110,11 +110,7 @@ class FramesWriter:
         self._template = Template(layout)
 
     def write(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
-        """Frames of one shape, a single solution with the stations this was prepared for.
-
-        Raises:
-            ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
-        """
+        """Frames of a single solution at the stations given; ConfigError as of `Template`."""
         values = []
         for station in self._stations:
             values += [backbone.position[station], backbone.quaternion[station]]
