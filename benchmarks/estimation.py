@@ -20,7 +20,7 @@ from brief import IS_BRIEF, make_parser
 
 from octo_arm_model import Arm, Body, Material, Section
 from octo_arm_model.arm.errors import SolveError
-from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.estimator import Filter
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.unknowns import Unknowns, Walk

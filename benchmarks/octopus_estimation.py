@@ -25,7 +25,7 @@ from octo_arm_model import Backbone, Loads, Solver, load_config
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.estimator import Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.unknowns import Unknowns, Walk

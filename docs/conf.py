@@ -14,7 +14,7 @@ from sphinx.application import Sphinx
 from octo_arm_model import __version__
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
+from octo_arm_model.estimation.settings import ESTIMATOR_PARAMETERS
 from octo_arm_model.simulation.simulator import PARAMETERS as SIMULATOR
 
 project = 'octo_arm_model'

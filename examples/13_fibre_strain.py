@@ -4,7 +4,7 @@ import numpy as np
 
 from octo_arm_model import load_config
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.estimator import Filter
 from octo_arm_model.estimation.measurements import Measurement, Tensions
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.unknowns import Unknowns, Walk

@@ -3,7 +3,7 @@
 import numpy as np
 
 from octo_arm_model import load_config
-from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.estimator import Filter
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.unknowns import Unknowns, Walk

@@ -21,7 +21,7 @@ MOST = {
     'octo_arm_model/bags': 2_800,
     'octo_arm_model/cli': 3_020,
     'octo_arm_model/config': 1_830,
-    'octo_arm_model/estimation': 3_990,
+    'octo_arm_model/estimation': 3_930,
     'octo_arm_model/experiment': 6_280,
     'octo_arm_model/reproduce': 1_090,
     'octo_arm_model/rod': 11_023,

@@ -20,7 +20,7 @@ from octo_arm_model.cli.files import Bar, check_out, refuse_inside, unwritten, w
 from octo_arm_model.cli.recordings import add_columns, read_alignment, read_columns
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.estimation.estimator import Estimated
-from octo_arm_model.estimation.parameters import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX
+from octo_arm_model.estimation.settings import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.unknowns import Unknowns
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, MEASUREMENT_TOPICS, TIP_POSE
 from octo_arm_model.wire.tensions import DISPLACEMENTS

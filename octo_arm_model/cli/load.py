@@ -10,7 +10,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
+from octo_arm_model.estimation.settings import ESTIMATOR_PARAMETERS
 from octo_arm_model.simulation.simulator import PARAMETERS as SIMULATOR_PARAMETERS
 
 SUMMARY = 'exchange the arm of a running node'

@@ -1,8 +1,9 @@
-"""The estimator of an arm: whatever is measured in, by its stamp; shape and contact force out.
+"""The estimator of an arm: whatever is measured in; shape and contact force out.
 
-The one loop of the node and of the bag tool. Where the place of a contact is unknown there is a
-bank of sensors for each place, and the truth may change from one to another at any time
-(first-order multiple-model estimator, Bar-Shalom, Li and Kirubarajan 2001, 11.6).
+`Filter` is of one model. `Estimator` is the one loop of the node and of the bag tool, by stamps:
+where the place of a contact is unknown there is a bank of sensors for each place, and the truth
+may change from one to another at any time (first-order multiple-model estimator, Bar-Shalom, Li
+and Kirubarajan 2001, 11.6).
 """
 
 from __future__ import annotations
@@ -207,3 +208,54 @@ class Estimator:
             raise failure
         probability = np.exp(logarithms - highest)
         return _Moment(time, measurements, tuple(steps), probability / probability.sum())
+
+
+class Filter:
+    """The recursive estimator of one arm.
+
+    Measurements may come late, by at most the window: what followed is then done again.
+
+    Attributes:
+        model: the arm.
+        refused: how many measurements were refused, by name.
+        innovations: of the last that were added.
+    """
+
+    def __init__(self, model: ArmModel, window: float = 0.0, rules: Rules = Rules()) -> None:
+        """Of ``model``, for measurements up to ``window`` [s] late, judged by ``rules``.
+
+        Raises:
+            MeasurementError: if a number is outside its range.
+        """
+        self.model = model
+        self.refused: dict[str, int] = {}
+        self.innovations: tuple[Innovation, ...] = ()
+        self._window: Window[Step] = Window(
+            lambda last, time, made, near: next_step(model, last, time, made, rules, near), window
+        )
+
+    @property
+    def last(self) -> Step | None:
+        """The newest step."""
+        return self._window.last
+
+    @property
+    def late(self) -> int:
+        """How many measurements came later than the window."""
+        return self._window.late
+
+    def add(self, time: float, measurements: Sequence[Measurement]) -> Estimate:
+        """Take ``measurements`` made at ``time`` [s]; returns the newest estimate.
+
+        Where it fails the filter is as it was.
+
+        Raises:
+            MeasurementError: if they come later than the window, or do not fit the arm.
+            SolveError: if the arm has no trustworthy shape.
+        """
+        step, before, newest = self._window.add(time, measurements)
+        self.innovations = step.innovations_after(before)
+        for one in self.innovations:
+            if not one.is_accepted:
+                self.refused[one.name] = self.refused.get(one.name, 0) + 1
+        return estimate_of(newest, self._window.first)

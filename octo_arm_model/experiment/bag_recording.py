@@ -29,7 +29,7 @@ from octo_arm_model.bags.topics import (
 from octo_arm_model.bags.writer import LEVEL, TENSIONS, BagWriter, SensorMessages
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
-from octo_arm_model.estimation.parameters import PREFIX
+from octo_arm_model.estimation.settings import PREFIX
 from octo_arm_model.experiment import csv_recording
 from octo_arm_model.experiment.csv_recording import DISPLACEMENT, NO_READING, CsvSources
 from octo_arm_model.experiment.csv_table import check_taken, read_csv

@@ -22,8 +22,7 @@ from octo_arm_model.bags.sensor_topics import (
 from octo_arm_model.bags.topics import MIDLINE, describe, usual_topics
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.model import PATIENT, ArmModel
-from octo_arm_model.estimation.parameters import PREFIX
-from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
+from octo_arm_model.estimation.settings import PREFIX, EstimatorSettings, TensionStatistics
 from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics, notes_on
 from octo_arm_model.experiment.camera import Alignment, CameraCheck
 from octo_arm_model.experiment.midlines import without_spikes

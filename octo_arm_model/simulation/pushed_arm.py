@@ -20,7 +20,7 @@ from octo_arm_model.config.parameter import ParameterGroup, stated
 from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements import Markers, Measurement
 from octo_arm_model.estimation.model import ArmModel, Prediction
-from octo_arm_model.estimation.parameters import MAX_MARKERS
+from octo_arm_model.estimation.settings import MAX_MARKERS
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import axes_of

@@ -9,7 +9,7 @@ from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 from octo_arm_model import Loads, Solver
 from octo_arm_model.arm.loads import DistributedLoad, PointLoad
 from octo_arm_model.estimation.estimate import contact_of
-from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.estimator import Filter
 from octo_arm_model.estimation.measurements import Markers, Tensions
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 

@@ -12,8 +12,7 @@ from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
 from octo_arm_model import Backbone, Solver
 from octo_arm_model.arm.errors import ConvergenceError, MeasurementError, SolveError
-from octo_arm_model.estimation.estimator import Estimator
-from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.estimator import Estimator, Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.model import BUDGET
 from octo_arm_model.estimation.rules import Rules

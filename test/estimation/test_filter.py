@@ -25,7 +25,7 @@ from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.arm.loads import ZERO
 from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.estimator import Filter
 from octo_arm_model.estimation.measurements import (
     TendonDisplacements,
     Tensions,

@@ -11,8 +11,7 @@ from octo_arm_model.arm.errors import ConfigError, OctoArmError
 from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.estimation.parameters import BENT, PREFIX
-from octo_arm_model.estimation.settings import EstimatorSettings, TensionStatistics
+from octo_arm_model.estimation.settings import BENT, PREFIX, EstimatorSettings, TensionStatistics
 from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.recording import check_marker_s
 

@@ -11,7 +11,7 @@ from checkout import ROOT
 from estimation_arms import TENSIONS, rubber
 
 from octo_arm_model.arm.errors import MeasurementError
-from octo_arm_model.estimation.filter import Filter
+from octo_arm_model.estimation.estimator import Filter
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.rules import Rules

@@ -24,8 +24,7 @@ from octo_arm_model.estimation.estimator import Estimated, Estimator
 from octo_arm_model.estimation.measurement import Measurement
 from octo_arm_model.estimation.measurements import Tensions
 from octo_arm_model.estimation.model import ArmModel
-from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS, PREFIX
-from octo_arm_model.estimation.settings import EstimatorSettings
+from octo_arm_model.estimation.settings import ESTIMATOR_PARAMETERS, PREFIX, EstimatorSettings
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.ros.estimator.outputs import EstimatePublishers, EstimateStatus
 from octo_arm_model.ros.node.diagnostics import SteppedClock

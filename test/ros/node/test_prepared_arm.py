@@ -10,7 +10,7 @@ from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.estimation.parameters import ESTIMATOR_PARAMETERS
+from octo_arm_model.estimation.settings import ESTIMATOR_PARAMETERS
 from octo_arm_model.ros.estimator.main import PreparedEstimator
 from octo_arm_model.ros.node.server import Prepared
 
