@@ -287,50 +287,42 @@ class GaussRule(NamedTuple):
         weights: b, quadrature weights over [0, 1], (n,).
         from_start: a, matrix from a column of values to integrals from 0 to each point, (n, n).
         to_end: b - a, likewise to integrals from each point to 1, (n, n).
-        tail: likewise to the last two Legendre coefficients, (2, n).
+        coefficients: likewise to Legendre coefficients, (n, n).
+        antiderivatives: likewise to those of the integral from 0, (n + 1, n).
     """
 
     points: FloatArray
     weights: FloatArray
     from_start: FloatArray
     to_end: FloatArray
-    tail: FloatArray
-
-    def interpolate(self, targets: FloatArray) -> FloatArray:
-        """Matrix (m, n) from values at the points to values at ``targets`` (m,)."""
-        count = self.points.size
-        values = _legendre.legvander(2.0 * self.points - 1.0, count - 1)
-        at = _legendre.legvander(2.0 * targets - 1.0, count - 1)
-        return np.asarray(np.linalg.solve(values.T, at.T).T)
+    coefficients: FloatArray
+    antiderivatives: FloatArray
 
     @property
     def differentiation(self) -> FloatArray:
         """Matrix (n, n) from values at the points to derivatives there."""
-        x, count = 2.0 * self.points - 1.0, self.points.size
-        values = _legendre.legvander(x, count - 1)
-        slopes = _legendre.legvander(x, count - 2) @ _legendre.legder(2.0 * np.eye(count))
-        return np.asarray(np.linalg.solve(values.T, slopes.T).T)
+        slopes = 2.0 * _legendre.legder(self.coefficients)
+        return np.asarray(_legendre.legvander(2.0 * self.points - 1.0, len(slopes) - 1) @ slopes)
+
+    def interpolate(self, targets: FloatArray) -> FloatArray:
+        """Matrix (m, n) from values at the points to values at ``targets`` (m,)."""
+        at = _legendre.legvander(2.0 * targets - 1.0, self.points.size - 1)
+        return np.asarray(at @ self.coefficients)
 
     def integrate(self, targets: FloatArray) -> FloatArray:
         """Matrix (m, n) from values at the points to integrals from 0 to ``targets`` (m,)."""
-        return _integrals(self.points, targets)
+        at = _legendre.legvander(2.0 * targets - 1.0, self.points.size)
+        return np.asarray(at @ self.antiderivatives)
 
 
 @functools.cache
 def gauss_rule(count: int) -> GaussRule:
     """The rule of ``count`` Gauss-Legendre points."""
     x, weights = _legendre.leggauss(count)
-    points = 0.5 * (x + 1.0)
-    from_start = _integrals(points, points)
-    inverse = np.linalg.inv(_legendre.legvander(x, count - 1))
-    tail = np.asarray(inverse[-2:], dtype=np.float64)
-    weights = np.asarray(0.5 * weights, dtype=np.float64)
-    return GaussRule(points, weights, from_start, weights - from_start, tail)
-
-
-def _integrals(points: FloatArray, targets: FloatArray) -> FloatArray:
-    count = points.size
-    values = _legendre.legvander(2.0 * points - 1.0, count - 1)
-    antiderivatives = _legendre.legint(np.eye(count), lbnd=-1.0, axis=0)
-    at = 0.5 * _legendre.legvander(2.0 * targets - 1.0, count) @ antiderivatives
-    return np.asarray(np.linalg.solve(values.T, at.T).T)
+    points, weights = 0.5 * (x + 1.0), np.asarray(0.5 * weights, dtype=np.float64)
+    coefficients = np.asarray(np.linalg.inv(_legendre.legvander(x, count - 1)), np.float64)
+    antiderivatives = np.asarray(0.5 * _legendre.legint(coefficients, lbnd=-1.0), np.float64)
+    from_start = _legendre.legvander(x, count) @ antiderivatives
+    return GaussRule(
+        points, weights, from_start, weights - from_start, coefficients, antiderivatives
+    )

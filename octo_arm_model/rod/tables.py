@@ -5,6 +5,7 @@ Both are plain arrays in one tuple each, as numba takes time for every argument 
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import BoolArray, FloatArray, IntArray
 from octo_arm_model.arm.stiffness import SectionStiffness
-from octo_arm_model.rod.elements import Elements, GaussRule
+from octo_arm_model.rod.elements import Elements, gauss_rule
 
 # Columns of `Tables.body`.
 AXIAL, TORSION, SQUARED_N, SQUARED_B, SHEAR, LEVER, RADIUS, REST_T, REST_N, REST_B = range(10)
@@ -152,7 +153,7 @@ class PaperTables(NamedTuple):
 def places_at(elements: Elements, s: FloatArray) -> Places:
     """Places at arc coordinates ``s`` (S,) [m] of the nodes of ``elements``."""
     integration, between = elements.integration(s), elements.interpolation(s)
-    return Places(elements.element_at(s), integration, between, elements.rule.tail)
+    return Places(elements.element_at(s), integration, between, elements.rule.coefficients[-2:])
 
 
 def work_arrays(tables: Tables, strains: int, *, has_jacobian: bool = True) -> Work:
@@ -183,6 +184,7 @@ def tabulate(
     ``base`` is the orientation of the base, a quaternion w, x, y, z.
     """
     rule, (s, section) = elements.rule, at or (elements.s, elements.section)
+    twice, differentiation, ends, to_fine, fine_weights = _of_rule(elements.points)
     acts = arm.tendon_section[np.newaxis] <= section[:, np.newaxis]
     columns = np.stack([*arm.tendon_offsets(s), *arm.tendon_slopes(s)], axis=-1)
     tendons = columns.swapaxes(0, 1) * acts[..., np.newaxis]
@@ -197,7 +199,7 @@ def tabulate(
         elements.weights,
         rule.from_start,
         rule.to_end,
-        _twice(rule),
+        twice,
         base,
         body,
         np.ascontiguousarray(tendons),
@@ -206,10 +208,11 @@ def tabulate(
         _LEAST_SCALE * body[:, AXIAL],
         compliance,
         np.array(arm.friction or np.zeros(len(arm.tendons))),
-        rule.differentiation,
-        rule.interpolate(np.array([0.0, 1.0])),
+        differentiation,
+        ends,
         elements.sharp,
-        *_fine(rule),
+        to_fine,
+        fine_weights,
     )
 
 
@@ -230,14 +233,19 @@ def force_scale(tables: Tables, tensions: FloatArray) -> FloatArray:
     return scale
 
 
-def _twice(rule: GaussRule) -> FloatArray:
-    return np.ascontiguousarray(np.einsum('im,mk->ikm', rule.to_end, rule.from_start))
+@functools.cache
+def _of_rule(points: int) -> tuple[FloatArray, ...]:
+    """Of `Tables` what depends on the rule of so many ``points`` alone.
 
-
-def _fine(rule: GaussRule) -> tuple[FloatArray, FloatArray]:
-    """`Tables.to_fine` and `Tables.fine_weights` of one element of length one."""
+    These are twice, differentiation, ends, to_fine and fine_weights.
+    """
+    rule = gauss_rule(points)
+    twice = np.ascontiguousarray(np.einsum('im,mk->ikm', rule.to_end, rule.from_start))
     fine = Elements(np.array([0.0, 1.0]), rule, np.zeros(1, np.int64), np.ones(1, np.bool_)).fine
-    return rule.interpolate(fine.s), fine.integration(np.append(rule.points, 1.0))
+    return (
+        twice, rule.differentiation, rule.interpolate(np.array([0.0, 1.0])),
+        rule.interpolate(fine.s), fine.integration(np.append(rule.points, 1.0)),
+    )  # fmt: skip
 
 
 def least_bending(tables: Tables) -> FloatArray:
