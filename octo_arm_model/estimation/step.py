@@ -22,7 +22,7 @@ from octo_arm_model.rod.sensitivity import chi_square_limit
 
 EVALUATIONS, ITERATIONS = 7, 50  # of shapes for one message, and of the solver for them
 _FIRST = 3  # times as many where it is the first one, or the estimate begins anew
-_SUDDEN = 4.0  # times what changes differed by lately, of tensions and of the tip that jump
+_SUDDEN = 4.0  # times the usual difference of two changes, of tensions and of the tip that jump
 _LATELY, _FEWEST = 20, 2  # steps over which that is averaged, and from which on it is known
 _WEIGHT = 0.1  # probability of a sensor to lie where a load cell does
 _LASTING, _LEAST = 5.0, 0.02  # [s] in which it falls by e, and where it is forgotten
@@ -32,9 +32,9 @@ class Together(NamedTuple):
     """What may be so where sensors lie together, which is held for a while.
 
     A load cell and a camera that are wrong by what goes together cannot be told from an arm that
-    moved, by nothing that is measured. So where the tip moves on in another way than it has
-    lately, while a tension does too or a sensor begins to contradict it, the covariance holds for
-    some seconds where the arm was, too.
+    moved, by nothing that is measured. So where the motion of the tip changes more than it has
+    lately, and that of a tension does too or a sensor begins to contradict it, the covariance
+    holds for some seconds where the arm was, too.
 
     Attributes:
         before: what was known before they jumped, without all since; None where they did not.
@@ -42,7 +42,7 @@ class Together(NamedTuple):
         expected: of what is known now, from the last step; None before the second.
         moved: change of all tensions [N] and the tip's position [m] in the last step; None before
             the second.
-        usual: mean squares of how much more these and the tip changed than before [N^2, m^2].
+        usual: mean squares of what these changes differ by from those before [N^2, m^2].
         steps: how many.
     """
 
@@ -215,7 +215,7 @@ class _Update:
     def step(self, last: Step | None, near: Step | None, *, is_anew: bool = False) -> Step:
         """What comes of them after the ``last`` step, looked for from it or from one ``near``.
 
-        Where it begins ``is_anew`` only the covariance holds what was known before.
+        One ``is_anew`` begins with the prior; its covariance holds what was known before.
         """
         model, judge = self._model, self._judge
         earlier = None if is_anew else last

@@ -256,9 +256,10 @@ def advance(
 ) -> None:
     """Go the way from 0 to 1 by steps of which the first is ``step`` and none below ``smallest``.
 
-    ``attempt`` follows a branch from one part of the way to another, by the smallest step or not:
-    where Newton's method ended, whether in balance, and whether that is accepted. Where the branch
-    ends ``leap`` goes on to another one, and returns its part of the way and the next step.
+    ``attempt(done, target, is_smallest)`` follows a branch from one part of the way to the next.
+    It returns where Newton's method ended, whether in balance and whether that is accepted. Where
+    the branch ends ``leap(done, found)`` goes to another one, and returns where on the way that
+    is and the next step.
     """
     done = 0.0
     while done < 1.0:

@@ -339,7 +339,7 @@ class Dynamics:
             water[:2],
         )  # fmt: skip
         problem.place_base(given.base)
-        problem.reference = state.wrench.copy()  # as `MotionState.z`
+        problem.reference = state.wrench.copy()  # a copy, as `MotionState.z` is
         guess, factors = z + dt * rate + 0.5 * dt * dt * bend, None
         if state.dt == dt:
             factors = state.factors

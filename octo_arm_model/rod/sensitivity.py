@@ -158,7 +158,7 @@ class Sensitivity:
         by_sheath_stiffness: per pascal of each tendon's sheath, zero for a rigid one; None where
             all are rigid.
         by_friction: per unit of each tendon's mu, where tendons have friction.
-        find: finds the three that were not yet asked for, by their quantities.
+        find: gives the derivatives by 'poisson_ratio', 'offset' or 'sheath_stiffness'.
     """
 
     by_tension: Change
@@ -383,7 +383,7 @@ class Derivatives:
     def _twists(
         self, found: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
     ) -> tuple[Linearised, FloatArray, FloatArray]:
-        """Changes of twists (N, m, total) and local tensions (N, J, total) about what was `found`.
+        """Changes of twists (N, m, total) and local tensions (N, J, total) about ``found``.
 
         Loads change the wrench (N, 6, loads) beyond the nodes.
         """
@@ -409,10 +409,8 @@ class Derivatives:
         self, found: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
     ) -> Change:
         """Of all ``columns``, with arguments of `_twists`."""
-        (linear, z, local), weights = (
-            self._twists(found, columns, wrenches), self._problem.elements.weights
-        )  # fmt: skip
-        tendons = linear.tendons
+        linear, z, local = self._twists(found, columns, wrenches)
+        weights, tendons = self._problem.elements.weights, linear.tendons
         by_z = weights[:, np.newaxis, np.newaxis] * tendons.stretch_by_twist
         length = np.tensordot(by_z, z, axes=([0, 2], [0, 1]))
         if tendons.has_sheaths:
@@ -430,7 +428,7 @@ class Derivatives:
         return Change(pose, strain, length, mean, z)
 
     def _pose_rates(self, linear: Linearised, z: FloatArray) -> FloatArray:
-        """See `pose_rates`."""
+        """How poses of the nodes change with their twists ``z``, see `pose_rates`."""
         return pose_rates(self._problem.elements.from_base, linear.rotation, linear.slope, z)
 
     def _local_changes(self, linear: Linearised, columns: _Columns, total: int) -> FloatArray:

@@ -258,9 +258,9 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             if not one.is_accepted:
                 limit = chi_square_limit(self._arm.settings.rules.gate, one.value.size)
                 is_now = one.normalised_square > limit
-                when = 'contradicts the estimate' if is_now else 'contradicted the estimate, now'
+                why = 'contradicts the estimate by' if is_now else 'is still doubted, now with'
                 error = MeasurementError(
-                    f'it {when} by a normalised square of {one.normalised_square:.3g} in '
+                    f'it {why} a normalised square of {one.normalised_square:.3g} in '
                     f'{one.value.size} number(s)'
                 )
                 self._refusal_log.warn(one.name, error)
