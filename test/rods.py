@@ -11,10 +11,12 @@ from octo_arm_model import (
     Arm,
     Body,
     DistributedLoad,
+    Dynamics,
     GivenStiffness,
     Linear,
     Loads,
     Material,
+    MotionState,
     PointLoad,
     ProfiledBody,
     RectangularBody,
@@ -40,6 +42,11 @@ METAL = Arm(
     Body(0.4, 0.0007, 0.0007, disc_radius=0.011),
     tuple(Section(anchorage, 0.01, 0.01, angles=THIRDS) for anchorage in (0.4, 0.2)),
 )
+# Of rubber, with two tendons on either side.
+UNIFORM = Arm(
+    Material(1e5, 0.5, 1000.0), Body(0.45, 0.01, 0.01),
+    (Section(0.45, 0.006, 0.006, angles=(0.0, math.pi)),),
+)  # fmt: skip
 WRENCH = np.array([0.01, 0.02, -0.01, 1e-4, -2e-4, 1e-4])
 TENSIONS = PULL.ravel()
 SHEATHED = dataclasses.replace(HELICAL, sheath_stiffness=(3e5, 0.0, 1e6, 4e5, 5e5, 6e5))
@@ -91,3 +98,24 @@ def forms() -> list[ModuleType]:
     except ModuleNotFoundError:
         return found
     return [*found, loops]
+
+
+def energy(dynamics: Dynamics, state: MotionState) -> float:
+    """Of an arm of the linear law with slack tendons, and of the water that it moves [J]."""
+    solver, s, weights = dynamics.solver, dynamics.nodes.s, dynamics.nodes.weights
+    area = np.pi * solver.arm.body.radius(s) ** 2
+    second = area**2 / (4.0 * np.pi)
+    mass = solver.arm.material.density * area
+    displaced = solver.loads.fluid_density * area
+    material = solver.arm.material
+    young, shear = material.youngs_modulus_at(s), material.shear_modulus_at(s)
+    t, n, b, stretch = state.twist[0].T
+    density = young * area * (stretch - 1.0) ** 2 + young * second * (n * n + b * b)
+    density += 2.0 * shear * second * t * t
+    place, velocity = state.place[:2].reshape(2, -1, 4, 3)
+    v, along = velocity[:, 0], (velocity[:, 0] * place[:, 1]).sum(axis=1)
+    density += mass * (v * v).sum(axis=1)
+    density += mass * area / (4.0 * np.pi) * (velocity[:, 2:] ** 2).sum(axis=(1, 2))
+    density += dynamics.properties.added_mass * displaced * ((v * v).sum(axis=1) - along**2)
+    density -= 2.0 * (mass - displaced) * (place[:, 0] @ np.array(solver.loads.gravity))
+    return float(0.5 * weights @ density)

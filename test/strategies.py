@@ -11,6 +11,9 @@ commands = st.lists(tensions, min_size=1, max_size=8)
 times = st.floats(1e-3, 100.0)
 
 MODEL_NAMES = ('renda2012', 'closed_form')
+# Largest tensions of the paper on each arm [N], by section: Tables 1, 3 and 5; what the paper
+# pulled in Figure 8 is not printed, so the tip of that arm is compressed like that of Figure 15.
+PAPER_SIZE = {0.3: (0.3,), 0.27: (3.95,), 0.31: (1.75, 4.0, 13.0), 0.45: (0.5, 4.0, 13.0)}
 
 
 def fractions(low: float = 0.0, high: float = 1.0) -> st.SearchStrategy[float]:

@@ -314,12 +314,6 @@ def test_anchorages_are_discs_and_parameters_make_them():
     assert arm.discs == Discs((0.1, 0.2, 0.3, 0.4), 0.002, 0.01)
 
 
-@pytest.mark.parametrize('count', [-1, 10**12])
-def test_no_number_of_discs_takes_all_the_memory(count):
-    with pytest.raises(ArmDefinitionError, match=f'number of discs is {count}, expected'):
-        Discs.evenly(count, 0.4)
-
-
 def test_a_tendon_alone_does_not_fold_an_arm_at_its_default_limit():
     arm = dataclasses.replace(load_config('rao2021').arm, discs=Discs.evenly(4, 0.4))
     solver, highest = Solver(arm, 'exact', stations=5, material='linear'), default_highest(arm)

@@ -1,5 +1,6 @@
-"""Arms beyond the paper's: any tendons, bodies and materials, in Python and in YAML."""
+"""Arms beyond the paper's: any tendons, bodies and materials, bent at rest, in Python and YAML."""
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 import yaml
 from numpy.testing import assert_allclose
+from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from octo_arm_model import (
     Arm,
@@ -15,11 +18,19 @@ from octo_arm_model import (
     Config,
     ConfigError,
     Constant,
+    Dynamics,
     Function,
+    GivenStiffness,
+    Inputs,
     Linear,
+    Loads,
     Material,
+    MotionProperties,
+    OctoArmError,
     PointLoad,
     ProfiledBody,
+    RectangularBody,
+    RestShape,
     RoutedSection,
     Section,
     Solver,
@@ -27,8 +38,14 @@ from octo_arm_model import (
     Tendon,
     TensionError,
     Uncertainty,
+    displacements_of,
     load_config,
+    modes,
+    solve_displacements,
 )
+from octo_arm_model.arm.body import Geometry
+from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.tendon import Discs
 
 SOFT = Material(1.5e5, 0.4)
 CONE = Body(0.3, 0.012, 0.006)
@@ -111,51 +128,6 @@ def test_sections_may_differ_in_number_and_tensions_come_in_rows_or_flat():
         solver.solve([0.4, 0.1, 0.0, -0.6, 0.0, 0.2, 0.3])
 
 
-@pytest.mark.parametrize(
-    ('arm', 'what'),
-    [
-        (HELICAL, 'section 2, whose tendons are not straight along n, b, -n, -b'),
-        (Arm(SOFT, ProfiledBody(0.3, Linear(0.012, 0.006, 0.3)), (Section(0.3, 0.004, 0.004),)),
-         'a body whose radius is not linear in s'),
-        (Arm(Material(Table((0.0, 0.3), (1e5, 2e5))), CONE, (Section(0.3, 0.004, 0.004),)),
-         'a material that varies along s'),
-    ],
-)  # fmt: skip
-def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm, what):
-    with pytest.raises(ConfigError, match=f"'renda2012', which does not cover {what}"):
-        Solver(arm, 'renda2012')
-
-
-@pytest.mark.parametrize(
-    ('build', 'message'),
-    [
-        (lambda: Arm(SOFT, ProfiledBody(0.3, Constant(-1.0)), ()), 'sections is ()'),
-        (lambda: Arm(SOFT, ProfiledBody(0.3, Linear(0.01, -0.001, 0.3)), (Section(0.3, 0, 0),)),
-         'body.radius at s = '),
-        (lambda: ProfiledBody(0.3, Table((0.0, 0.2), (0.01, 0.01))), 'last s of body.profile is'),
-        (lambda: Arm(Material(Constant(0.0)), CONE, (Section(0.3, 0, 0),)),
-         'material.youngs_modulus at s = 0 m is 0.0, expected a finite number > 0 [Pa]'),
-        (lambda: Arm(Material(1e5, Constant(0.6)), CONE, (Section(0.3, 0, 0),)),
-         'material.poisson_ratio at s = 0 m is 0.6, expected a finite number in (-1, 0.5]'),
-        (lambda: Material.from_moduli(3e5, 5e4), 'material.shear_modulus is 50000.0'),
-        (lambda: Section(0.3, 0.0, 0.0, angles=()), 'section.angles is (), expected at least one'),
-        (lambda: Section(0.3, 0.0, 0.0, twist=(1.0,)), 'section.twist is (1.0,), expected 4'),
-        (lambda: Section(0.3, 0.0, 0.0, angles=(math.nan,)), 'section.angles is nan, expected'),
-        (lambda: RoutedSection(0.3, ()), 'section.tendons is (), expected at least one tendon'),
-        (lambda: RoutedSection(0.3, (Tendon(Table((0.0, 0.2), (0.0, 0.0)), Constant(0.0)),)),
-         'last s of section.tendons[1].offset is 0.2, expected at least 0.3 [m]'),
-        (lambda: Arm(SOFT, CONE, (RoutedSection(0.3, (Tendon(Constant(0.007), Constant(0.0)),)),)),
-         'sections[1].tendons[1].offset is 0.007, expected at most the radius of the bod'),
-        (lambda: Arm(SOFT, Body(0.3, 0.01, 0.01, 0.02), (Section(0.3, 0.021, 0.0),)),
-         'sections[1].offset_base is 0.021, expected at most the radius of the discs'),
-    ],
-)  # fmt: skip
-def test_impossible_arms_name_field_value_and_expectation(build, message):
-    with pytest.raises(ArmDefinitionError) as refusal:
-        build()
-    assert str(refusal.value).startswith(message)
-
-
 # In YAML ----------------------------------------------------------------------------------------
 
 PLAIN = {
@@ -212,3 +184,324 @@ def test_yaml_says_everything_but_functions(tmp_path):
     assert config.uncertainty == Uncertainty(0.1, 0.05)
     backbone = config.solver().solve([0.1, 0.2, 0.0])
     assert backbone.residual < 1e-10
+
+
+# Cross sections ----------------------------------------------------------------------------------
+
+
+LENGTH, YOUNG, DENSITY, OFFSET = 0.2, 6e10, 6450.0, 0.008
+METAL = Material(YOUNG, 0.33, DENSITY)
+FOUR = (Section(LENGTH, OFFSET, OFFSET),)
+TUBE = Arm(METAL, Body(LENGTH, 1e-3, 1e-3, 0.01, 0.8e-3), FOUR)
+STRIP = Arm(METAL, RectangularBody(LENGTH, 3e-3, 1e-3, 0.01), FOUR)
+GIVEN = dataclasses.replace(
+    TUBE, stiffness=GivenStiffness(axial=9e4, bending_n=0.02, bending_b=0.03, torsion=0.025)
+)
+TUBES_SECOND = 0.25 * math.pi * (1.0 - 0.8**4) * 1e-12
+# E J about n and about b.
+BENDING = {
+    'tube': (TUBE, (YOUNG * TUBES_SECOND, YOUNG * TUBES_SECOND)),
+    'strip': (STRIP, (YOUNG * 3e-3 * 1e-9 / 12.0, YOUNG * 1e-3 * 27e-9 / 12.0)),
+    'given': (GIVEN, (0.02, 0.03)),
+}
+
+
+@pytest.mark.parametrize('name', BENDING)
+@pytest.mark.parametrize('compiled', [False, None], ids=['arrays', 'installed'])
+def test_each_tendon_bends_by_the_stiffness_about_its_axis(name, compiled):
+    arm, (about_n, about_b) = BENDING[name]
+    solver = Solver(arm, 'exact', material='linear', compiled=compiled)
+    for tensions, xi, k in (([2.0, 0, 0, 0], 0.0, 1.0), ([0, 2.0, 0, 0], -1.0, 0.0)):
+        found = solver.solve([tensions])
+        stretch = 1.0 + found.q
+        moment = 2.0 * OFFSET
+        assert_allclose(stretch * found.xi, xi * moment / about_n, rtol=1e-9)
+        assert_allclose(stretch * found.k, k * moment / about_b, rtol=1e-9)
+    # The paper's balance leaves out terms in the square of the curvature alone.
+    close = Solver(arm, 'closed_form', compiled=compiled).solve([[2e-3, 1e-3, 0.0, 0.0]])
+    assert_allclose(close.k[-1], 2e-3 * OFFSET / about_b, rtol=1e-4)
+    assert_allclose(close.xi[-1], -1e-3 * OFFSET / about_n, rtol=1e-4)
+
+
+@pytest.mark.parametrize(('ratio', 'part'), [(1.0, 0.140577), (2.0, 0.228682), (10.0, 0.312325)])
+def test_rectangles_twist_as_saint_venant_found(ratio, part):
+    for sizes in ((ratio, 1.0), (1.0, ratio)):
+        found = Geometry.of_rectangle(*(np.array([size]) for size in sizes))
+        assert_allclose(found.torsion, part * ratio, rtol=3e-6)
+    arm = dataclasses.replace(STRIP, body=RectangularBody(LENGTH, 1e-3 * ratio, 1e-3, 0.01))
+    solver = Solver(arm, 'exact', material='linear', loads=Loads(tip_moment=(0.01, 0.0, 0.0)))
+    torsion = METAL.shear_modulus * part * ratio * 1e-12
+    assert_allclose(solver.solve(np.zeros((1, 4))).tau, 0.01 / torsion, rtol=3e-6)
+
+
+def fibres(shape: str) -> tuple[FloatArray, FloatArray, Arm]:
+    """Places along n and parts of the area of many fibres of a soft arm of a ``shape``."""
+    points, weights = np.polynomial.legendre.leggauss(40)
+    soft = Material(1e5, 0.5)
+    section = (Section(LENGTH, 0.004, 0.004),)
+    if shape == 'strip':
+        body = RectangularBody(LENGTH, 0.01, 0.02)
+        return 5e-3 * points, 0.5 * weights, Arm(soft, body, section)
+    angle = np.pi * (np.arange(64) + 0.5) / 64
+    radius = 0.008 + 0.002 * points
+    parts = np.outer(weights * radius, np.ones(64))
+    place = np.outer(radius, np.cos(angle))
+    return place.ravel(), (parts / parts.sum()).ravel(), Arm(
+        soft, Body(LENGTH, 0.01, 0.01, 0.0, 0.006), section
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(('shape', 'error'), [('strip', 0.12), ('tube', 0.25)])
+def test_rubber_is_that_of_its_fibres_to_second_order(shape, error):
+    # The ellipse of the same second moments has other fourth ones.
+    place, part, arm = fibres(shape)
+    area = float(arm.body.geometry(np.zeros(1)).area[0])
+    solver = Solver(arm, 'exact')
+    for pull in (0.8, 0.4, 0.2):
+        found = solver.solve([[pull, 0.0, 0.0, 0.0]])
+        stretch, k = 1.0 + found.q[-1], found.k[-1] * (1.0 + found.q[-1])
+
+        def moment(k, stretch=stretch):
+            lengths = stretch - k * place / math.sqrt(stretch)
+            slope = 1e5 / 3.0 * (lengths - 1.0 / lengths**2)
+            return float((slope * -place * part).sum()) * area / math.sqrt(stretch)
+
+        # A parallel tendon pulls with this moment per curvature, whatever the strain.
+        expected = pull * 0.004 / math.sqrt(stretch)
+        exact = brentq(lambda k: moment(k) - expected, 0.0, 2.0 * k)
+        surface = float(np.abs(place).max()) * k
+        assert abs(k / exact - 1.0) < error * surface**2
+        assert surface > 0.01
+
+
+def test_weight_is_that_of_the_material_and_buoyancy_that_of_the_outline():
+    # A clamped beam under its own weight, to first order.
+    for fluid, mass in ((0.0, (1.0 - 0.8**2) * DENSITY), (1000.0, 0.36 * DENSITY - 1000.0)):
+        loads = Loads(gravity=(0.0, 0.0, -1.0), fluid_density=fluid)
+        tip = Solver(TUBE, 'exact', material='linear', loads=loads).solve(np.zeros((1, 4))).tip
+        sag = mass * math.pi * 1e-6 * LENGTH**4 / (8.0 * YOUNG * TUBES_SECOND)
+        assert_allclose(tip[2], -sag, rtol=1e-5)
+
+
+@pytest.mark.parametrize('name', BENDING)
+def test_frequencies_are_those_of_the_section(name):
+    arm, bending = BENDING[name]
+    body = arm.body.geometry(np.zeros(1))
+    dynamics = Dynamics(Solver(arm, 'exact', material='linear'), MotionProperties(viscosity=1e3))
+    found = modes(dynamics, dynamics.at_rest(Inputs(np.zeros((1, 4)))), 24).frequencies
+    mass = DENSITY * body.area.item()
+    for stiffness in bending:
+        plain = 1.8751040687**2 / (2.0 * math.pi * LENGTH**2) * math.sqrt(stiffness / mass)
+        assert np.abs(found / plain - 1.0).min() < 3e-4
+    torsion = METAL.shear_modulus * body.torsion.item() if name != 'given' else 0.025
+    polar = DENSITY * (body.about_n + body.about_b).item()
+    assert np.abs(found * 4.0 * LENGTH / math.sqrt(torsion / polar) - 1.0).min() < 1e-8
+
+
+# Bent at rest -----------------------------------------------------------------------------------
+
+HELIX = RestShape(3.0, 6.0, 20.0)
+
+
+@pytest.mark.parametrize('law', ['linear', 'neo_hookean', 'closed_form'])
+def test_an_arm_without_load_has_its_shape_at_rest(law):
+    arm = dataclasses.replace(TUBE, rest=HELIX)
+    if law == 'closed_form':
+        solver = Solver(arm, 'closed_form', 31)
+    else:
+        solver = Solver(arm, 'exact', 31, material=law)
+    found = solver.solve(np.zeros((1, 4)))
+    t, n, b = 20.0, 3.0, 6.0
+    screw = np.array([[0, -b, n, 1.0], [b, 0, -t, 0], [-n, t, 0, 0], [0, 0, 0, 0]])
+    for s, position in zip(found.s, found.position, strict=True):
+        assert_allclose(position, expm(s * screw)[:3, 3], rtol=0.0, atol=1e-12)
+    assert_allclose(
+        np.stack([found.tau, found.xi, found.k, found.q]).T, [[t, n, b, 0.0]] * 31, atol=1e-12
+    )
+
+
+def test_a_table_of_curvature_bends_it_so_along_its_length():
+    along = Table((0.0, 0.05, LENGTH), (4.0, -2.0, 1.0))
+    rest = RestShape(curvature_b=along, curvature_n=Linear(1.0, 3.0, LENGTH))
+    for law in ('linear', 'neo_hookean'):
+        solver = Solver(dataclasses.replace(TUBE, rest=rest), 'exact', 41, material=law)
+        found = solver.solve(np.zeros((1, 4)))
+        assert_allclose(found.k, along.value(found.s), atol=1e-8)
+        assert_allclose(found.xi, 1.0 + 2.0 * found.s / LENGTH, atol=1e-9)
+
+
+@pytest.mark.parametrize('compiled', [False, None], ids=['arrays', 'installed'])
+@pytest.mark.parametrize('model', ['exact', 'closed_form'])
+def test_a_tendon_straightens_a_bent_rod_and_its_winch_knows_by_how_much(model, compiled):
+    curvature, (arm, (_, bending)) = 4.0, BENDING['tube']
+    bent = dataclasses.replace(arm, rest=RestShape(curvature_b=-curvature))
+    pull = bending * curvature / OFFSET
+    solver = Solver(
+        bent, model, 21, compiled=compiled, **({'material': 'linear'} if model == 'exact' else {})
+    )
+    found = solver.solve([[pull, 0.0, 0.0, 0.0]])
+    assert np.abs(found.k).max() < 1e-9 * curvature
+    stretch = 1.0 - pull / (YOUNG * math.pi * 0.36e-6)
+    assert_allclose(found.tip, [LENGTH * stretch, 0.0, 0.0], atol=1e-12)
+    # On the outside of the bend the tendon was longer than the arm.
+    reeled = LENGTH * (1.0 + curvature * OFFSET - stretch)
+    name = bent.tendon_names[0]
+    assert_allclose(displacements_of(solver, found)[0, 0], reeled, rtol=1e-9)
+    wound = solve_displacements(solver, {name: reeled}).backbone
+    assert_allclose(wound.tensions[0], [pull, 0.0, 0.0, 0.0], rtol=1e-6, atol=1e-9)
+
+
+def test_chords_between_discs_of_a_bent_rod_are_those_of_its_arc():
+    curvature, count, (arm, (_, bending)) = 4.0, 5, BENDING['tube']
+    discs = Discs(tuple(np.linspace(0.0, LENGTH, count + 1)[1:].tolist()))
+    bent = dataclasses.replace(arm, rest=RestShape(curvature_b=-curvature), discs=discs)
+    pull = bending * curvature / OFFSET
+    solver = Solver(bent, 'exact', 21, material='linear')
+    found = solver.solve([[pull, 0.0, 0.0, 0.0]])
+    assert np.abs(found.k).max() < 1e-9 * curvature
+    half = 0.5 * curvature * LENGTH / count
+    unloaded = count * 2.0 * (1.0 / curvature + OFFSET) * math.sin(half)
+    reeled = unloaded - found.tip[0]
+    assert_allclose(displacements_of(solver, found)[0, 0], reeled, rtol=1e-9)
+
+
+def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring():
+    # A force along the chord of a short arc: sections under no moment curve by 1 / w, to first
+    # order, as all fibres of a ring are stretched in proportion.
+    soft = Arm(Material(1e5, 0.5), Body(0.02, 0.004, 0.004), (Section(0.02, 0.0, 0.0),),
+               rest=RestShape(curvature_b=1.0))  # fmt: skip
+    pull = 4.0 * 1e5 / 3.0 * math.pi * 0.004**2 * (1.2 - 1.0 / 1.2**2) / 4.0
+    base = Solver(soft, 'exact', loads=Loads(tip_force=(pull, 0.01 * pull, 0.0)))
+    found = base.solve(np.zeros((1, 4)))
+    assert_allclose(1.0 + found.q, 1.2, rtol=1e-3)
+    assert_allclose(found.k[-1], math.sqrt(1.2), rtol=2e-3)
+
+
+# Refused ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('arm', 'what'),
+    [
+        (HELICAL, 'section 2, whose tendons are not straight along n, b, -n, -b'),
+        (
+            Arm(SOFT, ProfiledBody(0.3, Linear(0.012, 0.006, 0.3)), (Section(0.3, 0.004, 0.004),)),
+            'a body whose radius is not linear in s',
+        ),
+        (
+            Arm(Material(Table((0.0, 0.3), (1e5, 2e5))), CONE, (Section(0.3, 0.004, 0.004),)),
+            'a material that varies along s',
+        ),
+        (TUBE, 'tubes'),
+        (dataclasses.replace(TUBE, stiffness=GivenStiffness(axial=1.0)), 'sections of given'),
+        (dataclasses.replace(TUBE, body=Body(LENGTH, 0.01, 0.01), rest=HELIX), 'an arm that is b'),
+    ],
+)
+def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm, what):
+    with pytest.raises(ConfigError, match=f"'renda2012', which does not cover {what}"):
+        Solver(arm, 'renda2012')
+
+
+@pytest.mark.parametrize(
+    ('build', 'message'),
+    [
+        (lambda: Arm(SOFT, ProfiledBody(0.3, Constant(-1.0)), ()), 'sections is ()'),
+        (lambda: Arm(SOFT, ProfiledBody(0.3, Linear(0.01, -0.001, 0.3)), (Section(0.3, 0, 0),)),
+         'body.radius at s = '),
+        (lambda: ProfiledBody(0.3, Table((0.0, 0.2), (0.01, 0.01))), 'last s of body.profile is'),
+        (lambda: Arm(Material(Constant(0.0)), CONE, (Section(0.3, 0, 0),)),
+         'material.youngs_modulus at s = 0 m is 0.0, expected a finite number > 0 [Pa]'),
+        (lambda: Arm(Material(1e5, Constant(0.6)), CONE, (Section(0.3, 0, 0),)),
+         'material.poisson_ratio at s = 0 m is 0.6, expected a finite number in (-1, 0.5]'),
+        (lambda: Material.from_moduli(3e5, 5e4), 'material.shear_modulus is 50000.0'),
+        (lambda: Section(0.3, 0.0, 0.0, angles=()), 'section.angles is (), expected at least one'),
+        (lambda: Section(0.3, 0.0, 0.0, twist=(1.0,)), 'section.twist is (1.0,), expected 4'),
+        (lambda: Section(0.3, 0.0, 0.0, angles=(math.nan,)), 'section.angles is nan, expected'),
+        (lambda: RoutedSection(0.3, ()), 'section.tendons is (), expected at least one tendon'),
+        (lambda: RoutedSection(0.3, (Tendon(Table((0.0, 0.2), (0.0, 0.0)), Constant(0.0)),)),
+         'last s of section.tendons[1].offset is 0.2, expected at least 0.3 [m]'),
+        (lambda: Arm(SOFT, CONE, (RoutedSection(0.3, (Tendon(Constant(0.007), Constant(0.0)),)),)),
+         'sections[1].tendons[1].offset is 0.007, expected at most the radius of the bod'),
+        (lambda: Arm(SOFT, Body(0.3, 0.01, 0.01, 0.02), (Section(0.3, 0.021, 0.0),)),
+         'sections[1].offset_base is 0.021, expected at most the radius of the discs'),
+        (lambda: dataclasses.replace(TUBE, body=Body(LENGTH, 1e-3, 5e-4, 0.01, 8e-4)),
+         'body.inner_radius at s = 0.0804688 m is 0.0008, expected less than the radius'),
+        (lambda: RectangularBody(LENGTH, 0.0, 1e-3), 'body.width is 0.0, expected a finite num'),
+        (lambda: dataclasses.replace(STRIP, body=RectangularBody(LENGTH, 0.1, 0.01)),
+         'sections[1].tendons[2].offset is 0.008, expected such that the tendon is within the b'),
+        (lambda: GivenStiffness(axial=-1.0), 'stiffness.axial is -1.0, expected a finite stiffn'),
+        (lambda: dataclasses.replace(TUBE, stiffness=GivenStiffness(bending_n=Linear(1, -1, 0.2))),
+         'stiffness.bending_n at s = 0.1 m is 0.0, expected a finite number > 0'),
+        (lambda: dataclasses.replace(TUBE, rest=RestShape(curvature_n=130.0)),
+         'rest_curvature at s = 0 m is 130.0, expected less than 1 over the distance of what is'),
+        (lambda: RestShape(torsion=math.nan), 'rest_torsion is nan, expected a finite number'),
+        (lambda: Dynamics(Solver(STRIP, 'exact', material='linear'),
+                          MotionProperties(normal_drag=1.0)),
+         'motion.normal_drag is 1.0, expected 0 of a rectangular body'),
+    ],
+)  # fmt: skip
+def test_impossible_arms_name_field_value_and_expectation(build, message):
+    with pytest.raises(ArmDefinitionError) as refusal:
+        build()
+    assert str(refusal.value).startswith(message)
+
+
+# In a file --------------------------------------------------------------------------------------
+
+THIN = {
+    'model': 'exact', 'material.youngs_modulus': YOUNG, 'material.law': 'linear',
+    'body.length': LENGTH, 'body.disc_radius': 0.01, 'sections.anchorage': [LENGTH],
+    'sections.offset_base': [OFFSET], 'sections.offset_anchorage': [OFFSET],
+}  # fmt: skip
+ROUND = {'body.radius_base': 1e-3, 'body.radius_tip': 1e-3}
+S = [0.0, 0.1, LENGTH]
+
+
+def test_a_file_says_all_of_it():
+    values = THIN | {
+        'body.table_s': S, 'body.table_width': [3e-3, 2e-3, 1e-3],
+        'body.table_height': [1e-3, 1e-3, 2e-3], 'stiffness.bending': [0.02], 'rest_torsion': 2.0,
+        'stiffness.table_s': S, 'stiffness.table_axial': [9e4, 8e4, 7e4],
+        'rest.table_s': [0.0, LENGTH], 'rest.table_curvature_b': [1.0, 3.0],
+    }  # fmt: skip
+    arm = Config.from_parameters(values).arm
+    assert arm == dataclasses.replace(
+        STRIP,
+        material=Material(YOUNG),
+        body=RectangularBody(
+            LENGTH, Table(tuple(S), (3e-3, 2e-3, 1e-3), 'body.table_width'),
+            Table(tuple(S), (1e-3, 1e-3, 2e-3), 'body.table_height'), 0.01,
+        ),
+        stiffness=GivenStiffness(
+            Table(tuple(S), (9e4, 8e4, 7e4), 'stiffness.table_axial'), 0.02, 0.02
+        ),
+        rest=RestShape(
+            0.0, Table((0.0, LENGTH), (1.0, 3.0), 'rest.table_curvature_b'), 2.0
+        ),
+    )  # fmt: skip
+    tube = THIN | ROUND | {'body.inner_radius': 8e-4, 'rest_curvature': [3.0, 6.0]}
+    arm = Config.from_parameters(tube).arm
+    assert (arm.body, arm.rest) == (TUBE.body, RestShape(3.0, 6.0))
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({}, 'body.radius_base is missing, expected double'),
+        (ROUND | {'body.width': 1e-3, 'body.height': 1e-3}, 'body.radius_base does not go with'),
+        ({'body.width': 1e-3}, 'body.height is 0.0, expected a finite number > 0'),
+        (ROUND | {'rest_curvature': [1.0]}, 'rest_curvature has 1 values, expected 2, about n an'),
+        (ROUND | {'stiffness.bending': [1.0] * 3}, 'stiffness.bending has 3 values, expected 2'),
+        (ROUND | {'rest_torsion': 1.0, 'rest.table_s': [0.0, LENGTH],
+                  'rest.table_torsion': [1.0, 2.0]},
+         'rest.table_torsion and the same for all s are given, expected one of both'),
+        (ROUND | {'stiffness.table_s': [0.0, LENGTH]}, 'stiffness.table_s has no effect without'),
+        ({'body.width': 1e-3, 'body.height': 1e-3, 'body.table_s': [0.0, LENGTH]},
+         'body.table_s has no effect without'),
+        (ROUND | {'rest.table_torsion': [1.0]}, 'rest.table_torsion has 1 values, expected 0'),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_together_is_named(changes, message):
+    with pytest.raises(OctoArmError) as refusal:
+        Config.from_parameters(THIN | changes)
+    assert str(refusal.value).startswith(message)

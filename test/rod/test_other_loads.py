@@ -5,8 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 from differences import along, jacobian
+from helical_arm import HELICAL
+from helical_arm import PULL as HELICAL_PULL
 from numpy.testing import assert_allclose
-from rods import CASES, EVERYTHING, TENSIONS, WRENCH
+from rods import EVERYTHING, WRENCH
+from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
     Arm,
@@ -19,19 +22,13 @@ from octo_arm_model import (
     Loads,
     Material,
     PointLoad,
+    Pose,
     Section,
     Solver,
 )
-from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import DeformedRod, FollowingWrench, Resultants, Tangent
-from octo_arm_model.rod.equilibrium import Equilibrium
-from octo_arm_model.rod.rod import Rod, Setting
-from octo_arm_model.rod.rotations import rotation_matrices
-from octo_arm_model.rod.sensitivity import Derivatives
-from octo_arm_model.rod.statics import strains_of
 
-NOTHING = np.zeros(6)
-PULL = np.array([0.0, 0.1, 0.1, 0.0, 0.5, 0.0, 0.0, 0.2, 0.0, 1.0, 0.0, 0.0])
+PULL = np.array([[0.0, 0.1, 0.1, 0.0], [0.5, 0.0, 0.0, 0.2], [0.0, 1.0, 0.0, 0.0]])
 WEIGHT = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
 
 
@@ -62,22 +59,8 @@ class Heavy:
         return ()
 
 
-def made(arm: Arm, loads: Loads, base: FloatArray | None = None, **setting: bool) -> Rod:
-    return Rod(arm, loads, base, Setting(**setting))
-
-
 def arm_of(table4: Config) -> Arm:
     return table4.arm.with_density(1080.0)
-
-
-def positions(rod: Rod, found: Equilibrium, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Positions (S, 3) and rotations (3, 3, S) at ``s``."""
-    position, quaternion, _, _ = rod.readout(found.level, s).read(found.state)
-    return position, rotation_matrices(np.ascontiguousarray(np.roll(quaternion, 1, axis=1).T))
-
-
-def tip_of(rod: Rod, found: Equilibrium) -> FloatArray:
-    return positions(rod, found, np.array([0.0, rod.arm.length]))[0][-1]
 
 
 @pytest.mark.parametrize('part', [1.0, 0.5])
@@ -87,71 +70,60 @@ def test_at_balance_it_is_the_dead_force_of_that_direction(table4, part, has_tan
     size, arm = 1.0 if has_tangent else 0.3, arm_of(table4)
     force = (0.001 * size, 0.004 * size, -0.003 * size)
     load = FollowingForce(part * arm.length, force, has_tangent=has_tangent)
-    rod = made(arm, dataclasses.replace(WEIGHT, others=(load,)))
-    found = rod.solve(PULL, NOTHING)
-    assert found.state.residual < 1e-11
-    s = np.array([0.0, load.s, arm.length])
-    position, rotation = positions(rod, found, s)
-    straight = tip_of(rod, rod.solve(0.0 * PULL, NOTHING))
-    assert np.linalg.norm(position[-1] - straight) > 0.1 * arm.length
+    solver = Solver(arm, 'exact', loads=dataclasses.replace(WEIGHT, others=(load,)))
+    found = solver.solve(PULL)
+    assert found.residual < 1e-11
+    assert np.linalg.norm(found.tip - solver.solve(0.0 * PULL).tip) > 0.1 * arm.length
     if part == 1.0:
-        wrench = np.array([*(rotation[..., -1] @ load.force), 0.0, 0.0, 0.0])
-        plain = made(arm, WEIGHT)
-        dead = tip_of(plain, plain.solve(PULL, wrench, found))
-        assert_allclose(position[-1], dead, rtol=0.0, atol=1e-8 * arm.length)
+        turned = Rotation.from_quat(found.quaternion[-1]).apply(load.force)
+        dead = Solver(arm, 'exact', loads=WEIGHT).solve(PULL, [*turned, 0.0, 0.0, 0.0])
+        assert_allclose(found.tip, dead.tip, rtol=0.0, atol=1e-8 * arm.length)
 
 
 def test_a_dead_load_of_a_users_own_is_that_load(table4):
     uniform = dataclasses.replace(arm_of(table4), body=Body(0.45, 0.01, 0.01))
     weight = Loads(gravity=(0.0, 0.0, -1.0 / (1080.0 * np.pi * 0.01**2)))
-    base = np.array([0.8, 0.0, 0.6, 0.0])
+    base = Pose(quaternion=(0.0, 0.6, 0.0, 0.8))
     tips = [
-        tip_of(rod, rod.solve(PULL, WRENCH))
+        Solver(uniform, 'exact', base=base, loads=loads).solve(PULL, WRENCH).tip
         for loads in (weight, Loads(others=(Heavy(),)))
-        for rod in (made(uniform, loads, base),)
     ]
     assert_allclose(tips[1], tips[0], rtol=0.0, atol=1e-11)
 
 
-def test_without_a_tangent_there_are_shapes_but_neither_derivatives_nor_stability(table4):
-    arm = arm_of(table4)
-    load, rods = FollowingForce(arm.length, (0.0, 0.002, 0.0), has_tangent=False), []
-    for one in (load, dataclasses.replace(load, has_tangent=True)):
-        rods.append(made(arm, dataclasses.replace(WEIGHT, others=(one,))))
-    tips = [tip_of(rod, rod.solve(PULL, NOTHING)) for rod in rods]
+def test_without_a_tangent_there_are_shapes_but_no_derivatives(table4):
+    arm, tips = arm_of(table4), []
+    for has_tangent in (True, False):
+        load = FollowingForce(arm.length, (0.0, 0.002, 0.0), has_tangent=has_tangent)
+        solver = Solver(arm, 'exact', loads=dataclasses.replace(WEIGHT, others=(load,)))
+        found = solver.solve(PULL)
+        tips.append(found.tip)
     assert_allclose(tips[0], tips[1], rtol=0.0, atol=1e-9 * arm.length)
-    others = rods[0].problem(0).others
     with pytest.raises(LoadError, match='FollowingForce states no tangent stiffness, which sens'):
-        others.require_tangents('sensitivity')
-    rods[1].problem(0).others.require_tangents('sensitivity')
+        solver.sensitivity(found)
 
 
 def test_they_are_bounded_like_all_loads(table4):
-    for load in (Loads(tip_force=(0.0, 1e9, 0.0)), Loads(tip_moment=(0.0, 1e9, 0.0))):
-        with pytest.raises(ArmDefinitionError, match=r'loads\.tip_.* 100 times the'):
-            made(arm_of(table4), load)
     others = (FollowingForce(0.3, (0.0, 1e9, 0.0)),)
     with pytest.raises(ArmDefinitionError, match='force of all loads along the arm is'):
-        made(arm_of(table4), Loads(others=others))
+        Solver(arm_of(table4), 'exact', loads=Loads(others=others))
 
 
 @pytest.mark.parametrize('s', [0.2, 0.4])
 def test_derivatives_are_those_of_loads_that_follow(s):
-    arm, setting = CASES['neo_hookean']
     loads = dataclasses.replace(EVERYTHING, others=(FollowingForce(s, (0.0, 0.03, 0.02)),))
-    rod = Rod(arm, loads, setting=setting)
-    tensions = 0.5 * TENSIONS
-    found, stations = rod.solve(tensions, WRENCH), np.array([0.1, 0.2, 0.3, 0.4])
-    change = Derivatives(rod, found.level, stations).sensitivity(found).by_tension
+    solver, tensions = Solver(HELICAL, 'exact', 41, loads=loads), 0.5 * HELICAL_PULL
+    found = solver.solve(tensions, WRENCH)
+    change = solver.sensitivity(found).by_tension
 
     def outcome(step):
-        moved = rod.solve(tensions + step, WRENCH, found)
-        position, _, twist, _ = rod.readout(moved.level, stations).read(moved.state)
-        return np.concatenate([position.ravel(), strains_of(twist)[2]])
+        moved = solver.solve(tensions + step.reshape(2, 3), WRENCH, found)
+        return np.concatenate([moved.position[10::10].ravel(), moved.k[10::10]])
 
-    direction = 0.02 * tensions
+    direction = 0.02 * tensions.ravel()
     expected = along(outcome, np.zeros(6), direction)
-    position, bend = (change.pose[:, :3] @ direction).ravel(), change.strain[:, 2] @ direction
+    position = (change.pose[10::10, :3] @ direction).ravel()
+    bend = change.strain[10::10, 2] @ direction
     assert np.abs(position - expected[:12]).max() <= 1e-5 * np.abs(expected[:12]).max()
     assert np.abs(bend - expected[12:]).max() <= 1e-4 * np.abs(expected[12:]).max()
 

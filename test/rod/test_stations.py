@@ -7,11 +7,8 @@ import math
 import numpy as np
 import pytest
 import reference
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
-from strategies import arms
 
 from octo_arm_model import (
     Arm,
@@ -28,19 +25,6 @@ from octo_arm_model import (
 )
 from octo_arm_model.arm.profile import Constant
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.rod.stations import StationGrid
-
-STATION_COUNTS = st.integers(6, 150)
-
-
-@settings(max_examples=25)
-@given(arms(), STATION_COUNTS)
-def test_stations_rise_from_base_to_tip_with_every_anchorage_among_them(arm, count):
-    s = StationGrid.build(arm, count).s
-    assert s[0] == 0.0
-    assert s[-1] == arm.length
-    assert (np.diff(s) > 0.0).all()
-    assert {section.anchorage for section in arm.sections} <= set(s.tolist())
 
 
 def softened(arm: Arm, at: float, width: float, part: float) -> Arm:
@@ -128,23 +112,6 @@ def test_few_stations_do_not_hide_how_a_tendon_winds(model, stations, turns):
     expected = expm(arm.length * screw)[:3, 3]
     # The error is estimated: with 10 turns it is 1.5e-8 where 1e-8 is asked for.
     assert_allclose(backbone.tip, expected, rtol=0.0, atol=2e-8 * arm.length)
-
-
-@pytest.mark.parametrize(
-    ('stations', 'message'),
-    [
-        (3, 'stations is 3, expected at least 4 for both ends of the arm and every anchorage'),
-        (0, 'stations is 0, expected at least 4'),
-        (-5, 'stations is -5, expected at least 4'),
-        (101.0, 'stations is 101.0, expected an integer'),
-        (10**12, 'stations is 1000000000000, expected at most 10000'),
-        (True, 'stations is True, expected an integer'),
-        ('101', "stations is '101', expected an integer"),
-    ],
-)
-def test_refused_station_counts_are_named(table4, stations, message):
-    with pytest.raises(ConfigError, match=message):
-        StationGrid.build(table4.arm, stations)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
