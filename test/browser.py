@@ -114,11 +114,6 @@ class Browser:
         patience = WebDriverWait(self.driver, self._wait, 0.1, [TimeoutException])
         return patience.until(lambda driver: scene.screenshot_as_png, 'no picture of the scene')
 
-    def resize(self, width: int, height: int) -> None:
-        """Give the window this very size, as small as that of a phone."""
-        size = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': width < 500}
-        self.driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', size)
-
     def complaints(self) -> list[str]:
         """Errors on the browser's console since the last time."""
         entries = self.driver.get_log('browser')

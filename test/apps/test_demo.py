@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import math
 import os
 import re
 import shutil
@@ -14,21 +13,17 @@ import time
 import uuid
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='needs ROS 2')
 pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
 
-from live_nodes import DEADLINE, RosClient, hosting, new_domain, spinning
+from live_nodes import DEADLINE, new_domain
 
-from octo_arm_model import load_config
 from octo_arm_model.apps import demo, octopus
 from octo_arm_model.apps.demo import own_domain
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.simulator.main import SimulatorNode
-from octo_arm_model.simulation.movements import find_profile
 
 NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')
 
@@ -201,21 +196,6 @@ def test_a_domain_with_an_arm_is_left_to_it(monkeypatch, capsys):
     assert capsys.readouterr().out.startswith(f'{expected}{other}: ')
 
 
-def test_what_else_publishes_tensions_is_told(run_here):
-    said = []
-
-    def watch(line, family):
-        if re.search('shapes/s.*several sources: 2 publishers on /tendon_tensions', line):
-            said.append(line)
-            stop_here()
-
-    given = {'client': RosClient, 'node': 'other', 'domain': int(os.environ['ROS_DOMAIN_ID'])}
-    with hosting(SimulatorNode, '-p', 'rate:=5.0', **given) as other, spinning(other):
-        status, complaints = run_here(demo, ['renda2012_prototype', '--no-viewer'], watch)
-    assert status == 0, complaints
-    assert said
-
-
 def test_a_domain_that_is_no_number_is_refused(monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', 'lab')
     with pytest.raises(ConfigError, match="ROS_DOMAIN_ID is 'lab', expected a number"):
@@ -229,17 +209,3 @@ def test_a_config_that_is_none_is_one_clear_line(config, capsys):
     complaint = capsys.readouterr().err
     assert complaint.count('\n') == 1
     assert config in complaint
-
-
-@pytest.mark.parametrize('rate', [0.02, 0.5, 100.0])
-def test_an_arm_that_is_pushed_moves_no_faster_than_its_tensions_may_change(rate):
-    arm = load_config(preset_path('renda2012_table4')).arm
-    profile = find_profile('fetching', arm)
-    speed = demo.speed_within(profile, rate)
-    step = 1.0 / demo.RATE
-    samples = profile.at(np.arange(0.0, profile.duration, speed * step))
-    fastest = np.abs(np.diff(samples, axis=0)).max()
-    assert 0.0 < speed <= 0.3
-    # A random walk of that rate has this standard deviation after a step.
-    assert fastest <= 1.01 * rate * math.sqrt(step)
-    assert speed == 0.3 or fastest > 0.9 * rate * math.sqrt(step)

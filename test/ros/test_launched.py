@@ -58,7 +58,7 @@ def started(name: str, **values: str) -> dict[tuple[str, str], dict[str, Any]]:
     return nodes
 
 
-def test_what_is_given_overrides_the_file_and_what_is_not_leaves_it_alone() -> None:
+def test_what_is_given_overrides_the_file_and_what_is_not_leaves_it_alone():
     ((key, plain),) = started('octo_arm').items()
     assert key == ('octo_arm_node', '') or key == ('octo_arm_node', '/')
     assert {'model', 'frame_prefix'}.isdisjoint(plain) and plain['use_sim_time'] is False
@@ -68,12 +68,12 @@ def test_what_is_given_overrides_the_file_and_what_is_not_leaves_it_alone() -> N
 
 
 @pytest.mark.parametrize('launch', ['octo_arm', 'simulation', 'octopus'])
-def test_a_preset_is_taken_by_its_name(launch: str) -> None:
+def test_a_preset_is_taken_by_its_name(launch):
     nodes = started(launch, params_file='renda2012_table2')
     assert {Path(given['file']).stem for given in nodes.values()} == {'renda2012_table2'}
 
 
-def test_two_simulated_arms_have_frames_of_their_own(tmp_path: Path) -> None:
+def test_two_simulated_arms_have_frames_of_their_own(tmp_path):
     file = tmp_path / 'arm.yaml'
     text = (ROOT / 'config' / 'renda2012_table4.yaml').read_text()
     file.write_text(re.sub(r'( +)model:', r"\1frame_prefix: 'of_file_'\n\1model:", text, count=1))
@@ -90,7 +90,7 @@ def test_two_simulated_arms_have_frames_of_their_own(tmp_path: Path) -> None:
     assert prefixes == ['left_ground_truth_', 'of_file_ground_truth_', 'ground_truth_']
 
 
-def test_the_node_knows_what_the_simulated_load_cells_read() -> None:
+def test_the_node_knows_what_the_simulated_load_cells_read():
     nodes = started('simulation', simulator_file=str(EXAMPLE))
     (node,) = [given for (program, _), given in nodes.items() if program == 'octo_arm_node']
     values = load_parameters(EXAMPLE)
@@ -98,7 +98,7 @@ def test_the_node_knows_what_the_simulated_load_cells_read() -> None:
     assert node['tension_deadband'] == 0.06
 
 
-def test_true_tensions_are_no_readings_of_load_cells(tmp_path: Path) -> None:
+def test_true_tensions_are_no_readings_of_load_cells(tmp_path):
     file = tmp_path / 'arm.yaml'
     text = (ROOT / 'config' / 'renda2012_table4.yaml').read_text()
     file.write_text(re.sub(r'( +)model:', r'\1tension_deadband: 0.1\n\1model:', text, count=1))
@@ -108,7 +108,7 @@ def test_true_tensions_are_no_readings_of_load_cells(tmp_path: Path) -> None:
     assert tuple(truth['tension_names']) == load_config(file).arm.tendon_names
 
 
-def test_an_estimator_takes_the_place_of_the_node_of_an_arm_that_is_pushed() -> None:
+def test_an_estimator_takes_the_place_of_the_node_of_an_arm_that_is_pushed():
     nodes = started('simulation', estimate='true', ground_truth='true')
     programs = {program: given for (program, _), given in nodes.items()}
     assert set(programs) == {'octo_arm_estimator', 'octo_arm_sim', 'octo_arm_node'}
@@ -127,9 +127,7 @@ def installed(monkeypatch: pytest.MonkeyPatch, folder: Path, *packages: str) -> 
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(folder))
 
 
-def test_the_octopus_has_eight_arms_and_rviz_if_wanted(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_the_octopus_has_eight_arms_and_rviz_if_wanted(monkeypatch, tmp_path):
     installed(monkeypatch, tmp_path, 'rviz2')
     nodes = started('octopus', rviz='true', base_frame='body')
     (seen,) = [key for key in nodes if key[0] == 'rviz2']
@@ -141,9 +139,7 @@ def test_the_octopus_has_eight_arms_and_rviz_if_wanted(
 
 
 @pytest.mark.parametrize('name', ['octo_arm', 'octopus', 'simulation'])
-def test_without_rviz_that_is_logged_and_the_nodes_are_started(
-    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_rviz_that_is_logged_and_the_nodes_are_started(name, monkeypatch, tmp_path):
     expected = started(name)
     installed(monkeypatch, tmp_path)
     assert started(name, rviz='true') == expected
@@ -151,7 +147,7 @@ def test_without_rviz_that_is_logged_and_the_nodes_are_started(
     assert logged(name, rviz='false') == []
 
 
-def test_controllers_drive_the_tendons_of_an_arm_that_moves() -> None:
+def test_controllers_drive_the_tendons_of_an_arm_that_moves():
     nodes = started('ros2_control', namespace='left', interface='position',
                     params_file='renda2012_prototype', controllers_file='mine.yaml')  # fmt: skip
     assert nodes['octo_arm_sim', '/left']['dynamics'] is True

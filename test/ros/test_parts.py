@@ -4,8 +4,7 @@ import pytest
 import yaml
 from checkout import ROOT
 
-from octo_arm_model import ConfigError, load_config
-from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model import ConfigError
 from octo_arm_model.ros.node.outputs import MARKERS_TOPIC
 from octo_arm_model.ros.topics import message_class
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS
@@ -25,30 +24,14 @@ def test_a_type_that_is_not_installed_runs_nothing_of_its_package(tmp_path, monk
     assert message_class('sensor_msgs/msg/JointState').__name__ == 'JointState'
 
 
-CONFIG = load_config(preset_path('renda2012_table4'))
-
-
-def test_rviz_shows_what_the_node_publishes_and_the_markers_of_eight_arms():
-    manager, eight = (
-        yaml.safe_load((ROOT / 'rviz' / f'{name}.rviz').read_text())['Visualization Manager']
-        for name in ('octo_arm', 'octopus')
-    )
-    assert manager['Global Options']['Fixed Frame'] == CONFIG.base_frame == 'arm_base'
-    topics = {
-        display['Class'].split('/')[1]: display.get('Topic', {}).get('Value')
-        for display in manager['Displays']
-    }
-    assert topics == {
-        'Grid': None,
-        'MarkerArray': MARKERS_TOPIC,
-        'Path': 'backbone/path',
-        'PoseArray': 'backbone/poses',
-        'TF': None,
-    }
-    for topic, kind in (('backbone/path', 'Path'), ('backbone/poses', 'PoseArray')):
-        assert BACKBONE_TOPICS[topic].endswith(f'/{kind}')
-    topics = [one['Topic']['Value'] for one in eight['Displays']
-              if one['Class'].endswith('/MarkerArray')]  # fmt: skip
-    assert topics == [f'arm_{number}/markers' for number in range(1, 9)]
-    assert eight['Global Options']['Fixed Frame'] == 'octopus'
-    assert eight['Tools'] == manager['Tools']
+def test_rviz_shows_what_the_nodes_publish():
+    for name, frame, prefixes in (
+        ('octo_arm', 'arm_base', ['']), ('octopus', 'octopus', [f'arm_{n}/' for n in range(1, 9)]),
+    ):  # fmt: skip
+        manager = yaml.safe_load((ROOT / 'rviz' / f'{name}.rviz').read_text())
+        manager = manager['Visualization Manager']
+        topics = [one['Topic']['Value'] for one in manager['Displays'] if 'Topic' in one]
+        assert manager['Global Options']['Fixed Frame'] == frame
+        assert {prefix + MARKERS_TOPIC for prefix in prefixes} <= set(topics)
+        others = {topic for topic in topics if not topic.endswith(MARKERS_TOPIC)}
+        assert others <= set(BACKBONE_TOPICS)

@@ -64,7 +64,7 @@ def entities(node: rclpy.node.Node) -> dict[tuple[str, str], object]:
 
 
 @pytest.mark.parametrize('kind', NODES)
-def test_every_policy_of_every_topic_is_overridden(kind: str, context: object) -> None:
+def test_every_policy_of_every_topic_is_overridden(kind, context):
     plain = make(kind, context)
     topics = entities(plain)
     before = {key: entity.qos_profile for key, entity in topics.items()}
@@ -98,7 +98,7 @@ def test_every_policy_of_every_topic_is_overridden(kind: str, context: object) -
     node.destroy_node()
 
 
-def test_overrides_are_parameters_that_cannot_change_later(context: object) -> None:
+def test_overrides_are_parameters_that_cannot_change_later(context):
     node = make('node', context, 'qos_overrides./strains.publisher.depth:=77')
     names = {name for name in node.get_parameters_by_prefix('') if name.startswith('qos_')}
     assert {name.rpartition('.')[2] for name in names} == {p.name.lower() for p in POLICIES}
@@ -121,9 +121,7 @@ def test_overrides_are_parameters_that_cannot_change_later(context: object) -> N
         ('/{}.publisher.deadline:=-1', 'deadline is -1, expected nanoseconds >= 0'),
     ],
 )
-def test_overrides_that_cannot_be_are_refused(
-    kind: str, override: str, reason: str, context: object
-) -> None:
+def test_overrides_that_cannot_be_are_refused(kind, override, reason, context):
     topic = 'ground_truth/tendon_tensions' if kind == 'simulator' else 'strains'
     with pytest.raises(ConfigError) as error:
         make(kind, context, 'qos_overrides.' + override.format(topic))
@@ -131,7 +129,7 @@ def test_overrides_that_cannot_be_are_refused(
     assert '\n' not in str(error.value)
 
 
-def test_the_manual_names_every_topic(context: object) -> None:
+def test_the_manual_names_every_topic(context):
     node = make('node', context)
     text = MANUAL.read_text().split('## Services')[0]
     named = set(re.findall(r'^\| `([a-z0-9_/]+)` \|', text, re.MULTILINE))
@@ -226,9 +224,7 @@ def has_standard_services() -> bool:
 
 @pytest.mark.parametrize('namespace', ['/', '/left', '/right/ground_truth'])
 @pytest.mark.parametrize('enclave', ENCLAVES)
-def test_the_policy_grants_what_the_nodes_have(
-    enclave: str, namespace: str, context: object
-) -> None:
+def test_the_policy_grants_what_the_nodes_have(enclave, namespace, context):
     text, path = POLICY.read_text(), f'/{enclave}'
     if namespace != '/':
         # What the README says to do.
@@ -253,6 +249,6 @@ def test_the_policy_grants_what_the_nodes_have(
         node.destroy_node()
 
 
-def test_every_enclave_is_tested() -> None:
+def test_every_enclave_is_tested():
     paths = {found.attrib['path'] for found in ElementTree.parse(POLICY).iter('enclave')}
     assert paths == {f'/{enclave}' for enclave in ENCLAVES}

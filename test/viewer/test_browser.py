@@ -110,49 +110,6 @@ def test_the_arm_is_pulled_and_seen(setup, browser):
     browser.until(lambda: len(curves()) == 4 and min(curves()) > 50, 'four curves')
 
 
-@pytest.mark.parametrize(('width', 'height'), [(390, 844), (1000, 700)])
-def test_the_arm_is_in_what_the_panels_leave_free(setup, browser, width, height):
-    slacken(setup, browser)
-    browser.driver.refresh()
-    browser.resize(width, height)
-    browser.until(lambda: browser.tip() == REST, 'rest')
-    assert browser.driver.title == 'octo_arm'
-
-    def is_framed():
-        """Whether the resting arm goes from left to right of the picture, with room about it."""
-        right, bottom = browser.driver.execute_script("""
-            const panel = [...document.querySelectorAll('button')]
-              .find(e => e.innerText.includes('whole arm')).getBoundingClientRect();
-            const scene = document.querySelector('canvas').getBoundingClientRect();
-            return [scene.right - panel.left, scene.bottom - panel.top];
-        """)
-        columns = body_pixels(browser.picture()).sum(axis=0) > 2
-        low, high = np.flatnonzero(columns)[[0, -1]] / columns.size if columns.any() else (0, 0)
-        return min(right, bottom) < 0.0 and 0.04 < low < 0.4 and 0.6 < high < 0.98
-
-    browser.until(is_framed, 'the whole arm in the picture')
-
-
-def test_another_model_an_arm_that_passes_through_itself_and_a_node_that_is_gone(setup, browser):
-    browser.press('15')
-    setup.wait_for(lambda: np.allclose(setup.tensions(), np.ravel(FETCHING_IN_SPACE)), 'Figure 15')
-    browser.press('Models')
-    browser.choose('none', 'exact')
-    exact = CONFIG.solver('exact').solve(FETCHING_IN_SPACE)
-    apart = 1e3 * np.linalg.norm(exact.tip - SOLVER.solve(FETCHING_IN_SPACE).tip)
-    browser.until(lambda: browser.text('apart') == f'{apart:.2f}', 'the distance of the tips')
-    browser.press('Tendons')
-    slacken(setup, browser)
-    setup.client.command([0, 0, 0.42, 0, 0, 0, 3.7, 0, 0, 0, 13, 0])
-    browser.until(lambda: 'passes through itself' in browser.text('overlap'), 'the note')
-    setup.client.command(np.zeros(12))
-    browser.until(lambda: browser.text('overlap') == '', 'the note going away')
-    setup.node.close()
-    browser.until(lambda: 'no shape for' in browser.text('problem'), 'the page missing the node')
-    setup.node = setup.start_node()
-    browser.until(lambda: 'no shape' not in browser.text('problem'), 'the node on the page')
-
-
 def test_the_page_shows_what_pushes_an_estimated_arm_and_how_well_that_is_known():
     domain = new_domain()
     with socket.create_server(('127.0.0.1', 0)) as free:

@@ -9,8 +9,6 @@ import pytest
 import rclpy
 import yaml
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3, Vector3Stamped
-from hypothesis import given
-from hypothesis import strategies as st
 from live_nodes import RosClient, hosting, new_domain
 from numpy.testing import assert_allclose, assert_array_equal
 from std_srvs.srv import SetBool
@@ -23,7 +21,7 @@ from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.ros.client.commands import SimulatorClient
 from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
-from octo_arm_model.simulation.movements import find_profile, highest_tensions
+from octo_arm_model.simulation.movements import highest_tensions
 from octo_arm_model.simulation.profiles import CommandProfile
 from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.commander import Commander, TargetSearch, as_shell_line, as_yaml
@@ -63,31 +61,6 @@ def test_a_profile_is_played_after_a_smooth_way_to_its_beginning_and_at_any_spee
     assert commander.advance(2.5) is not None
     assert_array_equal(commander.advance(9.0), RAMP.at(3.0))
     assert commander.profile is None and commander.advance(10.0) is None
-
-
-@pytest.mark.parametrize('what', ['move', 'play'])
-def test_a_hand_on_a_slider_stops_what_is_under_way(what):
-    commander = Commander([0.0, 0.0])
-    if what == 'move':
-        commander.move([4.0, 4.0], 0.0)
-    else:
-        commander.play(RAMP, 0.0)
-        commander.advance(1.0)
-    others = commander.advance(1.5)
-    commander.pull(0, 0.25)
-    assert not commander.is_moving
-    assert_array_equal(commander.advance(9.0), [0.25, others[1]])
-
-
-@given(
-    st.lists(st.integers(0, 50_000).map(lambda n: 1e-3 * n), min_size=12, max_size=12),
-    st.floats(0.0, 5.0), st.floats(0.1, 3.0),
-)  # fmt: skip
-def test_whatever_is_commanded_is_a_tension(tensions, time, speed):
-    commander = Commander(tensions)
-    commander.play(find_profile('fetching', CONFIG.arm), 0.0, speed=speed)
-    seen = commander.advance(time)
-    assert seen is None or ((seen >= 0.0).all() and np.isfinite(seen).all())
 
 
 @pytest.mark.parametrize('names', [(), ("it's", 'b: c', '#d', '"e"')])

@@ -1,29 +1,32 @@
-"""What is in the page: scene, uncertainty, plots, texts, controls and other models."""
+"""What is in the page: texts, figures, other models, and what the camera sees."""
 
-import asyncio
 import math
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import viser
 from checkout import PRESETS
 from numpy.testing import assert_allclose
 from scipy.integrate import trapezoid
 
 from octo_arm_model import SolveError, load_config
-from octo_arm_model.analysis.drawing import UncertaintyDrawing
 from octo_arm_model.apps.demo import movement_of
 from octo_arm_model.arm.stiffness import default_highest
+from octo_arm_model.config.config import Config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.rod.forms import is_available
 from octo_arm_model.ros.client.client import PublishedShape, PublishedStrains
-from octo_arm_model.simulation.movements import figures, find_profile, highest_tensions
+from octo_arm_model.simulation.movements import (
+    figures,
+    find_profile,
+    highest_tensions,
+    tendon_limits,
+)
 from octo_arm_model.viewer import numbers
-from octo_arm_model.viewer.commander import Commander
-from octo_arm_model.viewer.controls import Controls, ModelOverlay
-from octo_arm_model.viewer.scene import UncertaintyScene
+from octo_arm_model.viewer.controls import ModelOverlay
+from octo_arm_model.viewer.scene import ASPECT, FIELD, framing, reached, tangent_of
 from octo_arm_model.wire.estimate import BackboneCovariance
 
 CONFIG = load_config('renda2012_table4')
@@ -37,34 +40,6 @@ FORCE = np.array([0.0, -0.006, 0.01])
 def known(place, stddev=1e-3):
     pose = np.tile(1e-6 * np.eye(6), (21, 1, 1))
     return BackboneCovariance(SHAPE.s, pose, place, stddev**2 * np.eye(6))
-
-
-def test_what_is_drawn_is_what_is_known(server):
-    server.scene.reset()
-    scene = UncertaintyScene(server.scene, EXACT)
-    drawing = UncertaintyDrawing(PROTOTYPE.arm, SHAPE.s, sides=24)
-
-    def mesh(name):
-        return server.scene.get_handle_by_name(f'/estimate/{name}')
-
-    scene.show(SHAPE.position[1:], SHAPE.quaternion[1:], known(0.1), FORCE)
-    assert mesh('tube') is None  # of another arm
-    scene.show(SHAPE.position, SHAPE.quaternion, known(float(SHAPE.s[13])), FORCE)
-    tube = drawing.tube(SHAPE.position, SHAPE.quaternion, known(0.0).pose[:, :3, :3])
-    arrow = drawing.arrow(SHAPE.position[13], FORCE, 1e-6 * np.eye(3))
-    for name, expected in (('tube', tube), ('force', arrow.shaft), ('cone', arrow.cone)):
-        assert_allclose(mesh(name).vertices, expected, atol=1e-7)
-        assert mesh(name).visible
-    # A force that may as well be none is not drawn, nor is one that is not known.
-    for unknown in (0.1 * FORCE, None):
-        scene.show(SHAPE.position, SHAPE.quaternion, known(0.1), unknown)
-        assert mesh('tube').visible
-        assert not mesh('force').visible and not mesh('cone').visible
-    # That of a current acts everywhere, and is drawn at the middle.
-    scene.show(SHAPE.position, SHAPE.quaternion, known(math.nan), FORCE)
-    assert_allclose(mesh('cone').vertices[-2], SHAPE.position[10], atol=1e-4)
-    scene.hide()
-    assert not mesh('tube').visible
 
 
 def test_numbers_are_those_of_the_shapes():
@@ -127,81 +102,51 @@ def test_sliders_reach_what_the_arm_bears_and_every_figure(name):
     assert list(figures(arm)) == expected.get(name, [])
 
 
-class Moved:
-    """Controls whose sliders are moved as a browser does, and whose actions run when told to."""
-
-    def __init__(self, server):
-        self.commander, self._actions = Commander(np.zeros(12)), []
-        topic, later = '/tendon_commands', self._actions.append
-        self.controls = Controls(server, CONFIG, self.commander, topic, later)
-        with server.gui.add_folder('Profile'):
-            self.controls.add_profiles()
-        self.slider = self.controls._sliders[4]
-        handles = server.gui._gui_input_handle_from_uuid.values()
-        self.labelled = {handle.label: handle for handle in handles}
-
-    def move(self, value):
-        """As viser does where a browser says so: the value first, then what listens."""
-        self.slider._impl.value = value
-        self.tell(self.slider)
-
-    def tell(self, handle):
-        """Have what listens to a control hear of it, at once as viser calls coroutines alone."""
-        event = viser.GuiEvent(client=None, client_id=1, target=handle)
-        asyncio.run(handle._impl.update_cb[0](event))
-
-    def act(self):
-        while self._actions:
-            self._actions.pop(0)()
-
-    def follow(self):
-        """Value of the slider once the controls follow what is commanded."""
-        self.controls.follow_at_once()
-        return self.slider.value
-
-    def command_rest(self):
-        self.commander.move(np.zeros(12), 0.0, 1.0)
-        self.commander.advance(2.0)
+# Cameras -----------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def moved():
-    server = viser.ViserServer('127.0.0.1', 0, verbose=False)
-    yield Moved(server)
-    server.stop()
+HANGING = (0.0, 0.5**0.5, 0.0, 0.5**0.5)
 
 
-def test_a_slider_that_was_moved_meanwhile_does_not_jump_back(moved):
-    moved.move(0.02)
-    assert moved.follow() == 0.02  # nothing else is commanded yet
-    moved.act()
-    moved.move(0.04)  # between its command and what the page shows
-    assert moved.follow() == 0.04
-    moved.act()
-    assert moved.commander.tensions[4] == 0.04
-    moved.move(0.0412345)
-    moved.act()
-    assert moved.follow() == 0.0412345  # it is where it was moved to, not rounded
-    moved.move(0.02)
-    moved.commander.pull(4, 0.1)  # as a movement does until the slider's command
-    moved.follow()
-    moved.act()
-    assert moved.follow() == moved.commander.tensions[4] == 0.02
-    moved.command_rest()
-    assert moved.follow() == 0.0  # something else is commanded
-    moved.controls.close()
-    moved.slider.remove()  # as where another arm is shown
-    moved.move(0.02)
-    assert moved.follow() == 0.02
+def seen(view, points, aspect=ASPECT):
+    """Where ``points`` are in the picture, from -1 to 1 across it and upwards."""
+    forward = (view.look_at - view.position) / np.linalg.norm(view.look_at - view.position)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    offset = points - view.position
+    depth = offset @ forward
+    assert (depth > 0.0).all()
+    across = np.stack([offset @ right / aspect, offset @ np.cross(right, forward)], axis=1)
+    return across / (depth * np.tan(0.5 * FIELD))[:, np.newaxis]
 
 
-@pytest.mark.parametrize('name', ['Let all go slack', 'Play', 'Stop'])
-def test_what_is_pressed_and_moved_is_done_in_that_order(moved, name):
-    moved.tell(moved.labelled[name])
-    moved.move(0.02)
-    moved.act()
-    assert not moved.commander.is_moving  # the slider came last, and stops all movement
-    moved.move(0.04)
-    moved.tell(moved.labelled[name])
-    moved.act()
-    assert moved.commander.is_moving == (name != 'Stop')
+@pytest.mark.parametrize('aspect', [0.5, ASPECT, 2.0])
+@pytest.mark.parametrize('quaternion', [(0.0, 0.0, 0.0, 1.0), HANGING])
+@pytest.mark.parametrize('name', PRESETS)
+def test_all_of_the_arm_is_in_the_middle_of_the_picture_and_fills_it(name, quaternion, aspect):
+    config = Config.from_parameters({**load_parameters(name), 'base.quaternion': quaternion})
+    points = reached(config, tendon_limits(config))
+    view = framing(points, tangent_of(config), aspect)
+    places = seen(view, points, aspect)
+    low, high = places.min(axis=0), places.max(axis=0)
+    assert (np.abs(places) < 0.95).all()
+    assert_allclose(low + high, 0.0, atol=0.2)
+    assert (high - low).max() > 1.7
+    # So is the arm at rest, which is what is seen at first.
+    rest = np.array([points[0], points[30]])
+    assert np.linalg.norm(points[30] - points[0]) == pytest.approx(config.arm.length)
+    ends = seen(view, rest, aspect) * [aspect, 1.0]
+    assert np.linalg.norm(ends[1] - ends[0]) > 1.0 * min(aspect, 1.0)
+    solver = config.solver()
+    for tensions in figures(config.arm).values() if aspect == ASPECT else ():
+        for part in (0.4, 0.52, 0.6, 1.0):
+            shape = solver.solve((part * tensions).reshape(config.arm.tension_shape))
+            assert (np.abs(seen(view, shape.position)) < 1.0).all()
+
+
+def test_an_arm_that_closed_form_does_not_cover_is_seen_at_rest():
+    parameters = load_parameters('renda2012_table4')
+    twisted = Config.from_parameters({**parameters, 'model': 'exact', 'tendons.twist': [0.5] * 12})
+    points = reached(twisted, tendon_limits(twisted))
+    assert np.isfinite(points).all()
+    assert_allclose(points[30], [0.45, 0.0, 0.0], atol=1e-12)

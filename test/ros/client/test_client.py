@@ -16,7 +16,7 @@ from octo_arm_model import load_config
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient, Meter
+from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.estimator.main import EstimatorNode
 from octo_arm_model.ros.node.outputs import LATCHED_QOS, OUTPUT_QOS
 from octo_arm_model.wire.estimate import CONTACT, COVARIANCE
@@ -134,19 +134,6 @@ def test_problems_are_bounded():
         publisher.publish(DiagnosticArray(status=status))
         ros.wait(lambda: client.poll() or client.problem, 'problems')
         assert len(client.problem) < 70_000
-
-
-def test_rates_count_what_was_passed_over_and_begin_anew_with_the_node():
-    meter = Meter()
-    assert meter.rate(0.0) == 0.0
-    for step in range(31):
-        meter.count(step / 30.0, 4 * step)
-    assert meter.rate(1.0) == pytest.approx(120.0)
-    assert meter.rate(10.0) == 0.0
-    meter.count(10.0, 1000)
-    meter.count(10.5, 3)  # another publisher, which counts from 1
-    meter.count(11.0, 8)
-    assert meter.rate(11.0) == pytest.approx(10.0)
 
 
 @pytest.fixture

@@ -12,8 +12,6 @@ from geometry_msgs.msg import Pose, TransformStamped
 from lifecycle_msgs.msg import Transition
 from live_nodes import setting
 from numpy.testing import assert_allclose, assert_array_equal
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
@@ -216,53 +214,6 @@ def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
     assert int(values['refused']) >= 12
 
 
-def test_what_a_camera_sees_is_taken_from_its_frame_once_that_is_known(client):
-    """A static transform leads to it; what comes before that is refused with a sentence."""
-    tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
-    turn, shift = Rotation.from_rotvec([0.4, -1.1, 0.7]), np.array([0.3, -0.2, 0.9])
-
-    def seen(message):
-        message.header.frame_id = 'lens'
-        place = message.pose.pose.position
-        from_camera = turn.apply([place.x, place.y, place.z] - shift, inverse=True)
-        place.x, place.y, place.z = from_camera.tolist()
-        # The variances differ, so that they have to be turned too.
-        covariance = np.diag([0.02**2, 0.02**2, 2e-4**2, 0.0, 0.0, 0.0])
-        message.pose.covariance = covariance.ravel()
-
-    client.measure([1000.0], ['tendon_tensions'])
-    refused(client, 'measured/tip_pose', seen, "its frame is 'lens', and no frame", time=1000.01)
-    static = client.node.create_publisher(
-        tf2.TFMessage, '/tf_static',
-        QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
-    )  # fmt: skip
-    link = TransformStamped(child_frame_id='lens')
-    link.header.frame_id = 'arm_base'
-    to = link.transform
-    to.translation.x, to.translation.y, to.translation.z = shift.tolist()
-    to.rotation.x, to.rotation.y, to.rotation.z, to.rotation.w = turn.as_quat().tolist()
-    static.publish(tf2.TFMessage(transforms=[link]))
-    tip = client.answers['tip_pose']
-    count = len(tip)
-
-    def is_taken():
-        client.send('measured/tip_pose', 1000.02, seen)
-        client.spin(0.1)
-        return len(tip) > count
-
-    client.wait(is_taken, 'an estimate of what the camera saw')
-    for step in range(8):
-        client.tell('measured/tip_pose', 1000.1 + 0.05 * step, seen)
-    # Well known is the tip along the axis of the lens alone.
-    covariance = np.reshape(client.newest('tip_pose').pose.covariance, (6, 6))[:3, :3]
-    axis = turn.apply([0.0, 0.0, 1.0])
-    assert np.sqrt(axis @ covariance @ axis) < 2e-3
-    place = client.newest('tip_pose').pose.pose.position
-    away = np.array([place.x, place.y, place.z]) - client.shape.tip
-    assert abs(away @ axis) < 5e-3
-    client.node.destroy_publisher(static)
-
-
 def test_what_a_moving_camera_sees_waits_for_the_transform_of_its_time(client):
     """Which is published after it, as is usual."""
     tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
@@ -381,21 +332,6 @@ def test_parameters_that_cannot_be_are_refused_and_all_goes_on(client):
     client.measure([1000.0])
 
 
-def test_another_type_of_tensions_leaves_the_publishers_of_other_topics_counted(client):
-    def count():
-        return client.status('input')[1]['publishers']
-
-    before = count()
-    assert int(before) >= len(INPUTS)
-    field = {'tension_type': 'sensor_msgs/msg/LaserScan', 'tension_field': 'ranges'}
-    assert client.change(**field) == (True, '')
-    try:
-        assert count() == before
-    finally:
-        assert client.change(tension_type='', tension_field='') == (True, '')
-    assert count() == before
-
-
 def test_what_motors_read_in_a_field_is_a_measurement(client):
     shape = client.solver.solve(TENSIONS.reshape(1, 4))
     turns = 1e3 * displacements_of(client.solver, shape).ravel()
@@ -433,21 +369,6 @@ def test_rviz_sees_the_tube_and_the_arrow(client):
 
     found = client.wait(seen, 'an arrow')
     assert {'body', 'tendons', 'covariance', 'cone'} <= found.keys()
-
-
-def test_an_arm_that_moved_faster_than_told_is_found_again(client):
-    """Load cells and tip are refused once; what they go on to say together is believed."""
-    client.measure(1000.0 + 0.05 * np.arange(6))
-    client.tensions, client.force = TENSIONS + [1.5, 0.8, 0.0, 0.0], FORCE
-    client.measure(1000.3 + 0.05 * np.arange(4))
-    client.log('load cell tendon_1_1 refused')
-    client.measure(1000.8 + 0.1 * np.arange(24))
-    _, values = client.status('estimate')
-    assert values['restarts'] == '0'
-    assert values['tensions refused'] == '0'
-    assert_is_true(client)
-    found = client.newest('tendon_tension_estimates')
-    assert_allclose(found.tension, client.tensions, atol=0.05)
 
 
 def test_who_lies_is_named_with_since_when_busy_is_busy_and_silent_is_silent(client):
@@ -494,40 +415,6 @@ def test_who_lies_is_named_with_since_when_busy_is_busy_and_silent_is_silent(cli
         client.wait(lambda: tip not in said()['input'], 'an end of the warning')
     finally:
         assert client.change(diagnostics__silence_limit=1e6) == (True, '')
-
-
-@pytest.mark.parametrize('lies', [2, pytest.param(4, marks=pytest.mark.endurance)])
-def test_a_load_cell_that_lies_by_less_than_tensions_may_change_is_refused_alone(client, lies):
-    """What sensors measured at one time is judged together, whichever message comes first."""
-    sensors = ('tendon_tensions', 'measured/tip_pose', 'measured/markers')
-
-    def lie(message):
-        message.tension[2] += 0.4
-
-    def tell(time, order, change=None):
-        for topic in order:
-            client.tell(topic, time, change if topic == 'tendon_tensions' else None)
-
-    assert client.change(estimator__tension_rate=2.0) == (True, '')
-    try:
-        client.force = FORCE
-        for step in range(4):
-            tell(1000.0 + 0.05 * step, sensors)
-        for step in range(lies):
-            tell(1000.3 + 0.05 * step, sensors[::-1] if step % 2 else sensors, lie)
-            found = client.newest('tendon_tension_estimates')
-            assert_allclose(found.tension, TENSIONS, atol=0.15)
-            assert_is_true(client)
-        client.log(f'load cell {NAMES[2]} refused: it contradicts the estimate')
-        _, values = client.status('estimate')
-        assert int(values[f'load cell {NAMES[2]} refused']) >= lies
-        # One other sensor that contradicts it for the first time does not tell who lies.
-        others = ('tensions', 'tip pose', 'markers')
-        assert sum(int(values[f'{name} refused']) for name in others) <= 1
-        for name in others:
-            assert int(values[f'{name} refused']) + int(values[f'{name} accepted']) == 4 + lies
-    finally:
-        assert client.change(estimator__tension_rate=0.05) == (True, '')
 
 
 # Managed -----------------------------------------------------------------------------------------

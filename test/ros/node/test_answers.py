@@ -203,12 +203,6 @@ def is_felt(client, force, tensions=FETCHING_IN_PLANE):
     client.wait(asked, f'a wrench of {force} N')
 
 
-def test_a_wrench_on_the_tip_acts_on_the_tensions_that_follow(loaded):
-    loaded.solver = loaded.config.solver()
-    for force in (0.03, 0.0):
-        is_felt(loaded, force, loaded.pull)
-
-
 def test_what_has_no_answer_is_not_published_and_diagnostics_say_why(loaded):
     def is_told():
         loaded.send('tendon_tensions', 1e5 * loaded.pull)

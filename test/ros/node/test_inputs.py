@@ -119,31 +119,6 @@ def test_readings_around_zero_are_answered_within_the_deadband_and_counted_beyon
         assert client.change(tension_deadband=0.0, **none) == (True, '')
 
 
-ORDER = np.random.default_rng(1).permutation(12)
-# What load cells are called by tendon, and what messages have of 13 readings: names, or numbers.
-LABORATORIES = {
-    'tendon_tensions': (CELLS, [*CELLS[::-1], 'elbow'], range(11, -1, -1)),
-    'tendon_tensions/joint_state': (CELLS, [*CELLS[::-1], 'elbow'], range(11, -1, -1)),
-    'tendon_tensions/array': (list(map(str, ORDER)), None, ORDER),
-    'tendon_tensions/float32_array': (list(map(str, ORDER)), None, ORDER),
-}
-
-
-@pytest.mark.parametrize('topic', LABORATORIES)
-def test_load_cells_are_those_of_tension_names_by_name_or_number(client, topic):
-    cells, sent, places = LABORATORIES[topic]
-    cells, pulled, values = list(cells), np.float64(np.float32(PLANE)), np.full(13, 99.0)
-    values[list(places)] = pulled.ravel()
-    cells[5], pulled[1, 1] = '-', 0.0  # without a load cell
-    try:
-        assert client.change(tension_names=cells) == (True, '')
-        expected = CONFIG.solver().solve(pulled).tip
-        assert_allclose(tip_of(client.ask(topic, values, sent)), expected, atol=1e-12)
-    finally:
-        assert client.change(tension_names=[]) == (True, '')
-    assert client.ask(topic, PLANE, NAMES)
-
-
 WOUND = 0.5 * np.array(FETCHING_IN_SPACE)
 OPTIONS = (
     '-p', 'model:=exact', '-p', 'tendons.axial_stiffness:=[800.0]', '-p',

@@ -3,33 +3,14 @@
 import sys
 
 import pytest
-from live_nodes import CONFIG, CONFIG_FILE, hosting, spin_until
+from live_nodes import CONFIG, hosting
 from numpy.testing import assert_allclose
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
-from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.ros.node.main import OctoArmNode
-from octo_arm_model.ros.node.outputs import MarkerPublisher, Output, frames_class
-from octo_arm_model.wire.markers import MarkersWriter
-from octo_arm_model.wire.messages import Stamp
-
-
-def test_whoever_comes_late_hears_what_the_arm_is(client, tmp_path):
-    heard = []
-    qos = QoSProfile(
-        depth=1,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
-    client.node.create_subscription(String, 'arm_description', heard.append, qos)
-    client.wait(lambda: heard, 'the description of the arm')
-    path = tmp_path / 'heard.yaml'
-    path.write_text(heard[-1].data)
-    assert load_config(path).arm == CONFIG.arm
+from octo_arm_model.ros.node.outputs import frames_class
 
 
 @pytest.fixture
@@ -74,29 +55,6 @@ def test_markers_come_at_their_rate_and_the_last_shape_is_always_drawn(client, d
     client.wait(lambda: stamps[-1] in drawn, 'a drawing of the last shape')
     assert drawn[:2] == [None, stamps[0]]  # another arm may have been there before
     assert len(drawn) < 20
-
-
-def test_markers_of_the_same_arm_are_replaced_and_those_of_another_deleted(make_node):
-    """The estimator describes the arm anew whenever another hypothesis is the most probable."""
-    node, actions = make_node('drawing'), []
-    node.create_subscription(
-        MarkerArray, 'markers', lambda message: actions.append(message.markers[0].action), 100
-    )
-    output = Output(node, MarkerArray, 'markers', QoSProfile(depth=100))
-    markers = MarkerPublisher(node, output)
-
-    def draw(config):
-        solver, arm = config.solver(compiled=None), config.arm
-        markers.describe(MarkersWriter(arm, solver.grid.s, 'arm_base'), 0.0, arm)
-        actions.clear()
-        markers.publish(solver.solve(FETCHING_IN_PLANE), Stamp(1, 0))
-        spin_until(node.executor, lambda: actions and actions[-1] == Marker.ADD)
-        return list(actions)
-
-    spin_until(node.executor, lambda: output.is_heard)
-    assert draw(CONFIG) == [Marker.DELETEALL, Marker.ADD]
-    assert draw(CONFIG) == [Marker.ADD]
-    assert draw(load_config(CONFIG_FILE)) == [Marker.DELETEALL, Marker.ADD]
 
 
 def test_frames_lead_from_the_base_to_the_tip():

@@ -33,7 +33,7 @@ def numbers(table: tuple[Parameter, ...]) -> list[Any]:
 
 @pytest.mark.filterwarnings('ignore::RuntimeWarning')
 @pytest.mark.parametrize('parameter', numbers(PARAMETERS))
-def test_an_arm_answers_in_numbers_or_is_refused(parameter: Parameter) -> None:
+def test_an_arm_answers_in_numbers_or_is_refused(parameter):
     for value in EXTREMES:
         try:
             arm = Prepared.of(with_extreme(parameter, value))
@@ -48,7 +48,7 @@ def test_an_arm_answers_in_numbers_or_is_refused(parameter: Parameter) -> None:
 
 @pytest.mark.filterwarnings('ignore::RuntimeWarning')
 @pytest.mark.parametrize('parameter', numbers((*PARAMETERS, *ESTIMATOR_PARAMETERS)))
-def test_an_estimator_is_prepared_or_refused(parameter: Parameter) -> None:
+def test_an_estimator_is_prepared_or_refused(parameter):
     for value in EXTREMES:
         try:
             PreparedEstimator.of(with_extreme(parameter, value))

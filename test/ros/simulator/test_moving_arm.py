@@ -1,4 +1,4 @@
-"""The simulator of an arm that moves, over real DDS: its shape, its tendons, and its services."""
+"""The simulator of an arm that moves, over DDS: shape, tendons, services and sensors."""
 
 import itertools
 from zipfile import ZipFile
@@ -6,7 +6,14 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 import rclpy
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Quaternion, Vector3Stamped
+from geometry_msgs.msg import (
+    PoseArray,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    Vector3Stamped,
+    WrenchStamped,
+)
 from live_nodes import RosClient, hosting, new_domain, tensions_message
 from numpy.testing import assert_allclose, assert_array_equal
 from octo_arm_msgs.msg import TendonTensions
@@ -20,6 +27,7 @@ from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
+from octo_arm_model.simulation.pushed_arm import touched
 
 FILE = preset_path('renda2012_prototype')
 CONFIG = load_config(FILE)
@@ -400,3 +408,84 @@ def test_a_reset_forgets_commands_pushes_and_the_history_of_friction(is_moving):
         place = tips[-1].pose.pose.position
         assert_allclose([place.x, place.y, place.z], [0.27, 0.0, 0.0], atol=1e-9)
         assert_allclose(settled(0.5), first, atol=1e-5)
+
+
+# Sensors -----------------------------------------------------------------------------------------
+
+
+OF_SIMULATOR, _ = touched(CONFIG)
+FORCE = np.array(OF_SIMULATOR['push.force'])
+KINDS = {
+    'measured/tip_pose': PoseWithCovarianceStamped,
+    'measured/markers': PoseArray,
+    'measured/base_wrench': WrenchStamped,
+    'ground_truth/tip_wrench': WrenchStamped,
+}
+
+
+def simulating(domain, **more):
+    """The simulator of an arm that is pushed all the time, and a client."""
+    given = {'stations': 21, **OF_SIMULATOR, 'push.period': 0.0, 'rate': 20.0, **more}
+    return hosting(SimulatorNode, *parameter_arguments(given), files=[FILE], client=RosClient,
+                   node='octo_arm_sim', domain=domain)  # fmt: skip
+
+
+def test_sensors_measure_the_arm_that_is_pushed():
+    exact = {
+        'sensors.tip_position_stddev': 0.0, 'sensors.tip_rotation_stddev': 0.0,
+        'sensors.marker_stddev': 0.0, 'sensors.base_wrench_rate': 10.0,
+    }  # fmt: skip
+    with simulating(new_domain(), **exact) as client:
+        heard = {topic: client.hear(kind, topic) for topic, kind in KINDS.items()}
+        client.wait(lambda: all(heard.values()), 'measurements')
+        solver = CONFIG.solver('exact', 401)
+        shape = solver.solve(np.zeros((1, 4)), np.append(FORCE, np.zeros(3)))
+        tip = heard['measured/tip_pose'][-1]
+        place = tip.pose.pose.position
+        assert_allclose([place.x, place.y, place.z], shape.tip, atol=1e-6)
+        assert tip.header.frame_id == 'arm_base'
+        places = [np.interp(OF_SIMULATOR['sensors.marker_s'], shape.s, one)
+                  for one in shape.position.T]  # fmt: skip
+        seen = [pose.position for pose in heard['measured/markers'][-1].poses]
+        assert_allclose([(p.x, p.y, p.z) for p in seen], np.transpose(places), atol=1e-5)
+        wrench = heard['measured/base_wrench'][-1].wrench
+        moment = [wrench.torque.x, wrench.torque.y, wrench.torque.z]
+        assert_allclose(moment, np.cross(shape.tip, FORCE), atol=1e-6)
+        true = heard['ground_truth/tip_wrench'][-1].wrench.force
+        assert_allclose([true.x, true.y, true.z], FORCE, rtol=1e-12)
+        # Nothing pushes any more, and another place cannot be pushed.
+        assert client.change(push__force=[0.0, 0.0, 0.0]) == (True, '')
+        heard['measured/tip_pose'].clear()
+        client.wait(lambda: heard['measured/tip_pose'], 'the tip')
+        place = heard['measured/tip_pose'][-1].pose.pose.position
+        assert_allclose([place.x, place.y, place.z], [0.27, 0.0, 0.0], atol=1e-9)
+        done, why = client.change(push__s=1.0, push__force=[0.0, 0.0, 0.01])
+        assert not done and 'push.s is 1.0' in why
+
+
+def test_the_arm_is_pushed_and_let_go_when_asked():
+    with simulating(new_domain(), **{'push.period': 1e6}) as client:
+        heard = client.hear(WrenchStamped, 'ground_truth/tip_wrench')
+
+        def becomes(force):
+            def is_so():
+                found = heard[-1].wrench.force if heard else None
+                return found and np.allclose([found.x, found.y, found.z], force, atol=1e-12)
+
+            client.wait(is_so, f'a push of {force} N')
+
+        becomes(np.zeros(3))  # the first half of the period
+        answer = client.call(SetBool, 'push', SetBool.Request(data=True))
+        assert answer.success and answer.message.startswith('pushes the tip with [')
+        becomes(FORCE)
+        answer = client.call(SetBool, 'push', SetBool.Request(data=False))
+        assert (answer.success, answer.message) == (True, 'lets go')
+        becomes(np.zeros(3))
+        assert client.call(SetBool, 'push', SetBool.Request(data=True)).success
+        becomes(FORCE)
+        # Parameters are as they say again.
+        assert client.change(push__period=1e5) == (True, '')
+        becomes(np.zeros(3))
+        assert client.change(push__force=[0.0, 0.0, 0.0]) == (True, '')
+        answer = client.call(SetBool, 'push', SetBool.Request(data=True))
+        assert not answer.success and answer.message.startswith('push.force is 0, expected')

@@ -4,7 +4,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import rclpy
 import yaml
 from checkout import ROOT
 from live_nodes import RosClient, hosting, new_domain
@@ -106,18 +105,6 @@ def test_the_controllers_are_of_the_tendons_and_of_interfaces_that_are_described
         assert controller['joints'] == list(load_config('renda2012_table4').arm.tendon_names)
     assert given['tendon_effort_controller']['interface_name'] == 'effort'
     assert given['tendon_position_controller']['interface_name'] == 'position'
-    # They are read in any namespace.
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    for namespace in ('', 'left'):
-        node = rclpy.create_node(
-            'tendon_effort_controller', namespace=namespace, context=context,
-            cli_args=['--ros-args', '--params-file', str(path)], use_global_arguments=False,
-            automatically_declare_parameters_from_overrides=True,
-        )  # fmt: skip
-        assert node.get_parameter('interface_name').value == 'effort'
-        node.destroy_node()
-    context.shutdown()
 
 
 def test_commands_by_effort_and_by_position_reach_their_states_and_then_end(system):
