@@ -38,19 +38,6 @@ def following(config: Config, seconds: float = 0.0) -> tuple[Solver, Follow, Dri
     return solver, follow, winding
 
 
-@pytest.mark.parametrize(
-    ('seconds', 'gap', 'forgets'),
-    [(2.0, 2.001, True), (2.0, 2.0, False), (0.0, 1e6, False), (1e12, 1e6, False)],
-)
-def test_after_a_gap_the_history_is_forgotten(rubbing, seconds, gap, forgets):
-    solver, follow, arm = following(rubbing, seconds)
-    pulled = follow(SECOND, tensions=HIGH)
-    found = follow(SECOND + round(gap * SECOND), tensions=LOW)
-    expected = solver.solve(LOW) if forgets else solver.follow(LOW, pulled)
-    assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-12)
-    assert arm.forgotten == forgets
-
-
 def test_encoders_whose_stamps_come_behind_those_of_load_cells_start_nothing_over(rubbing):
     """Each of two sources has its order; 2 ms between them are neither a return nor a gap."""
     solver, follow, arm = following(rubbing, 2.0)
@@ -111,26 +98,6 @@ def test_the_accuracy_of_encoders_is_in_the_covariance_of_the_tip(prototype):
     # Of tensions it says nothing.
     found = winding.answer(solver, config, None, 1, tensions=HIGH, displacements={})
     assert not found.covariance.any()
-
-
-@pytest.mark.parametrize('given', ['tensions', 'displacements'])
-def test_where_a_tendon_sticks_the_shape_is_known_and_its_covariance_is_not(rubbing, given):
-    config = dataclasses.replace(rubbing, uncertainty=Uncertainty(tension=0.02, displacement=1e-4))
-    solver, winding = config.solver(), DrivenArm()
-    found = winding.answer(solver, config, None, 0, tensions=HIGH)
-    assert found.covariance.any() and found.unknown is None
-    # One is let go a little, the other stays as it is.
-    wanted = {'tensions': HIGH - [[0.01, 0.0, 0.0, 0.0]]}
-    if given == 'displacements':
-        first, reeled = config.arm.tendon_names[0], displacements_of(solver, found.backbone)[0, 0]
-        wanted = {'displacements': {first: reeled - 1e-6}}
-    expected = DrivenArm()
-    expected.answer(solver, config, None, 0, tensions=HIGH)
-    alone = expected.answer(solver, config, None, 1, **wanted, has_covariance=False)
-    found = winding.answer(solver, config, None, 1, **wanted)
-    assert found.covariance is None and 'sticks' in str(found.unknown)
-    one, other = found.backbone.position, alone.backbone.position
-    assert_allclose(one, other, rtol=0.0, atol=1e-12)
 
 
 def test_another_balance_has_another_history_and_the_same_tensions(rubbing):

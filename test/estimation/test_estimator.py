@@ -1,9 +1,11 @@
-"""The loop of node and bag tool: stamps, order, counts, and what is thrown out."""
+"""The loop of node and bag tool: stamps, what is thrown out or found, where forces act."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -12,11 +14,11 @@ from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
 from octo_arm_model import Backbone, Solver
 from octo_arm_model.arm.errors import ConvergenceError, MeasurementError, SolveError
-from octo_arm_model.estimation.estimator import Estimator, Filter
+from octo_arm_model.estimation.estimator import Estimated, Estimator, Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
-from octo_arm_model.estimation.model import BUDGET
+from octo_arm_model.estimation.model import BUDGET, ArmModel, Prediction
 from octo_arm_model.estimation.rules import Rules
-from octo_arm_model.estimation.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 
 SECOND = 10**9
 ORIGIN = 1_700_000_000 * SECOND
@@ -29,7 +31,7 @@ def tip(push: np.ndarray = PUSH) -> np.ndarray:
     return Solver(RUBBER, 'exact', 31).solve([TENSIONS], np.append(push, np.zeros(3))).tip
 
 
-def test_it_is_the_filter_by_seconds_from_the_first_stamp() -> None:
+def test_it_is_the_filter_by_seconds_from_the_first_stamp():
     estimator, one = Estimator({'tip': rubber(FORCE_AT_TIP)}), Filter(rubber(FORCE_AT_TIP))
     for step in range(3):
         given = [Tensions(TENSIONS, 0.01), TipPosition(tip(), 1e-3)]
@@ -43,7 +45,7 @@ def test_it_is_the_filter_by_seconds_from_the_first_stamp() -> None:
     assert kinds['tip position'].size == 9 and len(kinds['tip position'].recent) == 3
 
 
-def test_late_ones_are_put_in_place_within_the_window_and_refused_beyond() -> None:
+def test_late_ones_are_put_in_place_within_the_window_and_refused_beyond():
     in_order, late = (Estimator({'tip': rubber(FORCE_AT_TIP)}, window=0.3) for _ in range(2))
     messages = [
         (0, Tensions(TENSIONS, 0.01)), (1, TipPosition(tip(), 1e-3)),
@@ -63,7 +65,7 @@ def test_late_ones_are_put_in_place_within_the_window_and_refused_beyond() -> No
         assert [one.accepted for one in estimator.consistency.values()] == [2, 2]
 
 
-def test_a_sensor_that_lies_is_refused_named_and_believed_again_within_two_seconds() -> None:
+def test_a_sensor_that_lies_is_refused_named_and_believed_again_within_two_seconds():
     # Three markers tell where the arm is; a tip ten standard deviations off does not fit them.
     estimator = Estimator({'tip': rubber(FORCE_AT_TIP)}, DOUBTING)
     shape = Solver(RUBBER, 'exact', 31).solve([TENSIONS], np.append(PUSH, np.zeros(3)))
@@ -104,9 +106,7 @@ def quick() -> Estimator:
 
 
 @pytest.mark.parametrize('period', [0.05, 0.25])
-def test_a_sudden_touch_is_believed_where_the_sensors_are_far_more_exact_than_its_prior(
-    period: float,
-) -> None:
+def test_a_sudden_touch_is_believed_where_the_sensors_are_far_more_exact_than_its_prior(period):
     random, size = np.random.default_rng(4), 2.5 * math.sqrt(LIKELY.variance(period))
     for _ in range(4):
         estimator = Estimator({'tip': rubber(FORCE_AT_TIP)}, DOUBTING)
@@ -123,9 +123,7 @@ def test_a_sudden_touch_is_believed_where_the_sensors_are_far_more_exact_than_it
 
 
 @pytest.mark.parametrize('order', [(0, 1, 2), (2, 1, 0), (1, 2, 0)])
-def test_what_is_measured_at_one_time_is_judged_together_whichever_comes_first(
-    order: tuple[int, ...],
-) -> None:
+def test_what_is_measured_at_one_time_is_judged_together_whichever_comes_first(order):
     """Whether in one message or in several, and a load cell that lies is found in both."""
     together, apart = quick(), quick()
     for estimator in (together, apart):
@@ -149,7 +147,7 @@ def test_what_is_measured_at_one_time_is_judged_together_whichever_comes_first(
         assert {sum(count) for count in counts.values()} == {5} and len(counts) == 3
 
 
-def test_where_nothing_can_tell_the_covariance_holds_what_would_be() -> None:
+def test_where_nothing_can_tell_the_covariance_holds_what_would_be():
     """Tensions and a tip are explained by a force, whichever load cell lies."""
     own = Estimator({'tip': rubber(Unknowns(Walk(5.0, 1.0), tip_force=LIKELY))}, DOUBTING)
     trusting = Estimator({'tip': rubber(Unknowns(Walk(5.0, 1.0), tip_force=LIKELY))})
@@ -168,7 +166,7 @@ def test_where_nothing_can_tell_the_covariance_holds_what_would_be() -> None:
     assert wrong.max() > 3.0 * off.max()
 
 
-def test_a_failure_changes_nothing_but_the_counts() -> None:
+def test_a_failure_changes_nothing_but_the_counts():
     unbounded = Unknowns(Walk(1e4, 1e4), tip_force=LIKELY)
     estimator = Estimator({'tip': rubber(unbounded)})
     given = [Tensions(TENSIONS, 0.01), TipPosition(tip(), 1e-3)]
@@ -185,9 +183,7 @@ def test_a_failure_changes_nothing_but_the_counts() -> None:
     np.testing.assert_allclose(found.mean, expected.mean, rtol=0, atol=1e-12)
 
 
-def test_what_a_message_says_does_not_change_what_it_may_cost(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_a_message_says_does_not_change_what_it_may_cost(monkeypatch):
     model, spent = rubber(FORCE_AT_TIP), [0]
     follow = model.solver.follow
 
@@ -211,3 +207,198 @@ def test_what_a_message_says_does_not_change_what_it_may_cost(
                 own.add(ORIGIN + step * SECOND // 20, [one])
             # Those of a step and of a new beginning, and the last solve of each.
             assert spent[0] <= 80 + 160 + 4 * BUDGET.iterations
+
+
+# Where an unknown force acts ---------------------------------------------------------------------
+
+
+UNKNOWNS = Unknowns(Walk(5.0, 1.0))
+PLACES = (0.07, 0.13, 0.19)
+FORCE = Walk.stationary(0.02, 0.2)
+
+
+def models() -> dict[str, object]:
+    found = {
+        f'{s} m': rubber(dataclasses.replace(UNKNOWNS, point_forces=(PointForce(s, FORCE),)))
+        for s in PLACES
+    }
+    return {'free': rubber(UNKNOWNS), **found}
+
+
+@pytest.mark.parametrize('place', [
+    0.13, None, *(pytest.param(place, marks=pytest.mark.endurance) for place in (0.07, 0.19))
+])  # fmt: skip
+def test_the_place_is_found(place):
+    rng = np.random.default_rng(7)
+    given = models()
+    name = 'free' if place is None else f'{place} m'
+    model = given[name]
+    x = np.zeros(model.state.size)
+    x[:4] = TENSIONS
+    if place is not None:
+        x[model.state.point_forces] = [0.0, 0.02, -0.015]
+    shape = Prediction(model, x, None).solved
+    s = np.array([0.05, 0.1, 0.15, 0.2])
+    at = Markers(s, np.zeros((4, 3)), 1e-3)
+    positions = -at.innovation(Prediction(model, x, None)).reshape(4, 3)
+    bank = Estimator(given)
+    for step in range(3):
+        noisy = positions + 1e-3 * rng.normal(size=(4, 3))
+        found = bank.add(step * SECOND // 10, [Tensions(TENSIONS, 0.01), Markers(s, noisy, 1e-3)])
+    assert sum(found.probabilities.values()) == pytest.approx(1.0)
+    best = found
+    assert best.hypothesis == name and best.probabilities[name] > 0.9
+    np.testing.assert_allclose(best.estimate.backbone.tip, shape.tip, atol=2e-3)
+    if place is not None:
+        where = model.state.point_forces
+        error = best.estimate.mean[where] - x[where]
+        assert error @ np.linalg.solve(best.estimate.covariance[where, where], error) < 16.0
+
+
+def test_a_truth_that_changes_is_followed():
+    given = {name: model for name, model in models().items() if name in ('free', '0.19 m')}
+    s = np.array([0.1, 0.2])
+    bank = Estimator(given, change_time=1.0)
+    for step, force in enumerate([0.0, 0.0, 0.02, 0.02, 0.02]):
+        model = given['0.19 m']
+        x = np.concatenate([TENSIONS, [0.0, force, 0.0]])
+        positions = -Markers(s, np.zeros((2, 3)), 1e-3).innovation(Prediction(model, x, None))
+        measured = [Tensions(TENSIONS, 0.01), Markers(s, positions.reshape(2, 3), 1e-3)]
+        found = bank.add(step * SECOND // 10, measured)
+        assert found.hypothesis == ('0.19 m' if force else 'free')
+        # Neither is ever beyond doubt.
+        assert min(found.probabilities.values()) > 1e-20
+    with pytest.raises(MeasurementError, match='before the window'):
+        bank.add(-SECOND, [])
+    assert bank.late == 1
+    with pytest.raises(MeasurementError, match='at least one'):
+        Estimator({})
+    with pytest.raises(MeasurementError, match='change_time'):
+        Estimator(given, change_time=0.0)
+
+
+# Lost and found again ----------------------------------------------------------------------------
+
+
+PERIOD = SECOND // 10  # of every sensor
+AFTER = 0.5  # [s] of refusals to begin anew
+STEADY = Walk(5.0, 0.1)  # tensions that are told to change by 0.1 N in a second
+RULES = Rules(cell_fault=0.1, sensor_fault=0.005, recover_after=AFTER)
+JUMP = np.array([2.0, 0.0, 0.0, 0.0])  # by which they really change [N]
+Sensor = Callable[[Backbone, np.ndarray], Measurement]
+RANDOM = np.random.default_rng(11)
+
+
+def noise(stddev: float, *shape: int) -> np.ndarray:
+    return stddev * RANDOM.standard_normal(shape)
+
+
+def cells(shape: Backbone, tensions: np.ndarray) -> Measurement:
+    return Tensions(tensions + noise(CELL, 4), CELL)
+
+
+def markers(shape: Backbone, tensions: np.ndarray) -> Measurement:
+    seen = [10, 20, 30]
+    return Markers(shape.s[seen], shape.position[seen] + noise(PLACE, 3, 3), PLACE)
+
+
+def seen_tip(shape: Backbone, tensions: np.ndarray) -> Measurement:
+    return TipPosition(shape.tip + noise(PLACE, 3), PLACE)
+
+
+def lying_tip(shape: Backbone, tensions: np.ndarray) -> Measurement:
+    return TipPosition(shape.tip + [0.0, 0.0, 0.04] + noise(PLACE, 3), PLACE)
+
+
+SOLVER = Solver(RUBBER, 'exact', 31)
+CALM, MOVED = (SOLVER.solve([tensions]) for tensions in (TENSIONS, TENSIONS + JUMP))
+
+
+def tracker(**options: float) -> Estimator:
+    model = rubber(Unknowns(STEADY, tip_force=LIKELY))
+    return Estimator({'tip': model}, RULES, **options)
+
+
+def steps(
+    of: Estimator, numbers: Iterable[int], sensors: Iterable[Sensor], *, is_moved: bool = False
+) -> list[Estimated]:
+    """What ``sensors`` measure at each step, one after the other; what comes of each."""
+    shape, tensions = (MOVED, TENSIONS + JUMP) if is_moved else (CALM, TENSIONS)
+    return [
+        of.add(ORIGIN + step * PERIOD + number, [sensor(shape, tensions)])
+        for step in numbers
+        for number, sensor in enumerate(sensors)
+    ]
+
+
+def assert_is(tracked: Estimated, shape: Backbone) -> None:
+    """The estimate is ``shape`` within its bounds, which are narrow."""
+    estimate = tracked.estimate
+    for station in (15, 30):
+        covariance = estimate.pose_covariance[station, :3, :3]
+        away = estimate.backbone.position[station] - shape.position[station]
+        assert away @ np.linalg.solve(covariance, away) < 30.0  # chi-square of 3, 1e-6
+        assert np.sqrt(np.trace(covariance)) < 0.1  # JUMP moves the seen_tip by 0.07
+
+
+def test_an_arm_that_moves_faster_than_told_is_found_again():
+    own = tracker()
+    assert_is(steps(own, range(2, 4), [cells, markers, seen_tip])[-1], CALM)
+    lost = steps(own, range(4, 9), [cells, markers, seen_tip], is_moved=True)
+    assert not any(one.begins_anew for one in lost) and own.restarts == 0
+    # Load cells were refused first at step 4, and AFTER is five steps.
+    found = steps(own, range(9, 11), [cells, markers, seen_tip], is_moved=True)
+    assert [one.begins_anew for one in found[:3]].count(True) == own.restarts == 1
+    assert_is(found[-1], MOVED)
+    assert all(part.is_accepted for one in found[3:] for part in one.innovations)
+    later = steps(own, [11], [cells, markers, seen_tip], is_moved=True)
+    assert_is(later[-1], MOVED)
+    assert own.restarts == 1
+
+
+@pytest.mark.endurance
+def test_a_sensor_that_lies_alone_stays_thrown_out():
+    own = tracker()
+    steps(own, range(4), [cells, markers, seen_tip])
+    # Long enough to begin anew three times.
+    found = steps(own, range(4, 22), [cells, markers, lying_tip])
+    assert own.restarts == 0
+    assert own.consistency['tip position'].refused == 18
+    assert own.consistency['markers'].refused == own.consistency['tensions'].refused == 0
+    assert_is(found[-1], CALM)
+    assert_is(steps(own, range(22, 42), [cells, markers, seen_tip])[-1], CALM)
+    assert not own.refused_since
+
+
+@pytest.mark.endurance
+def test_the_arm_is_found_again_beside_a_sensor_that_lies():
+    own = tracker()
+    steps(own, range(4), [cells, markers, seen_tip])
+    steps(own, range(4, 8), [cells, markers, lying_tip])
+    found = steps(own, range(8, 20), [cells, markers, lying_tip], is_moved=True)
+    assert_is(found[-1], MOVED)
+
+
+def test_one_sensor_alone_is_believed_once_it_has_contradicted_for_long():
+    own = tracker()
+    steps(own, range(4), [cells])
+    assert_is(steps(own, range(4, 12), [cells], is_moved=True)[-1], MOVED)
+    before = own.restarts
+    for step in range(12, 40):
+        # A broken wire: readings that no arm has, each another.
+        wild = Tensions(np.abs(noise(2.0, 4)) + 4.0 * (step % 2), CELL)
+        own.add(ORIGIN + step * PERIOD, [wild])
+    # Each time that it is in vain it takes twice as long to the next.
+    assert own.restarts <= before + 3
+
+
+@pytest.mark.endurance
+def test_it_begins_anew_where_the_place_of_a_force_is_unknown():
+    def at(s: float) -> ArmModel:
+        return rubber(Unknowns(STEADY, point_forces=(PointForce(s, LIKELY),)))
+
+    own = Estimator({'0.1 m': at(0.1), '0.2 m': at(0.2)}, RULES, change_time=1.0)
+    steps(own, range(3), [cells, markers])
+    found = steps(own, range(3, 10), [cells, markers], is_moved=True)
+    assert_is(found[-1], MOVED)
+    assert sum(found[-1].probabilities.values()) == pytest.approx(1.0)

@@ -28,7 +28,7 @@ bench_of = functools.cache(Bench)
         pytest.param(Case(ARM, 'base offset', 0, 'both', 20.0), marks=pytest.mark.endurance),
     ],
 )
-def test_a_sensor_that_lies_is_named_at_once_and_believed_again(case: Case) -> None:
+def test_a_sensor_that_lies_is_named_at_once_and_believed_again(case):
     row = bench_of(case.arm).run(case)
     assert row.named_after <= 1.0 and row.named_part > 0.98
     assert row.beyond <= 0.02
@@ -55,6 +55,6 @@ def test_a_sensor_that_lies_is_named_at_once_and_believed_again(case: Case) -> N
         pytest.param(Case(ARM, 'none', 0, 'both', 20.0), marks=pytest.mark.endurance),
     ],
 )
-def test_what_others_cannot_tell_is_within_the_covariance(case: Case) -> None:
+def test_what_others_cannot_tell_is_within_the_covariance(case):
     row = bench_of(case.arm).run(case)
     assert row.beyond <= 0.02 and row.published == 1.0

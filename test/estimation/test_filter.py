@@ -11,7 +11,6 @@ from estimation_arms import LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
 from scipy.stats import binom, chi2
 
 from octo_arm_model import (
-    Arm,
     Body,
     Config,
     Discs,
@@ -22,11 +21,12 @@ from octo_arm_model import (
     Uncertainty,
 )
 from octo_arm_model.arm.errors import MeasurementError
-from octo_arm_model.arm.loads import ZERO
+from octo_arm_model.arm.loads import ZERO, DistributedLoad, PointLoad
 from octo_arm_model.estimation.base_wrench import BaseWrench
-from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.estimation.estimate import Estimate, contact_of
 from octo_arm_model.estimation.estimator import Filter
 from octo_arm_model.estimation.measurements import (
+    Markers,
     TendonDisplacements,
     Tensions,
     TipPose,
@@ -34,7 +34,7 @@ from octo_arm_model.estimation.measurements import (
 )
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.rules import Rules
-from octo_arm_model.estimation.unknowns import Unknowns, Walk
+from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 
 AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY, tip_moment=Walk(2e-4))
 FORCE_AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY)
@@ -47,7 +47,7 @@ def truth(model: ArmModel, force: np.ndarray, tensions: np.ndarray = TENSIONS) -
     return Prediction(model, x, None)
 
 
-def test_with_tension_only_it_is_the_forward_model_with_propagated_covariance() -> None:
+def test_with_tension_only_it_is_the_forward_model_with_propagated_covariance():
     model = rubber(Unknowns(Walk(1e4)))
     found = Filter(model).add(0.0, [Tensions(TENSIONS, 0.02)])
     solver = Solver(RUBBER, 'exact', 31)
@@ -61,7 +61,7 @@ def test_with_tension_only_it_is_the_forward_model_with_propagated_covariance() 
     assert not found.unlearnt
 
 
-def test_a_first_reading_of_a_slack_tendon_may_be_negative() -> None:
+def test_a_first_reading_of_a_slack_tendon_may_be_negative():
     model = rubber(FORCE_AT_TIP)
     tensions = np.where(TENSIONS == TENSIONS.min(), 0.0, TENSIONS)
     at = truth(model, np.zeros(3), tensions)
@@ -90,7 +90,7 @@ _DESCRIBED = {
 
 
 @pytest.mark.parametrize('what', _DESCRIBED)
-def test_the_arm_of_a_file_is_estimated_as_it_is_described(what: str) -> None:
+def test_the_arm_of_a_file_is_estimated_as_it_is_described(what):
     config = Config.from_parameters({**_ARM, **_DESCRIBED[what]})
     shape = config.solver('exact').solve([TENSIONS])
     readings = config.load_cells.readings(TENSIONS)
@@ -109,7 +109,7 @@ def test_the_arm_of_a_file_is_estimated_as_it_is_described(what: str) -> None:
     assert bare.refused == ('tip position',)
 
 
-def test_a_displacement_longer_than_the_tendon_is_refused_as_that() -> None:
+def test_a_displacement_longer_than_the_tendon_is_refused_as_that():
     model = rubber(Unknowns(Walk(5.0)))
     with pytest.raises(MeasurementError, match='displacement of tendon_1_2 is 25 m, expected les'):
         Filter(model).add(0.0, [TendonDisplacements([0.0, 25.0, 0.0, 0.0], 1e-4)])
@@ -123,7 +123,7 @@ STRIP = dataclasses.replace(
 @pytest.mark.parametrize(
     ('arm', 'law'), [(RUBBER, 'neo_hookean'), (STRIP, 'neo_hookean'), (STRIP, 'linear')]
 )
-def test_exact_measurements_give_the_wrench(arm: Arm, law: str) -> None:
+def test_exact_measurements_give_the_wrench(arm, law):
     # Light, so that no other wrench has the same tip.
     loads = WEIGHT if arm is RUBBER else dataclasses.replace(WEIGHT, gravity=ZERO)
     model = ArmModel(arm, AT_TIP, loads=loads, material=law, stations=31)
@@ -141,7 +141,7 @@ def test_exact_measurements_give_the_wrench(arm: Arm, law: str) -> None:
     np.testing.assert_allclose(found.backbone.position, shape.position, atol=1e-8)
 
 
-def test_exact_displacements_and_base_wrench_give_tensions_and_force() -> None:
+def test_exact_displacements_and_base_wrench_give_tensions_and_force():
     model = rubber(FORCE_AT_TIP, loads=WEIGHT)
     at = truth(model, np.array([0.004, 0.012, -0.008]))
     drawn_in = model.solver.rest_lengths.ravel() - at.tendon_lengths
@@ -156,7 +156,7 @@ def test_exact_displacements_and_base_wrench_give_tensions_and_force() -> None:
     np.testing.assert_allclose(found.tip_wrench, model.tip_wrench(at.x), atol=1e-5)
 
 
-def test_a_force_on_a_robot_of_discs_is_found() -> None:
+def test_a_force_on_a_robot_of_discs_is_found():
     discs = Discs.evenly(4, RUBBER.length, 0.004, 0.002)
     arm = dataclasses.replace(RUBBER, body=Body(0.2, 0.0075, 0.0075), discs=discs)
     model = ArmModel(arm, FORCE_AT_TIP, loads=Loads(gravity=(0.0, 0.0, -9.81)), stations=31)
@@ -171,7 +171,7 @@ def test_a_force_on_a_robot_of_discs_is_found() -> None:
     np.testing.assert_allclose(found.tip_wrench[:3], [0.004, 0.012, -0.008], atol=1e-5)
 
 
-def test_what_friction_does_is_within_the_covariance() -> None:
+def test_what_friction_does_is_within_the_covariance():
     rough = dataclasses.replace(RUBBER, friction=(0.15,) * 4)
     force, tensions = np.array([0.002, -0.006, 0.005]), 2.0 * TENSIONS
     shape = Solver(rough, 'exact', 31).solve([tensions], np.append(force, np.zeros(3)))
@@ -189,7 +189,7 @@ def test_what_friction_does_is_within_the_covariance() -> None:
     assert off['unknown'] < limit < off['ignored']
 
 
-def test_an_axial_force_on_a_straight_arm_is_not_observable() -> None:
+def test_an_axial_force_on_a_straight_arm_is_not_observable():
     unknowns = dataclasses.replace(FORCE_AT_TIP, tip_force=Walk(1e-3))
     model = rubber(unknowns)
     straight = truth(model, np.zeros(3), np.full(4, 0.3))
@@ -236,7 +236,7 @@ def simulated(seed: int, steps: int) -> list[tuple[Estimate, np.ndarray, Predict
 
 
 @pytest.mark.parametrize('runs', [8, pytest.param(60, marks=pytest.mark.endurance)])
-def test_errors_are_as_large_as_the_covariance_says(runs: int) -> None:
+def test_errors_are_as_large_as_the_covariance_says(runs):
     steps = 3
     squares: dict[str, list[float]] = {'state': [], 'force': [], 'tip': [], 'innovation': []}
     inside = []
@@ -272,7 +272,7 @@ def test_errors_are_as_large_as_the_covariance_says(runs: int) -> None:
     assert low <= np.mean(inside) <= high
 
 
-def test_a_slack_tendon_is_estimated_slack() -> None:
+def test_a_slack_tendon_is_estimated_slack():
     model = rubber(Unknowns(Walk(10.0), tension_bias=Walk(0.05)))
     found = Filter(model).add(0.0, [Tensions([1.0, -0.02, 0.5, 0.3], 0.01)])
     assert found.tensions[1] == 0.0
@@ -281,7 +281,7 @@ def test_a_slack_tendon_is_estimated_slack() -> None:
     assert found.tension_bias[1] == pytest.approx(-0.02 * 0.05**2 / (0.05**2 + 0.01**2), rel=1e-3)
 
 
-def test_sensors_lost_and_back() -> None:
+def test_sensors_lost_and_back():
     model = rubber(FORCE_AT_TIP)
     at = truth(model, np.array([0.0, 0.008, -0.005]))
     own = Filter(model)
@@ -297,7 +297,7 @@ def test_sensors_lost_and_back() -> None:
     np.testing.assert_allclose(again.tip_wrench, sure.tip_wrench, atol=1e-3)
 
 
-def test_a_failing_step_leaves_the_filter_as_it_was() -> None:
+def test_a_failing_step_leaves_the_filter_as_it_was():
     model = rubber(FORCE_AT_TIP)
     own = Filter(model)
     own.add(0.0, [Tensions(TENSIONS, 0.01)])
@@ -313,3 +313,63 @@ def test_a_failing_step_leaves_the_filter_as_it_was() -> None:
     for name, wrong in (('gate', 1.0), ('cell_fault', -0.1), ('recover_after', -1.0)):
         with pytest.raises(MeasurementError, match=f'{name} is {wrong}, expected'):
             Rules(**{name: wrong})
+
+
+# The external wrench -----------------------------------------------------------------------------
+
+
+TENSION = Walk(5.0, 1.0)
+LENGTH = RUBBER.length
+AREA = 0.5 * (0.015 + 0.006) * LENGTH  # of a cone, from the side [m^2]
+CURRENT = Walk.stationary(5.0, 1.0)  # [Pa]
+KINDS = {
+    'tip': Unknowns(TENSION, tip_force=LIKELY),
+    'point': Unknowns(TENSION, point_forces=(PointForce(0.12, LIKELY),)),
+    'current': Unknowns(TENSION, current=CURRENT),
+    'none': Unknowns(TENSION),
+}
+
+
+def estimated(kind, measurements=()):
+    return Filter(rubber(KINDS[kind])).add(0.0, [Tensions(TENSIONS, 0.01), *measurements])
+
+
+def test_nothing_is_estimated_where_no_force_is_unknown():
+    assert contact_of(estimated('none'), RUBBER) is None
+
+
+@pytest.mark.parametrize('kind', ['tip', 'point', 'current'])
+def test_without_more_than_tensions_the_force_keeps_its_prior(kind):
+    contact = contact_of(estimated(kind), RUBBER)
+    np.testing.assert_allclose(contact.wrench, 0.0, atol=1e-12)
+    scale = CURRENT.stddev * AREA if kind == 'current' else LIKELY.stddev
+    deviation = np.sqrt(contact.covariance.diagonal())
+    np.testing.assert_allclose(deviation, [scale] * 3 + [0.0] * 3, rtol=1e-9)
+    assert contact.is_at_tip == (kind == 'tip')
+    expected = {'tip': LENGTH, 'point': 0.12, 'current': math.nan}[kind]
+    np.testing.assert_equal(contact.s, expected)
+
+
+FORCE = np.array([1e-3, -4e-3, 8e-3])  # in all [N]
+LOADS = {
+    'tip': Loads(tip_force=tuple(FORCE)),
+    'point': Loads(points=(PointLoad(0.12, tuple(FORCE)),)),
+    # Per length in proportion to the diameter, which falls linearly.
+    'current': Loads(
+        distributed=(
+            DistributedLoad((0.0, LENGTH), tuple(tuple(FORCE * d / AREA) for d in (0.015, 0.006))),
+        )
+    ),
+}
+
+
+@pytest.mark.parametrize('kind', ['tip', 'point', 'current'])
+def test_what_pushes_the_arm_is_found_in_newtons(kind):
+    shape = Solver(RUBBER, 'exact', 31, loads=LOADS[kind]).solve([TENSIONS])
+    seen = [10, 20, 30]
+    markers = Markers(shape.s[seen], shape.position[seen], 1e-5)
+    contact = contact_of(estimated(kind, [markers]), RUBBER)
+    deviation = np.sqrt(contact.covariance.diagonal()[:3])
+    # What is learnt of the force along the arm is little.
+    assert (np.abs(contact.wrench[:3] - FORCE) < 3.0 * deviation + 1e-4).all()
+    assert deviation.min() < 0.1 * LIKELY.stddev

@@ -52,7 +52,7 @@ def state_of(model: ArmModel) -> np.ndarray:
 
 
 @pytest.mark.parametrize('name', MEASUREMENTS)
-def test_derivatives_by_the_whole_state(name: str) -> None:
+def test_derivatives_by_the_whole_state(name):
     model, one = rubber(EVERYTHING, loads=WEIGHT), MEASUREMENTS[name]()
     x = state_of(model)
     at = Prediction(model, x, None)
@@ -65,7 +65,7 @@ def test_derivatives_by_the_whole_state(name: str) -> None:
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'renda2012'])
-def test_derivatives_of_the_papers_models(model: str) -> None:
+def test_derivatives_of_the_papers_models(model):
     own = rubber(Unknowns(Walk(5.0), log_modulus=Walk(0.05)), model)
     x = np.append(TENSIONS, 0.1)
     at = Prediction(own, x, None)
@@ -74,7 +74,7 @@ def test_derivatives_of_the_papers_models(model: str) -> None:
     np.testing.assert_allclose(one.jacobian(at), -moved, atol=1e-6 * np.abs(moved).max(), rtol=0)
 
 
-def test_a_stiffer_arm_is_one_of_that_modulus() -> None:
+def test_a_stiffer_arm_is_one_of_that_modulus():
     model = rubber(EVERYTHING, loads=WEIGHT)
     x = state_of(model)
     found = Prediction(model, x, None)
@@ -99,7 +99,7 @@ def test_a_stiffer_arm_is_one_of_that_modulus() -> None:
     np.testing.assert_allclose(found.tendon_lengths, lengths, atol=1e-9)
 
 
-def test_exact_values_leave_no_innovation() -> None:
+def test_exact_values_leave_no_innovation():
     model = rubber(EVERYTHING, loads=WEIGHT)
     at = Prediction(model, state_of(model), None)
     shape = at.solved
@@ -116,7 +116,7 @@ def test_exact_values_leave_no_innovation() -> None:
         np.testing.assert_allclose(one.innovation(at), 0.0, atol=1e-12)
 
 
-def test_markers_between_stations_lie_on_the_curve() -> None:
+def test_markers_between_stations_lie_on_the_curve():
     coarse, fine = (ArmModel(RUBBER, Unknowns(Walk(5.0)), stations=count) for count in (31, 301))
     x = np.array([1.0, 0.0, 0.3, 0.2])
     at, finer = (Prediction(model, x, None) for model in (coarse, fine))
@@ -125,7 +125,7 @@ def test_markers_between_stations_lie_on_the_curve() -> None:
     np.testing.assert_allclose(one.innovation(at), 0.0, atol=1e-6)
 
 
-def test_the_base_wrench_is_the_sum_of_all_loads() -> None:
+def test_the_base_wrench_is_the_sum_of_all_loads():
     model = rubber(EVERYTHING, loads=WEIGHT)
     x = state_of(model)
     at = Prediction(model, x, None)
@@ -180,7 +180,7 @@ def test_the_base_wrench_is_the_sum_of_all_loads() -> None:
         (lambda: rubber(Unknowns(Walk(1.0), point_forces=(PointForce(0.3, LIKELY),))), '0.3'),
     ],
 )
-def test_what_cannot_be_is_refused(make: Callable[[], object], message: str) -> None:
+def test_what_cannot_be_is_refused(make, message):
     with pytest.raises(MeasurementError, match=message):
         make()
 
@@ -190,7 +190,7 @@ def _any() -> Prediction:
     return Prediction(model, TENSIONS, None)
 
 
-def test_forces_take_a_model_with_loads() -> None:
+def test_forces_take_a_model_with_loads():
     for unknowns in (
         Unknowns(Walk(1.0), tip_force=LIKELY),
         Unknowns(Walk(1.0), current=LIKELY),
@@ -199,7 +199,7 @@ def test_forces_take_a_model_with_loads() -> None:
             rubber(unknowns, 'closed_form')
 
 
-def test_what_is_no_function_of_the_state_is_refused() -> None:
+def test_what_is_no_function_of_the_state_is_refused():
     unknowns = Unknowns(Walk(1.0), log_modulus=Walk(0.1))
     with pytest.raises(ConfigError, match='friction, expected an unknown tension_loss'):
         ArmModel(dataclasses.replace(RUBBER, friction=(0.1,) * 4), Unknowns(Walk(1.0)))
@@ -211,7 +211,7 @@ def test_what_is_no_function_of_the_state_is_refused() -> None:
         ArmModel(dataclasses.replace(RUBBER, sheath_stiffness=(1e5,) * 4), unknowns)
 
 
-def test_displacements_are_those_of_winches_whose_tendons_stretch() -> None:
+def test_displacements_are_those_of_winches_whose_tendons_stretch():
     """As `displacements_of` has them: what the arm gives way, and what tendons stretch."""
     arm = dataclasses.replace(
         RUBBER, axial_stiffness=(200.0, 300.0, 0.0, 100.0), free_length=(0.1, 0.2, 0.3, 0.0)
@@ -227,7 +227,7 @@ def test_displacements_are_those_of_winches_whose_tendons_stretch() -> None:
     np.testing.assert_allclose(one.jacobian(at), -moved, atol=1e-6 * np.abs(moved).max(), rtol=0)
 
 
-def test_the_tip_tells_how_it_bends_with_the_state() -> None:
+def test_the_tip_tells_how_it_bends_with_the_state():
     unknowns = Unknowns(
         Walk(0.3), Walk(0.1), tip_force=LIKELY, log_modulus=Walk(0.1), tension_loss=Walk(0.3)
     )

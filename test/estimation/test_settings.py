@@ -32,7 +32,7 @@ def rates(found: EstimatorSettings) -> list[float]:
     return [walk.rate for walk in tension]
 
 
-def test_without_a_word_it_is_a_force_on_the_tip_of_the_size_that_bends_the_arm() -> None:
+def test_without_a_word_it_is_a_force_on_the_tip_of_the_size_that_bends_the_arm():
     found = settings()
     ((name, unknowns),) = found.unknowns.items()
     assert name == 'tip' and unknowns.tip_force is not None
@@ -44,7 +44,7 @@ def test_without_a_word_it_is_a_force_on_the_tip_of_the_size_that_bends_the_arm(
     assert any('tension_stddev is not given' in note for note in found.notes)
 
 
-def test_what_the_arm_and_the_recording_say_comes_first() -> None:
+def test_what_the_arm_and_the_recording_say_comes_first():
     known = Config.from_parameters({
         **VALUES, 'model': 'exact', 'tension_stddev': 0.03, 'model_error_stddev': 0.01,
         'material.youngs_modulus_stddev': 0.1,
@@ -72,8 +72,8 @@ def test_what_the_arm_and_the_recording_say_comes_first() -> None:
     ],
 )  # fmt: skip
 def test_what_a_recording_says_is_within_the_range_of_the_parameter_or_not_needed(
-    recorded: TensionStatistics, given: dict[str, float], words: str
-) -> None:
+    recorded, given, words
+):
     with pytest.raises(ConfigError, match=words):
         EstimatorSettings.from_parameters({}, CONFIG, recorded)
     of_arm = {name: value for name, value in given.items() if not name.startswith(PREFIX)}
@@ -93,13 +93,13 @@ def test_what_a_recording_says_is_within_the_range_of_the_parameter_or_not_neede
          {'none': 0, **{f'{part * LENGTH:.4g} m': 1 for part in (0.2, 0.4, 0.6, 0.8, 1.0)}}),
     ],
 )  # fmt: skip
-def test_places_of_contact(values: dict[str, Any], expected: dict[str, int]) -> None:
+def test_places_of_contact(values, expected):
     found = settings(**values).unknowns
     assert {name: len(one.point_forces) for name, one in found.items()} == expected
     assert all(one.tip_force is None for one in found.values())
 
 
-def test_places_near_each_other_have_names_of_their_own() -> None:
+def test_places_near_each_other_have_names_of_their_own():
     places = [0.1, 0.100001, 0.2]
     found = settings(contact='somewhere', contact_s=places).unknowns
     assert list(found) == ['none', '0.1 m', '0.100001 m', '0.2 m']
@@ -107,7 +107,7 @@ def test_places_near_each_other_have_names_of_their_own() -> None:
     assert len(set(state.names)) == state.size
 
 
-def test_what_is_beyond_the_tip_by_rounding_is_at_the_tip() -> None:
+def test_what_is_beyond_the_tip_by_rounding_is_at_the_tip():
     beyond = LENGTH * (1.0 + 5e-10)
     found = settings(contact='at', contact_s=[beyond], marker_s=[0.1, beyond])
     assert found.unknowns['at'].point_forces[0].s == LENGTH
@@ -115,7 +115,7 @@ def test_what_is_beyond_the_tip_by_rounding_is_at_the_tip() -> None:
     assert check_marker_s([0.1, beyond], LENGTH).tolist() == [0.1, LENGTH]
 
 
-def test_a_current_presses_as_hard_as_the_force() -> None:
+def test_a_current_presses_as_hard_as_the_force():
     found = settings(contact='current', force_stddev=0.1).unknowns['current'].current
     assert found is not None
     area = LENGTH * (0.015 + 0.0074)  # of the trapezium that is seen from the side
@@ -124,7 +124,7 @@ def test_a_current_presses_as_hard_as_the_force() -> None:
     assert given is not None and given.stddev == 3.0
 
 
-def test_models_are_those_of_the_file_solved_by_the_model_exact() -> None:
+def test_models_are_those_of_the_file_solved_by_the_model_exact():
     loaded = Config.from_parameters({
         **VALUES, 'model': 'exact', 'stations': 41, 'material.density': 1080.0,
         'loads.gravity': [0.0, 0.0, -9.81], 'base.position': [0.1, 0.0, 0.2],
@@ -157,12 +157,12 @@ def test_models_are_those_of_the_file_solved_by_the_model_exact() -> None:
         ({'marker_s': 'tip'}, r"marker_s is 'tip', expected double\[\]"),
     ],
 )
-def test_wrong_values_are_named(values: dict[str, Any], words: str) -> None:
+def test_wrong_values_are_named(values, words):
     with pytest.raises(OctoArmError, match=words):
         settings(**values)
 
 
-def test_an_unknown_modulus_and_sheaths_are_refused_by_their_parameters() -> None:
+def test_an_unknown_modulus_and_sheaths_are_refused_by_their_parameters():
     values = {**VALUES, 'model': 'exact', 'tendons.sheath_stiffness': [2.5e5]}
     settings(Config.from_parameters(values))
     both = Config.from_parameters({**values, 'material.youngs_modulus_stddev': 0.05})
@@ -171,7 +171,7 @@ def test_an_unknown_modulus_and_sheaths_are_refused_by_their_parameters() -> Non
         settings(both)
 
 
-def test_friction_makes_the_loss_of_tension_unknown() -> None:
+def test_friction_makes_the_loss_of_tension_unknown():
     rough = Config.from_parameters({**VALUES, 'model': 'exact', 'tendons.friction': [0.1]})
     found = settings(rough)
     (model,) = found.models(rough).values()

@@ -41,7 +41,7 @@ def recorded(model: ArmModel, seed: int, count: int) -> tuple[Recording, np.ndar
     return recording, np.array(states)
 
 
-def test_at_the_last_time_both_agree() -> None:
+def test_at_the_last_time_both_agree():
     model = rubber(UNKNOWNS)
     recording, _ = recorded(model, 1, 7)
     own = Filter(model)
@@ -60,7 +60,7 @@ def test_at_the_last_time_both_agree() -> None:
     )
 
 
-def test_its_course_is_where_probability_and_information_balance() -> None:
+def test_its_course_is_where_probability_and_information_balance():
     model = rubber(UNKNOWNS)
     recording, _ = recorded(model, 2, 4)
     smoothed = smooth(model, recording)
@@ -103,7 +103,7 @@ def test_its_course_is_where_probability_and_information_balance() -> None:
     ('runs', 'least', 'most'),
     [(3, 0.5, 9.0), pytest.param(24, 1.7, 4.7, marks=pytest.mark.endurance)],
 )
-def test_errors_are_as_large_as_the_covariance_says(runs: int, least: float, most: float) -> None:
+def test_errors_are_as_large_as_the_covariance_says(runs, least, most):
     model = rubber(UNKNOWNS)
     force, squares = model.state.tip_force, []
     for seed in range(runs):
@@ -115,7 +115,7 @@ def test_errors_are_as_large_as_the_covariance_says(runs: int, least: float, mos
     assert least < np.mean(squares) < most
 
 
-def test_what_it_refuses() -> None:
+def test_what_it_refuses():
     model = rubber(UNKNOWNS)
     made = [Tensions(TENSIONS, 0.01)]
     with pytest.raises(MeasurementError, match='in order'):

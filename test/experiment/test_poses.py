@@ -1,6 +1,6 @@
-"""Tables of static poses, recordings without steps, and markers in place of midlines."""
+"""Tables of static poses, recordings without steps, markers in place of midlines, CSV files."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from labs import (
 )
 from recordings import TENDON_TENSIONS, Sample, tensions_data
 
+from octo_arm_model.arm import limits
 from octo_arm_model.config.config import Config
 
 ARM = ['--config', 'renda2012_prototype', '--model', 'exact', '--align', 'none']
@@ -74,13 +75,6 @@ def test_tips_that_no_number_of_metres_reaches_are_left_out(tmp_path, cli):
     said = cli.json('compare', *given, *ARM, '--poses', '--json')
     assert len(said['steps']) == 2
     assert any('1 left out, as point 1 is [1e+300, 0.0, 0.0]' in one for one in said['notes'])
-
-
-def test_the_modulus_is_fitted_to_poses(tmp_path, cli):
-    given = files(tmp_path, random_poses(1, 8), 2.3 * np.arange(8))
-    said = cli.json('identify', *given, *ARM, '--poses', '--json')
-    assert said['steps'] == 8
-    assert said['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -345,3 +339,189 @@ def test_a_camera_somewhere_else_is_aligned_by_markers(tmp_path, cli):
 def test_markers_that_cannot_be_are_refused_in_one_line(options, message, tmp_path, cli):
     bag = str(marker_bag(tmp_path / 'bag', held=TENSIONS[:2]))
     assert message in cli.refused('compare', bag, *options)
+
+
+# CSV files ---------------------------------------------------------------------------------------
+
+
+UNALIGNED = ['--clock-offset', '0', '--json', '--align', 'none']
+EXACT = ['--config', 'renda2012_prototype', '--model', 'exact']
+FINE = np.linspace(0.0, 0.27, 41)
+EPOCH = 1_700_000_000.0
+
+
+def loads_csv(
+    path: Path, header: str = 'time [s],tendon_1_1 [N],tendon_1_2 [N],tendon_1_3 [N],tendon_1_4',
+    row: Callable[[float, float], str] = lambda at, pull: f'{EPOCH + at:.4f},{pull!r},0,0,0',
+) -> Path:  # fmt: skip
+    time, pulled, _ = staircase_of()
+    rows = [row(at, pull) for at, pull in zip(time.tolist(), pulled.tolist())]
+    path.write_text('\n'.join([header, *rows]) + '\n')
+    return path
+
+
+def frames() -> list[tuple[float, float]]:
+    time, pulled, times = staircase_of()
+    return list(zip(times.tolist(), np.interp(times, time, pulled).tolist()))
+
+
+def tidy_csv(path: Path) -> Path:
+    """A row for each point, in millimetres."""
+    lines = ['time [s],point,x [mm],y [mm],z [mm]']
+    for at, tension in frames():
+        for number, point in enumerate(1e3 * seen(tension, FINE)):
+            lines.append(f'{EPOCH + at:.4f},{number},' + ','.join(f'{v:.4f}' for v in point))
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def wide_csv(path: Path, hidden: bool = False) -> Path:
+    """A row for each frame, of four markers, seen without depth; semicolons, German times."""
+    lines = ['Zeit (ms);x1 (mm);y1 (mm);x2 (mm);y2 (mm);x3 (mm);y3 (mm);x4 (mm);y4 (mm)']
+    for number, (at, tension) in enumerate(frames()):
+        cells = [f'{1e3 * v:.4f}' for v in seen(tension, MARKER_S)[:, :2].ravel()]
+        if hidden and number % 2:
+            cells[2:4] = ['', '']
+        lines.append(f'{1e3 * (EPOCH + at):.1f};' + ';'.join(cells))
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def assert_tip_errors(said: dict[str, Any]) -> None:
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+
+
+def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(tmp_path, cli):
+    files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
+    files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv'))]
+    said = cli.json('compare', *files, *EXACT, *UNALIGNED)
+    assert_tip_errors(said)
+    fitted = cli.json('identify', *files, *EXACT, *UNALIGNED)
+    # Least squares spread the error of the model over all steps.
+    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
+
+
+@pytest.mark.parametrize('is_yaml', [False, True])
+def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(is_yaml, tmp_path, cli):
+    loads = loads_csv(
+        tmp_path / 'loads.csv', 'Zeit\tLC 1 [mN]\tnote',
+        lambda at, pull: f'{EPOCH + at:.4f}\t{1e3 * pull!r}\tfine',
+    )  # fmt: skip
+    columns = {'time': 'Zeit', 'tendon_1_1': 'LC 1', 'tendon_1_2': '0', 'tendon_1_3': '0',
+               'tendon_1_4': '0', 'z1': '0', 'z2': '0', 'z3': '0', 'z4': '0'}  # fmt: skip
+    told = [f'{name}={column}' for name, column in columns.items()]
+    if is_yaml:
+        told = [str(tmp_path / 'columns.yaml')]
+        text = ''.join(f'{name}: {column}\n' for name, column in columns.items())
+        (tmp_path / 'columns.yaml').write_text(text)
+    track = wide_csv(tmp_path / 'track.csv', hidden=True)
+    files = ['--tension-csv', str(loads), '--midline-csv', str(track), '--columns', *told]
+    said = cli.json('compare', *files, *S, *EXACT, *UNALIGNED)
+    assert_tip_errors(said)
+    assert any('the marker at 0.09 m is not seen in 42 of 84' in note for note in said['notes'])
+
+
+def test_a_file_of_loads_goes_with_a_bag_of_markers(tmp_path, cli):
+    loads = loads_csv(tmp_path / 'loads.csv')
+    bag = str(marker_bag(tmp_path / 'bag'))
+    said = cli.json('compare', bag, '--tension-csv', loads, *S, *UNALIGNED)
+    assert_tip_errors(said)
+
+
+LOADS = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\n0,1,0,0,0\n'
+TRACK = 'time,x,y,z\n0,0,0,0\n'
+
+
+@pytest.mark.parametrize(
+    ('loads', 'track', 'message'),
+    [
+        (LOADS + '1,one,0,0,0\n', TRACK, "loads.csv, line 3: tendon_1_1 is 'one', expected a fin"),
+        (LOADS + '1,1_0,0,0,0\n', TRACK, "line 3: tendon_1_1 is '1_0', expected a finite number"),
+        (LOADS + '1,0,0,0\n', TRACK, 'loads.csv, line 3: 4 values, expected 5 as in the header'),
+        ('time,a\n0,1\n', TRACK, 'no column tendon_1_1; it has time, a; say --columns tendon'),
+        ('time [h]' + LOADS[4:], TRACK, "time is in 'h', expected s or ms or us or ns"),
+        ('time,time\n0,1\n', TRACK, "2 columns 'time'; say which by its number, as #1"),
+        ('time,a\n', TRACK, 'no rows, expected a header and rows below it'),
+        (LOADS + ',0,0,0,0\n', TRACK, 'line 3: time is nan s, expected a time below'),
+        (LOADS + '3e9,0,0,0,0\n', TRACK, 'line 3: time is 3000000000.0 s, expected a time below'),
+        (LOADS, 'time,x,y\n0,0,0\n', 'track.csv: no column z; it has time, x, y; of a picture'),
+        (LOADS, 'time,x1,y1\n0,0,0\n', 'track.csv: no column z1;'),
+        (LOADS, 'time,x,y,z [ft]\n0,0,0,0\n', "z is in 'ft', expected m or cm or mm"),
+        (LOADS, '', 'track.csv: no rows'),
+        (b'\xff\xfe', TRACK, 'loads.csv'),
+        ('0,1,0,0,0\n1,1,0,0,0\n', TRACK, 'no column time; it has #1, #2, #3, #4, #5; say --col'),
+        ('Trial,1\n\ntime,tendon_1_1,b\n0,1,2\n', TRACK,
+         'line 4: 3 values, expected 2 as in the header; expected lines of headers, or none'),
+        ('Trial,1\ntime,tendon_1_1\n0,1\n', TRACK, 'it has Trial time, 1 tendon_1_1'),
+        ('Trial\n', TRACK, 'no rows, expected a header and rows below it'),
+    ],
+)  # fmt: skip
+def test_files_that_are_wrong_are_refused_by_line(
+    loads, track, message, tmp_path,
+    cli,
+):  # fmt: skip
+    data = loads if isinstance(loads, bytes) else loads.encode()
+    (tmp_path / 'loads.csv').write_bytes(data)
+    (tmp_path / 'track.csv').write_text(track)
+    files = ['--tension-csv', str(tmp_path / 'loads.csv')]
+    files += ['--midline-csv', str(tmp_path / 'track.csv')]
+    assert message in cli.refused('compare', *files, *EXACT)
+
+
+def test_a_table_is_told_how_it_is_given(tmp_path, cli):
+    table = tmp_path / 'table.csv'
+    table.write_text('time,F1,x,y,z\n0,1,0,0,0.1\n')
+    assert 'table, expected a bag, or --mid' in cli.refused('compare', str(table), *EXACT)
+    told = 'no column tendon_1_1 or displacement_tendon_1_1, nor those of another tendon; it has '
+    assert f'{told}time, F1, x, y, z; say --co' in cli.refused('estimate', str(table), *EXACT[:2])
+
+
+def test_what_is_read_has_bounds(tmp_path, cli, monkeypatch):
+    from octo_arm_model.experiment import csv_table
+
+    loads = tmp_path / 'loads.csv'
+    files = ['--tension-csv', str(loads), '--midline-csv', str(loads), *EXACT]
+    loads.write_text(','.join(f'a{n}' for n in range(limits.MAX_CSV_COLUMNS + 1)) + '\n')
+    assert '4001 columns, expected at most 4000' in cli.refused('compare', *files)
+    monkeypatch.setattr(csv_table, 'MAX_CSV_ROWS', 1)
+    loads.write_text(LOADS + '1,1,0,0,0\n')
+    assert 'loads.csv, line 3: more than 1 rows' in cli.refused('compare', *files)
+    monkeypatch.setattr(csv_table, 'MAX_CSV_BYTES', 10)
+    assert 'larger than 10 bytes' in cli.refused('compare', *files)
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        ([], 'expected a bag, or --midline-csv and --tension-csv or --displacement-csv'),
+        (['--tension-csv', 'a', '--midline-csv', 'b'], 'has to be given by --config'),
+        (['bag', '--tension-csv', 'a', '--midline-csv', 'b'], 'a bag, bag and --tension-csv and'),
+        (['bag', '--tension-csv', 'a', '--tensions', 't'], '--tensions and --tension-csv are'),
+        (['bag', '--midline-csv', 'a', '--midlines', 't'], '--midlines and --midline-csv are'),
+        (['bag', '--midline-csv', 'a', '--marker-frames', 'm', '--marker-s', '0'],
+         '--marker-frames and --midline-csv are given, expected one or the other'),
+        (['bag', '--columns', 'time'], "--columns has 'time', expected name=COLUMN or a YAML"),
+        (['bag', '--columns', 'no.yaml'], 'no.yaml'),
+        (['bag', '--columns', 'time=t'], '--columns is given, and no CSV file'),
+    ],
+)  # fmt: skip
+def test_what_is_not_said_is_asked_for(words, message, cli):
+    assert message in cli.refused('compare', *words)
+
+
+@pytest.mark.parametrize(
+    ('told', 'message'),
+    [
+        (['tendon_1_5=F', 'X=a'], '--columns names tendon_1_5, X, which is not read here; expect'),
+        (['x1=x'], 'no column y1; it has time, point, x, y, z; say --columns y1=COLUMN'),
+        (['y2=x'], '--columns names y2, which is not read here; expected names of tendon_1_1, t'),
+        (['displacement_tendon_1_1=0'], '--columns names displacement_tendon_1_1, which is not'),
+        (['z=0', 'z=z'], "--columns names 'z' twice, expected once"),
+        (['z='], "--columns has 'z=', expected name=COLUMN"),
+    ],
+)  # fmt: skip
+def test_columns_that_are_not_read_are_refused(told, message, tmp_path, cli):
+    files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
+    files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv')), '--columns', *told]
+    assert message in cli.refused('compare', *files, *EXACT)

@@ -2,25 +2,22 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from recordings import TYPES, Sample, write_bag
 from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touched, touched_bag
 
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.bags.outputs import TrueArm
-from octo_arm_model.bags.reader import BagReader, Record
+from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.estimate import summary
 from octo_arm_model.estimation.measurements import Tensions
 from octo_arm_model.experiment.estimates import Result, estimate
 from octo_arm_model.experiment.sensor_recording import Recorded, Sources, read_recorded
 
 MARKED = {'estimator.marker_s': list(MARKERS)}
-TIP_ALONE = {'measured/markers': '-'}
 
 
 def read(path: Path, start: float = -np.inf, stop: float = np.inf, **sources: Any) -> Recorded:
@@ -46,17 +43,6 @@ def forces(found: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rows = [(one.time, one.wrench[:3], one.wrench_stddev[:3]) for one in found.moments]
     time, force, stddev = map(np.array, zip(*rows))
     return time, force, stddev
-
-
-def changed(path: Path, change: Callable[[Record, float], Record | None]) -> Path:
-    """The recording with each message as ``change`` makes it, given its time [s], or without."""
-    with BagReader(touched_bag()) as reader:
-        content = [
-            Sample(*one)
-            for record in reader.messages()
-            if (one := change(record, 1e-9 * (record.received_ns - reader.start_ns)))
-        ]
-    return write_bag(path, content)
 
 
 @pytest.mark.parametrize('is_smooth', [False, True])
@@ -118,27 +104,6 @@ def test_against_the_camera_the_estimator_knows_of_the_touch():
     assert mean < 1e-3 < plain
 
 
-def test_a_sensor_that_lies_is_thrown_out_and_told(tmp_path):
-    """For a second the tip is said to be 3 cm off, which the markers do not bear out."""
-
-    def lie(one, at):
-        if one.topic != '/measured/tip_pose' or not 17.0 <= at < 18.0:
-            return one
-        message = TYPES.deserialize_cdr(one.data, one.type_name)
-        message.pose.pose.position.z += 0.03
-        return one._replace(data=bytes(TYPES.serialize_cdr(message, one.type_name)))
-
-    found = estimate(read(changed(tmp_path / 'bag', lie), values=MARKED))
-    kind = found.consistency['tip pose']
-    assert kind.refused >= 4
-    assert kind.refused_from is not None and kind.refused_to is not None
-    start, stop = (1e-9 * (one - found.recorded.origin_ns)
-                   for one in (kind.refused_from, kind.refused_to))  # fmt: skip
-    assert 16.9 < start < 17.3 and 17.7 < stop < 18.1
-    (touch,) = found.touches
-    assert touch.stop < 14.0
-
-
 @functools.cache
 def lost(is_smooth: bool, recover_after: float = 1.0) -> Result:
     """An arm whose tensions change by more than 0.01 N in a second, which is what is told."""
@@ -193,20 +158,6 @@ def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path):
         and (np.abs(touch.force - PUSH) < 4.0 * touch.stddev).all()
         for touch in found.touches
     )
-
-
-def test_the_place_of_a_touch_is_told_by_probabilities():
-    values = {**MARKED, 'estimator.contact': 'somewhere', 'estimator.contact_s': [0.12, 0.27]}
-    some = read(touched_bag(), TOUCHED[0] - 3.0, TOUCHED[1], values=values)
-    found = estimate(dataclasses.replace(some, camera=None))
-    assert set(found.hypotheses) == {'none', '0.12 m', '0.27 m'}
-    touch = max(found.touches, key=lambda one: one.stop - one.start)
-    assert touch.hypothesis == '0.27 m'
-    assert touch.start <= np.mean(TOUCHED) <= touch.stop
-    time = np.array([one.time for one in found.moments])
-    free = (time > time[0] + 0.5) & (time < TOUCHED[0] - 0.5)
-    names = np.array([one.hypothesis for one in found.moments])
-    assert (names[free] == 'none').mean() > 0.8
 
 
 def test_where_no_time_has_a_shape_the_reason_is_the_error():

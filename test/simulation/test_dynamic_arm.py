@@ -1,15 +1,25 @@
-"""The simulated arm that moves: its sensors, its base and the water, and how it goes on."""
+"""The simulated arm that moves: its sensors, its base, the water and its winches."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
-from octo_arm_model import Loads, MotionProperties, Pose, SolveError, load_config
+from octo_arm_model import (
+    Loads,
+    MotionProperties,
+    Pose,
+    SolveError,
+    TensionError,
+    load_config,
+    solve_displacements,
+)
 from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, LoadError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.rod.motion import base_of
 from octo_arm_model.simulation.dynamic_arm import (
@@ -22,7 +32,7 @@ from octo_arm_model.simulation.dynamic_arm import (
     pose_of,
 )
 from octo_arm_model.simulation.pushed_arm import Push, PushedArm, Sensors
-from octo_arm_model.simulation.simulator import SimulatorConfig, in_water
+from octo_arm_model.simulation.simulator import SimulatorConfig, TendonDrive, in_water
 
 PLAIN = load_config('renda2012_table4')
 CONFIG = dataclasses.replace(
@@ -34,7 +44,7 @@ TENSIONS, NONE = np.repeat([0.02, 0.1, 0.3], 4) * np.tile([1.0, 0.0, 0.0, 0.5], 
 
 
 @pytest.mark.parametrize('s', [0.0, 0.2])
-def test_sensors_end_with_what_they_read_of_the_arm_at_rest(s: float) -> None:
+def test_sensors_end_with_what_they_read_of_the_arm_at_rest(s):
     force, push = np.array([0.0, 0.003, 0.002]), Push((0.0, 0.003, 0.002), s)
     arm, still = DynamicArm(CONFIG, push, SENSORS), PushedArm(CONFIG, push, SENSORS)
     arm.advance(np.zeros(12), NONE, 0.1)
@@ -51,7 +61,7 @@ def test_sensors_end_with_what_they_read_of_the_arm_at_rest(s: float) -> None:
     assert arm.reeled_in()[8] > 0.0
 
 
-def test_an_arm_goes_on_where_it_was_and_begins_anew_when_told() -> None:
+def test_an_arm_goes_on_where_it_was_and_begins_anew_when_told():
     push = Push()
     arm = DynamicArm(CONFIG, push, SENSORS)
     with pytest.raises(SolveError, match='has not moved yet'):
@@ -73,24 +83,9 @@ def test_an_arm_goes_on_where_it_was_and_begins_anew_when_told() -> None:
     assert arm.state.time == pytest.approx(0.25)
 
 
-def test_an_arm_that_cannot_move_is_refused() -> None:
+def test_an_arm_that_cannot_move_is_refused():
     with pytest.raises(ArmDefinitionError, match='density'):
         DynamicArm(PLAIN, Push(), Sensors())
-
-
-@pytest.mark.endurance
-def test_no_step_fails_under_random_commands_that_jump() -> None:
-    path = preset_path('renda2012_table4')
-    values = load_parameters(path) | in_water(load_config(path))
-    simulator = SimulatorConfig.from_parameters(values)
-    arm, random = simulator.pushed_arm, np.random.default_rng(3)
-    tensions, still = np.zeros(12), np.zeros(3)
-    for period in range(1300):
-        if period % 20 == 0:
-            highest = np.minimum(simulator.limits, 8.0)
-            pulled = random.random(12) < random.random()
-            tensions = np.where(pulled, random.random(12) ** 3 * highest, tensions)
-        arm.advance(tensions, still, 0.01)
 
 
 START = Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
@@ -101,7 +96,7 @@ def turned(angle: float, x: float = 1.0) -> Pose:
 
 
 @pytest.mark.parametrize('parts', [1, 7])
-def test_two_lags_follow_what_is_told_whatever_the_steps(parts: int) -> None:
+def test_two_lags_follow_what_is_told_whatever_the_steps(parts):
     around = Surroundings(START, (0.0, 0.1, 0.0))
     around.move_base(turned(0.2, 1.08))
     around.flow((0.0, 0.1, 0.5))
@@ -116,14 +111,14 @@ def test_two_lags_follow_what_is_told_whatever_the_steps(parts: int) -> None:
     np.testing.assert_allclose(pose_of(around.values).quaternion, turned(0.2).quaternion)
 
 
-def test_a_quaternion_of_the_other_sign_turns_nothing() -> None:
+def test_a_quaternion_of_the_other_sign_turns_nothing():
     around = Surroundings(turned(0.1), (0.0, 0.0, 0.0))
     around.move_base(Pose((1.0, 2.0, 3.0), tuple(-c for c in turned(0.1).quaternion)))
     around.values = around.after(0.05)
     np.testing.assert_allclose(pose_of(around.values).quaternion, turned(0.1).quaternion)
 
 
-def test_jumps_and_what_is_not_finite_are_refused_and_change_nothing() -> None:
+def test_jumps_and_what_is_not_finite_are_refused_and_change_nothing():
     around = Surroundings(START, (0.0, 0.0, 0.0))
     for pose in (turned(0.0, 1.001 + FARTHEST), turned(0.31), turned(3.0)):
         with pytest.raises(LoadError, match='rad from where the base is, expected'):
@@ -136,7 +131,7 @@ def test_jumps_and_what_is_not_finite_are_refused_and_change_nothing() -> None:
     np.testing.assert_array_equal(around.after(1.0), around.values)
 
 
-def test_values_of_a_file_are_those_of_the_base_of_the_arm() -> None:
+def test_values_of_a_file_are_those_of_the_base_of_the_arm():
     around = Surroundings(START, (0.0, 0.0, 0.0))
     around.move_base(turned(0.29, 1.09))
     for _ in range(10):
@@ -147,3 +142,129 @@ def test_values_of_a_file_are_those_of_the_base_of_the_arm() -> None:
         wrong[row, column] = value
         with pytest.raises(ConfigError, match='are not those of the base'):
             check_values(wrong, base_of(pose_of(around.values)))
+
+
+# Winches -----------------------------------------------------------------------------------------
+
+
+NAMES = load_config('renda2012_prototype').arm.tendon_names
+SLACK = np.zeros(4)
+PUSH = np.array([0.0, 0.01, 0.01])
+TAUT = dict(zip(NAMES, (0.0095, 0.009, 0.0085, 0.009), strict=True))
+TO_SIDES = np.array([1.0, 1.0, -1.0, -1.0])
+
+
+def drive(**more: Any) -> tuple[TendonDrive, SimulatorConfig]:
+    """Winches of an arm that moves, strongly damped, with elastic tendons."""
+    values = load_parameters(preset_path('renda2012_prototype')) | {
+        'dynamics': True, 'model': 'exact', 'material.density': 1080.0, 'stations': 21,
+        'motion.damping_time': 0.3, 'tendons.axial_stiffness': 4 * [500.0],
+    }  # fmt: skip
+    values |= {name.replace('__', '.'): value for name, value in more.items()}
+    config = SimulatorConfig.from_parameters(values)
+    return TendonDrive(config), config
+
+
+def go(own: TendonDrive, tensions: FloatArray, force: FloatArray, periods: int = 1) -> FloatArray:
+    """Tensions of all tendons after so many periods of 50 ms."""
+    for _ in range(periods):
+        found = own.move(own.advance(tensions, 0.05), force, 0.05)
+    return found
+
+
+def test_winches_that_hold_lengths_bear_a_push_and_the_arm_springs_back():
+    """By as much as statics say, against all tendons on that side."""
+    own, config = drive()
+    arm: Any = config.pushed_arm
+    go(own, SLACK, NONE)
+    own.hold(TAUT, SLACK)
+    found = []
+    for force in (NONE, PUSH, NONE):
+        tensions = go(own, SLACK, force, 40)
+        expected = solve_displacements(config.solver, TAUT, None, None, np.append(force, NONE))
+        np.testing.assert_allclose(tensions, expected.backbone.tensions.ravel(), atol=2e-4)
+        np.testing.assert_allclose(arm.backbone.tip, expected.backbone.tip, atol=2e-5)
+        np.testing.assert_array_equal(own.hardware.read(), tensions)
+        np.testing.assert_allclose(arm.reeled_in(), list(TAUT.values()), atol=1e-9)
+        found.append((tensions, arm.backbone.tip))
+    more, far = (np.array(found[1][part]) - found[0][part] for part in (0, 1))
+    # Tendons on the side that it is pushed from are stretched, those opposite let go.
+    assert (more * TO_SIDES > 0.1).all()
+    # With the tensions held instead of the lengths the arm gives way by more.
+    held = found[0][0].reshape(1, 4)
+    tips = [config.solver.solve(held, np.append(force, NONE)).tip for force in (NONE, PUSH)]
+    assert np.linalg.norm(tips[1] - tips[0]) > 3.0 * np.linalg.norm(far)
+
+
+def test_a_length_beside_a_tension_and_back():
+    own, config = drive()
+    tensions = np.array([0.0, 0.0, 0.0, 0.4])
+    go(own, tensions, NONE)
+    length = {NAMES[0]: 0.01}
+    own.hold(length, tensions)
+    found = go(own, tensions, NONE, 60)
+    expected = solve_displacements(config.solver, length, {NAMES[3]: 0.4}).backbone.tensions
+    np.testing.assert_allclose(found, expected.ravel(), atol=2e-4)
+    # Commanded by tension again the winch begins with that of the tendon.
+    own.hold({}, found)
+    np.testing.assert_allclose(go(own, found, NONE), found, atol=1e-6)
+
+
+def test_winches_follow_a_length_with_their_lag_and_speed():
+    own, config = drive(winches__lag=0.1)
+    arm: Any = config.pushed_arm
+    go(own, SLACK, NONE)
+    own.hold({NAMES[0]: 0.01}, SLACK)
+    for period in range(1, 5):
+        go(own, SLACK, NONE)
+        expected = 0.01 * -np.expm1(-0.5 * period)
+        assert arm.reeled_in()[0] == pytest.approx(expected, abs=1e-9)
+    own, config = drive(winches__speed_limit=0.02)
+    arm = config.pushed_arm
+    go(own, SLACK, NONE)
+    own.hold({NAMES[0]: 0.0025}, SLACK)
+    reeled = [go(own, SLACK, NONE) is None or arm.reeled_in()[0] for _ in range(4)]
+    np.testing.assert_allclose(reeled, [0.001, 0.002, 0.0025, 0.0025], atol=1e-9)
+
+
+@pytest.mark.parametrize('ratio', [0.0, 1.0])
+def test_a_winch_gives_way_where_its_tendon_would_bear_more_than_it_may(ratio):
+    """And takes the length back where that is over; a relaxing material bears more at first."""
+    winches = {'winches__force_limit': 0.5, 'winches__slack_floor': 0.02}
+    own, config = drive(**winches, relaxation__ratio=ratio, relaxation__time=0.1)
+    arm: Any = config.pushed_arm
+    go(own, np.full(4, 0.02), NONE)
+    own.hold({NAMES[0]: 0.05, NAMES[2]: -0.05}, SLACK)  # at once
+    for _ in range(40):
+        go(own, np.full(4, 0.02), NONE)
+        np.testing.assert_allclose(own.hardware.read()[[0, 2]], [0.5, 0.02], atol=1e-9)
+    rest = config.solver.solve([[0.5, 0.02, 0.02, 0.02]])
+    np.testing.assert_allclose(arm.backbone.tip, rest.tip, atol=1e-4)
+    assert arm.reeled_in()[0] < 0.05 and arm.reeled_in()[2] > -0.05
+    own.hold({NAMES[0]: 0.002}, SLACK)
+    go(own, np.full(4, 0.02), NONE, 30 if ratio else 10)
+    assert arm.reeled_in()[0] == pytest.approx(0.002, abs=1e-9)
+
+
+def test_winches_do_what_they_can_where_no_tension_reels_in_a_length():
+    table4 = preset_path('renda2012_table4')
+    values = load_parameters(table4) | in_water(load_config(table4))
+    config, none = SimulatorConfig.from_parameters(values), np.zeros(12)
+    own = TendonDrive(config)
+    go(own, none, NONE)
+    own.hold({'tendon_1_1': 0.3}, none)
+    np.testing.assert_allclose(go(own, none, NONE, 2), [config.limits[0], *none[1:]], atol=1e-9)
+
+
+def test_a_length_beyond_what_there_is_is_refused_and_the_arm_goes_on():
+    own, _ = drive()
+    go(own, SLACK, NONE)
+    own.hold({NAMES[0]: 0.01}, SLACK)
+    for lengths, reason in (
+        ({NAMES[0]: 2.0}, 'displacement of tendon_1_1 is 2 m, expected less than there is'),
+        ({'elbow': 0.01}, 'unknown tendon elbow'),
+    ):
+        with pytest.raises(TensionError, match=reason):
+            own.hold(lengths, SLACK)
+    go(own, SLACK, NONE, 2)
+    assert own.encoders(SLACK)[0] == pytest.approx(0.01, abs=1e-9)

@@ -31,7 +31,7 @@ EXACT = Sensors(tip_pose_rate=10.0, markers_rate=10.0, marker_s=PLACES, base_wre
 
 
 @pytest.mark.parametrize('s', [0.0, 0.1, LENGTH])
-def test_the_shape_is_that_of_the_arm_under_the_force(s: float) -> None:
+def test_the_shape_is_that_of_the_arm_under_the_force(s):
     arm = PushedArm(CONFIG, Push(tuple(FORCE), s), EXACT)
     arm.solve(TENSIONS, FORCE)
     place = s or LENGTH
@@ -50,7 +50,7 @@ def test_the_shape_is_that_of_the_arm_under_the_force(s: float) -> None:
     np.testing.assert_allclose(arm.base_wrench(), wrench, atol=1e-8)
 
 
-def test_the_noise_is_as_large_as_it_is_said_to_be() -> None:
+def test_the_noise_is_as_large_as_it_is_said_to_be():
     sensors = Sensors(
         tip_position_stddev=1e-3, tip_rotation_stddev=0.02, marker_s=PLACES, marker_stddev=2e-3,
         base_force_stddev=3e-3, base_moment_stddev=4e-4,
@@ -72,7 +72,7 @@ def test_the_noise_is_as_large_as_it_is_said_to_be() -> None:
         assert np.abs(found.mean()) < 4.0 * stddev / np.sqrt(found.size)
 
 
-def test_a_push_lasts_the_second_half_of_each_period() -> None:
+def test_a_push_lasts_the_second_half_of_each_period():
     push = Push((0.0, 0.0, 2.0), period=4.0)
     acts = [push.at(time)[2] for time in (0.0, 1.9, 2.0, 3.9, 4.0, 6.5)]
     assert acts == [0.0, 0.0, 2.0, 2.0, 0.0, 2.0]
@@ -91,12 +91,12 @@ def test_a_push_lasts_the_second_half_of_each_period() -> None:
         ({'sensors.seed': -1}, 'sensors.seed is -1'),
     ],
 )
-def test_impossible_pushes_and_sensors_are_refused_by_name(values, complaint) -> None:
+def test_impossible_pushes_and_sensors_are_refused_by_name(values, complaint):
     with pytest.raises(OctoArmError, match=complaint):
         SimulatorConfig.from_parameters({**VALUES, **values})
 
 
-def test_what_cannot_be_solved_is_refused_with_a_reason() -> None:
+def test_what_cannot_be_solved_is_refused_with_a_reason():
     force = {'push.force': [0.0, 0.0, 0.01]}
     with pytest.raises(ConfigError, match='renda2012'):
         SimulatorConfig.from_parameters({**VALUES, **force, 'model': 'renda2012'})
@@ -106,7 +106,7 @@ def test_what_cannot_be_solved_is_refused_with_a_reason() -> None:
     assert SimulatorConfig.from_parameters(VALUES).pushed_arm is None
 
 
-def test_tendons_with_friction_keep_their_history_while_they_are_pushed() -> None:
+def test_tendons_with_friction_keep_their_history_while_they_are_pushed():
     rough = dataclasses.replace(CONFIG, arm=dataclasses.replace(CONFIG.arm, friction=4 * (0.2,)))
     loads = Loads(points=(PointLoad(0.1, tuple(FORCE)),))
     solver = dataclasses.replace(rough, loads=loads).solver()
@@ -134,7 +134,7 @@ def test_tendons_with_friction_keep_their_history_while_they_are_pushed() -> Non
         np.testing.assert_array_equal(anew.tip_pose().position, fresh.tip_pose().position)
 
 
-def test_tendons_keep_their_history_where_a_push_at_the_tip_ends_or_begins() -> None:
+def test_tendons_keep_their_history_where_a_push_at_the_tip_ends_or_begins():
     rough = dataclasses.replace(CONFIG, arm=dataclasses.replace(CONFIG.arm, friction=4 * (0.2,)))
     for before, now in ((FORCE, np.zeros(3)), (np.zeros(3), FORCE)):
         # One that is pushed by the same forces, and always may be.
@@ -152,7 +152,7 @@ def test_tendons_keep_their_history_where_a_push_at_the_tip_ends_or_begins() -> 
 
 
 @pytest.mark.parametrize('name', PRESETS)
-def test_the_force_that_pushes_the_arm_is_found(name: str) -> None:
+def test_the_force_that_pushes_the_arm_is_found(name):
     values = load_parameters(preset_path(name)) | {'stations': 31}
     of_simulator, of_estimator = touched(Config.from_parameters(values))
     simulated = SimulatorConfig.from_parameters(values | of_simulator)
@@ -185,7 +185,7 @@ def test_the_force_that_pushes_the_arm_is_found(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', ['renda2012_prototype', 'renda2012_table4'])
-def test_the_estimate_of_an_arm_that_swings_is_as_exact_as_it_says(name: str) -> None:
+def test_the_estimate_of_an_arm_that_swings_is_as_exact_as_it_says(name):
     values = load_parameters(preset_path(name)) | {'stations': 31}
     plain = Config.from_parameters(values)
     of_simulator, of_estimator = touched(plain, is_moving=True)

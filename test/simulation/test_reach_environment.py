@@ -28,7 +28,7 @@ def environment() -> Any:
     return ReachEnvironment
 
 
-def test_it_is_what_gymnasium_expects(environment: Any, dynamics: Dynamics) -> None:
+def test_it_is_what_gymnasium_expects(environment, dynamics):
     checker = pytest.importorskip('gymnasium.utils.env_checker', reason='needs gymnasium')
     with warnings.catch_warnings():
         warnings.simplefilter('error')
@@ -38,7 +38,7 @@ def test_it_is_what_gymnasium_expects(environment: Any, dynamics: Dynamics) -> N
         checker.check_env(environment(dynamics, divisions=2))
 
 
-def test_what_is_restored_goes_on_to_the_same_bits(environment: Any, dynamics: Dynamics) -> None:
+def test_what_is_restored_goes_on_to_the_same_bits(environment, dynamics):
     one = environment(dynamics, steps=4)
     one.reset(seed=1)
     actions = [one.action_space.sample() for _ in range(4)]
@@ -57,9 +57,7 @@ def test_what_is_restored_goes_on_to_the_same_bits(environment: Any, dynamics: D
     assert not ended
 
 
-def test_arms_of_one_process_do_not_disturb_each_other(
-    environment: Any, dynamics: Dynamics
-) -> None:
+def test_arms_of_one_process_do_not_disturb_each_other(environment, dynamics):
     makers = 3 * [lambda: environment(dynamics, divisions=1)]
     arms = pytest.importorskip('gymnasium').vector.SyncVectorEnv(makers)
     arms.reset(seed=[0, 1, 2])
@@ -73,7 +71,7 @@ def test_arms_of_one_process_do_not_disturb_each_other(
     assert np.ptp(together[:, :3], axis=0).max() > 1e-4
 
 
-def test_a_motion_that_ends_ends_the_episode(environment: Any, dynamics: Dynamics) -> None:
+def test_a_motion_that_ends_ends_the_episode(environment, dynamics):
     crushed = environment(dynamics, np.full(dynamics.solver.arm.tension_shape, 1e4))
     crushed.reset(options={'target': (0.2, 0.0, 0.0)})
     *_, ended, truncated, info = crushed.step(np.ones(4))
@@ -90,16 +88,14 @@ def test_a_motion_that_ends_ends_the_episode(environment: Any, dynamics: Dynamic
         ({'period': float('nan')}, 'period is nan'),
     ],
 )
-def test_an_environment_that_could_not_go_on_is_refused(
-    environment: Any, dynamics: Dynamics, given: dict[str, Any], message: str
-) -> None:
+def test_an_environment_that_could_not_go_on_is_refused(environment, dynamics, given, message):
     with pytest.raises(OctoArmError, match=message):
         environment(dynamics, **given)
     with pytest.raises(OctoArmError, match='target is'):
         environment(dynamics).reset(options={'target': (0.1, np.nan, 0.0)})
 
 
-def test_without_gymnasium_it_says_what_to_install() -> None:
+def test_without_gymnasium_it_says_what_to_install():
     code = "import sys; sys.modules['gymnasium'] = None; import octo_arm_model.simulation."
     command = [sys.executable, '-c', f'{code}reach_environment']
     done = subprocess.run(command, capture_output=True, text=True, check=False)
