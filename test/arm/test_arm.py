@@ -23,7 +23,7 @@ from octo_arm_model import (
     load_config,
 )
 from octo_arm_model.arm.errors import in_short, listed, shown
-from octo_arm_model.arm.loads import DistributedLoad, ScaledLoads
+from octo_arm_model.arm.loads import ScaledLoads
 from octo_arm_model.arm.stiffness import bending_force
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.displacements import check_displacements
@@ -50,12 +50,6 @@ def test_tendons_are_named_by_section_and_number_unless_named():
     assert named('ABCD').tendon_names == ('A', 'B', 'C', 'D')
 
 
-@pytest.mark.parametrize('given', [Section(0.4, 0.0, 0.0), None, 'sections', (0.4,)])
-def test_sections_that_are_none_are_refused(given):
-    with pytest.raises(ArmDefinitionError, match=r'^sections is .*, expected a sequence of'):
-        Arm(MATERIAL, BODY, given)
-
-
 @pytest.mark.parametrize('bad', [0.0, -1.0, math.nan, math.inf, -math.inf, '1', None, True, [1.0]])
 @pytest.mark.parametrize(
     ('field', 'build'),
@@ -72,50 +66,6 @@ def test_what_must_be_positive_is_refused_otherwise(field, build, bad):
         build(bad)
     assert str(refusal.value).startswith(f'{field} is {bad!r}, expected a finite number > 0 [')
     assert (refusal.value.field, refusal.value.value) == (field, bad) or bad is math.nan
-
-
-@pytest.mark.parametrize(
-    ('build', 'message'),
-    [
-        (lambda: Material(1e5, 0.51), 'material.poisson_ratio is 0.51, expected a number in'),
-        (lambda: Material(1e5, -1.0), 'material.poisson_ratio is -1.0, expected a number in'),
-        (lambda: Material(1e5, math.nan), 'material.poisson_ratio is nan, expected'),
-        (lambda: Section(1.0, -1e-9, 0.0), 'section.offset_base is -1e-09, expected a finite'),
-        (lambda: Section(1.0, 0.0, math.inf), 'section.offset_anchorage is inf, expected'),
-        (lambda: arm_of(), 'sections is (), expected at least one section'),
-        (lambda: arm_of((0.41, 0.0, 0.0)), 'sections[1].anchorage is 0.41, expected at most the'),
-        (
-            lambda: arm_of((0.2, 0.0, 0.0), (0.4, 0.0, 0.0)),
-            'sections[2].anchorage is 0.4, expected less than that of the section before it, '
-            '0.2 [m]: sections are listed from the tip to the base',
-        ),
-        (
-            lambda: arm_of((0.2, 0, 0), (0.2, 0, 0)),
-            'sections[2].anchorage is 0.2, expected less t',
-        ),
-        (
-            lambda: arm_of((0.4, 0.0, 0.0), (0.2, 0.0201, 0.0)),
-            'sections[2].offset_base is 0.0201, expected at most the radius of the body at '
-            's = 0.0 m, 0.02 [m]',
-        ),
-        (
-            lambda: arm_of((0.2, 0.0, 0.0151)),
-            'sections[1].offset_anchorage is 0.0151, expected at most the radius of the body at '
-            's = 0.2 m, 0.015 [m]',
-        ),
-        (lambda: named('AB'), "tendon_names is ['A', 'B'], expected 4 names, one per tendon"),
-        (lambda: named('ABCA'), "tendon_names is ['A', 'B', 'C', 'A'], expected distinct, non-em"),
-        (
-            lambda: named([*'ABC', '']),
-            "tendon_names is ['A', 'B', 'C', ''], expected distinct, no",
-        ),
-    ],
-)
-def test_refusals_name_field_value_and_expectation(build, message):
-    with pytest.raises(ArmDefinitionError) as refusal:
-        build()
-    assert str(refusal.value).startswith(message)
-    assert isinstance(refusal.value, (OctoArmError, ValueError))
 
 
 # Rounding --------------------------------------------------------------------------------------
@@ -194,29 +144,6 @@ POINT = PointLoad(0.1, (0.0, 0.0, 1.0))
 
 
 @pytest.mark.parametrize(
-    ('given', 'complaint'),
-    [
-        ({'points': POINT}, r'loads.points is PointLoad.*, expected a list of PointLoad'),
-        ({'points': [(0.1, (0.0, 0.0, 1.0))]}, 'loads.points is .*, expected a list of PointLoad'),
-        ({'distributed': [POINT]}, 'loads.distributed is .*, expected a list of DistributedLoad'),
-        ({'others': [POINT]}, 'loads.others is .*, expected a list of Load'),
-        ({'scaled': [Loads()]}, 'loads.scaled is .*, expected ScaledLoads or None'),
-    ],
-)
-def test_what_is_no_load_of_its_kind_is_refused(given, complaint):
-    with pytest.raises(ArmDefinitionError, match=complaint):
-        Loads(**given)
-
-
-@pytest.mark.parametrize(
-    ('s', 'force'), [(0.1, (0.0, 0.0, 1.0)), ('ab', ((0.0, 0.0, 1.0),)), ((0.0, 0.1), 1.0)]
-)
-def test_a_distributed_load_needs_lists(s, force):
-    with pytest.raises(ArmDefinitionError, match='expected lists of s and of force'):
-        DistributedLoad(s, force)
-
-
-@pytest.mark.parametrize(
     'load',
     [
         Loads(tip_force=(0.0, 0.0, 1.0)),
@@ -283,9 +210,50 @@ def test_a_table_passes_through_its_points_and_never_beyond_them():
     assert table.knots == (0.1, 0.2)
 
 
+def test_a_table_has_a_bound_and_holds_numbers():
+    s = tuple(range(1001))
+    with pytest.raises(ArmDefinitionError, match=r'it\.s is \(0, 1, .*at most 1000 values'):
+        Table(s, s, 'it')
+    for values in ((True, 1.0), ('1', '2'), (1.0, None)):
+        with pytest.raises(ArmDefinitionError, match='expected finite numbers'):
+            Table((0.0, 1.0), values)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ('build', 'message'),
     [
+        (lambda: Material(1e5, 0.51), 'material.poisson_ratio is 0.51, expected a number in'),
+        (lambda: Material(1e5, -1.0), 'material.poisson_ratio is -1.0, expected a number in'),
+        (lambda: Material(1e5, math.nan), 'material.poisson_ratio is nan, expected'),
+        (lambda: Section(1.0, -1e-9, 0.0), 'section.offset_base is -1e-09, expected a finite'),
+        (lambda: Section(1.0, 0.0, math.inf), 'section.offset_anchorage is inf, expected'),
+        (lambda: arm_of(), 'sections is (), expected at least one section'),
+        (lambda: arm_of((0.41, 0.0, 0.0)), 'sections[1].anchorage is 0.41, expected at most the'),
+        (
+            lambda: arm_of((0.2, 0.0, 0.0), (0.4, 0.0, 0.0)),
+            'sections[2].anchorage is 0.4, expected less than that of the section before it, '
+            '0.2 [m]: sections are listed from the tip to the base',
+        ),
+        (
+            lambda: arm_of((0.2, 0, 0), (0.2, 0, 0)),
+            'sections[2].anchorage is 0.2, expected less t',
+        ),
+        (
+            lambda: arm_of((0.4, 0.0, 0.0), (0.2, 0.0201, 0.0)),
+            'sections[2].offset_base is 0.0201, expected at most the radius of the body at '
+            's = 0.0 m, 0.02 [m]',
+        ),
+        (
+            lambda: arm_of((0.2, 0.0, 0.0151)),
+            'sections[1].offset_anchorage is 0.0151, expected at most the radius of the body at '
+            's = 0.2 m, 0.015 [m]',
+        ),
+        (lambda: named('AB'), "tendon_names is ['A', 'B'], expected 4 names, one per tendon"),
+        (lambda: named('ABCA'), "tendon_names is ['A', 'B', 'C', 'A'], expected distinct, non-em"),
+        (
+            lambda: named([*'ABC', '']),
+            "tendon_names is ['A', 'B', 'C', ''], expected distinct, no",
+        ),
         (lambda: Table((0.0,), (1.0,)), 'table.s is (0.0,), expected at least two'),
         (lambda: Table((0.1, 0.2), (1.0, 1.0)), 'table.s is (0.1, 0.2), expected at least two'),
         (lambda: Table((0.0, 0.2, 0.2), (1.0,) * 3), 'table.s is (0.0, 0.2, 0.2), expected'),
@@ -296,16 +264,8 @@ def test_a_table_passes_through_its_points_and_never_beyond_them():
         (lambda: WAVY.cover('radius', 0.5), 'last s of radius is 0.4, expected at least 0.5 [m]'),
     ],
 )
-def test_what_is_no_profile_is_refused(build, message):
+def test_refusals_name_field_value_and_expectation(build, message):
     with pytest.raises(ArmDefinitionError) as refusal:
         build()
     assert str(refusal.value).startswith(message)
-
-
-def test_a_table_has_a_bound_and_holds_numbers():
-    s = tuple(range(1001))
-    with pytest.raises(ArmDefinitionError, match=r'it\.s is \(0, 1, .*at most 1000 values'):
-        Table(s, s, 'it')
-    for values in ((True, 1.0), ('1', '2'), (1.0, None)):
-        with pytest.raises(ArmDefinitionError, match='expected finite numbers'):
-            Table((0.0, 1.0), values)  # type: ignore[arg-type]
+    assert isinstance(refusal.value, (OctoArmError, ValueError))

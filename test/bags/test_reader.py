@@ -385,18 +385,6 @@ def test_a_bag_has_what_the_player_of_jazzy_looks_for(tmp_path):
     assert (qos['durability'], qos['reliability']) == ('volatile', 'reliable')
 
 
-@pytest.mark.parametrize('storage', STORAGES)
-@pytest.mark.parametrize('error', [KeyboardInterrupt, MemoryError, ValueError])
-def test_an_interrupted_bag_is_not_there(tmp_path, storage, error):
-    with pytest.raises(error):
-        with BagWriter(tmp_path / 'bag', storage) as writer:
-            topic = writer.add('/tendon_tensions', TENDON_TENSIONS)
-            writer.write([(topic, START, b'1234') for _ in range(1000)])
-            assert not (tmp_path / 'bag').exists()
-            raise error
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_bag_does_not_replace_anything(tmp_path):
     (tmp_path / 'file').write_text('precious')
     (tmp_path / 'folder').mkdir()

@@ -92,19 +92,6 @@ def test_colcon_finds_both_packages_and_in_a_workspace_by_the_line_of_the_manual
     assert colcon_list(tmp_path, tmp_path) == PACKAGES
 
 
-@pytest.mark.parametrize('path', sorted((ROOT / 'msg_defs' / 'msg').glob('*.msg')), ids=str)
-def test_every_message_field_is_explained_and_every_number_has_a_unit(path):
-    explained = False
-    for line in path.read_text().splitlines():
-        if line.startswith('#'):
-            explained = line
-        elif line.strip() and 'Header' not in line:
-            assert explained, line
-            if line.startswith(('float', 'int', 'uint')):
-                assert re.search(r'\[.+\]', explained), line
-            explained = False
-
-
 @pytest.mark.parametrize(
     ('folder', 'name'), [('.', 'octo_arm_model'), ('msg_defs', 'octo_arm_msgs')]
 )
