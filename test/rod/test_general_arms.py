@@ -60,33 +60,6 @@ HELICAL = Arm(
 PULLS = np.array([0.4, 0.1, 0.0, 0.6, 0.0, 0.2, 0.3])
 
 
-def test_the_closed_form_of_any_tendons_is_the_full_system_of_three():
-    backbone = Solver(HELICAL, 'closed_form', 31).solve(PULLS)
-    for i in (0, 12, 20, 25, 30):
-        s, section = backbone.s[i], backbone.section[i]
-        matrix = np.diag([
-            math.pi / 2 * CONE.radius(s) ** 4 * SOFT.shear_modulus,
-            *2 * (math.pi / 4 * CONE.radius(s) ** 4 * 1.5e5,),
-        ])  # fmt: skip
-        right, force = np.zeros(3), 0.0
-        tendons = zip(HELICAL.tendons, HELICAL.tendon_section, PULLS, strict=True)
-        acting = [(tendon, pull) for tendon, of, pull in tendons if of <= section]
-        for tendon, pull in acting:
-            at = np.array([s])
-            r = np.array([0.0, *np.ravel(tendon.place(at))])
-            slope = np.array([0.0, *np.ravel(tendon.slope(at))])
-            matrix += pull * (r @ r * np.eye(3) - np.outer(r, r))
-            right -= pull * np.cross(r, np.array([1.0, 0.0, 0.0]) + slope)
-        omega = np.linalg.solve(matrix, right)
-        for tendon, pull in acting:
-            r = np.array([0.0, *np.ravel(tendon.place(np.array([s])))])
-            force -= pull * (1.0 + np.cross(omega, r)[0])
-        got = (backbone.tau[i], backbone.xi[i], backbone.k[i])
-        assert_allclose(got, omega, rtol=1e-10, atol=1e-10)
-        axial = 1.5e5 * math.pi * CONE.radius(s) ** 2
-        assert backbone.q[i] == pytest.approx(force / axial, rel=1e-10)
-
-
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
 def test_the_same_arm_said_in_other_words_has_the_same_shape(model):
     s = tuple(np.linspace(0.0, 0.3, 61).tolist())
