@@ -29,7 +29,7 @@ MOST = {
     'octo_arm_model/simulation': 2_340,
     'octo_arm_model/viewer': 2_290,
     'octo_arm_model/wire': 1_520,
-    'test': 24_580,
+    'test': 24_430,
 }
 
 

@@ -24,7 +24,7 @@ from experiments import (
 from numpy.testing import assert_allclose
 from scipy.stats import binom
 
-from octo_arm_model.arm.errors import ConfigError, SolveError
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.compare import compare
@@ -67,13 +67,6 @@ def assert_holds(found: Identification, name: str, true: float, near: float) -> 
     estimate = found.estimates[name]
     low, high = estimate.interval95
     assert low < true < high and estimate.value == pytest.approx(true, rel=near)
-
-
-def spoiled(steps: list[MeasuredShape], number: int, **changes: Any) -> list[MeasuredShape]:
-    """The ``steps``, of which one has another window."""
-    window = dataclasses.replace(steps[number].window, **changes)
-    return [dataclasses.replace(one, window=window) if n == number else one
-            for n, one in enumerate(steps)]  # fmt: skip
 
 
 @pytest.mark.parametrize('only_tips', [False, True])
@@ -140,11 +133,6 @@ def test_modulus_and_sheath_are_told_apart_by_tensions_of_many_sizes():
     found = fitted(measured('exact', pulls=(np.zeros(4),)), 'youngs_modulus', 'sheath_stiffness')
     assert values(found) == {'youngs_modulus': None, 'sheath_stiffness': None}
     assert any('sheath_stiffness is left as it is' in why for why in found.undetermined)
-
-
-def test_a_tension_without_an_answer_is_an_error():
-    with pytest.raises(SolveError, match='compress the arm to nothing'):
-        fitted(spoiled(measured(), 0, tensions=one_tendon(500.0)), model='closed_form')
 
 
 def winches(

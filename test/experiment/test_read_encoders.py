@@ -21,7 +21,6 @@ from recordings import displacement_sample
 
 from octo_arm_model.arm.errors import BagError, MeasurementError
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.csv_recording import CsvSources
 from octo_arm_model.experiment.observations import RAMP, Pairing, observe
@@ -133,34 +132,10 @@ def test_encoders_may_publish_in_messages_of_their_own(tmp_path, seen):
     assert all(np.isfinite(shape.window.displacements).all() for shape in ramp)
 
 
-def encoder_csv(path: Path, names: tuple[str, ...] = NAMES) -> Path:
-    rows = [
-        ','.join(f'{value!r}' for value in (float(at), *(1e3 * row[: len(names)]).tolist()))
-        for at, row in zip(TIME, lengths(PULLED))
-    ]
-    heads = [f'displacement_{name} [mm]' for name in names]
-    path.write_text('\n'.join([','.join(['time', *heads]), *rows]) + '\n')
-    return path
-
-
 def midline_csv(path: Path) -> Path:
     rows = [f'{at!r},{x!r},{y!r},{z!r}' for at, points in frames() for x, y, z in points.tolist()]
     path.write_text('\n'.join(['time,x,y,z', *rows]) + '\n')
     return path
-
-
-def test_tables_of_encoders_alone(tmp_path):
-    """A tendon without a column has no encoder, and is slack where nothing else is known."""
-    config = tmp_path / 'arm.yaml'
-    config.write_text(parameters_as_yaml({**PARAMETERS, **STRETCHING}))
-    files = CsvSources(
-        midlines=midline_csv(tmp_path / 'track.csv'),
-        displacements=encoder_csv(tmp_path / 'winches.csv', NAMES[:2]),
-    )
-    recording = read_recording(None, str(config), files=files)
-    assert_allclose(recording.displacements[:, :2], lengths(PULLED)[:, :2], rtol=1e-12, atol=1e-12)
-    assert np.isnan(recording.displacements[:, 2:]).all()
-    check_driven(recording)
 
 
 def test_what_is_wrong_with_encoders_is_said(tmp_path, seen):

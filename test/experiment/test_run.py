@@ -73,20 +73,6 @@ def test_the_bands_hold_the_truth(is_smooth):
     assert found.consistency['tip pose'].refused <= 2
 
 
-def test_the_tip_is_where_the_true_one_is():
-    found = result(True)
-    true = TrueArm(PARAMETERS, touched())
-    corners, pulls = touched().schedule(true.config)
-    time = np.array([one.time for one in found.moments])
-    at = np.searchsorted(time, np.mean(TOUCHED))
-    (shape,) = true.shapes(
-        np.interp(time[at : at + 1], corners, pulls), touched().touches(time[at : at + 1], corners)
-    )
-    moment = found.moments[at]
-    assert (np.abs(moment.tip - shape.tip) < 4.0 * moment.tip_stddev).all()
-    assert np.linalg.norm(moment.tip - shape.tip) < 2e-3
-
-
 def test_without_a_touch_none_is_found(tmp_path):
     path = record(tmp_path / 'bag', touch=0.0, markers=(0.27,), camera_rate=0.1)
     values = {'estimator.marker_s': [0.27], 'estimator.marker_stddev': 5e-4}

@@ -47,15 +47,6 @@ def readings(tension: float, count: int, **parameters: float) -> np.ndarray:
     return np.array([np.full(4, np.nan) if one is None else one for one in read])
 
 
-@given(commands, st.floats(0.0, 10.0))
-def test_perfect_hardware_measures_what_was_commanded(given_commands, dt):
-    hardware = SimulatedHardware(Hardware(), 3)
-    for command in given_commands:
-        measured, effective = step(hardware, command, dt)
-        np.testing.assert_array_equal(measured, command)
-        np.testing.assert_array_equal(effective, command)
-
-
 @given(tensions, times, st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20))
 def test_lag_is_the_exponential_whatever_the_steps(command, lag, parts):
     go, elapsed = winches(lag=lag), 0.0
@@ -151,14 +142,6 @@ def test_a_gain_stays_what_it_was_drawn_and_is_in_proportion():
     assert (low == low[0]).all()
     assert len(set(low[0])) == 4
     np.testing.assert_allclose(high, 10.0 * low, rtol=1e-12)
-
-
-@given(st.floats(0.0, 50.0), st.floats(1e-3, 5.0), st.sampled_from([0.0, 0.3]))
-def test_readings_are_multiples_of_the_resolution(tension, resolution, noise):
-    reading = readings(tension, 1, resolution=resolution, noise_stddev=noise)[0, 0]
-    assert reading / resolution == pytest.approx(round(reading / resolution), abs=1e-9)
-    if not noise:
-        assert abs(reading - tension) <= 0.5 * resolution * (1.0 + 1e-9)
 
 
 def test_as_many_readings_are_lost_as_the_probability_says_and_the_noise_stays():

@@ -17,7 +17,6 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.movements import (
-    check_command,
     check_profile,
     find_profile,
     highest_tensions,
@@ -362,32 +361,6 @@ def test_limits_given_take_the_place_of_what_the_arm_bears():
 def test_limits_are_one_of_each_tendon():
     with pytest.raises(ConfigError, match='tendon_limits has 2 values, expected 12'):
         with_limits([1.0, 2.0])
-
-
-def test_what_is_at_its_limit_is_commanded_and_what_is_beyond_is_not():
-    limits = tendon_limits(CONFIG)
-    for shape in (12, (3, 4)):
-        assert_array_equal(check_command(CONFIG.arm, limits.reshape(shape), limits), limits)
-    for tendon in range(12):
-        beyond = np.zeros(12)
-        beyond[tendon] = limits[tendon] * 1.001
-        name = CONFIG.arm.tendon_names[tendon]
-        with pytest.raises(TensionError, match=f'tension of {name} is .* its limit'):
-            check_command(CONFIG.arm, beyond, limits)
-
-
-@pytest.mark.parametrize('value', [-1e-9, np.nan, np.inf, -np.inf])
-def test_what_is_no_tension_is_not_commanded(value):
-    tensions = np.zeros(12)
-    tensions[7] = value
-    with pytest.raises(TensionError, match='tendon_2_4'):
-        check_command(CONFIG.arm, tensions, tendon_limits(CONFIG))
-
-
-@pytest.mark.parametrize('shape', [(11,), (2, 12), (2, 3, 4), ()])
-def test_one_set_of_tensions_is_commanded_at_a_time(shape):
-    with pytest.raises(TensionError, match='shape'):
-        check_command(CONFIG.arm, np.zeros(shape), tendon_limits(CONFIG))
 
 
 def test_a_profile_beyond_a_limit_is_refused_with_its_row():
