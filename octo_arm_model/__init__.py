@@ -4,8 +4,6 @@ The core: an `Arm`, `solve` or a `Solver`, and the `Backbone` they return. It ne
 NumPy, SciPy and YAML, and nothing of ROS.
 """
 
-from __future__ import annotations
-
 from octo_arm_model.analysis.inverse import Inverse, find_tensions
 from octo_arm_model.analysis.targets import BackboneShape, Bending, Stiffness, TipPose, TipPosition
 from octo_arm_model.arm.arm import Arm

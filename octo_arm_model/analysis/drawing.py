@@ -1,7 +1,5 @@
 """Geometry of solved arms: triangles, discs and lines, uncertainty, and self-intersection."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Tendons driven by length or by tension, message by message: what node and replay do alike."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ starts minimises the error; where the tensions that reach the target are not uni
 quadratic programming minimises the effort among them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Errors are in metres; angles are multiplied by `length_per_radian`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Protocol
 

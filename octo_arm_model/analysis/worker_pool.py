@@ -1,7 +1,5 @@
 """Batches of tensions solved in this process, on all its cores or on a Dask cluster."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import multiprocessing

@@ -4,8 +4,6 @@ Tensions are a scrambled Sobol sequence, which fills the box more evenly than ra
 are solved in chunks of a fixed size, so that results do not depend on the number of processes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import operator
 from collections.abc import Callable

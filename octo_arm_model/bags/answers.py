@@ -1,7 +1,5 @@
 """Answers of the node: shapes and their messages, many sets of tensions at a time."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Bags that commands write: a synthetic experiment, estimates and simulated motions."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass

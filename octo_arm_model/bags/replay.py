@@ -1,7 +1,5 @@
 """A bag of tensions or displacements replayed: the answers of the node, and a report."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Inputs of an estimator in a bag: its topics, and measurements by their stamps."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

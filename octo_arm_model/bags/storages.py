@@ -4,8 +4,6 @@ What a file claims is never believed: records fit into it, chunks expand to what
 more, and the messages found are counted against its summary.
 """
 
-from __future__ import annotations
-
 import functools
 import heapq
 import io

@@ -1,7 +1,5 @@
 """What is read of which topics of a bag, in whatever namespace: arms, tensions, displacements."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """Types of messages: those of ROS 2 Jazzy, and ours from the text the ROS package has."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterable
 from pathlib import Path

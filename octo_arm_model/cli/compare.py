@@ -1,7 +1,5 @@
 """``octo-arm compare``: the model against measured midlines."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -1,7 +1,5 @@
 """``octo-arm identify``: parameters of the arm from measured midlines."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """``octo-arm inverse``: tensions for a wanted shape."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

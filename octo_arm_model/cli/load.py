@@ -1,7 +1,5 @@
 """``octo-arm load``: the arm of a running node exchanged for that of a file."""
 
-from __future__ import annotations
-
 import argparse
 
 from octo_arm_model.arm.validation import positive

@@ -1,7 +1,5 @@
 """``octo-arm modes``: natural frequencies, damping and shapes of the arm about an equilibrium."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``octo-arm play``: command profiles, played over ROS or written to files."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

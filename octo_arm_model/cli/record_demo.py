@@ -1,7 +1,5 @@
 """``octo-arm record-demo``: a bag of a synthetic experiment."""
 
-from __future__ import annotations
-
 import argparse
 
 from octo_arm_model.cli import arguments

@@ -1,7 +1,5 @@
 """Options that compare and identify share, and the recording read as they say."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar

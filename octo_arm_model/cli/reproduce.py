@@ -1,7 +1,5 @@
 """``octo-arm reproduce``: the paper's figures, tables and claims, computed anew."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 

@@ -1,7 +1,5 @@
 """``octo-arm simulate``: the motion of the arm along a profile of tensions, without ROS."""
 
-from __future__ import annotations
-
 import argparse
 import time
 

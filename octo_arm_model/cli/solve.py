@@ -1,7 +1,5 @@
 """``octo-arm solve``: the shape of an arm for one set of tensions or displacements."""
 
-from __future__ import annotations
-
 import argparse
 import json
 

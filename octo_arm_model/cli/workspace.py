@@ -1,7 +1,5 @@
 """``octo-arm workspace``: where the tip can go."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

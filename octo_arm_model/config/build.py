@@ -1,7 +1,5 @@
 """Build the parts of an arm, and the calibration of its load cells, from its parameters."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ As in rcl_yaml_param_parser 1e5 is a number, and 1:30, 1_000 and 2026-01-01 are 
 they are a text, 90, 1000 and a date.
 """
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import errno

@@ -1,7 +1,5 @@
 """Arms and tensions printed in Renda et al. 2012, for figures, demonstrations and tests."""
 
-from __future__ import annotations
-
 Tensions = tuple[tuple[float, float, float, float], ...]
 
 _SLACK = (0.0, 0.0, 0.0, 0.0)

@@ -1,7 +1,5 @@
 """A parameter: its name, type, default and meaning; and groups of them as dataclasses."""
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import re

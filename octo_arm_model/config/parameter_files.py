@@ -1,7 +1,5 @@
 """ROS parameter files, read and written, and those of the arms that come with the package."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

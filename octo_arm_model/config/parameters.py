@@ -3,8 +3,6 @@
 The YAML loader reads it, the node declares its ROS parameters from it and the manual prints it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from octo_arm_model.arm import limits

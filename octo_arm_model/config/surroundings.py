@@ -1,7 +1,5 @@
 """Parameters of what is around an arm: obstacles, and the water that it moves in."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, shown

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Callable, Sequence
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -30,21 +30,6 @@ S = TypeVar('S', bound=Timed)
 # The next step: after the last one, if any, of a time [s] and what was measured then. Where there
 # is one nearby that was found before it is looked for from there.
 Advance = Callable[[S | None, float, tuple[Measurement, ...], S | None], S]
-
-
-class Added(NamedTuple, Generic[S]):
-    """What measurements made of a window.
-
-    Attributes:
-        step: theirs.
-        before: the step in whose place it is, of what else was measured at that time; None of
-            none.
-        newest: the newest one.
-    """
-
-    step: S
-    before: S | None
-    newest: S
 
 
 class Window(Generic[S]):
@@ -76,10 +61,11 @@ class Window(Generic[S]):
         """The newest step."""
         return self._steps[-1] if self._steps else None
 
-    def add(self, time: float, measurements: Sequence[Measurement]) -> Added[S]:
+    def add(self, time: float, measurements: Sequence[Measurement]) -> tuple[S, S | None, S]:
         """Take ``measurements`` made at ``time`` [s].
 
-        Where it fails all is as it was.
+        Where it fails all is as it was. Their step is returned, the step in whose place it is, of
+        what else was measured at that time, and the newest one.
 
         Raises:
             MeasurementError: if they come later than the window.
@@ -112,7 +98,7 @@ class Window(Generic[S]):
         self._steps, self._is_cut = new[first:], self._is_cut or first > 0
         if not steps:
             self.first = time
-        return Added(added, before, newest)
+        return added, before, newest
 
 
 def _goes_with(step: Timed, time: float, measurements: Sequence[Measurement]) -> bool:

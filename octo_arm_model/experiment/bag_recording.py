@@ -1,7 +1,5 @@
 """Readings of tendons and measured points out of a bag, and a CSV table as a bag."""
 
-from __future__ import annotations
-
 import contextlib
 import tempfile
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Errors of the model against measured midlines, step by step, as in the paper's Table 1."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence

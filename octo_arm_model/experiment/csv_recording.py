@@ -1,7 +1,5 @@
 """Tensions, encoder readings and measured points out of CSV files."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field

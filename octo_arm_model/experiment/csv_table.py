@@ -1,7 +1,5 @@
 """CSV files of laboratories: columns by name, units in headers, errors that name the line."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -1,7 +1,5 @@
 """The estimates of a recording by filter or smoother, and when the arm was touched."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

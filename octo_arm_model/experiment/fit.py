@@ -10,8 +10,6 @@ the scale c, rho = 2 c^2 (sqrt(1 + (d / c)^2) - 1), quadratic in small distances
 large ones. As a function of distances it does not depend on the directions of the axes.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple

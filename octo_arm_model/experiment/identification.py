@@ -1,7 +1,5 @@
 """The result of a fit: its parameter file, and which of several models to take."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence

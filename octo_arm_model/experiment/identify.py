@@ -3,8 +3,6 @@
 Estimates minimise a sum of squares or a robust loss; `uncertainty` has their intervals.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence

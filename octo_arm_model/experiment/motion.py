@@ -5,8 +5,6 @@ out one of a few stretches of time, one after the other, to first order: errors 
 frames may be alike, those of different stretches are taken to be independent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -6,8 +6,6 @@ but they are no independent observations. Markers are compared as points, never 
 them; one that a frame does not show is NaN there. Of an arm that moves each frame is a step.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import warnings

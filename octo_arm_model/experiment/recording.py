@@ -3,8 +3,6 @@
 Points are midlines, tips, or markers at known arc coordinates.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Inputs of an estimator from a recording: arm, unknowns, measurements, and a camera."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -5,8 +5,6 @@ load cells, lengths that winches have reeled in [m] take the place of tensions. 
 at the time of a row is NaN: encoders may publish in messages of their own.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 from collections.abc import Sequence

@@ -19,8 +19,6 @@ shift, which is added in quadrature.
 does not lower them.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass

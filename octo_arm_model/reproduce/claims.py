@@ -1,7 +1,5 @@
 """Claims of the paper's text, and whether the numbers of each model agree with them."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Callable, Sequence

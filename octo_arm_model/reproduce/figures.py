@@ -5,8 +5,6 @@ those of the paper's fixed frame: the base at the origin with t = (1, 0, 0), n =
 b = (0, 0, -1).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

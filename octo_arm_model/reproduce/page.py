@@ -3,8 +3,6 @@
 Needs matplotlib.
 """
 
-from __future__ import annotations
-
 import base64
 import html
 import io

@@ -1,7 +1,5 @@
 """The paper's arms and quantities of their shapes; its tables, beside the models' numbers."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What the launch files share: the table of arguments, nodes and RViz as launch actions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ Each is declared with a value: where one has none, rclpy answers a request for s
 with an empty list, and `ros2 param dump` prints nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 

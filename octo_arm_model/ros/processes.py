@@ -1,7 +1,5 @@
 """Arguments, signals and child processes of programs that are nodes; needs no ROS."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Start and end ROS, and a node that checks /clock, parameters and messages before rclpy does."""
 
-from __future__ import annotations
-
 import contextlib
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """Publishers and subscriptions whose QoS are parameters, and messages from and to arrays."""
 
-from __future__ import annotations
-
 import copy
 import importlib
 import importlib.machinery

@@ -7,8 +7,6 @@ within callbacks only, and caught there: executors log what callbacks raise. Whe
 LLVM calls Python back and loses what that raises: the signal then comes again.
 """
 
-from __future__ import annotations
-
 import collections
 import contextlib
 import functools

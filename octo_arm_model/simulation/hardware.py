@@ -1,7 +1,5 @@
 """Winches, relaxation and load cells in series: from commanded to measured tensions."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

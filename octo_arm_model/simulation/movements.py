@@ -1,7 +1,5 @@
 """Command profiles by name, files or movements that any arm has; and limits of tensions."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

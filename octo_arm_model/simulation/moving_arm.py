@@ -3,8 +3,6 @@
 Pictures need matplotlib.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path

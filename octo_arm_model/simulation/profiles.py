@@ -3,8 +3,6 @@
 Errors in files name the line; a picture needs matplotlib.
 """
 
-from __future__ import annotations
-
 import csv
 import functools
 import io

@@ -1,7 +1,5 @@
 """A Gymnasium environment: the tip of a moving arm is to reach a point. Needs gymnasium."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -9,8 +9,6 @@ point with the start and end of the drag. All others are refused: uploads, other
 control, sharing over the internet, notifications of other pages.
 """
 
-from __future__ import annotations
-
 import ipaddress
 import math
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """The commanded tensions over time: set by sliders, in transition, from a profile or a search."""
 
-from __future__ import annotations
-
 import math
 import os
 import queue

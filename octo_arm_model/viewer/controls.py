@@ -1,7 +1,5 @@
 """The controls of the page: sliders, profiles, copies, other models; of arms that move too."""
 
-from __future__ import annotations
-
 import html
 import threading
 import time

@@ -1,7 +1,5 @@
 """The program `octo_arm_viewer`."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The texts of the page as HTML: numbers in millimetres and degrees, problems and notes."""
 
-from __future__ import annotations
-
 import html
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of `octo_arm_octopus`: eight arms, their rates and latency."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from functools import partial

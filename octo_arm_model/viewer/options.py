@@ -1,7 +1,5 @@
 """What programs share that serve a page: their options, and its title. Needs no viser."""
 
-from __future__ import annotations
-
 import argparse
 
 LOOPBACK = '127.0.0.1'

@@ -1,7 +1,5 @@
 """The page of one arm, and the loop that draws published shapes and publishes its commands."""
 
-from __future__ import annotations
-
 import queue
 import time
 from collections.abc import Callable

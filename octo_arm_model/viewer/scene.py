@@ -1,7 +1,5 @@
 """The scene, arms and what is known of them, and the cameras of all browsers, which look at it."""
 
-from __future__ import annotations
-
 import threading
 import warnings
 from collections.abc import Callable

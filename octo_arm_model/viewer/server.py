@@ -5,8 +5,6 @@ with `websockets.asyncio.server.serve`, which is replaced by a function that add
 a server starts. A viser that does not call it is refused.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import errno

@@ -1,7 +1,5 @@
 """The messages of a backbone as bytes, written and read without objects."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator, Sequence
 

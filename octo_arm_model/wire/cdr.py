@@ -6,8 +6,6 @@ of its size from where the fields begin. Bytes are laid out once; a template the
 numbers. Nothing of ROS is needed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The messages of an estimate as bytes: its backbone, contact, biases and covariances."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from typing import Any, NamedTuple
 

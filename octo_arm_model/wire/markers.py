@@ -1,7 +1,5 @@
 """The markers and frames of an arm, and of how well an estimate is known, as messages."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 A message is an object of whichever library decoded it, as in `wire.tensions`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ number of the value from 0 on where these have no names, or `NONE`: that tendon 
 and is slack.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The client of an arm's node: its newest shape, strains and problems, and tension commands."""
 
-from __future__ import annotations
-
 import collections
 import functools
 import time

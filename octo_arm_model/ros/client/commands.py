@@ -1,7 +1,5 @@
 """What is sent to nodes: tensions and profiles, another arm, and what pulls a simulated one."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """Answers tensions with the shape of the arm under a wrench on its tip, and requests."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from functools import partial

@@ -1,7 +1,5 @@
 """Diagnostics of the node on ``/diagnostics``: a status each of solver, input and output."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 Configure loads and validates the arm, activate subscribes, deactivate unsubscribes, cleanup frees.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from functools import partial

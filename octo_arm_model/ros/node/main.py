@@ -1,7 +1,5 @@
 """The node ``octo_arm_node``: tendon tensions in, backbone and strains out."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import faulthandler

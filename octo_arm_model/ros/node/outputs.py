@@ -1,7 +1,5 @@
 """The publishers of the node: backbone, strains, tip, tendons, frames and markers."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from functools import partial

@@ -1,7 +1,5 @@
 """Where the frames of sensors are, from /tf_static and /tf."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

@@ -8,8 +8,6 @@ has the shape that the arm really has. Winches are commanded by tension or, thos
 arm may be pushed, and seen by sensors on ``measured/...``, which `octo_arm_estimator` hears.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Mapping

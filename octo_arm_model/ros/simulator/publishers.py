@@ -1,7 +1,5 @@
 """What the simulator publishes: other sensors, the true shape of a moving arm, diagnostics."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import Counter

@@ -3,8 +3,6 @@
 As those of `simulation_interfaces` too, where that package is installed.
 """
 
-from __future__ import annotations
-
 import importlib
 import time
 from collections.abc import Callable
