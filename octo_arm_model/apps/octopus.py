@@ -16,14 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from octo_arm_model.analysis.drawing import ARMS, base_pose
-from octo_arm_model.apps.demo import (
-    LINE_PERIOD,
-    TRUE_SHAPE,
-    add_optional_page,
-    movement_of,
-    open_page,
-    own_domain,
-)
+from octo_arm_model.apps import demo
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import find_path
 from octo_arm_model.ros.processes import children, ended, parameter_arguments, stop_signals
@@ -118,7 +111,7 @@ def host(config_file: str, numbers: Sequence[int], is_moving: bool) -> None:
     nodes: list[Node] = []
     water = in_water(load_config(config_file)) if is_moving else {}
     simulated = {'rate': RATE, 'dynamics': water.pop('dynamics', False)}
-    shown, hidden = TRUE_SHAPE
+    shown, hidden = demo.TRUE_SHAPE
     hidden = [*hidden, '-r', f'{_TENSIONS}:=at_rest/{_TENSIONS}']  # which would be solved in vain
     for number in numbers:
         position, quaternion = base_pose(number)
@@ -171,7 +164,7 @@ def build_parser() -> argparse.ArgumentParser:
         '--moving', action='store_true', help='the arms move with their inertia, in water'
     )
     parser.add_argument('--host-arms', type=int, nargs='+', help=argparse.SUPPRESS)
-    add_optional_page(parser)
+    demo.add_optional_page(parser)
     return parser
 
 
@@ -199,20 +192,20 @@ def _show(options: argparse.Namespace) -> int:
         for group in groups
     ]
     with contextlib.ExitStack() as stack:
-        stack.enter_context(own_domain(_PROG, '/arm_1'))
+        stack.enter_context(demo.own_domain(_PROG, '/arm_1'))
         node = stack.enter_context(client_node(_PROG))
-        crawl = Crawl(node, config, options.movement or movement_of(config.arm), topic)
+        crawl = Crawl(node, config, options.movement or demo.movement_of(config.arm), topic)
         clients = [ArmClient(node, f'arm_{number}') for number in range(1, ARMS + 1)]
         for client in clients:
             client.listen({**POSES, 'strains': DETAILS['strains']})
         title = page_title('an octopus')
-        server = open_page(options, stack, title)
+        server = demo.open_page(options, stack, title)
         if server is not None:
             from octo_arm_model.viewer.octopus_page import OctopusPage  # needs viser
 
             page = OctopusPage(server, clients, lambda: describe(clients), title)
         started = stack.enter_context(children(commands))
-        line = stack.enter_context(StatusLine(sys.stdout, LINE_PERIOD))
+        line = stack.enter_context(StatusLine(sys.stdout, demo.LINE_PERIOD))
         due = time.monotonic()
         while not is_over() and not ended(started):
             crawl.step()

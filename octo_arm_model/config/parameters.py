@@ -9,6 +9,7 @@ from octo_arm_model.arm import limits
 from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.loads import TIP, TIP_FRAMES, DistributedLoad, Loads, PointLoad
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
+from octo_arm_model.config import surroundings
 from octo_arm_model.config.parameter import (
     TABLE_BOUND,
     Parameter,
@@ -16,11 +17,6 @@ from octo_arm_model.config.parameter import (
     Values,
     stated,
     vectors_of,
-)
-from octo_arm_model.config.surroundings import (
-    MOTION_PARAMETERS,
-    OBSTACLE_PARAMETERS,
-    build_obstacles,
 )
 from octo_arm_model.rod.solver import DEFAULT_MODEL, MODELS
 from octo_arm_model.rod.stations import DEFAULT_STATIONS
@@ -92,7 +88,7 @@ def build_loads(given: Values) -> Loads:
         tip_moment=given['loads.tip_moment'],
         points=tuple(PointLoad(s, force) for s, force in zip(given['loads.point_s'], points)),
         distributed=(DistributedLoad(given['loads.distributed_s'], along),) if along else (),
-        obstacles=build_obstacles(given),
+        obstacles=surroundings.build_obstacles(given),
     )
     return loads.following(given['body.length']) if given['loads.tip_frame'] == TIP else loads
 
@@ -321,8 +317,8 @@ PARAMETERS = (
               'what is added to the length of each encoder, after displacement_scale, section by '
               'section from the tip [m]; empty for nothing', (), is_array=True),
     *LOAD_PARAMETERS,
-    *OBSTACLE_PARAMETERS,
-    *MOTION_PARAMETERS,
+    *surroundings.OBSTACLE_PARAMETERS,
+    *surroundings.MOTION_PARAMETERS,
     Parameter('solve_budget.iterations', int,
               "iterations of Newton's method that a solve of a loaded arm may take; one that "
               'would take more is refused', 1000, range='>= 1'),

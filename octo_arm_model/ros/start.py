@@ -26,15 +26,8 @@ from rosgraph_msgs.msg import Clock
 
 from octo_arm_model.arm.errors import ConfigError, OctoArmError, in_short, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
+from octo_arm_model.config import parameter_files
 from octo_arm_model.config.files import dump_numbers, load_yaml, read_text
-from octo_arm_model.config.parameter_files import (
-    Nodes,
-    find_path,
-    naming,
-    nodes_of,
-    text_of_nodes,
-    value_of_one_type,
-)
 from octo_arm_model.ros.work import interruptible
 
 # What to do about an error of rcl, by a part of its text.
@@ -71,13 +64,13 @@ def read_here(arguments: Sequence[str]) -> Iterator[list[str]]:
     Raises:
         ConfigError: if a file is no parameter file, or none can be written.
     """
-    given, read = list(arguments), dict[int, Nodes]()
+    given, read = list(arguments), dict[int, parameter_files.Nodes]()
     for number in range(1, len(given)):
         option, text = given[number - 1 : number + 1]
         if option == '--params-file':
-            path = find_path(text)
-            with naming(path):
-                read[number] = nodes_of(read_text(path, MAX_YAML_BYTES))
+            path = parameter_files.find_path(text)
+            with parameter_files.naming(path):
+                read[number] = parameter_files.nodes_of(read_text(path, MAX_YAML_BYTES))
         elif option in ('-p', '--param'):
             read[number] = _assignment(text)
     _unify([node for nodes in read.values() for node in nodes])
@@ -90,18 +83,18 @@ def read_here(arguments: Sequence[str]) -> Iterator[list[str]]:
         yield given
 
 
-def _assignment(text: str) -> Nodes:
+def _assignment(text: str) -> parameter_files.Nodes:
     """What ``text``, NAME:=VALUE or NODE:NAME:=VALUE, sets; nothing where it has no value."""
     target, _, value = text.partition(':=')
     node, _, name = target.rpartition(':')
-    with naming(text):
+    with parameter_files.naming(text):
         found = load_yaml(value)
         if found is None or isinstance(found, dict):
             return []
-        return [(node or '/**', {name: value_of_one_type(name, found)})]
+        return [(node or '/**', {name: parameter_files.value_of_one_type(name, found)})]
 
 
-def _argument_of(nodes: Nodes, text: str) -> str:
+def _argument_of(nodes: parameter_files.Nodes, text: str) -> str:
     """The argument that sets what it did as ``text``, numbers as they are in ``nodes`` now."""
     for _, parameters in nodes:
         for value in parameters.values():
@@ -112,7 +105,7 @@ def _argument_of(nodes: Nodes, text: str) -> str:
     return text
 
 
-def _unify(nodes: Nodes) -> None:
+def _unify(nodes: parameter_files.Nodes) -> None:
     """Give the numbers of one parameter one type: of two, rcl takes the integer, which is first.
 
     Raises:
@@ -134,12 +127,12 @@ def _unify(nodes: Nodes) -> None:
             parameters[name] = [*map(float, value)] if is_list else float(value)
 
 
-def _file_of(nodes: Nodes, stack: contextlib.ExitStack) -> str:
+def _file_of(nodes: parameter_files.Nodes, stack: contextlib.ExitStack) -> str:
     """Path of a file from which rcl reads ``nodes``, until the ``stack`` ends."""
     try:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         path = Path(folder) / 'parameters.yaml'
-        path.write_text(text_of_nodes(nodes), encoding='utf-8')
+        path.write_text(parameter_files.text_of_nodes(nodes), encoding='utf-8')
     except OSError as error:
         raise ConfigError(f'parameters cannot be handed to ROS: {error}') from error
     return str(path)

@@ -17,13 +17,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import MODELS, Solver
 from octo_arm_model.ros.client.commands import SimulatorClient
-from octo_arm_model.simulation.movements import (
-    check_profile,
-    figures,
-    find_profile,
-    profile_names,
-    tendon_limits,
-)
+from octo_arm_model.simulation import movements
 from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.scene import OTHER_COLOUR, ArmScene, beside
@@ -62,7 +56,7 @@ class Controls:
         self._loop = server.get_event_loop()
         self._topic, self._later = topic, later
         self._lock, self._is_closed = threading.Lock(), False
-        self.highest = tendon_limits(config)
+        self.highest = movements.tendon_limits(config)
         self._sliders: list[viser.GuiSliderHandle[float]] = []
         # Where browsers have moved each slider to, until that is commanded [N].
         self._moved: list[deque[float]] = []
@@ -109,7 +103,7 @@ class Controls:
         rest = np.zeros(len(self._arm.tendons))
 
         slack.on_click(_in_order(lambda event: self._move(rest)))
-        tensions_of = figures(self._arm)
+        tensions_of = movements.figures(self._arm)
         if tensions_of:
             group = self._gui.add_button_group(
                 'Figure', tuple(tensions_of), hint='Tensions of the figures of Renda et al. 2012'
@@ -164,7 +158,7 @@ class Controls:
 
     def add_profiles(self) -> None:
         """Add the controls that play movements, within the current container."""
-        names = profile_names(self._arm)
+        names = movements.profile_names(self._arm)
         chosen = self._gui.add_dropdown('Movement', tuple(names))
         text = self._gui.add_html(numbers.note(names[chosen.value]))
         speed = self._gui.add_slider('Speed', min=0.1, max=3.0, step=0.1, initial_value=1.0)
@@ -173,11 +167,11 @@ class Controls:
         self._stop = self._gui.add_button('Stop', icon=viser.Icon.PLAYER_STOP, visible=False)
 
         def play() -> None:
-            # Names in the list only; `find_profile` reads others as paths of files.
+            # Names in the list only; `movements.find_profile` reads others as paths of files.
             if chosen.value not in names:
                 raise ProfileError(f'no movement {chosen.value!r}, expected one that is listed')
-            profile = find_profile(chosen.value, self._arm)
-            check_profile(profile, self._arm, self.highest)
+            profile = movements.find_profile(chosen.value, self._arm)
+            movements.check_profile(profile, self._arm, self.highest)
             self._problem.content = ''
             self._commander.play(profile, time.monotonic(), speed=speed.value, loop=loop.value)
 

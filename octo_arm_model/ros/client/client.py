@@ -29,14 +29,8 @@ from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator.publishers import PAUSED
 from octo_arm_model.ros.topics import decoded
 from octo_arm_model.simulation.movements import TOPIC
+from octo_arm_model.wire import estimate
 from octo_arm_model.wire.backbone import TENDON_LENGTHS, read_poses
-from octo_arm_model.wire.estimate import (
-    CONTACT,
-    COVARIANCE,
-    TIP_WRENCH,
-    BackboneCovariance,
-    read_covariance,
-)
 from octo_arm_model.wire.tensions import JOINT_STATE
 
 # Best effort: a slow reader never blocks the publisher.
@@ -160,13 +154,13 @@ def strains_of(message: Any) -> PublishedStrains:
     return strains
 
 
-def covariance_of(message: Any) -> BackboneCovariance:
+def covariance_of(message: Any) -> estimate.BackboneCovariance:
     """Covariance in an ``octo_arm_msgs/msg/BackboneCovariance``.
 
     Raises:
         MessageError: if it cannot be one.
     """
-    found = read_covariance(message)
+    found = estimate.read_covariance(message)
     _variances('pose', _finite('pose', found.pose))
     _variances('contact', _finite('contact', found.contact))
     # NaN is that of what acts all along.
@@ -216,9 +210,9 @@ DETAILS: dict[str, Any] = {
     'strains': SectionStrains,
     TENDON_LENGTHS: JointState,
     'tip_pose': PoseWithCovarianceStamped,
-    COVARIANCE: CovarianceMessage,
-    TIP_WRENCH: WrenchStamped,
-    CONTACT: WrenchStamped,
+    estimate.COVARIANCE: CovarianceMessage,
+    estimate.TIP_WRENCH: WrenchStamped,
+    estimate.CONTACT: WrenchStamped,
 }
 _MOST_PROBLEMS, _LONGEST_PROBLEM = 64, 1000  # names in diagnostics, and characters of each
 _DIAGNOSTICS_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -276,7 +270,7 @@ class ArmClient:
         self.strains: PublishedStrains | None = None
         self.tensions: FloatArray | None = None
         self.tip_deviation = np.zeros(3)
-        self.covariance: BackboneCovariance | None = None
+        self.covariance: estimate.BackboneCovariance | None = None
         self.force: FloatArray | None = None
 
     def listen(self, topics: Mapping[str, Any]) -> None:
@@ -322,10 +316,10 @@ class ArmClient:
             self.strains = strains_of(message)
         elif name == TENDON_LENGTHS:
             self._read_tensions(message, self.config.arm)
-        elif name == COVARIANCE:
+        elif name == estimate.COVARIANCE:
             self.covariance = None
             self.covariance = covariance_of(message)
-        elif name in (TIP_WRENCH, CONTACT):
+        elif name in (estimate.TIP_WRENCH, estimate.CONTACT):
             force = message.wrench.force
             self.force = _finite('force', [force.x, force.y, force.z])
         else:

@@ -27,32 +27,14 @@ from octo_arm_model.arm.errors import ConfigError, LoadError, OctoArmError, in_s
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
+from octo_arm_model.ros import topics
 from octo_arm_model.ros.live_parameters import LiveParameters
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.inputs import Inputs
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
-from octo_arm_model.ros.simulator.publishers import (
-    PAUSED,
-    Commanders,
-    MotionPublishers,
-    SensorPublishers,
-    SimulatorDiagnostics,
-)
-from octo_arm_model.ros.simulator.services import (
-    PUSH_TOPIC,
-    PushService,
-    SimulationClock,
-    check_frame,
-    offer_services,
-)
+from octo_arm_model.ros.simulator import publishers, services
 from octo_arm_model.ros.start import CheckedNode
-from octo_arm_model.ros.topics import (
-    check_overrides,
-    create_publisher,
-    message_class,
-    tensions_message,
-)
 from octo_arm_model.ros.work import until_shutdown
 from octo_arm_model.simulation.dynamic_arm import SHAPE, DynamicArm, check_values
 from octo_arm_model.simulation.movements import TOPIC, check_command
@@ -82,32 +64,32 @@ class SimulatorNode(CheckedNode):
         self._folder: Path | None = None  # of files of states
         self._set_point: FloatArray = np.zeros(0)
         self._measured, self._effective = (
-            create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
+            topics.create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
             for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
         )
-        self._diagnostics = SimulatorDiagnostics(self)
-        self._encoders = create_publisher(self, JointState, DISPLACEMENTS, OUTPUT_QOS)
+        self._diagnostics = publishers.SimulatorDiagnostics(self)
+        self._encoders = topics.create_publisher(self, JointState, DISPLACEMENTS, OUTPUT_QOS)
         table = (*ARM_PARAMETERS, *PARAMETERS)
-        self._sensors = SensorPublishers(self)
-        self._motion = MotionPublishers(self)
-        self._time = SimulationClock(self, self._step)
-        self._commanders = Commanders(self)
-        self._push = PushService(self, lambda: self._config.push)
+        self._sensors = publishers.SensorPublishers(self)
+        self._motion = publishers.MotionPublishers(self)
+        self._time = services.SimulationClock(self, self._step)
+        self._commanders = publishers.Commanders(self)
+        self._push = services.PushService(self, lambda: self._config.push)
         self._live = LiveParameters(self, table, self._prepare, self._use)
         self._live.begin()
-        offer_services(self, self._time, self._reset, self._save, self._restore)
+        services.offer_services(self, self._time, self._reset, self._save, self._restore)
         inputs = Inputs(self, self._diagnostics.refuse, self._diagnostics.count)
         for topic, message in TENSION_TOPICS.items():
             command = topic.replace('tendon_tensions', TOPIC, 1)
             if command != JOINT_COMMANDS:
-                kind = message_class(message.type_name)
+                kind = topics.message_class(message.type_name)
                 inputs.subscribe(kind, command, partial(self._on_command, message))
         inputs.subscribe(JointState, JOINT_COMMANDS, self._on_joints)
         self._lengths = inputs.subscribe(JointState, f'{TOPIC}/displacements', self._on_lengths)
-        inputs.subscribe(Vector3Stamped, PUSH_TOPIC, self._on_push, is_answered=False)
+        inputs.subscribe(Vector3Stamped, services.PUSH_TOPIC, self._on_push, is_answered=False)
         inputs.subscribe(PoseStamped, 'base_pose', self._on_base, is_answered=False)
         inputs.subscribe(Vector3Stamped, 'current', self._on_current, is_answered=False)
-        check_overrides(self)
+        topics.check_overrides(self)
         # ROS time may stand still; diagnostics are published all the same.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(diagnostics.PERIOD, self._report, clock=clock)
@@ -197,14 +179,14 @@ class SimulatorNode(CheckedNode):
 
     def _on_base(self, topic: str, message: PoseStamped) -> None:
         """Let the base go to the pose of a message."""
-        check_frame(message.header, self._config, 'pose')
+        services.check_frame(message.header, self._config, 'pose')
         position, turn = message.pose.position, message.pose.orientation
         pose = Pose((position.x, position.y, position.z), (turn.x, turn.y, turn.z, turn.w))
         self._moving_arm().surroundings.move_base(pose)
 
     def _on_current(self, topic: str, message: Vector3Stamped) -> None:
         """Let the water come to flow as a message says."""
-        check_frame(message.header, self._config, 'current')
+        services.check_frame(message.header, self._config, 'current')
         if not self._config.model.loads.fluid_density:
             raise LoadError('loads.fluid_density is 0, expected that of the water that flows')
         flow = message.vector
@@ -298,7 +280,7 @@ class SimulatorNode(CheckedNode):
             self._fail(error)
             is_moved = False
             self._sensors.time += elapsed
-        self._effective.publish(tensions_message(effective, arm, stamp, frame))
+        self._effective.publish(topics.tensions_message(effective, arm, stamp, frame))
         measured = self._drive.hardware.read()
         if measured is None:
             self._diagnostics.counts['lost'] += 1
@@ -333,7 +315,7 @@ class SimulatorNode(CheckedNode):
     def _readings_message(self, readings: FloatArray, stamp: Time) -> TendonTensions:
         """Message of the ``readings`` of load cells (tendons,) [N]."""
         config = self._config
-        message = tensions_message(readings, config.arm, stamp, config.base_frame)
+        message = topics.tensions_message(readings, config.arm, stamp, config.base_frame)
         if names := config.hardware.calibration.names:
             # Under the names that the node expects, and of the tendons that have a load cell.
             cells = [number for number, name in enumerate(names) if name != NONE]
@@ -344,7 +326,7 @@ class SimulatorNode(CheckedNode):
     def _report(self) -> None:
         source = 'profile' if self._is_playing else 'commands'
         if self._time.is_paused:
-            source = PAUSED
+            source = publishers.PAUSED
         with until_shutdown(self.context):
             self._diagnostics.publish(source, self._commanders.report())
 
