@@ -1,4 +1,1 @@
-"""Programs that start several nodes: octo_arm_demo and octo_arm_octopus.
-
-Imports viewer, ros and all packages below.
-"""
+"""Programs that start several nodes: octo_arm_demo and octo_arm_octopus."""

@@ -28,24 +28,11 @@ _MODES = ('', 'none', 'file', 'message')
 Key = tuple[str, str]  # a topic and the type of messages on it
 
 
-class Metadata(NamedTuple):
-    """What a bag says of itself.
+def read_metadata(folder: Path) -> tuple[list[Path], Counter[Key], bool, dict[str, str]]:
+    """What the bag in ``folder`` says of itself.
 
-    Attributes:
-        files: its files.
-        counts: messages of each topic and type.
-        is_each_compressed: whether each message is, by zstd.
-        custom: data of its recording.
-    """
-
-    files: list[Path]
-    counts: Counter[Key]
-    is_each_compressed: bool
-    custom: dict[str, str]
-
-
-def read_metadata(folder: Path) -> Metadata:
-    """The metadata of the bag in ``folder``.
+    Its files, the messages of each topic and type, whether each is compressed by zstd, and data of
+    its recording.
 
     Raises:
         BagError: if it is no YAML, or too large.
@@ -86,7 +73,7 @@ def read_metadata(folder: Path) -> Metadata:
     if mode in _MODES[2:] and _take(about, 'compression_format', str) != 'zstd':
         found = shown(about['compression_format'])
         raise ValueError(f'{METADATA}: compression_format is {found}, expected zstd')
-    return Metadata(files, counts, mode == 'message', _custom_data(about, text))
+    return files, counts, mode == 'message', _custom_data(about, text)
 
 
 def _take(values: Mapping[str, Any], field: str, kind: type, where: str = '') -> Any:
@@ -179,8 +166,7 @@ class BagReader:
             said = None
             paths = [self.path]
             if self.path.is_dir() and (self.path / METADATA).exists():
-                about = read_metadata(self.path)
-                paths, said, self._is_each_compressed, self.metadata = about
+                paths, said, self._is_each_compressed, self.metadata = read_metadata(self.path)
             elif self.path.is_dir():
                 paths = self._alone()
             folder = Path(opened.enter_context(tempfile.TemporaryDirectory()))

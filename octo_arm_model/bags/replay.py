@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from rosbags.interfaces import Connection
 
@@ -29,13 +28,6 @@ from octo_arm_model.wire.messages import Refusals
 _LISTED = 100  # of the messages left out of each topic; all are counted
 
 
-class Skip(NamedTuple):
-    """A message that was left out: its stamp [ns] and why."""
-
-    stamp_ns: int
-    reason: str
-
-
 @dataclass
 class TopicReport:
     """How the messages of one topic of tensions or displacements were answered.
@@ -46,7 +38,7 @@ class TopicReport:
         refused: how many hold nothing that drives this arm.
         failed: how many the model had no trustworthy answer to.
         unsorted: how many have a stamp before that of the last one.
-        skips: the first of those refused and failed.
+        skips: stamps [ns] of the first of those refused and failed, and why.
         reasons: how many answers, or poses of the tip, are missing for each reason, by an
             example of it.
     """
@@ -56,7 +48,7 @@ class TopicReport:
     refused: int = 0
     failed: int = 0
     unsorted: int = 0
-    skips: list[Skip] = field(default_factory=list)
+    skips: list[tuple[int, str]] = field(default_factory=list)
     reasons: dict[str, int] = field(default_factory=dict)
     refusals: Refusals = field(default_factory=Refusals)
 
@@ -73,7 +65,7 @@ class TopicReport:
             self.refused += 1
         self.refusals.count('', answer.reason)
         if len(self.skips) < _LISTED:
-            self.skips.append(Skip(stamp_ns, answer.reason))
+            self.skips.append((stamp_ns, answer.reason))
 
 
 @dataclass

@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from octo_arm_model.arm.errors import ConfigError, MeasurementError, SolveError, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
@@ -217,30 +217,19 @@ def _read_pairing(options: argparse.Namespace) -> tuple[Pairing, float | None]:
 T = TypeVar('T')
 
 
-class Experiment(NamedTuple):
-    """An experiment, and how it is to be compared.
-
-    Attributes:
-        recording: the recording.
-        observations: its shapes.
-        models: names of the models.
-        alignment: of the camera; None for one to be fitted.
-        notes: on all choices.
-        trajectory: tensions along which the arm moves; None where it is in equilibrium.
-    """
-
-    recording: Recording
-    observations: Observations
-    models: list[str]
-    alignment: Alignment | None
-    notes: list[str]
-    trajectory: TensionTrajectory | None
-
-
-def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()) -> Experiment:
+def read_options(
+    options: argparse.Namespace, default_models: Sequence[str] = ()
+) -> tuple[
+    Recording, Observations, list[str], Alignment | None, list[str], TensionTrajectory | None
+]:
     """The recording of `add_recording`'s options, and how it is to be compared.
 
     Without --model it is ``default_models``, or the config's if there are none.
+
+    Returns:
+        The recording; its shapes; names of the models; the alignment of the camera, None for one
+        to be fitted; notes on all choices; and the tensions along which the arm moves, None where
+        it is in equilibrium.
 
     Raises:
         OctoArmError: if the bag or an option is wrong, or the bag holds nothing to compare.
@@ -292,7 +281,7 @@ def read_options(options: argparse.Namespace, default_models: Sequence[str] = ()
         if models != ['exact']:
             raise ConfigError(f'--model is {" ".join(models)}, of which only exact moves')
     found = [*observations.notes, *notes]
-    return Experiment(recording, observations, models, alignment, found, trajectory)
+    return recording, observations, models, alignment, found, trajectory
 
 
 def of_each(

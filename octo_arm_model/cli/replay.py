@@ -152,8 +152,8 @@ def summary(report: Report) -> str:
                 lines.append(f'  {count} {what}')
         for reason, count in topic.reasons.items():
             lines.append(f'  {count} as {reason}')
-        for skip in topic.skips[:10]:
-            lines.append(f'  {skip.stamp_ns * 1e-9:.6f} s: {skip.reason}')
+        for stamp_ns, reason in topic.skips[:10]:
+            lines.append(f'  {stamp_ns * 1e-9:.6f} s: {reason}')
         if (more := topic.refused + topic.failed - 10) > 0:
             lines.append(f'  ... and {more} more')
     if report.copied:

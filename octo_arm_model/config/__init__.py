@@ -1,4 +1,1 @@
-"""An arm from a parameter file: the table of parameters, the YAML reader, presets, paper data.
-
-Imports rod and arm.
-"""
+"""An arm from a parameter file: the table of parameters, the YAML reader, presets, paper data."""

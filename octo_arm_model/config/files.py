@@ -67,13 +67,12 @@ def compose_yaml(text: str) -> yaml.Node | None:
     return node
 
 
-def dump_yaml(value: Any, *, is_sorted: bool = True) -> str:
+def dump_yaml(value: Any) -> str:
     """The text of ``value``, of mappings, lists, texts, numbers and booleans.
 
-    Texts that `load_yaml`, ROS or YAML 1.1 would read as something else are quoted. Names are in
-    their order where it is not ``is_sorted``.
+    Texts that `load_yaml`, ROS or YAML 1.1 would read as something else are quoted.
     """
-    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=is_sorted)
+    text: str = yaml.dump(value, Dumper=_Dumper)
     return text
 
 

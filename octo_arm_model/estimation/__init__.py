@@ -1,4 +1,1 @@
-"""The arm as a sensor: shape, external force and their covariance from whatever is measured.
-
-May import config, rod and arm.
-"""
+"""The arm as a sensor: shape, external force and their covariance from whatever is measured."""

@@ -1,4 +1,1 @@
-"""Commanded tensions over time, and winches, load cells and relaxation that act on them.
-
-May import wire, analysis, estimation, config and arm; nothing of ROS.
-"""
+"""Commanded tensions over time, and winches, load cells and relaxation that act on them."""

@@ -1,4 +1,1 @@
-"""A page that shows an arm and commands its tendons, and the checks on requests to it.
-
-Imports viser, ros/client and all packages below.
-"""
+"""A page that shows an arm and commands its tendons, and the checks on requests to it."""

@@ -103,9 +103,13 @@ class Commander:
         self.tensions = np.array(tensions)
 
 
-def as_yaml(arm: Arm, tensions: FloatArray) -> str:
-    """``tensions`` (tendons,) [N] as the YAML of an octo_arm_msgs/msg/TendonTensions."""
-    return _yaml(arm, tensions, None)
+def as_yaml(arm: Arm, tensions: FloatArray, flow: bool | None = None) -> str:
+    """``tensions`` (tendons,) [N] as the YAML of an octo_arm_msgs/msg/TendonTensions.
+
+    In one line where it is to ``flow``.
+    """
+    message = {'name': list(arm.tendon_names), 'tension': np.round(tensions, 6).tolist()}
+    return yaml.safe_dump(message, default_flow_style=flow, sort_keys=False, width=math.inf)
 
 
 def as_shell_line(arm: Arm, tensions: FloatArray, topic: str) -> str:
@@ -113,15 +117,10 @@ def as_shell_line(arm: Arm, tensions: FloatArray, topic: str) -> str:
 
     It names the ROS domain of this process, unless that is 0.
     """
-    message = shlex.quote(_yaml(arm, tensions, True).strip())
+    message = shlex.quote(as_yaml(arm, tensions, flow=True).strip())
     domain = os.environ.get('ROS_DOMAIN_ID') or '0'
     setting = '' if domain == '0' else f'ROS_DOMAIN_ID={shlex.quote(domain)} '
     return f'{setting}ros2 topic pub -1 {topic} octo_arm_msgs/msg/TendonTensions {message}'
-
-
-def _yaml(arm: Arm, tensions: FloatArray, flow: bool | None) -> str:
-    message = {'name': list(arm.tendon_names), 'tension': np.round(tensions, 6).tolist()}
-    return yaml.safe_dump(message, default_flow_style=flow, sort_keys=False, width=math.inf)
 
 
 Answer = Inverse | OctoArmError

@@ -280,7 +280,8 @@ class ModelOverlay:
             self._text.content = numbers.failed(error)
         self._arm.root.visible = self.backbone is not None
         if self.backbone is not None:
-            self._arm.show(self.backbone, pull)
+            shape = self.backbone
+            self._arm.show(shape.position, shape.quaternion, shape.q, pull)
             self._text.content = numbers.compared(tip, self.backbone)
 
 

@@ -78,7 +78,7 @@ class OctopusPage:
             self._arms[index] = arm
         if shape.stamp != self._stamps[index] and len(strains.s) == len(shape.position):
             self._stamps[index] = shape.stamp
-            arm.show(scene.LiveShape(shape.position, shape.quaternion, strains.q), np.zeros(0))
+            arm.show(shape.position, shape.quaternion, strains.q, np.zeros(0))
 
 
 def _view(length: float, aspect: float) -> View:

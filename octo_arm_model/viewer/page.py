@@ -208,7 +208,7 @@ class Page:
         if tensions is None:
             tensions = np.zeros(self._controls.highest.size)
         pull = tensions / self._controls.highest
-        self._arm.show(scene.LiveShape(shape.position, shape.quaternion, strains.q), pull)
+        self._arm.show(shape.position, shape.quaternion, strains.q, pull)
         self._comparison.show(tensions, pull, shape.position[-1])
         self._motion.follow(shape.position[-1])
         if (known := self._client.covariance) is not None:
@@ -240,7 +240,7 @@ class Page:
             opacity=scene.GHOST_OPACITY,
             has_tendons=False,
         )
-        ghost.show(unloaded, rest.ravel())
+        ghost.show(unloaded.position, unloaded.quaternion, unloaded.q, rest.ravel())
 
     def _add_target(self, config: Config) -> None:
         gui = self._server.gui

@@ -13,7 +13,6 @@ from octo_arm_model.analysis import drawing
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.simulation.movements import figures
@@ -187,14 +186,6 @@ OBSTACLE_COLOUR: Colour = (150, 160, 172)
 OBSTACLE_OPACITY = 0.7
 
 
-class LiveShape(NamedTuple):
-    """The published shape and stretch of an arm, to be drawn."""
-
-    position: FloatArray
-    quaternion: FloatArray
-    q: FloatArray
-
-
 class ArmScene:
     """One arm in the scene, redrawn with every shape."""
 
@@ -226,9 +217,14 @@ class ArmScene:
         self._discs: viser.MeshHandle | None = None
         self._tendons: viser.LineSegmentsHandle | None = None
 
-    def show(self, shape: Backbone | LiveShape, pull: FloatArray) -> None:
-        """Draw ``shape``; ``pull`` (tendons,) is each tension over its limit, 0 to 1."""
-        drawn = self._drawing.draw(shape.position, shape.quaternion, shape.q)
+    def show(
+        self, position: FloatArray, quaternion: FloatArray, q: FloatArray, pull: FloatArray
+    ) -> None:
+        """Draw a shape, see `Drawing.draw`.
+
+        ``pull`` (tendons,) is each tension over its limit, 0 to 1.
+        """
+        drawn = self._drawing.draw(position, quaternion, q)
         self._body = show_mesh(
             self._scene, self._body, f'{self._name}/body', drawn.vertices, self._drawing.triangles,
             color=self._colour, opacity=self._opacity,

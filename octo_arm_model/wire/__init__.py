@@ -1,4 +1,1 @@
-"""Messages as bytes, as tensions and as measurements.
-
-May import analysis, estimation, config and arm; nothing of ROS.
-"""
+"""Messages as bytes, as tensions and as measurements."""

@@ -1,4 +1,1 @@
-"""Read what the node of an arm publishes, command its tendons, and give it another arm.
-
-Imports the node's topics and QoS, config and simulation.
-"""
+"""Read what the node of an arm publishes, command its tendons, and give it another arm."""

@@ -96,9 +96,7 @@ class ManagedNode(CheckedNode, LifecycleNode):
 ManagedOctoArmNode = partial(ManagedNode, 'octo_arm', ArmServer)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the node; returns the exit status."""
-    return run('octo_arm_lifecycle_node', ManagedOctoArmNode, arguments)
+main = partial(run, 'octo_arm_lifecycle_node', ManagedOctoArmNode)
 
 
 if __name__ == '__main__':

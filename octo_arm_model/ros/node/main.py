@@ -136,9 +136,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     return 0
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the node; returns the exit status."""
-    return run('octo_arm_node', OctoArmNode, arguments)
+main = partial(run, 'octo_arm_node', OctoArmNode)
 
 
 if __name__ == '__main__':

@@ -1,4 +1,1 @@
-"""The node of the simulator: commands in; what load cells, encoders and other sensors read out.
-
-May import simulation, `ros.node` and the modules of ros beside it.
-"""
+"""The node of the simulator: commands in; what load cells, encoders and other sensors read out."""

@@ -331,9 +331,7 @@ class SimulatorNode(CheckedNode):
             self._diagnostics.publish(source, self._commanders.report())
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the node; returns the exit status."""
-    return run('octo_arm_sim', SimulatorNode, arguments)
+main = partial(run, 'octo_arm_sim', SimulatorNode)
 
 
 if __name__ == '__main__':
