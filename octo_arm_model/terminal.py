@@ -1,7 +1,5 @@
 """What programs share on a terminal: parser of options, how they end, line of numbers, logs."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import logging
@@ -139,7 +137,7 @@ def on_signals(handle: Callable[[int], None], same: float) -> Iterator[None]:
             signal.signal(number, how)
 
 
-class StatusLine:
+class StatusLine(contextlib.AbstractContextManager['StatusLine']):
     """A line on a terminal that each new text overwrites; elsewhere each text is a new line.
 
     Attributes:
@@ -168,9 +166,6 @@ class StatusLine:
             raise
         except OSError:  # of a full disk: the work itself goes on
             self._is_open = False
-
-    def __enter__(self) -> StatusLine:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.leave()

@@ -18,6 +18,13 @@ from octo_arm_model.rod.stations import interpolated, nearest
 _LEAST = 1e-30  # [m^2] lower bound of a squared length that is divided by
 
 
+def equal_axes(points: FloatArray, half: float = 0.53) -> FloatArray:
+    """Ends (3, 2) of axes about ``points`` (..., 3), of twice ``half`` their largest extent."""
+    low, high = (end(points.reshape(-1, 3), axis=0) for end in (np.min, np.max))
+    reach = half * (high - low).max()
+    return np.stack([0.5 * (low + high) - reach, 0.5 * (low + high) + reach], axis=1)
+
+
 class Overlap(NamedTuple):
     """Two points of the backbone that are nearer to each other than the sum of their radii.
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.analysis.drawing import Drawing
+from octo_arm_model.analysis.drawing import Drawing, equal_axes
 from octo_arm_model.analysis.worker_pool import Solved, on_cluster, on_cores
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
@@ -166,7 +166,7 @@ def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> No
     arm = solver.solve(np.zeros(solver.arm.tension_shape))
     body = Drawing(solver.arm, arm.s, sides=_SIDES)
     skin = 1e3 * body.draw(arm.position, arm.quaternion, arm.q).vertices[body.triangles]
-    limits = _limits(workspace, skin)
+    limits = equal_axes(np.concatenate([workspace.tip * 1e3, skin.reshape(-1, 3)]))
     figure = Figure(figsize=(11.0, 10.0), layout='constrained')
     reached, refused = len(workspace.tip), workspace.refused
     figure.suptitle(
@@ -184,14 +184,6 @@ def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> No
     bar.set_label('sum of tensions [N]')
     # A PNG for any suffix.
     figure.savefig(path, dpi=120, format='png')
-
-
-def _limits(workspace: Workspace, skin: FloatArray) -> FloatArray:
-    """Ends of the x, y and z axis [mm], (3, 2), all of one length."""
-    points = np.concatenate([workspace.tip * 1e3, skin.reshape(-1, 3)])
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, reach = (low + high) / 2.0, 0.53 * (high - low).max()
-    return np.stack([middle - reach, middle + reach], axis=1)
 
 
 def _style(workspace: Workspace) -> dict[str, Any]:

@@ -1,7 +1,5 @@
 """Bags read: rosbag2 folders of any version, and single files of their storages."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import tempfile
@@ -135,7 +133,7 @@ _MOST_TOGETHER = 8  # files of a bag that are read at once
 _LONGEST = 500  # characters of what a parser complains of, which may be all that it was given
 
 
-class BagReader:
+class BagReader(contextlib.AbstractContextManager['BagReader']):
     """A bag open for reading only.
 
     Attributes:
@@ -230,10 +228,6 @@ class BagReader:
                 raise ValueError(f'{count} messages of {key[1]} on {topic} that it does not list')
             if count > expected:
                 self.notes.append(f'{topic}: {count} messages, more than the {expected} it says')
-
-    def __enter__(self) -> BagReader:
-        """Return this, which is open."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Close it."""

@@ -1,7 +1,5 @@
 """Bags that are written whole or not at all, and messages of sensors as estimators read them."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import shutil
@@ -97,7 +95,7 @@ class _Writer(Writer):
     }
 
 
-class BagWriter:
+class BagWriter(contextlib.AbstractContextManager['BagWriter']):
     """A bag being written.
 
     It is written to a hidden folder beside its path and renamed when it is complete; after an
@@ -138,10 +136,6 @@ class BagWriter:
         except BaseException:
             self._discard()
             raise
-
-    def __enter__(self) -> BagWriter:
-        """Return this, which is open."""
-        return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Complete the bag, or discard it after an ``error``.

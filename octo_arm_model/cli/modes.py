@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from octo_arm_model.analysis.drawing import equal_axes
 from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import check_out, writing
 from octo_arm_model.rod.backbone import Backbone
@@ -75,9 +76,7 @@ def draw_modes(path: Path, found: Modes, backbone: Backbone) -> None:
             axes.plot(*line.T, color='0.6' if part else 'C0')
         axes.set_title(f'{found.frequencies[number - 1]:.4g} Hz')
         # As much of each axis, around the middle of the arm.
-        middle = 0.5 * (backbone.position.min(axis=0) + backbone.position.max(axis=0))
-        span = 0.6 * np.ptp(backbone.position, axis=0).max()
-        for axis, at in zip('xyz', middle):
-            axes.set(**{f'{axis}lim': (at - span, at + span)})
+        for axis, ends in zip('xyz', equal_axes(backbone.position, 0.6)):
+            axes.set(**{f'{axis}lim': ends})
         axes.locator_params(nbins=4)
     figure.savefig(path, dpi=120, format='png')

@@ -5,7 +5,7 @@ those of the paper's fixed frame: the base at the origin with t = (1, 0, 0), n =
 b = (0, 0, -1).
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 
+from octo_arm_model.analysis.drawing import equal_axes
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.paper_data import (
     BENDING,
@@ -57,14 +58,6 @@ STYLE: Any = {
 }
 
 
-def limits(shapes: Iterable[Backbone]) -> tuple[FloatArray, FloatArray]:
-    """Limits of x, y and z [mm] that contain all shapes, of one length."""
-    points = np.concatenate([shape.position for shape in shapes]) * 1e3
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, half = (low + high) / 2.0, 0.54 * float((high - low).max())
-    return middle - half, middle + half
-
-
 def draw_plane(axes: Any, preset: str, tensions: Tensions, body: bool = True) -> None:
     """A shape in the x-y plane by every model, with the body of the paper's."""
     if body:
@@ -96,8 +89,8 @@ def draw_space(axes: Any, preset: str, tensions: Tensions, view: tuple[float, fl
     for model, shape in zip(MODELS, shapes, strict=True):
         axes.plot(*(shape.position * 1e3).T, **LINES[model])
         mark(axes, shape, shape.position * 1e3, model)
-    for name, low, high in zip('xyz', *limits(shapes)):
-        axes.set(**{f'{name}lim': (low, high)})
+    for name, ends in zip('xyz', _limits(shapes)):
+        axes.set(**{f'{name}lim': ends})
         getattr(axes, f'set_{name}label')(f'{name} [mm]', labelpad=-7)
         getattr(axes, f'{name}axis').set_tick_params(pad=-3, labelsize=6.5)
         getattr(axes, f'{name}axis').pane.set_facecolor('white')
@@ -106,6 +99,11 @@ def draw_space(axes: Any, preset: str, tensions: Tensions, view: tuple[float, fl
     axes.set_box_aspect((1, 1, 1), zoom=0.92)
     axes.view_init(*view)
     axes.locator_params(nbins=4)
+
+
+def _limits(shapes: Sequence[Backbone]) -> FloatArray:
+    """Ends of the x, y and z axis [mm], (3, 2)."""
+    return 1e3 * equal_axes(np.array([shape.position for shape in shapes]), 0.54)
 
 
 def mark(axes: Any, shape: Backbone, points: FloatArray, model: str) -> None:
@@ -280,7 +278,7 @@ def figure_15(figure: FigureBase) -> None:
     draw_space(in_space, 'table4', FETCHING_IN_SPACE, (30.0, 35.0))
     # Orthographic views: neighbours share an axis.
     shapes = [tables.solve('table4', model, FETCHING_IN_SPACE) for model in MODELS]
-    low, high = limits(shapes)
+    low, high = _limits(shapes).T
     for place, (across, up) in {
         (0.085, 0.56): (0, 2), (0.085, 0.08): (0, 1), (0.57, 0.08): (2, 1),
     }.items():  # fmt: skip

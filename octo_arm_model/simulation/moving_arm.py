@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.drawing import obstacle_mesh
+from octo_arm_model.analysis.drawing import equal_axes, obstacle_mesh
 from octo_arm_model.arm.errors import ConfigError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROFILE_ROWS
@@ -266,9 +266,9 @@ def animate(
 def _frame(space: Any, moments: Sequence[Moment], obstacles: Sequence[Obstacle]) -> None:
     """Equal scales in all directions, and what of ``obstacles`` is there."""
     points = np.concatenate([one.backbone.position for one in moments])
-    low, high = points.min(axis=0), points.max(axis=0)
-    half, middle = 0.5 * float((high - low).max()), 0.5 * (low + high)
-    limits = {f'{name}lim': (c - half, c + half) for name, c in zip(_AXES, middle)}
+    ends = equal_axes(points, 0.5)
+    half, middle = 0.5 * float(np.ptp(ends[0])), ends.mean(axis=1)
+    limits = {f'{name}lim': one for name, one in zip(_AXES, ends)}
     labels = {f'{name}label': f'{name} [m]' for name in _AXES}
     space.set(**limits, **labels, box_aspect=(1.0, 1.0, 1.0))
     for obstacle in obstacles:
