@@ -1,7 +1,5 @@
 """Files and folders that commands write, checked before the work, and progress of the work."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import errno
@@ -28,7 +26,7 @@ class Bar(StatusLine):
         super().__init__(stream or sys.stderr)
         self._things, self._began = things, time.monotonic()
 
-    def __enter__(self) -> Bar:
+    def __enter__(self) -> 'Bar':
         return self
 
     def __call__(self, done: int, total: int) -> None:

@@ -1,7 +1,5 @@
 """The configuration of an arm and its solver, read from a ROS parameter file without ROS."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -80,7 +78,7 @@ class Config:
     solve_budget: Budget = field(default_factory=Budget)
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Any]) -> Config:
+    def from_parameters(cls, values: Mapping[str, Any]) -> 'Config':
         """From a mapping of dotted parameter names, as in ROS, to values.
 
         Raises:
@@ -190,7 +188,7 @@ class Config:
             solver.sensitivity(backbone)
         return solver
 
-    def has_balance_of(self, other: Config) -> bool:
+    def has_balance_of(self, other: 'Config') -> bool:
         """Whether its solver finds the shapes of that of ``other``, at the same stations."""
         mine, theirs = ((one.arm, one.model, one.solver_options) for one in (self, other))
         return mine == theirs

@@ -7,8 +7,6 @@ the clock does nothing. So the tip is compared with the model's under the tensio
 friction would make of them, both at once: what friction explains no offset is needed for.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 from collections.abc import Sequence
@@ -63,12 +61,12 @@ class Alignment:
     shift: FloatArray
 
     @classmethod
-    def none(cls) -> Alignment:
+    def none(cls) -> 'Alignment':
         """The identity, for a camera whose frame is base_frame."""
         return cls(np.zeros(3), np.zeros(3))
 
     @classmethod
-    def from_pose(cls, pose: Pose) -> Alignment:
+    def from_pose(cls, pose: Pose) -> 'Alignment':
         """From the pose of the camera in base_frame."""
         turn = Rotation.from_quat(np.array(pose.quaternion)).as_rotvec()
         return cls(turn, np.array(pose.position))

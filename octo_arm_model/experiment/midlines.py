@@ -4,8 +4,6 @@ A segment is the straight line between two neighbouring points. A tip alone is a
 point.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -93,7 +91,7 @@ class Curve:
         return away[row, segment], at / self.lengths[-1]
 
     @functools.cached_property
-    def _beginning(self) -> Curve:
+    def _beginning(self) -> 'Curve':
         """Where a midline may begin; a coiled arm may come near its base again."""
         ends = self.along(np.array(_STARTS))
         near = (self.lengths > 0.0) & (self.lengths < _STARTS[1] * self.lengths[-1])

@@ -5,8 +5,6 @@ the shortest arc, as tf2 does; before the first and after the last it is unknown
 hold at all times.
 """
 
-from __future__ import annotations
-
 import math
 from array import array
 from bisect import bisect_left
@@ -33,8 +31,8 @@ class _Link:
 
     parent: str
     is_static: bool
-    stamps: array[int] = field(default_factory=lambda: array('q'))
-    numbers: array[float] = field(default_factory=lambda: array('d'))
+    stamps: 'array[int]' = field(default_factory=lambda: array('q'))
+    numbers: 'array[float]' = field(default_factory=lambda: array('d'))
     is_ascending: bool = True  # each stamp after the one before
 
     def add(self, stamp_ns: int, numbers: Iterable[float]) -> None:

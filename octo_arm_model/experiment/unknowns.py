@@ -5,8 +5,6 @@ the tendons' own stiffness the ratio of the start to it, in which what encoders 
 which is zero for tendons that do not stretch; of all others the value itself.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -237,7 +235,7 @@ class Readings(NamedTuple):
     are_lengths: bool = False
 
     @classmethod
-    def of(cls, shapes: Sequence[MeasuredShape]) -> Readings:
+    def of(cls, shapes: Sequence[MeasuredShape]) -> 'Readings':
         """Readings in the windows of measured ``shapes``."""
         tensions = np.array([shape.window.tensions for shape in shapes])
         none = np.full(tensions.shape[1], np.nan)

@@ -1,7 +1,5 @@
 """A simulated arm that moves with its base in water, and what sensors read of it."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json
@@ -162,7 +160,7 @@ class DynamicArm:
         self._state: MotionState | None = None
         self.surroundings = Surroundings(config.base, config.motion.current)
 
-    def go_on_from(self, before: DynamicArm) -> bool:
+    def go_on_from(self, before: 'DynamicArm') -> bool:
         """Move as the same arm ``before``; another begins at rest.
 
         Returns whether tendons with friction are therefore pulled anew.

@@ -1,7 +1,5 @@
 """A simulated arm that is pushed, and what sensors besides load cells read of it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -153,7 +151,7 @@ class PushedArm:
         self._config = config
         self._at: Prediction | None = None
 
-    def go_on_from(self, before: PushedArm) -> bool:
+    def go_on_from(self, before: 'PushedArm') -> bool:
         """Be in the shape, and with the history of the tendons, of the same arm ``before``.
 
         Of another arm, or one that is pushed elsewhere than at the tip, nothing is known. Returns

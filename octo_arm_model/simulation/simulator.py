@@ -4,8 +4,6 @@ Lengths of an arm that moves are held by its time steps. One without inertia fol
 that hold them at rest.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -141,7 +139,7 @@ class SimulatorConfig:
         return PushedArm(self.model, self.push, self.sensors)
 
     @classmethod
-    def from_parameters(cls, values: Mapping[str, Any]) -> SimulatorConfig:
+    def from_parameters(cls, values: Mapping[str, Any]) -> 'SimulatorConfig':
         """From dotted names to values: parameters of the arm and of the simulator together.
 
         Raises:

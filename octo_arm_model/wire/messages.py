@@ -1,7 +1,5 @@
 """What is common to messages: their time stamps, and counts of those left out, by reason."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -16,12 +14,12 @@ class Stamp(NamedTuple):
     nanosec: int
 
     @classmethod
-    def from_ns(cls, nanoseconds: int) -> Stamp:
+    def from_ns(cls, nanoseconds: int) -> 'Stamp':
         """Stamp of a time [ns]."""
         return cls(*divmod(nanoseconds, 10**9))
 
     @classmethod
-    def of(cls, time: Any) -> Stamp:
+    def of(cls, time: Any) -> 'Stamp':
         """Stamp of a builtin_interfaces/Time of whichever library decoded it."""
         return cls(time.sec, time.nanosec)
 

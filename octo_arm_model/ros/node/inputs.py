@@ -1,7 +1,5 @@
 """The inputs of a node, of each of which only the latest message counts."""
 
-from __future__ import annotations
-
 import collections
 import time
 from collections.abc import Callable
@@ -77,7 +75,7 @@ class Inputs:
 
     def subscribe(
         self, kind: Any, topic: str, read: Read, *, is_apart: bool = True, is_answered: bool = True
-    ) -> LatestSubscription:
+    ) -> 'LatestSubscription':
         """Have messages of type ``kind`` on ``topic`` read from now on.
 
         ``is_apart`` says that they are no further source of tensions, and ``is_answered`` that

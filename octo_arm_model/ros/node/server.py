@@ -1,7 +1,5 @@
 """What the nodes of an arm share: parameters, diagnostics, tensions and the publishers."""
 
-from __future__ import annotations
-
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -56,7 +54,7 @@ class Prepared:
         return replace(self.config, loads=loads).node_solver(), tip
 
     @classmethod
-    def of(cls, values: dict[str, Any]) -> Prepared:
+    def of(cls, values: dict[str, Any]) -> 'Prepared':
         """Prepare the arm that ``values`` describe.
 
         Raises:
