@@ -1,7 +1,5 @@
 """Sphinx: `tools/with_ros sphinx-build -W docs docs/_build`."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

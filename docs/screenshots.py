@@ -5,8 +5,6 @@ Takes them of the page as anyone sees it, so they show what the node published.
     tools/with_ros python docs/screenshots.py docs/images
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

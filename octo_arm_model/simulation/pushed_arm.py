@@ -168,12 +168,10 @@ class PushedArm:
         """Forget the shape, and with it the history of tendons with friction."""
         self._at = None
 
-    def advance(self, tensions: FloatArray, force: FloatArray, elapsed: float) -> None:
-        """As `solve`, whatever time has ``elapsed``."""
-        self.solve(tensions, force)
-
-    def solve(self, tensions: FloatArray, force: FloatArray) -> None:
+    def advance(self, tensions: FloatArray, force: FloatArray, elapsed: float = 0.0) -> None:
         """Be in the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].
+
+        Whatever time has ``elapsed``.
 
         Raises:
             SolveError: if there is no such shape; the last one stays.
@@ -189,7 +187,7 @@ class PushedArm:
 
     @property
     def at(self) -> Prediction:
-        """The shape now; there is one after `solve`."""
+        """The shape now; there is one after `advance`."""
         assert self._at is not None
         return self._at
 

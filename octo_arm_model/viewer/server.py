@@ -233,15 +233,13 @@ class Guard:
         """Logger of websockets that logs its errors as refusals, without stack traces."""
         logger = logging.Logger('octo_arm_model.viewer.websockets', logging.ERROR)
 
-        class Shortened(logging.Handler):
-            """Counts a refusal for each record."""
+        def refuse(record: logging.LogRecord) -> bool:
+            error = record.exc_info[1] if record.exc_info else None
+            why = f': {str(error or type(error).__name__)[:80]!r}' if error else ''
+            self._refusals.add(f'{record.getMessage()}{why}')
+            return False
 
-            def emit(_, record: logging.LogRecord) -> None:
-                error = record.exc_info[1] if record.exc_info else None
-                why = f': {str(error or type(error).__name__)[:80]!r}' if error else ''
-                self._refusals.add(f'{record.getMessage()}{why}')
-
-        logger.addHandler(Shortened())
+        logger.addFilter(refuse)
         return logger
 
 

@@ -1,7 +1,5 @@
 """The simulated arm that moves: its sensors, its base, the water and its winches."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """A pushed arm: its shape and sensors; and the one of any preset, whose force is found."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -33,7 +31,7 @@ EXACT = Sensors(tip_pose_rate=10.0, markers_rate=10.0, marker_s=PLACES, base_wre
 @pytest.mark.parametrize('s', [0.0, 0.1, LENGTH])
 def test_the_shape_is_that_of_the_arm_under_the_force(s):
     arm = PushedArm(CONFIG, Push(tuple(FORCE), s), EXACT)
-    arm.solve(TENSIONS, FORCE)
+    arm.advance(TENSIONS, FORCE)
     place = s or LENGTH
     loads = Loads(points=(PointLoad(place, tuple(FORCE)),))
     expected = dataclasses.replace(CONFIG, loads=loads).solver(stations=401).solve([TENSIONS])
@@ -57,7 +55,7 @@ def test_the_noise_is_as_large_as_it_is_said_to_be():
     )  # fmt: skip
     arm, exact = (PushedArm(CONFIG, Push(), own) for own in (sensors, EXACT))
     for one in (arm, exact):
-        one.solve(TENSIONS, np.zeros(3))
+        one.advance(TENSIONS, np.zeros(3))
     true, count = exact.tip_pose(), 2000
     poses = [arm.tip_pose() for _ in range(count)]
     away = np.array([pose.position for pose in poses]) - true.position
@@ -114,23 +112,23 @@ def test_tendons_with_friction_keep_their_history_while_they_are_pushed():
     arm = PushedArm(rough, push, EXACT)
     for part in (0.6, 1.0, 0.7):
         pulled = solver.follow(part * TENSIONS.reshape(1, -1), pulled)
-        arm.solve(part * TENSIONS, FORCE)
+        arm.advance(part * TENSIONS, FORCE)
         np.testing.assert_allclose(arm.tip_pose().position, pulled.tip, rtol=0.0, atol=1e-8)
     assert np.linalg.norm(pulled.tip - solver.solve([0.7 * TENSIONS]).tip) > 1e-4
     # A change of what does not concern the balance leaves them as they are.
     quieter = dataclasses.replace(rough, markers_rate=5.0)
     other = PushedArm(quieter, push, dataclasses.replace(EXACT, markers_rate=1.0))
     assert not other.go_on_from(arm)
-    other.solve(0.72 * TENSIONS, FORCE)
+    other.advance(0.72 * TENSIONS, FORCE)
     expected = solver.follow(0.72 * TENSIONS.reshape(1, -1), pulled)
     np.testing.assert_allclose(other.tip_pose().position, expected.tip, rtol=0.0, atol=1e-8)
     # What is pushed elsewhere, or another arm, begins anew.
     for config, elsewhere in ((rough, Push(tuple(FORCE), 0.2)), (CONFIG, push)):
         anew = PushedArm(config, elsewhere, EXACT)
         assert anew.go_on_from(arm)
-        anew.solve(0.72 * TENSIONS, FORCE)
+        anew.advance(0.72 * TENSIONS, FORCE)
         fresh = PushedArm(config, elsewhere, EXACT)
-        fresh.solve(0.72 * TENSIONS, FORCE)
+        fresh.advance(0.72 * TENSIONS, FORCE)
         np.testing.assert_array_equal(anew.tip_pose().position, fresh.tip_pose().position)
 
 
@@ -141,12 +139,12 @@ def test_tendons_keep_their_history_where_a_push_at_the_tip_ends_or_begins():
         arms = [PushedArm(rough, Push(tuple(given)), EXACT) for given in (before, FORCE)]
         for part in (0.6, 1.0, 0.7):
             for arm in arms:
-                arm.solve(part * TENSIONS, before)
+                arm.advance(part * TENSIONS, before)
         other = PushedArm(rough, Push(tuple(now)), EXACT)
         other.go_on_from(arms[0])
         tips = []
         for arm in (other, arms[1]):
-            arm.solve(0.7 * TENSIONS, now)
+            arm.advance(0.7 * TENSIONS, now)
             tips.append(arm.tip_pose().position)
         np.testing.assert_allclose(*tips, rtol=0.0, atol=1e-6)
 
@@ -166,7 +164,7 @@ def test_the_force_that_pushes_the_arm_is_found(name):
     errors = []
     for step, time in enumerate((0.0, 0.2, 0.4, PERIOD / 2 + 0.1, PERIOD / 2 + 0.3, 4.0)):
         force = push.at(time)
-        arm.solve(tensions, force)
+        arm.advance(tensions, force)
         pose = arm.tip_pose()
         read = tensions + settings.noise.tension * random.standard_normal(tensions.size)
         tracked = tracker.add(step * 10**8, [

@@ -1,7 +1,5 @@
 """The environment of Gymnasium, by its own checker."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import warnings

@@ -3,7 +3,6 @@
 import collections
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 from rclpy.clock import Clock, ClockType
@@ -255,10 +254,9 @@ class LatestSubscription:
         if self.is_answered:
             self._inputs.skipped(older)
         self.heard_at = time.monotonic()
-        self._inputs.attempt(self.topic, partial(self._decode_and_read, latest), len(latest))
-
-    def _decode_and_read(self, data: bytes) -> None:
-        self._read(self.topic, decoded(data, self._kind))
+        self._inputs.attempt(
+            self.topic, lambda: self._read(self.topic, decoded(latest, self._kind)), len(latest)
+        )
 
 
 def stamp_of(message: Any) -> Stamp | None:

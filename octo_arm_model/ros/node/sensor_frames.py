@@ -71,8 +71,8 @@ class SensorFrames:
         except MeasurementError as error:
             reason = f'its frame is {frame[:99]!r}, and {error}'
             if self._known_until(frame, target) < stamp_ns:
-                is_known = partial(self._is_known, frame, target, stamp_ns)
-                raise NotKnownYet(reason, is_known) from None
+                until = partial(self._known_until, frame, target, -math.inf)
+                raise NotKnownYet(reason, lambda: until() >= stamp_ns) from None
             raise MeasurementError(reason) from None
 
     def are_fixed(self, frame: str, other: str) -> bool:
@@ -88,10 +88,6 @@ class SensorFrames:
             return other in self._tree.chain(frame)
         except MeasurementError:
             return False
-
-    def _is_known(self, frame: str, target: str, stamp_ns: int) -> bool:
-        """Whether transforms lead from ``frame`` to ``target`` at ``stamp_ns`` [ns]."""
-        return stamp_ns <= self._known_until(frame, target, -math.inf)
 
     def _known_until(self, frame: str, target: str, otherwise: float = math.inf) -> float:
         """The last stamp of known poses [ns]; ``otherwise`` where no transforms lead there."""
