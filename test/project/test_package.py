@@ -60,6 +60,11 @@ def test_exported_names_exist_in_order_and_every_error_has_one_base():
             assert issubclass(value, octo_arm_model.OctoArmError), value
 
 
+def test_no_named_tuple_has_another_base_which_python_3_10_refuses():
+    for path in (ROOT / 'octo_arm_model').rglob('*.py'):
+        assert not re.search(r'class \w+\(NamedTuple, |, NamedTuple\)', path.read_text()), path
+
+
 def test_one_version_everywhere():
     for file, line in (('setup.py', "version='{}'"), ('CITATION.cff', 'version: {}\n')):
         assert line.format(octo_arm_model.__version__) in (ROOT / file).read_text()
