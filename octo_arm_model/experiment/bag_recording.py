@@ -30,7 +30,7 @@ from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.estimation.settings import PREFIX
 from octo_arm_model.experiment import csv_recording
 from octo_arm_model.experiment.csv_recording import DISPLACEMENT, NO_READING, CsvSources
-from octo_arm_model.experiment.csv_table import check_taken, read_csv
+from octo_arm_model.experiment.csv_table import check_columns, read_csv
 from octo_arm_model.experiment.recording import Count, Measured, MeasuredPoints, Stamped
 from octo_arm_model.experiment.transform_tree import TransformTree
 from octo_arm_model.wire.measurements import MARKERS, MIDLINES, ONE, POSITIONS, TIP_POSE, points_of
@@ -357,15 +357,6 @@ def _write(
                     messages.add(MARKERS if marker_s else MIDLINE, stamp, seen)
                 else:
                     messages.add(TIP_POSE, stamp, seen, LEVEL, np.zeros((6, 6)))
-        check_taken([table])
-        _check_read(columns, table.wanted, path)
+        check_columns(columns, {'': table})
         messages.write()
     return refusals.lines()
-
-
-def _check_read(columns: Mapping[str, str], wanted: set[str], path: Path) -> None:
-    if unread := [name for name in columns if name not in wanted]:
-        raise MeasurementError(
-            f'{path}: --columns names {", ".join(unread)}, which is not read here; expected names '
-            f'of {", ".join(sorted(wanted))}'
-        )

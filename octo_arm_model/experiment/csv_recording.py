@@ -10,14 +10,13 @@ import numpy as np
 from octo_arm_model.arm.errors import MeasurementError, TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.csv_table import FORCE, CsvTable, read_csv
+from octo_arm_model.experiment.csv_table import FORCE, KINDS, CsvTable, read_csv
 from octo_arm_model.experiment.recording import LENGTH_UNITS, Measured, MeasuredPoints, Stamped
 from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import NONE
 
 DISPLACEMENT = 'displacement_'  # and the name of a tendon: what its encoder reads
 NO_READING = 'no encoder reading'
-KINDS = ('tension', 'midline', 'displacement')
 _POINT = re.compile(r'^x_?[0-9]{1,6}$')
 
 

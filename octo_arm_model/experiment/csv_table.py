@@ -4,7 +4,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -17,6 +17,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_CSV_BYTES, MAX_CSV_COLUMNS, MAX_CSV_ROWS
 from octo_arm_model.config.files import NUMBER, read_text, reading
 
+KINDS = ('tension', 'midline', 'displacement')  # of tables
 TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 FORCE = {
     'N': 1.0, 'mN': 1e-3, 'kN': 1e3, 'g': 9.80665e-3, 'gf': 9.80665e-3, 'kg': 9.80665,
@@ -76,7 +77,7 @@ class CsvTable:
     def find(self, name: str) -> int | float | None:
         """Number of the column for ``name``, or the value in place of one; None if neither.
 
-        A column that was given for it may be that of another file, see `check_taken`.
+        A column that was given for it may be that of another file, see `check_columns`.
 
         Raises:
             MeasurementError: if a column was given for it, and there is none of either name.
@@ -250,17 +251,27 @@ def read_csv(path: Path, given: Mapping[str, str], has_time: bool = True) -> Csv
     return CsvTable(path, columns, tuple(rows), tuple(lines), given, has_time)
 
 
-def check_taken(tables: Sequence[CsvTable]) -> None:
-    """Check that each given column is in one of ``tables``; others may have their own name for it.
+def check_columns(columns: Iterable[str], tables: Mapping[str, CsvTable]) -> None:
+    """Check that ``columns`` are looked for, and are in one of ``tables`` by their `KINDS`.
+
+    Other tables may have their own name for one. The only table of all is of no kind, ''.
 
     Raises:
-        MeasurementError: if one is in none of them.
+        MeasurementError: if one is in none of them, or not looked for.
     """
-    taken = {name for table in tables for name in table.taken}
-    for table in tables:
+    taken = {name for table in tables.values() for name in table.taken}
+    for table in tables.values():
         for name in table.given:
             if name in table.wanted and name not in taken:
                 raise table.lacking(name)
+    wanted = {name for table in tables.values() for name in table.wanted}
+    of_one = {f'{kind}:{name}' for kind, table in tables.items() for name in table.wanted if kind}
+    if unread := [name for name in columns if name not in wanted | of_one]:
+        more = f', of one file as {", ".join(f"{kind}:NAME" for kind in KINDS)}' if of_one else ''
+        raise MeasurementError(
+            f'--columns names {listed(unread)}, which is not read here; expected names of '
+            f'{listed(sorted(wanted))}{more}'
+        )
 
 
 def _headers(rows: list[list[str]]) -> tuple[tuple[_Column, ...], int]:

@@ -7,18 +7,17 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError, listed
+from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.experiment.csv_recording import (
-    KINDS,
     CsvSources,
     csv_displacements,
     csv_frames,
     csv_tensions,
     has_tensions,
 )
-from octo_arm_model.experiment.csv_table import CsvTable, check_taken
+from octo_arm_model.experiment.csv_table import CsvTable, check_columns
 from octo_arm_model.experiment.recording import (
     Count,
     Measured,
@@ -136,7 +135,7 @@ def _gather(
     else:
         table = files.read('midline', files.midlines, tables)
         frames = csv_frames(table, measured, points, refusals)
-    _check_read(files, tables)
+    check_columns(files.columns, tables)
     return assemble(parameters, tensions, encoders, frames, points, refusals, notes)
 
 
@@ -163,16 +162,3 @@ def _readings(
     elif bag is not None:
         encoders = bag.displacements(config, refusals)
     return tensions, encoders
-
-
-def _check_read(files: CsvSources, tables: Mapping[str, CsvTable]) -> None:
-    """Check that each column that is named was looked for; MeasurementError if not."""
-    check_taken(list(tables.values()))
-    wanted = {name for table in tables.values() for name in table.wanted}
-    wanted |= {f'{kind}:{name}' for kind, table in tables.items() for name in table.wanted}
-    if unread := [name for name in files.columns if name not in wanted]:
-        plain = sorted(name for name in wanted if name.partition(':')[0] not in KINDS)
-        raise MeasurementError(
-            f'--columns names {listed(unread)}, which is not read here; expected names of '
-            f'{listed(plain)}, of one file as {", ".join(f"{kind}:NAME" for kind in KINDS)}'
-        )
