@@ -74,7 +74,6 @@ class Acting(NamedTuple):
         tensions: of every tendon at every node [N], (N, J).
         force: of all loads beyond each node, in base_frame, (N, 3) [N].
         couple: their free moment, without what forces have of it, (N, 3) [N m].
-        scale: see `Work`.
         dead: force and couple of those loads that do not follow the shape, (2, N, 3).
     """
 
@@ -82,7 +81,6 @@ class Acting(NamedTuple):
     tensions: FloatArray
     force: FloatArray
     couple: FloatArray
-    scale: FloatArray
     dead: FloatArray
 
 
@@ -173,7 +171,6 @@ class Problem:
         self._current: FloatArray | None = None
         self._oriented: FloatArray | None = None
         self._scaled: FloatArray | None = None
-        self._last_acting: Acting | None = None
         self.friction: Friction | None = None
         if tables.friction.any():
             angles = form.angles if self.discs is None else self.discs.angles
@@ -195,13 +192,7 @@ class Problem:
             tensions = np.empty((self.elements.s.size, tensions.size))
             tensions[:] = condition.tensions
         dead = self.loads.at(condition.factor, condition.tip_wrench)
-        last = self._last_acting
-        if last is None or last.condition.tensions is not condition.tensions:
-            scale = force_scale(self.tables, condition.tensions)
-        else:
-            scale = last.scale
-        self._last_acting = Acting(condition, tensions, dead[0], dead[1], scale, dead)
-        return self._last_acting
+        return Acting(condition, tensions, dead[0], dead[1], dead)
 
     def straight_resultants(self) -> FloatArray:
         """Force and free moment of all loads but the tip's on the straight rod, (2, N, 3)."""
@@ -210,9 +201,10 @@ class Problem:
 
     def evaluate(self, acting: Acting, z: FloatArray) -> State:
         """The state of twists ``z`` (N, m), which is kept and not to be changed any more."""
-        work = self.work
-        if self._scaled is not acting.scale:
-            work.scale[:] = self._scaled = acting.scale
+        work, given = self.work, acting.condition.tensions
+        if self._scaled is not given:
+            self._scaled = given
+            work.scale[:] = force_scale(self.tables, given)
         self.form.orientations(self.tables, z, work)
         acting = self._following(acting, z)
         left = self._fill_residual(acting, z)

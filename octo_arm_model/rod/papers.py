@@ -299,7 +299,7 @@ class Papers(Statics):
         problem.orient(z)
         position, quaternion, error = problem.form.poses(problem.tables, z, places, problem.work)
         dead = np.zeros((2, nodes, 3))
-        acting = Acting(wanted, local, dead[0], dead[1], np.ones((nodes, 2)), dead)
+        acting = Acting(wanted, local, dead[0], dead[1], dead)
         state = State(acting, z, nothing, float(residual[0]))
         equilibrium = Equilibrium(state, number, None, None, int(iterations[0]))
         strains = strains_of(twist[nodes : level.s.size])

@@ -23,7 +23,7 @@ def evaluated(problem: Problem, z: FloatArray, form: Form) -> dict[str, FloatArr
     """What all node functions of a ``form`` make of ``z``."""
     acting = problem.acting(CONDITION)
     work = work_arrays(problem.tables, problem.strains)
-    work.scale[:] = acting.scale
+    work.scale[:] = force_scale(problem.tables, CONDITION.tensions)
     given = problem.tables, z, acting.tensions
     balanced = z.copy()
     form.balance(problem.tables, balanced, acting.tensions, 0.01 * z, 1e300, work)
