@@ -170,7 +170,7 @@ class Arm:
         rounding = _ROUNDING * np.maximum(self.body.radius(0.0), limit)
         bad = ~((offset >= 0.0) & (offset <= limit + rounding))
         if not self.body.is_round:
-            outside = np.abs(tendon.place(s)) > self.body.half_sizes(s) + rounding
+            outside = np.abs(tendon.path(s)[:2]) > self.body.half_sizes(s) + rounding
             bad |= outside.any(axis=0) & (offset > discs + rounding)
         if bad.any():
             first = int(np.argmax(bad))
@@ -283,19 +283,19 @@ class Arm:
         Returns:
             Components along n and along b [m], (2, tendons, n).
         """
-        return self._at(s, Tendon.place)
+        return self.tendon_paths(s)[:2]
 
-    def tendon_slopes(self, s: FloatArray) -> FloatArray:
-        """Derivative of `tendon_offsets` with respect to s [-]."""
-        return self._at(s, Tendon.slope)
+    def tendon_paths(self, s: FloatArray) -> FloatArray:
+        """`tendon_offsets` [m] and their derivatives by s [-], (4, tendons, n)."""
+        return self._at(s, Tendon.path)
 
     def tendon_outwards(self, s: FloatArray) -> FloatArray:
-        """Directions of all tendons away from the midline [-], (2, tendons, n)."""
-        return self._at(s, Tendon.outward)
+        """Directions of all tendons away from the midline [-].
 
-    def tendon_outward_slopes(self, s: FloatArray) -> FloatArray:
-        """Derivative of `tendon_outwards` with respect to s [1/m]."""
-        return self._at(s, Tendon.outward_slope)
+        Returns:
+            Components along n and along b, and their derivatives by s [1/m], (4, tendons, n).
+        """
+        return self._at(s, Tendon.outward)
 
     def _at(self, s: FloatArray, what: Callable[[Tendon, FloatArray], FloatArray]) -> FloatArray:
         # Beyond its anchorage the path of a tendon need not have values.

@@ -33,28 +33,23 @@ class Tendon:
     offset: Profile
     angle: Profile
 
-    def place(self, s: FloatArray) -> FloatArray:
-        """Components of the offset along n and b at ``s`` (n,) [m], (2, n)."""
-        return self.offset.value(s) * self.outward(s)
-
-    def slope(self, s: FloatArray) -> FloatArray:
-        """Derivative of `place` with respect to s [-]."""
-        turned = self.offset.value(s) * self.outward_slope(s)
-        return self.offset.slope(s) * self.outward(s) + turned
+    def path(self, s: FloatArray) -> FloatArray:
+        """Offsets along n and b at ``s`` (n,) [m] and their derivatives by s [-], (4, n)."""
+        outward, offset = self.outward(s), self.offset.value(s)
+        path = offset * outward
+        path[2:] += self.offset.slope(s) * outward[:2]
+        return path
 
     def outward(self, s: FloatArray) -> FloatArray:
-        """Components of the direction away from the midline along n and b, (2, n)."""
+        """Direction from the midline along n and b, and its derivatives by s [1/m], (4, n)."""
         angle = self.angle.value(s)
         # Exactly 0 and +-1 at multiples of pi / 2, the angles of the paper's tendons.
         quarter = np.round(angle / QUARTERS[1])
         is_quarter = (angle == quarter * QUARTERS[1]) & (np.abs(quarter) <= _MOST_QUARTERS)
         exact = _OF_QUARTERS[:, np.where(is_quarter, quarter, 0.0).astype(int) % 4]
-        return np.where(is_quarter, exact, [np.cos(angle), np.sin(angle)])
-
-    def outward_slope(self, s: FloatArray) -> FloatArray:
-        """Derivative of `outward` with respect to s [1/m]."""
-        cosine, sine = self.outward(s)
-        return self.angle.slope(s) * np.array([-sine, cosine])
+        cosine, sine = np.where(is_quarter, exact, [np.cos(angle), np.sin(angle)])
+        slope = self.angle.slope(s)
+        return np.stack([cosine, sine, -slope * sine, slope * cosine])
 
     @property
     def knots(self) -> tuple[float, ...]:

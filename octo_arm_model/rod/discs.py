@@ -95,8 +95,8 @@ class ChordModel:
         self.sizes, self.reach = np.diff(stops), tables.reach[self.first]
         self.holes = np.zeros((stops.size, self.reach.shape[1], 3))
         self.outward = np.zeros_like(self.holes)
-        self.holes[..., 1:] = np.moveaxis(arm.tendon_offsets(stops), 0, -1).swapaxes(0, 1)
-        self.outward[..., 1:] = np.moveaxis(arm.tendon_outwards(stops), 0, -1).swapaxes(0, 1)
+        self.holes[..., 1:] = arm.tendon_offsets(stops).T
+        self.outward[..., 1:] = arm.tendon_outwards(stops)[:2].T
 
     def chords(self, tables: Tables, z: FloatArray, work: Work) -> Chords:
         """Where they are at twists ``z`` (N, m), whose orientations are in ``work``.

@@ -156,7 +156,7 @@ def tendon_moments(arm: Arm, s: FloatArray, section: IntArray) -> FloatArray:
 
     In the section numbered i from the tip the tendons of sections 1 to i act.
     """
-    (n, b), (slope_n, slope_b) = arm.tendon_offsets(s), arm.tendon_slopes(s)
+    n, b, slope_n, slope_b = arm.tendon_paths(s)
     largest = float(np.hypot(n, b).max())
     mixed, torque = n * b, n * slope_b - b * slope_n
     # Not by rounding only: straight tendons along n and b do not twist the arm.

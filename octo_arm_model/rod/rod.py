@@ -100,22 +100,29 @@ class Rod:
         self.finer = functools.lru_cache(
             lambda level: Finer(self.problem(level), self.problem(level, self.added))
         )
+        self.has_friction, self.has_obstacles = any(arm.friction), bool(loads.obstacles)
+        self.is_loaded = bool(arm.discs.s) or (loads.any and self._has_loads(loads))
+
+    def _has_loads(self, loads: Loads) -> bool:
+        """Whether ``loads`` act, which may be zero; refuses those that are too large."""
         own = self.problem(0)
-        s, bending = own.elements.s, least_bending(own.tables)
-        self._per_force = float(((arm.length - s) ** 2 / bending).max())
-        apart = np.diff([0.0, *arm.discs.faces, arm.length]).max()
-        self._per_pull = float((apart**2 / bending).max())
-        self._per_square = (
-            (own.tables.compliance / bending.min()) if any(own.tables.compliance) else None
-        )
-        self.has_friction, self.has_obstacles = own.friction is not None, bool(loads.obstacles)
         with np.errstate(over='ignore', invalid='ignore'):
             straight = own.straight_resultants()
-        places = np.concatenate([own.elements.edges, s])
-        LoadLimits(arm, places).check_loads(loads, straight)
-        self.is_loaded = bool(
-            straight.any() or loads.others or loads.scaled or loads.obstacles or arm.discs.s
-        )
+        places = np.concatenate([own.elements.edges, own.elements.s])
+        LoadLimits(self.arm, places).check_loads(loads, straight)
+        return bool(straight.any() or loads.others or loads.scaled or loads.obstacles)
+
+    @functools.cached_property
+    def _gives_way(self) -> tuple[float, float, FloatArray]:
+        """How far the arm turns by a force on it and by a pull between discs, at most [1/N].
+
+        And the part of its bending stiffness that each sheath takes per square of the tension.
+        """
+        tables, s = self.problem(0).tables, self.problem(0).elements.s
+        bending = least_bending(tables)
+        apart = np.diff([0.0, *self.arm.discs.faces, self.arm.length]).max()
+        by_force = float(((self.arm.length - s) ** 2 / bending).max())
+        return by_force, float((apart**2 / bending).max()), tables.compliance / bending.min()
 
     def _problem(self, level: int, added: int = 0) -> Problem:
         """The equations on elements of a ``level``, with so many points ``added`` to each."""
@@ -296,15 +303,14 @@ class Rod:
         """Whether ``state`` is stable as surely as what was ``judged`` stable by a margin."""
         if problem.contact is not None or not problem.has_energy(state.acting.condition):
             return False  # A contact that opens holds the arm no more.
-        if self._per_square is not None:
-            squares = state.acting.tensions.max(axis=0) ** 2
-            if float(squares @ self._per_square) > _SOFT:
-                return False
+        by_force, by_pull, by_square = self._gives_way
+        if float(state.acting.tensions.max(axis=0) ** 2 @ by_square) > _SOFT:
+            return False
         change = state.acting.force - judged.acting.force
-        loads = self._per_force * float(np.abs(change).max())
+        loads = by_force * float(np.abs(change).max())
         if problem.discs is not None:  # between which the pull of tendons is a load
             pulls = state.acting.tensions - judged.acting.tensions
-            loads += self._per_pull * float(np.abs(pulls).sum(axis=1).max())
+            loads += by_pull * float(np.abs(pulls).sum(axis=1).max())
         return loads <= _SAME_LOADS and problem.turn(state.z - judged.z) <= _SAME_SHAPE
 
     def _followed(

@@ -309,6 +309,7 @@ class Exact(Statics):
         loads = setup.loads.moved(-setup.base[0])
         self.rod = Rod(setup.arm, loads, setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
+        self.rod.problem(0)  # so that an arm that takes too many nodes is refused now
         self._winches = Winches(self.rod)
         self._recent = RecentFactors(_SHAPES_WITH_FACTORS, _NUMBERS)
         self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))

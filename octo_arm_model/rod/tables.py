@@ -186,8 +186,7 @@ def tabulate(
     rule, (s, section) = elements.rule, at or (elements.s, elements.section)
     twice, differentiation, ends, to_fine, fine_weights = _of_rule(elements.points)
     acts = arm.tendon_section[np.newaxis] <= section[:, np.newaxis]
-    columns = np.stack([*arm.tendon_offsets(s), *arm.tendon_slopes(s)], axis=-1)
-    tendons = columns.swapaxes(0, 1) * acts[..., np.newaxis]
+    tendons = arm.tendon_paths(s).T * acts[..., np.newaxis]
     sheaths = np.array(arm.sheath_stiffness or np.zeros(len(arm.tendons)))
     compliance = np.divide(1.0, sheaths, out=np.zeros_like(sheaths), where=sheaths > 0.0)
     body = _body(arm, s, tendons)

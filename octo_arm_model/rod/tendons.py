@@ -226,5 +226,4 @@ def outward_paths(arm: Arm, tables: Tables, s: FloatArray) -> FloatArray:
 
     Along n and b [-] and the slopes of both [1/m], of the tendons of ``arm`` at ``s`` (N,) [m].
     """
-    found = np.stack([*arm.tendon_outwards(s), *arm.tendon_outward_slopes(s)])
-    return np.ascontiguousarray(found.swapaxes(1, 2) * tables.reach)
+    return np.ascontiguousarray(arm.tendon_outwards(s).swapaxes(1, 2) * tables.reach)

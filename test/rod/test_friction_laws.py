@@ -397,7 +397,7 @@ def energy_of(
     torsion = SHEAR_MODULUS * area * radius**2 / 2.0
     total = 0.5 * SHEAR_MODULUS * area * mean + 0.5 * torsion * (shape * t) ** 2
     x, y = (table[:, 0] for table in arm.tendon_offsets(np.array([s])))
-    dx, dy = (table[:, 0] for table in arm.tendon_slopes(np.array([s])))
+    dx, dy = (table[:, 0] for table in arm.tendon_paths(np.array([s]))[2:])
     for j in range(len(arm.tendons)):
         if arm.sections[arm.tendon_section[j] - 1].anchorage < s:
             continue

@@ -53,7 +53,7 @@ def strains_at(arm: Arm, tensions: np.ndarray, s: float, active: int) -> np.ndar
     """Strains tau, xi, k and q by (8a) and (9a), of the tendons of sections 1 to ``active``."""
     at = np.array([s])
     r = np.stack([np.zeros(len(arm.tendons)), *(one[:, 0] for one in arm.tendon_offsets(at))], 1)
-    slope = np.stack([np.ones(len(r)), *(one[:, 0] for one in arm.tendon_slopes(at))], 1)
+    slope = np.stack([np.ones(len(r)), *(one[:, 0] for one in arm.tendon_paths(at)[2:])], 1)
     pull = np.ravel(tensions) * (arm.tendon_section <= active)
     area = math.pi * float(arm.body.radius(s)) ** 2
     young, shear = arm.material.youngs_modulus_at(at)[0], arm.material.shear_modulus_at(at)[0]
