@@ -9,7 +9,6 @@ A strain is (kappa, v): rotation of the frame and motion of the midline per refe
 the axes t, n, b, as (4, nodes) without shear and (6, nodes) with it; kappa = (1 + q) omega.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -21,18 +20,7 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model import Arm, Backbone, Loads
 
 
-class Fibre(NamedTuple):
-    """Energy per volume over E of a fibre stretched by l, and its derivative."""
-
-    energy: Callable[[np.ndarray], np.ndarray]
-    stress: Callable[[np.ndarray], np.ndarray]
-
-
-# Incompressible rubber, E = 3 mu; the linear law has no widening and is not written by fibres.
-NEO_HOOKEAN = Fibre(lambda x: (x**2 + 2 / x - 3) / 6, lambda x: (x - x**-2) / 3)
-
-
-def disc(rings: int = 8, spokes: int = 16) -> tuple[np.ndarray, np.ndarray]:
+def disc(rings: int = 24, spokes: int = 64) -> tuple[np.ndarray, np.ndarray]:
     """Fibres of the unit disc: places (3, fibres) and areas (fibres,)."""
     points, weights = np.polynomial.legendre.leggauss(rings)
     radius, weights = (points + 1) / 2, weights / 2
@@ -44,9 +32,7 @@ def disc(rings: int = 8, spokes: int = 16) -> tuple[np.ndarray, np.ndarray]:
     return place.reshape(3, -1), area.ravel()
 
 
-DISC = disc()
-# Every fibre weighed and counted: for cross sections bent so much that 128 fibres are too few.
-FINE_DISC = disc(24, 64)
+PLACES, AREAS = disc()
 
 
 def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -65,13 +51,11 @@ class Cut:
         s: np.ndarray,
         active: int,
         tensions: np.ndarray,
-        law: str | Fibre = 'linear',
-        fibres: tuple[np.ndarray, np.ndarray] = DISC,
+        law: str = 'linear',
     ) -> None:
         s = np.atleast_1d(s).astype(float)
         body, material = arm.body, arm.material
-        self.fibre = NEO_HOOKEAN if law == 'neo_hookean' else law
-        self.disc = fibres
+        self.is_rubber = law == 'neo_hookean'
         self.radius = body.radius_base + (body.radius_tip - body.radius_base) * s / body.length
         self.young = float(material.youngs_modulus)
         self.rigidity = self.young / (2 * (1 + float(material.poisson_ratio)))
@@ -112,20 +96,15 @@ class Cut:
         r, slope = self.r.reshape(shape), self.slope.reshape(shape)
         return middle[:, np.newaxis] + width * (cross(strain[:3, np.newaxis], r) + slope)
 
-    def _fibre_places(self, ndim: int) -> tuple[np.ndarray, np.ndarray]:
-        places, areas = self.disc
-        shape = (-1, *(1,) * (ndim - 1))
-        places = np.stack([p.reshape(shape) for p in places]) * self.radius
-        return places, areas.reshape(shape) * self.radius**2
-
     def energy(self, strain: np.ndarray) -> np.ndarray:
         """Energy per reference length of ``strain`` (n, ..., nodes), complex numbers included."""
         kappa, stretch = strain[:3], strain[3]
-        if isinstance(self.fibre, Fibre):
-            width = stretch**-0.5
-            place, area = self._fibre_places(strain.ndim - 1 + 1)
-            fibre = stretch + width * (kappa[1] * place[2] - kappa[2] * place[1])
-            value = (self.young * self.fibre.energy(fibre) * area).sum(axis=0)
+        if self.is_rubber:  # incompressible, E = 3 mu: the sum over fibres stretched by l
+            width, shape = stretch**-0.5, (-1, *(1,) * (strain.ndim - 1))
+            _, y, z = (place.reshape(shape) * self.radius for place in PLACES)
+            fibre = stretch + width * (kappa[1] * z - kappa[2] * y)
+            energies = (fibre**2 + 2 / fibre - 3) / 6
+            value = self.young * self.radius**2 * (energies * AREAS.reshape(shape)).sum(axis=0)
         else:
             width = np.ones_like(stretch)
             value = self.young * self.area * (stretch - 1) ** 2 / 2
@@ -138,67 +117,29 @@ class Cut:
         return value + (pulls * lengths).sum(axis=0)
 
     def resultants(self, strain: np.ndarray) -> np.ndarray:
-        """Moment and force (n, nodes) of the section and its tendons together."""
-        kappa, stretch = strain[:3], strain[3]
-        answer = np.zeros_like(strain)
-        if isinstance(self.fibre, Fibre):
-            width, widening = stretch**-0.5, -0.5 * stretch**-1.5
-            place, area = self._fibre_places(2)
-            lever = kappa[1] * place[2] - kappa[2] * place[1]
-            pressed = self.young * self.fibre.stress(stretch + width * lever) * area
-            answer[1] = width * (pressed * place[2]).sum(axis=0)
-            answer[2] = -width * (pressed * place[1]).sum(axis=0)
-            answer[3] = (pressed * (1 + widening * lever)).sum(axis=0)
-        else:
-            width, widening = np.ones_like(stretch), np.zeros_like(stretch)
-            answer[1:3] = self.young * self.inertia * kappa[1:]
-            answer[3] = self.young * self.area * (stretch - 1)
-            answer[4:] = self.rigidity * self.area * strain[4:]
-        torsion = self.rigidity * 2 * self.inertia
-        answer[0] = torsion * width**2 * kappa[0]
-        answer[3] += torsion * width * widening * kappa[0] ** 2
-        u = self._tendons(strain, width)
-        pull = self.pulls * u / np.sqrt((u * u).sum(axis=0))
-        answer[:3] += width * cross(self.r, pull).sum(axis=1)
-        answer[3:] += pull.sum(axis=1)[: len(strain) - 3]
-        carried = cross(kappa[:, np.newaxis], self.r) + self.slope
-        answer[3] += widening * (pull * carried).sum(axis=(0, 1))
-        return answer
+        """Moment and force (n, ..., nodes) of the section and its tendons together.
 
-    def balance(
-        self, wrench: np.ndarray, start: np.ndarray, tolerance: float = 1e-12
-    ) -> np.ndarray:
-        """Strain (n, nodes) in balance with ``wrench`` (n, nodes): damped Newton's method."""
-        strain = start.copy()
-        scale = np.concatenate([np.tile(self.scale[0], (3, 1)),
-                                np.tile(self.scale[1], (len(start) - 3, 1))])  # fmt: skip
-        scale = scale + np.abs(wrench)
+        The gradient of the energy by complex steps, which are exact to rounding.
+        """
+        size = len(strain)
+        steps = 1e-30j * np.eye(size).reshape(size, size, *(1,) * (strain.ndim - 1))
+        return self.energy(strain[:, np.newaxis] + steps).imag / 1e-30
 
-        def imbalance(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            left = self.resultants(x) - wrench
-            return left, np.abs(left / scale).max(axis=0)
-
-        left, size = imbalance(strain)
+    def balance(self, wrench: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Strain (n, nodes) in balance with ``wrench`` (n, nodes): Newton's method."""
+        strain, (moment, force), twists = start.copy(), self.scale, len(start) - 3
+        scale = np.stack([moment] * 3 + [force] * twists) + np.abs(wrench)
+        unit = np.stack([1e-7 / self.radius] * 3 + [np.full(self.radius.shape, 1e-7)] * twists)
+        moves = unit * np.eye(len(start))[:, :, np.newaxis]
         for _ in range(60):
-            if (size <= tolerance).all():
+            found = self.resultants(strain)
+            if (np.abs(found - wrench) <= 1e-12 * scale).all():
                 return strain
-            columns = []
-            for axis in range(len(strain)):
-                moved = strain.astype(complex)
-                moved[axis] += 1e-30j
-                columns.append(self.resultants(moved).imag / 1e-30)
-            matrix = np.stack(columns, axis=1)
-            step = -np.linalg.solve(matrix.transpose(2, 0, 1), left.T[..., np.newaxis])[..., 0].T
-            part = np.minimum(1.0, 0.5 * strain[3] / (np.abs(step[3]) + 1e-300))
-            for _ in range(12):
-                new = strain + part * step
-                new_left, new_size = imbalance(new)
-                worse = ~(new_size <= np.maximum((1 - 0.1 * part) * size, tolerance))
-                if not worse.any():
-                    break
-                part = np.where(worse, part / 2, part)
-            strain, left, size = new, new_left, new_size
-        raise AssertionError(f'no balance of a cross section: {size.max():.1e}')
+            moved = self.resultants(strain[:, np.newaxis] + moves) - found[:, np.newaxis]
+            matrix, left = (moved / unit).transpose(2, 0, 1), (wrench - found).T
+            step = np.linalg.solve(matrix, left[..., np.newaxis])[..., 0].T
+            strain = strain + np.minimum(1.0, 0.5 * strain[3] / (np.abs(step[3]) + 1e-300)) * step
+        raise AssertionError(f'no balance of a cross section with {wrench}')
 
 
 def active_at(arm: Arm, s: float) -> int:
@@ -207,10 +148,10 @@ def active_at(arm: Arm, s: float) -> int:
 
 
 def least_strain(
-    arm: Arm, tensions: np.ndarray, s: float, law: str | Fibre, shear: bool = False
+    arm: Arm, tensions: np.ndarray, s: float, law: str, shear: bool = False
 ) -> np.ndarray:
     """Strain (4,) or (6,) of least energy at ``s``, by a general-purpose optimiser."""
-    cut = Cut(arm, np.array([s]), active_at(arm, s), tensions, law, FINE_DISC)
+    cut = Cut(arm, np.array([s]), active_at(arm, s), tensions, law)
     radius = cut.radius[0]
     unit = np.array([1 / radius] * 3 + [1.0] * (3 if shear else 1))
     rest = np.zeros(unit.size)
@@ -219,18 +160,14 @@ def least_strain(
 
     def value(x: np.ndarray) -> float:
         strain = (unit * x)[:, np.newaxis]
-        if isinstance(cut.fibre, Fibre):
+        if cut.is_rubber:
             crushed = strain[3] <= 0.05 or strain[3] ** 1.5 < 1.05 * np.hypot(*x[1:3])
             if crushed:
                 return np.inf
         return float(cut.energy(strain)[0] / size)
 
     def slope(x: np.ndarray) -> np.ndarray:
-        # By complex steps: exact to rounding, and of the energy alone.
-        moved = np.diag(np.full(x.size, 1e-30j)) + x[:, np.newaxis]
-        return cut.energy((unit[:, np.newaxis] * moved)[..., np.newaxis])[:, 0].imag / (
-            1e-30 * size
-        )
+        return unit * cut.resultants((unit * x)[:, np.newaxis])[:, 0] / size
 
     found = minimize(value, rest, jac=slope, method='BFGS', options={'gtol': 1e-9})
     assert np.abs(found.jac).max() < 1e-6, found.message

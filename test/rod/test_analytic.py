@@ -7,17 +7,16 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from differences import along
-from helical_arm import CONE, HELICES
+from helical_arm import CONE, helical_arm
 from numpy.testing import assert_allclose
 from numpy.typing import ArrayLike
-from rods import THIRDS
+from rods import METAL
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
     Arm,
     Backbone,
     Body,
-    Constant,
     Discs,
     DistributedLoad,
     GivenStiffness,
@@ -38,7 +37,6 @@ from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 # Away from nu = 0.5, beyond which there is no material.
 RUBBER = Material(1.1e5, 0.4, 1080.0)
 STRAIGHT = (Section(0.4, 0.008, 0.004), Section(0.25, 0.01, 0.007))
-RAOS = tuple(Section(anchorage, 0.01, 0.01, angles=THIRDS) for anchorage in (0.4, 0.2))
 HELICAL_TENSIONS = ((0.3, 0.6, 0.1), (1.0, 0.4, 1.5))
 STRAIGHT_TENSIONS = ((0.4, 0.6, 0.1, 0.2), (1.0, 0.4, 1.5, 0.3))
 EVERYTHING = Loads(
@@ -54,18 +52,11 @@ EVERYTHING = Loads(
 class Case(NamedTuple):
     """An arm under tensions and loads."""
 
-    sections: tuple[Section, ...]
+    arm: Arm
     tensions: tuple[tuple[float, ...], ...]
     law: str
     shear: bool = False
     loads: Loads = Loads()
-    body: Body | RectangularBody = CONE
-    material: Material = RUBBER
-    friction: tuple[float, ...] = ()
-    sheaths: tuple[float, ...] = ()
-    rest: RestShape = RestShape()
-    stiffness: GivenStiffness = GivenStiffness()
-    discs: Discs = Discs()
 
     def solver(
         self,
@@ -76,109 +67,75 @@ class Case(NamedTuple):
         stiffer: ArrayLike = 0.0,
     ) -> Solver:
         """The arm with E and nu changed, and each tendon's offset, friction and sheath."""
-        young, moves = np.ravel(young).item(), iter(np.ravel(farther))
-        friction = tuple(np.add(self.friction, rougher)) if self.friction else ()
-        sheaths = tuple(np.add(self.sheaths, stiffer)) if self.sheaths else ()
-        material = dataclasses.replace(
-            self.material,
-            youngs_modulus=self.material.youngs_modulus * (1.0 + young),
-            poisson_ratio=self.material.poisson_ratio + np.ravel(poisson).item(),
-        )
-        given = {name: one.level for name, one in self.stiffness.profiles.items()}
-        stiffness = GivenStiffness(**{name: one * (1.0 + young) for name, one in given.items()})
-        sections = []
-        for section in self.sections:
-            tendons = []
-            for angle, twist in zip(section.angles, section.twist or 99 * (0.0,)):
-                move = next(moves)
-                tendons.append(
-                    Tendon(
-                        Linear(
-                            section.offset_base + move,
-                            section.offset_anchorage + move,
-                            section.anchorage,
-                        ),
-                        Linear(angle, angle + twist, section.anchorage)
-                        if twist
-                        else Constant(angle),
-                    )
-                )
-            sections.append(RoutedSection(section.anchorage, tuple(tendons)))
-        return Solver(
-            Arm(
-                material,
-                self.body,
-                tuple(sections),
-                friction=friction,
-                sheath_stiffness=sheaths,
-                rest=self.rest,
-                stiffness=stiffness,
-                discs=self.discs,
+        arm, more, moves = self.arm, 1.0 + np.ravel(young).item(), iter(np.ravel(farther))
+        sections = tuple(
+            RoutedSection(one.anchorage, tuple(
+                Tendon(Linear(one.offset_base + move, one.offset_anchorage + move, one.anchorage),
+                       tendon.angle)
+                for tendon, move in zip(one.tendons, moves)
+            ))
+            for one in arm.sections
+        )  # fmt: skip
+        changed = dataclasses.replace(
+            arm,
+            material=dataclasses.replace(
+                arm.material, youngs_modulus=arm.material.youngs_modulus * more,
+                poisson_ratio=arm.material.poisson_ratio + np.ravel(poisson).item(),
             ),
-            'exact',
-            41,
-            material=self.law,
-            shear=self.shear,
-            loads=self.loads,
-        )
+            sections=sections,
+            stiffness=GivenStiffness(**{
+                name: one.level * more for name, one in arm.stiffness.profiles.items()
+            }),
+            friction=tuple(arm.friction + np.asarray(rougher)) if arm.friction else (),
+            sheath_stiffness=tuple(np.add(arm.sheath_stiffness, stiffer))
+            if arm.sheath_stiffness else (),
+        )  # fmt: skip
+        return Solver(changed, 'exact', 41, material=self.law, shear=self.shear, loads=self.loads)
 
 
-ROD = Case(
-    RAOS,
-    ((3.0, 0.0, 1.0), (0.0, 4.0, 0.5)),
-    'linear',
-    loads=Loads(tip_force=(0.0, 0.05, 0.1)),
-    body=Body(0.4, 0.0007, 0.0007, disc_radius=0.011),
-    material=Material.from_moduli(54e9, 54e9 / 2.6, 6450.0),
-)
+THREADS = Arm(RUBBER, CONE, STRAIGHT)
+WOUND = helical_arm(RUBBER)
+ROD = Case(METAL, ((3.0, 0.0, 1.0), (0.0, 4.0, 0.5)), 'linear',
+           loads=Loads(tip_force=(0.0, 0.05, 0.1)))  # fmt: skip
 # One is rigid.
-SHEATHS = (3e5, 0.0, 1e6, 4e5, 5e5, 6e5)
+IN_SHEATHS = dataclasses.replace(WOUND, sheath_stiffness=(3e5, 0.0, 1e6, 4e5, 5e5, 6e5))
+BENT_STRIP = dataclasses.replace(
+    IN_SHEATHS, body=RectangularBody(0.4, 0.024, Linear(0.022, 0.016, 0.4)),
+    rest=RestShape(5.0, -3.0, 4.0),
+)  # fmt: skip
+BENT_TUBE = dataclasses.replace(
+    WOUND, body=Body(0.4, 0.015, 0.01, 0.0, 0.005), rest=RestShape(-4.0, 6.0, 3.0),
+    stiffness=GivenStiffness(bending_n=2e-3, torsion=3e-3),
+)  # fmt: skip
+THICK = dataclasses.replace(
+    METAL, discs=Discs.evenly(5, 0.4, 0.005), rest=RestShape(2.0, -1.0, 1.0)
+)
 CASES = {
-    'rubber': Case(STRAIGHT, STRAIGHT_TENSIONS, 'neo_hookean'),
-    'helical rubber': Case(HELICES, HELICAL_TENSIONS, 'neo_hookean'),
-    'helical': Case(HELICES, HELICAL_TENSIONS, 'linear'),
-    'helical with shear': Case(HELICES, HELICAL_TENSIONS, 'linear', True),
-    'loaded rubber': Case(STRAIGHT, STRAIGHT_TENSIONS, 'neo_hookean', loads=EVERYTHING),
-    'loaded helical rubber': Case(HELICES, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING),
-    'loaded with shear': Case(HELICES, HELICAL_TENSIONS, 'linear', True, EVERYTHING),
+    'rubber': Case(THREADS, STRAIGHT_TENSIONS, 'neo_hookean'),
+    'helical rubber': Case(WOUND, HELICAL_TENSIONS, 'neo_hookean'),
+    'helical': Case(WOUND, HELICAL_TENSIONS, 'linear'),
+    'helical with shear': Case(WOUND, HELICAL_TENSIONS, 'linear', True),
+    'loaded rubber': Case(THREADS, STRAIGHT_TENSIONS, 'neo_hookean', loads=EVERYTHING),
+    'loaded helical rubber': Case(WOUND, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING),
+    'loaded with shear': Case(WOUND, HELICAL_TENSIONS, 'linear', True, EVERYTHING),
     'loaded rod': ROD,
-    'in sheaths': Case(
-        HELICES, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING, sheaths=SHEATHS
-    ),
-    'bent strip': Case(
-        HELICES,
-        HELICAL_TENSIONS,
-        'neo_hookean',
-        loads=EVERYTHING,
-        body=RectangularBody(0.4, 0.024, Linear(0.022, 0.016, 0.4)),
-        sheaths=SHEATHS,
-        rest=RestShape(5.0, -3.0, 4.0),
-    ),
-    'bent tube with shear': Case(
-        HELICES,
-        HELICAL_TENSIONS,
-        'linear',
-        True,
-        EVERYTHING,
-        Body(0.4, 0.015, 0.01, 0.0, 0.005),
-        rest=RestShape(-4.0, 6.0, 3.0),
-        stiffness=GivenStiffness(bending_n=2e-3, torsion=3e-3),
-    ),
+    'in sheaths': Case(IN_SHEATHS, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING),
+    'bent strip': Case(BENT_STRIP, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING),
+    'bent tube with shear': Case(BENT_TUBE, HELICAL_TENSIONS, 'linear', True, EVERYTHING),
     'between discs': Case(
-        HELICES, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING, discs=Discs.evenly(16, 0.4)
+        dataclasses.replace(WOUND, discs=Discs.evenly(16, 0.4)), HELICAL_TENSIONS, 'neo_hookean',
+        loads=EVERYTHING,
     ),
-    'between thick discs': ROD._replace(
-        discs=Discs.evenly(5, 0.4, 0.005), shear=True, rest=RestShape(2.0, -1.0, 1.0)
-    ),
-}
+    'between thick discs': ROD._replace(arm=THICK, shear=True),
+}  # fmt: skip
 
 
 # With friction, whose equations derive from no energy.
 SMOOTH = np.random.default_rng(3).uniform(0.05, 0.4, 8)
 SLIDING = {
-    f'sliding {name}': CASES[name]._replace(
-        friction=tuple(SMOOTH[: np.size(CASES[name].tensions)].tolist())
-    )
+    f'sliding {name}': CASES[name]._replace(arm=dataclasses.replace(
+        CASES[name].arm, friction=tuple(SMOOTH[: np.size(CASES[name].tensions)].tolist())
+    ))
     for name in ('rubber', 'helical rubber', 'helical with shear', 'loaded helical rubber',
                  'loaded with shear', 'loaded rod', 'in sheaths', 'bent strip',
                  'between discs', 'between thick discs')
@@ -224,21 +181,21 @@ def given(change: Change) -> FloatArray:
 
 def moves_of(case: Case, found: Sensitivity) -> dict[str, tuple[Change, FloatArray]]:
     """Derivatives by every input, and how far each is moved."""
-    tensions, radius = np.ravel(case.tensions), float(case.body.half_sizes(0.2).min())
-    bending = float(case.material.youngs_modulus) * math.pi * radius**4 / 4
-    moment = 0.01 * bending / case.body.length
+    tensions, radius = np.ravel(case.tensions), float(case.arm.body.half_sizes(0.2).min())
+    bending = float(case.arm.material.youngs_modulus) * math.pi * radius**4 / 4
+    moment = 0.01 * bending / case.arm.body.length
     moves = {
         # A slack one has its derivative from above alone, and is not moved.
         'tensions': (found.by_tension, 0.02 * tensions),
-        'wrench': (found.by_tip_wrench, np.repeat([moment / case.body.length, moment], 3)),
+        'wrench': (found.by_tip_wrench, np.repeat([moment / case.arm.body.length, moment], 3)),
         'young': (found.by_youngs_modulus, np.array([1e-2])),
         'poisson': (found.by_poisson_ratio, np.array([1e-2])),
         'farther': (found.by_offset, np.full(tensions.size, 1e-4)),
         'rougher': (found.by_friction, np.full(tensions.size, 0.01)),
-        'stiffer': (found.by_sheath_stiffness, 0.01 * np.array(case.sheaths)),
+        'stiffer': (found.by_sheath_stiffness, 0.01 * np.array(case.arm.sheath_stiffness)),
     }
-    assert (found.by_friction is None) == (not case.friction)
-    assert (found.by_sheath_stiffness is None) == (not case.sheaths)
+    assert (found.by_friction is None) == (not case.arm.friction)
+    assert (found.by_sheath_stiffness is None) == (not case.arm.sheath_stiffness)
     return {name: (change, step) for name, (change, step) in moves.items() if change is not None}
 
 
@@ -314,7 +271,7 @@ def test_without_dead_moments_the_compliance_is_symmetric(name):
     solver = case.solver()
     compliance = solver.sensitivity(solver.solve(case.tensions)).compliance
     # In units in which all are of one size.
-    unit = np.array(3 * [1.0] + 3 * [case.body.length])
+    unit = np.array(3 * [1.0] + 3 * [case.arm.body.length])
     compliance = compliance * unit[:, np.newaxis] * unit
     assert_allclose(compliance, compliance.T, atol=1e-7 * np.abs(compliance).max())
     assert np.linalg.eigvalsh((compliance + compliance.T) / 2).min() > 0.0
@@ -329,7 +286,7 @@ def test_tendons_and_tip_answer_each_other_alike(name):
     assert_allclose(lengths, lengths.T, atol=1e-7 * np.abs(lengths).max())
     # A tendon that pulls gets shorter.
     assert np.linalg.eigvalsh((lengths + lengths.T) / 2).max() < 1e-9 * np.abs(lengths).max()
-    unit = np.array(3 * [1.0] + 3 * [case.body.length])
+    unit = np.array(3 * [1.0] + 3 * [case.arm.body.length])
     expected = -by.by_tension.tip * unit[:, np.newaxis]
     found = (by.by_tip_wrench.tendon_length * unit).T
     assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())

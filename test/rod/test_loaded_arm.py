@@ -317,7 +317,7 @@ def left_over(arm: Arm, law: str, loads: Loads, backbone: Backbone) -> FloatArra
             moment += np.cross(curve(where) - backbone.position[i], weight).sum(axis=0)
         active = int(backbone.section[i])
         tensions = backbone.tendon_tensions[i]
-        cut = reference.Cut(arm, s, active, tensions, law, reference.FINE_DISC)
+        cut = reference.Cut(arm, s, active, tensions, law)
         stretch = 1.0 + backbone.q[i]
         omega = np.array([backbone.tau[i], backbone.xi[i], backbone.k[i]])
         answer = cut.resultants(np.append(stretch * omega, stretch)[:, np.newaxis])[:, 0]
