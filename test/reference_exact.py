@@ -46,12 +46,7 @@ class Cut:
     """Cross sections of an arm at ``s`` (nodes,), all in one panel with ``active`` sections."""
 
     def __init__(
-        self,
-        arm: Arm,
-        s: np.ndarray,
-        active: int,
-        tensions: np.ndarray,
-        law: str = 'linear',
+        self, arm: Arm, s: np.ndarray, active: int, tensions: np.ndarray, law: str = 'linear'
     ) -> None:
         s = np.atleast_1d(s).astype(float)
         body, material = arm.body, arm.material

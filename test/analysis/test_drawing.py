@@ -20,10 +20,9 @@ from octo_arm_model.analysis.drawing import (
     deepest_overlap,
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
-from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.rotations import axes_of
 
-CONFIG = load_config(preset_path('renda2012_prototype'))
+CONFIG = load_config('renda2012_prototype')
 SOLVER = CONFIG.solver('exact', 21)
 SHAPE = SOLVER.solve([[1.0, 0.4, 0.3, 0.5]])
 DRAWING = UncertaintyDrawing(CONFIG.arm, SHAPE.s)
@@ -193,7 +192,7 @@ def test_of_a_cone_it_is_the_radius_there_that_counts():
 
 
 def test_the_arm_that_fetches_does_not_and_one_that_coils_up_does():
-    config = load_config(preset_path('renda2012_table4'))
+    config = load_config('renda2012_table4')
     solver = config.solver()
     radius = config.arm.body.radius(solver.grid.s)
     coiled = np.zeros((3, 4))

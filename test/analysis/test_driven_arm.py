@@ -38,6 +38,19 @@ def following(config: Config, seconds: float = 0.0) -> tuple[Solver, Follow, Dri
     return solver, follow, winding
 
 
+@pytest.mark.parametrize(
+    ('seconds', 'gap', 'forgets'),
+    [(2.0, 2.001, True), (2.0, 2.0, False), (0.0, 1e6, False), (1e12, 1e6, False)],
+)
+def test_after_a_gap_the_history_is_forgotten(rubbing, seconds, gap, forgets):
+    solver, follow, arm = following(rubbing, seconds)
+    pulled = follow(SECOND, tensions=HIGH)
+    found = follow(SECOND + round(gap * SECOND), tensions=LOW)
+    expected = solver.solve(LOW) if forgets else solver.follow(LOW, pulled)
+    assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-12)
+    assert arm.forgotten == forgets
+
+
 def test_encoders_whose_stamps_come_behind_those_of_load_cells_start_nothing_over(rubbing):
     """Each of two sources has its order; 2 ms between them are neither a return nor a gap."""
     solver, follow, arm = following(rubbing, 2.0)

@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from differences import along
-from helical_arm import CONE, helical_arm
 from numpy.testing import assert_allclose
 from numpy.typing import ArrayLike
-from rods import METAL
+from rods import CONE, METAL, helical_arm
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (

@@ -34,7 +34,7 @@ from octo_arm_model import (
 )
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.config.parameter_files import load_parameters
 
 LENGTH = 0.25
 STEEL = Material(40e9, 1.0 / 3.0, 7800.0)
@@ -295,14 +295,14 @@ def test_the_papers_models_have_no_discs(model):
     ],
 )
 def test_discs_that_cannot_be_are_refused(values, message):
-    given = load_parameters(preset_path('rao2021'))
+    given = load_parameters('rao2021')
     with pytest.raises((ArmDefinitionError, ConfigError)) as error:
         Config.from_parameters({**given, **values})
     assert message in str(error.value)
 
 
 def test_anchorages_are_discs_and_parameters_make_them():
-    given = load_parameters(preset_path('rao2021'))
+    given = load_parameters('rao2021')
     count = Config.from_parameters({**given, 'tendons.disc_count': 20, 'tendons.disc_mass': 0.0})
     assert count.arm.discs == Discs.evenly(20, 0.4)
     some = {
@@ -312,6 +312,12 @@ def test_anchorages_are_discs_and_parameters_make_them():
     }
     arm = Config.from_parameters({**given, **some}).arm
     assert arm.discs == Discs((0.1, 0.2, 0.3, 0.4), 0.002, 0.01)
+
+
+@pytest.mark.parametrize('count', [-1, 10**12])
+def test_no_number_of_discs_takes_all_the_memory(count):
+    with pytest.raises(ArmDefinitionError, match=f'number of discs is {count}, expected'):
+        Discs.evenly(count, 0.4)
 
 
 def test_a_tendon_alone_does_not_fold_an_arm_at_its_default_limit():

@@ -6,11 +6,10 @@ import math
 import numpy as np
 import pytest
 import reference_exact as reference
-from helical_arm import CONE, HELICAL, RUBBER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from rods import THIRDS
+from rods import CONE, HELICAL, RUBBER, THIRDS
 from scipy.optimize import brentq, root
 from strategies import PAPER_SIZE, arms, extreme_arms, fractions, tensions_for
 

@@ -8,10 +8,10 @@ import pytest
 import reference_exact
 import strategies
 from differences import along
-from helical_arm import PULL, helical_arm
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from rods import PULL, helical_arm
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize
 from scipy.spatial.transform import Rotation
@@ -416,6 +416,22 @@ def test_lengths_and_tensions_in_proportion_scale_the_shape(loaded, scale):
     before = Solver(small, 'exact', 31).solve(0.5 * tensions)
     after = Solver(large, 'exact', 31).solve(0.5 * scale**2 * tensions)
     assert_allclose(after.position, scale * before.position, atol=1e-8 * scale * arm.length)
+
+
+def test_what_sheaths_cannot_hold_with_friction_is_refused(table4):
+    arm = table4.arm.with_density(1080.0)
+    arm = dataclasses.replace(arm, friction=(0.1,), sheath_stiffness=(2e4,))
+    solver = Solver(arm, 'exact', loads=Loads((0.0, 0.0, -9.81), 1000.0))
+    with pytest.raises(SolveError, match='did not converge'):
+        solver.solve([[0.0, 0.0, 0.5, 0.0], [4.0, 0.0, 0.0, 0.0], [0.0, 8.0, 0.0, 0.0]])
+
+
+def test_what_sheaths_cannot_hold_is_refused():
+    arm = Arm(RUBBER, Body(0.27, 0.015, 0.0074), (Section(0.27, 0.005, 0.0025),))
+    soft = Solver(with_sheath(arm, 0.5 * SHEAR_MODULUS), 'exact')
+    assert soft.solve([[0.5, 0, 0, 0]]).residual < 1e-10
+    with pytest.raises(SolveError):
+        soft.solve([[3.0, 0, 0, 0]])
 
 
 def test_the_estimate_is_that_of_plane_elasticity():

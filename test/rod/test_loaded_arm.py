@@ -9,9 +9,8 @@ import pytest
 import reference_exact as reference
 import rods
 from differences import jacobian
-from helical_arm import CONE, HELICAL, RUBBER
 from numpy.testing import assert_allclose
-from rods import METAL
+from rods import CONE, HELICAL, METAL, RUBBER
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq

@@ -55,10 +55,8 @@ def swing(
 @pytest.mark.parametrize('law', ['linear', 'neo_hookean'])
 def test_frequencies_of_a_uniform_cantilever(law):
     # Euler-Bernoulli's, corrected by Rayleigh's rotary inertia; exact in tension and torsion.
-    dynamics = Dynamics(Solver(ROD, 'exact', material=law), MotionProperties(viscosity=300.0))
+    dynamics = Dynamics(Solver(ROD, 'exact', material=law))
     found = modes(dynamics, dynamics.at_rest(Inputs([[0.0, 0.0]])), 10)
-    damping = np.pi * found.frequencies * 3.0 * 300.0 / 1e5
-    np.testing.assert_allclose(found.damping, damping, rtol=1e-6)
     beta = np.array([1.8751040687, 4.6940911330, 7.8547574382])
     plain = beta**2 / (2.0 * np.pi * 0.45**2) * np.sqrt(1e5 * 0.01**2 / 4.0 / 1000.0)
     np.testing.assert_allclose(found.frequencies[[0, 2, 4]], plain, rtol=6e-3)
@@ -80,6 +78,23 @@ def test_rotary_inertia_lowers_frequencies_as_rayleigh_found():
     ratio = 0.01**2 / 4.0 * trapezoid(slope**2, s) / trapezoid(shape**2, s)
     plain = 1.8751040687**2 / (2.0 * np.pi * 0.45**2) * np.sqrt(1e5 * 0.01**2 / 4.0 / 1000.0)
     np.testing.assert_allclose(found.frequencies[0], plain * (1.0 - 0.5 * ratio), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('water', 'added', 'expected'),
+    [
+        (0.0, 0.0, [0.4056, 1.0975, 2.2519, 3.9170]),
+        (1000.0, 1.0, [0.2923, 0.7912, 1.6244]),
+        (1000.0, 1.5, [0.2625, 0.7105, 1.4588]),
+    ],
+)
+def test_frequencies_of_table_4_in_air_and_water(water, added, expected):
+    solver = Solver(TABLE4, 'exact', loads=Loads(fluid_density=water))
+    dynamics = Dynamics(solver, MotionProperties(viscosity=300.0, added_mass=added))
+    found = modes(dynamics, dynamics.at_rest(Inputs(SLACK)), 8)
+    np.testing.assert_allclose(found.frequencies[: 2 * len(expected) : 2], expected, atol=6e-5)
+    damping = np.pi * found.frequencies * 3.0 * 300.0 / 110e3
+    np.testing.assert_allclose(found.damping, damping, rtol=1e-6)
 
 
 def test_small_motions_are_those_of_the_linear_model():

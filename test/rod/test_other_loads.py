@@ -5,10 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 from differences import along, jacobian
-from helical_arm import HELICAL
-from helical_arm import PULL as HELICAL_PULL
 from numpy.testing import assert_allclose
-from rods import EVERYTHING, WRENCH
+from rods import EVERYTHING, HELICAL, WRENCH
+from rods import PULL as HELICAL_PULL
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 import reference
-from helical_arm import HELICAL, PULL
 from numpy.testing import assert_allclose
+from rods import HELICAL, PULL
 from scipy.linalg import expm
 
 from octo_arm_model import (

@@ -154,7 +154,7 @@ TO_SIDES = np.array([1.0, 1.0, -1.0, -1.0])
 
 def drive(**more: Any) -> tuple[TendonDrive, SimulatorConfig]:
     """Winches of an arm that moves, strongly damped, with elastic tendons."""
-    values = load_parameters(preset_path('renda2012_prototype')) | {
+    values = load_parameters('renda2012_prototype') | {
         'dynamics': True, 'model': 'exact', 'material.density': 1080.0, 'stations': 21,
         'motion.damping_time': 0.3, 'tendons.axial_stiffness': 4 * [500.0],
     }  # fmt: skip

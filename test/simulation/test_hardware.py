@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from strategies import commands, tensions, times
 
 from octo_arm_model import ArmDefinitionError, Config, ConfigError
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.simulation.hardware import (
     Hardware,
@@ -25,7 +25,7 @@ from octo_arm_model.simulation.simulator import (
     for_true_arm,
 )
 
-ARM = load_parameters(preset_path('renda2012_prototype'))
+ARM = load_parameters('renda2012_prototype')
 
 
 def step(hardware, command, dt):

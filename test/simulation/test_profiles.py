@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from octo_arm_model import ConfigError, TensionError, load_config
+from octo_arm_model import Config, ConfigError, TensionError, load_config
 from octo_arm_model.arm.errors import ProfileError
-from octo_arm_model.config.config import Config
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.simulation.movements import (
@@ -347,7 +346,7 @@ def with_limits(limits):
 
 @pytest.mark.parametrize('name', PRESETS)
 def test_every_movement_of_an_arm_is_within_its_limits(name):
-    config = load_config(preset_path(name))
+    config = load_config(name)
     for movement in profile_names(config.arm):
         check_profile(find_profile(movement, config.arm), config.arm, tendon_limits(config))
 

@@ -7,10 +7,8 @@ import pytest
 from checkout import PRESETS
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model import Loads, PointLoad
-from octo_arm_model.arm.errors import ConfigError, OctoArmError
-from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model import Config, ConfigError, Loads, OctoArmError, PointLoad
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.estimation.estimate import contact_of
 from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import Markers, Tensions, TipPosition
@@ -19,7 +17,7 @@ from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.pushed_arm import PERIOD, Push, PushedArm, Sensors, touched
 from octo_arm_model.simulation.simulator import SimulatorConfig, in_water
 
-VALUES = load_parameters(preset_path('renda2012_prototype')) | {'model': 'exact', 'stations': 31}
+VALUES = load_parameters('renda2012_prototype') | {'model': 'exact', 'stations': 31}
 CONFIG = Config.from_parameters(VALUES)
 LENGTH = CONFIG.arm.length
 TENSIONS = np.array([1.0, 0.4, 0.3, 0.5])
@@ -151,7 +149,7 @@ def test_tendons_keep_their_history_where_a_push_at_the_tip_ends_or_begins():
 
 @pytest.mark.parametrize('name', PRESETS)
 def test_the_force_that_pushes_the_arm_is_found(name):
-    values = load_parameters(preset_path(name)) | {'stations': 31}
+    values = load_parameters(name) | {'stations': 31}
     of_simulator, of_estimator = touched(Config.from_parameters(values))
     simulated = SimulatorConfig.from_parameters(values | of_simulator)
     own = {key: of_estimator.pop(key) for key in list(of_estimator) if 'estimator.' in key}
@@ -184,7 +182,7 @@ def test_the_force_that_pushes_the_arm_is_found(name):
 
 @pytest.mark.parametrize('name', ['renda2012_prototype', 'renda2012_table4'])
 def test_the_estimate_of_an_arm_that_swings_is_as_exact_as_it_says(name):
-    values = load_parameters(preset_path(name)) | {'stations': 31}
+    values = load_parameters(name) | {'stations': 31}
     plain = Config.from_parameters(values)
     of_simulator, of_estimator = touched(plain, is_moving=True)
     in_motion = in_water(plain)
