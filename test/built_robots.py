@@ -13,11 +13,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
+from octo_arm_model import Backbone, Config, displacements_of, solve_displacements
 from octo_arm_model.bags.types import known_types
-from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.displacements import displacements_of, solve_displacements
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.rod.stations import interpolated
 
 START = 1_700_000_000 * 10**9  # [ns]
@@ -41,7 +39,7 @@ _MARKER = 'string marker_name\ngeometry_msgs/Point translation\nfloat32 residual
 
 def trunk_parameters() -> dict[str, Any]:
     """A trunk of three sections with four tendons each."""
-    values = load_parameters(preset_path('renda2012_table2'))
+    values = load_parameters('renda2012_table2')
     return {**values, 'model': 'exact', 'stations': 31}
 
 

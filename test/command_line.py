@@ -1,24 +1,19 @@
 """`octo-arm` for tests: arguments, output and exit status."""
 
 import dataclasses
-import io
 import json
 from typing import Any
 
+import numpy as np
 import pytest
 
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 
 TENSIONS = json.dumps(FETCHING_IN_SPACE)
+# Of the tensions of workspaces of table 4 [N].
+HIGHEST = np.array([[0.1] * 4, [1.0] * 4, [4.0] * 4])
 SOLVE = ('solve', 'renda2012_table4', '--tensions')
-
-
-class Terminal(io.StringIO):
-    """A stream that passes for a terminal."""
-
-    def isatty(self) -> bool:
-        return True
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:

@@ -15,9 +15,8 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import pytest
 import ros_domains
 from checkout import PAPERS_PRESETS
-from command_line import Cli
+from command_line import HIGHEST, Cli
 from hypothesis import HealthCheck, settings
-from workspaces import HIGHEST
 
 from octo_arm_model import MODELS, Config, load_config
 from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
@@ -144,7 +143,7 @@ def _arm(name: str) -> Any:
 
     @pytest.fixture(scope='session')
     def config() -> Config:
-        return load_config(preset_path(name))
+        return load_config(name)
 
     return config
 

@@ -18,16 +18,15 @@ from recordings import (
     write_bag,
 )
 
-from octo_arm_model import Arm
-from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path
+from octo_arm_model import Arm, Config
+from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.midlines import resample
 from octo_arm_model.experiment.observations import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording import Recording
 from octo_arm_model.experiment.steady_windows import Window
 
-PARAMETERS = {**load_parameters(preset_path('renda2012_prototype')), 'stations': 41}
+PARAMETERS = {**load_parameters('renda2012_prototype'), 'stations': 41}
 ARM = Config.from_parameters(PARAMETERS).arm
 HELD = (0.0, 0.53, 1.09, 2.0, 2.6, 3.06, 3.44, 3.95)  # Table 1, from rest [N]
 STEPS = HELD[1:]

@@ -16,7 +16,6 @@ from octo_arm_model import Arm, Config, load_config
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.topics import Reading, read_tensions
 from octo_arm_model.bags.types import known_types
-from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 START = 1_700_000_000 * 10**9  # [ns]
@@ -26,7 +25,7 @@ TENDON_TENSIONS, ARRAY, JOINT_STATE = (
     TOPICS[f'/tendon_tensions{suffix}'] for suffix in ('', '/array', '/joint_state')
 )
 TYPES = known_types()
-CONFIG = load_config(preset_path('renda2012_table4'))
+CONFIG = load_config('renda2012_table4')
 ARM = CONFIG.arm
 NAMES = ARM.tendon_names
 # Hypothesis has no fixtures that last for all examples.

@@ -11,11 +11,11 @@ import pytest
 pytest.importorskip('rosbags', reason='needs rosbags')
 from octo_arm_model.bags.outputs import TOUCH_DIRECTION, Experiment, add_demo, custom_data
 from octo_arm_model.bags.writer import BagWriter
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.config.parameter_files import load_parameters
 
 # Hypothesis has no fixtures that last for all examples.
 _FOLDER = tempfile.TemporaryDirectory()
-PARAMETERS = {**load_parameters(preset_path('renda2012_prototype')), 'stations': 31}
+PARAMETERS = {**load_parameters('renda2012_prototype'), 'stations': 31}
 FORCE = 0.02
 PUSH = FORCE * np.array(TOUCH_DIRECTION)
 HOLD, RAMP = 2.0, 0.5

@@ -25,7 +25,6 @@ from octo_arm_model import (
 from octo_arm_model.arm.errors import in_short, listed, shown
 from octo_arm_model.arm.loads import ScaledLoads
 from octo_arm_model.arm.stiffness import bending_force
-from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.displacements import check_displacements
 from octo_arm_model.rod.sensitivity import Uncertainty
 from octo_arm_model.wire.tensions import values_by_name
@@ -126,7 +125,7 @@ def test_names_from_outside_do_not_reach_a_terminal_as_they_are():
 
 
 def test_what_refuses_a_name_shows_it_printable():
-    arm = load_config(preset_path('renda2012_prototype')).arm
+    arm = load_config('renda2012_prototype').arm
     with pytest.raises(TensionError, match='more than once: tendon') as caught:
         values_by_name([HOSTILE, HOSTILE], [1.0, 2.0], 'tension')
     assert str(caught.value).isprintable()

@@ -22,7 +22,7 @@ from octo_arm_model.bags.sensor_topics import (
     read_tension_rows,
 )
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.wire.measurements import MeasuredArm
 from octo_arm_model.wire.messages import Refusals
@@ -160,7 +160,7 @@ def test_a_name_that_is_there_twice_is_refused_where_it_is_wanted():
         tensions_by_names(values, names, ['a', '-', '-', '-'], ARM)
 
 
-CONFIG = Config.from_parameters(load_parameters(preset_path('renda2012_prototype')))
+CONFIG = Config.from_parameters(load_parameters('renda2012_prototype'))
 NAMES = CONFIG.arm.tendon_names
 MILLISECOND = 10**6
 

@@ -48,7 +48,7 @@ from octo_arm_model.config.parameter_files import (
 )
 from octo_arm_model.wire.backbone import BackboneWriter
 
-TABLE_4 = load_parameters(preset_path('renda2012_table4'))
+TABLE_4 = load_parameters('renda2012_table4')
 ARM = Config.from_parameters(TABLE_4).arm
 DESCRIPTION = text_sample('/arm_description', parameters_as_yaml(TABLE_4))
 BACKBONE = ('/backbone/path', '/backbone/poses', '/strains', '/tip_pose')
@@ -107,7 +107,7 @@ def test_answers_are_those_of_single_solves(cli, tmp_path, preset, model, kind, 
 
 
 def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_back(cli, tmp_path):
-    values = load_parameters(preset_path('renda2012_prototype'))
+    values = load_parameters('renda2012_prototype')
     values |= {
         'model': 'exact', 'material.density': 1080.0, 'loads.gravity': [0.0, 0.0, -9.81],
         'tension_stddev': 0.05,
@@ -372,7 +372,7 @@ def test_memory_is_bounded_whatever_the_length(tmp_path, monkeypatch):
 # Displacements -----------------------------------------------------------------------------------
 
 
-PARAMETERS = load_parameters(preset_path('renda2012_table4')) | {
+PARAMETERS = load_parameters('renda2012_table4') | {
     'model': 'exact', 'tendons.axial_stiffness': [800.0],
 }  # fmt: skip
 FIRST = 10**6  # [ns]

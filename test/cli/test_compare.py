@@ -21,8 +21,7 @@ from labs import MARKER_S, TENSIONS, TIP_ERRORS, at_any, marker_bag, seen
 from numpy.testing import assert_allclose
 from recordings import START, STEP, samples, text_sample, write_bag
 
-from octo_arm_model import load_config
-from octo_arm_model.config.config import Config
+from octo_arm_model import Config, load_config
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.simulation.profiles import read_profile
 

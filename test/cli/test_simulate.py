@@ -10,7 +10,7 @@ from recordings import START, displacement_sample, samples, text_sample, write_b
 
 from octo_arm_model import Config, MotionProperties, Sphere, load_config
 from octo_arm_model.cli.main import main
-from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml, preset_path
+from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.simulation.moving_arm import Moment, draw_motion
 
 ARM = ('renda2012_table4', '--density', '1080', '--viscosity', '300', '--stations', '11')
@@ -128,7 +128,7 @@ def test_the_file_of_an_arm_says_how_it_moves():
             Config.from_parameters(given | motion | wrong)
 
 
-MOVING = load_parameters(preset_path('renda2012_prototype')) | {
+MOVING = load_parameters('renda2012_prototype') | {
     'model': 'exact', 'stations': 11, 'material.density': 1080.0, 'motion.viscosity': 300.0,
     'motion.normal_drag': 2.5, 'motion.added_mass': 1.5, 'loads.fluid_density': 1000.0,
 }  # fmt: skip

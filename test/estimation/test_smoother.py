@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import itertools
-import sys
 
 import numpy as np
 import pytest
-from checkout import ROOT
 from estimation_arms import TENSIONS, rubber
 
 from octo_arm_model.arm.errors import MeasurementError
@@ -17,9 +15,6 @@ from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.rules import Rules
 from octo_arm_model.estimation.smoother import smooth
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
-
-sys.path.insert(0, str(ROOT / 'benchmarks'))
-
 
 UNKNOWNS = Unknowns(Walk(5.0, 1.0), tip_force=Walk.stationary(5e-3, 1.0))
 Recording = list[tuple[float, list[Measurement]]]

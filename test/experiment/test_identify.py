@@ -24,8 +24,7 @@ from experiments import (
 from numpy.testing import assert_allclose
 from scipy.stats import binom
 
-from octo_arm_model.arm.errors import ConfigError
-from octo_arm_model.config.config import Config
+from octo_arm_model import Config, ConfigError, displacements_of
 from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.fit import followed
@@ -40,7 +39,6 @@ from octo_arm_model.experiment.midlines import resample
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.steady_windows import by_length
 from octo_arm_model.experiment.unknowns import move_tendons
-from octo_arm_model.rod.displacements import displacements_of
 
 STIFF = {**PARAMETERS, 'material.youngs_modulus': TRUE}
 ROUGH = {**STIFF, 'tendons.friction': [0.2]}

@@ -87,21 +87,6 @@ def test_each_frame_is_that_of_the_pose_of_its_stamp(spacing, late, tmp_path, cl
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
 
 
-def test_few_frames_set_no_clock(tmp_path, cli):
-    """A function of ten numbers passes through few tips at any offset of the clock."""
-    held = np.repeat(random_poses(3, 4), 20, axis=0)
-    given = files(tmp_path, held, 0.2 * np.arange(80), every=20)
-    (tmp_path / 'midline-csv.csv').write_text('\n'.join(
-        line for number, line in enumerate((tmp_path / 'midline-csv.csv').read_text().splitlines())
-        if number % 10 in (0, 9)
-    ) + '\n')  # fmt: skip
-    said = cli.json('compare', *given, *ARM, '--json')
-    assert said['clock_offset'] == 0.0
-    assert any('clock offset taken as 0 s' in note for note in said['notes'])
-    assert len(said['steps']) == 4
-    assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
-
-
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
@@ -525,3 +510,18 @@ def test_columns_that_are_not_read_are_refused(told, message, tmp_path, cli):
     files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
     files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv')), '--columns', *told]
     assert message in cli.refused('compare', *files, *EXACT)
+
+
+def test_a_name_given_may_be_that_of_one_of_two_files(tmp_path, cli):
+    tendons = ','.join(f'tendon_1_{n}' for n in (1, 2, 3, 4))
+    loads = loads_csv(tmp_path / 'loads.csv', f'Zeit,{tendons}')
+    track = tidy_csv(tmp_path / 'track.csv')
+    given = '--tension-csv', loads, '--midline-csv', track, *EXACT, *UNALIGNED
+    assert_tip_errors(cli.json('compare', *given, '--columns', 'time=Zeit'))
+    loads.write_text(loads.read_text().replace('Zeit', 'time', 1))
+    assert "loads.csv: no column 'Zeit' for time; it has time, " in cli.refused(
+        'compare', *given, '--columns', 'time=Zeit'
+    )
+    assert '--length-unit has no effect on' in cli.refused(
+        'compare', *given, '--length-unit', 'cm'
+    )

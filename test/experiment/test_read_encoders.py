@@ -19,14 +19,13 @@ from experiments import (
 from numpy.testing import assert_allclose
 from recordings import displacement_sample
 
+from octo_arm_model import Config, displacements_of
 from octo_arm_model.arm.errors import BagError, MeasurementError
-from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.csv_recording import CsvSources
 from octo_arm_model.experiment.observations import RAMP, Pairing, observe
 from octo_arm_model.experiment.read_recording import read_recording
 from octo_arm_model.experiment.recording import Recording
-from octo_arm_model.rod.displacements import displacements_of
 
 STRETCHING = {'tendons.axial_stiffness': [500.0], 'model': 'exact'}
 ARM = Config.from_parameters({**PARAMETERS, **STRETCHING}).arm

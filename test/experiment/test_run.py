@@ -107,25 +107,6 @@ def test_an_arm_that_was_lost_is_found_again_and_told(is_smooth):
     assert after.any() and (found.camera.tip[0][after] < 3e-3).all()
 
 
-@pytest.mark.endurance
-def test_the_smoother_begins_anew_with_what_the_filter_does():
-    """What was measured afterwards tells of the arm from there on, and of no time before."""
-    filtered, smoothed = lost(is_smooth=False), lost(is_smooth=True)
-    (noticed,), (begun,) = filtered.restarts, smoothed.restarts
-    assert noticed - 1.0 < begun <= noticed
-    assert [one.time for one in smoothed.moments] == [one.time for one in filtered.moments]
-    widths = [
-        [one.tip_stddev.max() for one in found.moments if one.time >= noticed]
-        for found in (smoothed, filtered)
-    ]
-    # At the end, where nothing comes after, both are linearised about means that differ a little.
-    assert (np.array(widths[0]) <= 1.01 * np.array(widths[1])).all()
-    own = lost(is_smooth=True, recover_after=0.0).camera
-    assert own is not None and smoothed.camera is not None
-    last = (own.time > begun) & (own.time < 4.0)
-    assert last.any() and own.tip[0][last].min() > 3.0 * smoothed.camera.tip[0][last].max()
-
-
 def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path):
     path = record(tmp_path / 'bag', stiffness=1.15, markers=MARKERS, camera_rate=0.1)
     ratios = []
@@ -144,6 +125,20 @@ def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path):
         and (np.abs(touch.force - PUSH) < 4.0 * touch.stddev).all()
         for touch in found.touches
     )
+
+
+def test_the_place_of_a_touch_is_told_by_probabilities():
+    values = {**MARKED, 'estimator.contact': 'somewhere', 'estimator.contact_s': [0.12, 0.27]}
+    some = read(touched_bag(), TOUCHED[0] - 3.0, TOUCHED[1], values=values)
+    found = estimate(dataclasses.replace(some, camera=None))
+    assert set(found.hypotheses) == {'none', '0.12 m', '0.27 m'}
+    touch = max(found.touches, key=lambda one: one.stop - one.start)
+    assert touch.hypothesis == '0.27 m'
+    assert touch.start <= np.mean(TOUCHED) <= touch.stop
+    time = np.array([one.time for one in found.moments])
+    free = (time > time[0] + 0.5) & (time < TOUCHED[0] - 0.5)
+    names = np.array([one.hypothesis for one in found.moments])
+    assert (names[free] == 'none').mean() > 0.8
 
 
 def test_where_no_time_has_a_shape_the_reason_is_the_error():

@@ -23,14 +23,13 @@ from compare import run_case, solve_models
 from elasticity import Contact, ElasticArm
 
 from octo_arm_model import load_config
-from octo_arm_model.config.parameter_files import preset_path
 
 COARSE = Mesh(1, 0.4)
 
 
 @pytest.mark.parametrize('half', [True, False])
 def test_mesh_fills_the_cone_and_finds_points(half):
-    arm = load_config(preset_path('renda2012_prototype')).arm
+    arm = load_config('renda2012_prototype').arm
     base, tip = arm.body.radius_base, arm.body.radius_tip
     volume = np.pi * arm.length / 3.0 * (base**2 + base * tip + tip**2) * (0.5 if half else 1.0)
     errors = []

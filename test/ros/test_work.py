@@ -1,14 +1,30 @@
-"""Queued requests, and signals in the middle of a solve."""
+"""Queued requests, signals amid a solve, types of messages, arms prepared or refused."""
 
 import contextlib
 import subprocess
 import sys
+from typing import Any
 
 import live_nodes
+import numpy as np
 import pytest
+import yaml
+from checkout import ROOT
 from octo_arm_msgs.srv import FindTensions, Solve
 
+from octo_arm_model import ConfigError
+from octo_arm_model.analysis.driven_arm import DrivenArm
+from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.config.parameter import Parameter
+from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.estimation.settings import ESTIMATOR_PARAMETERS
+from octo_arm_model.ros.estimator.main import PreparedEstimator
+from octo_arm_model.ros.node.outputs import MARKERS_TOPIC
+from octo_arm_model.ros.node.server import Prepared
+from octo_arm_model.ros.topics import message_class
 from octo_arm_model.ros.work import MOST_WAITING, QueuedService, WorkQueue
+from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 
 def test_requests_are_answered_in_order_bounded_and_to_the_end(make_node):
@@ -93,3 +109,78 @@ def test_a_signal_ends_the_node_in_the_middle_of_a_solve(what, name):
     finally:
         process.kill()
         process.communicate()
+
+
+# Parts -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('inside', ['__init__.py', 'other/__init__.py'])
+def test_a_type_that_is_not_installed_runs_nothing_of_its_package(tmp_path, monkeypatch, inside):
+    # Type names come from parameters, which whoever is on the network may set.
+    for name in {'__init__.py', inside}:
+        path = tmp_path / 'octo_arm_loud' / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text('raise SystemExit("was run")')
+    monkeypatch.syspath_prepend(tmp_path)
+    for type_name in ('octo_arm_loud/msg/Any', 'octo_arm_absent/msg/Any', 'sensor_msgs/msg/Any'):
+        with pytest.raises(ConfigError, match='no messages of type'):
+            message_class(type_name)
+    assert message_class('sensor_msgs/msg/JointState').__name__ == 'JointState'
+
+
+def test_rviz_shows_what_the_nodes_publish():
+    for name, frame, prefixes in (
+        ('octo_arm', 'arm_base', ['']), ('octopus', 'octopus', [f'arm_{n}/' for n in range(1, 9)]),
+    ):  # fmt: skip
+        manager = yaml.safe_load((ROOT / 'rviz' / f'{name}.rviz').read_text())
+        manager = manager['Visualization Manager']
+        topics = [one['Topic']['Value'] for one in manager['Displays'] if 'Topic' in one]
+        assert manager['Global Options']['Fixed Frame'] == frame
+        assert {prefix + MARKERS_TOPIC for prefix in prefixes} <= set(topics)
+        others = {topic for topic in topics if not topic.endswith(MARKERS_TOPIC)}
+        assert others <= set(BACKBONE_TOPICS)
+
+
+# Prepared arms -----------------------------------------------------------------------------------
+
+
+EXTREMES = (1e300, 1e160, 1e-160, 1e-300)
+LOADED = {
+    **load_parameters('renda2012_prototype'), 'stations': 11, 'model': 'exact',
+    'loads.gravity': [0.0, 0.0, -9.81],
+}  # fmt: skip
+
+
+def with_extreme(parameter: Parameter, value: float) -> dict[str, Any]:
+    """The parameters of an arm, one of them ``value``."""
+    before = LOADED.get(parameter.name) or [0.0]
+    return {**LOADED, parameter.name: [value] * len(before) if parameter.is_array else value}
+
+
+def numbers(table: tuple[Parameter, ...]) -> list[Any]:
+    return [pytest.param(one, id=one.name) for one in table if one.kind is float]
+
+
+@pytest.mark.filterwarnings('ignore::RuntimeWarning')
+@pytest.mark.parametrize('parameter', numbers(PARAMETERS))
+def test_an_arm_answers_in_numbers_or_is_refused(parameter):
+    for value in EXTREMES:
+        try:
+            arm = Prepared.of(with_extreme(parameter, value))
+            tensions = np.full(arm.config.arm.tension_shape, 0.3)
+            answer = DrivenArm().answer(arm.solver, arm.config, None, 0, tensions)
+        except OctoArmError as error:
+            assert str(error)
+        else:
+            assert np.isfinite(answer.backbone.position).all()
+            assert np.isfinite(answer.covariance).all()
+
+
+@pytest.mark.filterwarnings('ignore::RuntimeWarning')
+@pytest.mark.parametrize('parameter', numbers((*PARAMETERS, *ESTIMATOR_PARAMETERS)))
+def test_an_estimator_is_prepared_or_refused(parameter):
+    for value in EXTREMES:
+        try:
+            PreparedEstimator.of(with_extreme(parameter, value))
+        except OctoArmError as error:
+            assert str(error)

@@ -41,10 +41,7 @@ ROUNDED = 1e-9
 # By default this derivative of an arm with friction is right to 1.4e-4 of the largest, with an
 # accuracy of 1e-10 to 1e-6: nodes are chosen for positions. The error of the other is stated to
 # two digits: 4.9e-5, where 4.925e-5 is found.
-EXPLAINED = {
-    ('random_13_metal/21', 'by_tension'): 1.4,
-    ('random_12_table/24', 'by_tension'): 1.01,
-}
+EXPLAINED = {('random_13_metal/21', 'by_tension'): 1.4, ('random_12_table/24', 'by_tension'): 1.01}
 
 
 @dataclass(frozen=True)

@@ -108,6 +108,14 @@ def test_the_arm_is_pulled_and_seen(setup, browser):
         """)
 
     browser.until(lambda: len(curves()) == 4 and min(curves()) > 50, 'four curves')
+    # Another model beside it, and an arm that passes through itself.
+    browser.press('Models')
+    browser.choose('none', 'exact')
+    exact = CONFIG.solver('exact').solve(FETCHING_IN_SPACE)
+    apart = 1e3 * np.linalg.norm(exact.tip - SOLVER.solve(FETCHING_IN_SPACE).tip)
+    browser.until(lambda: browser.text('apart') == f'{apart:.2f}', 'the distance of the tips')
+    setup.client.command([0, 0, 0.42, 0, 0, 0, 3.7, 0, 0, 0, 13, 0])
+    browser.until(lambda: 'passes through itself' in browser.text('overlap'), 'the note')
 
 
 def test_the_page_shows_what_pushes_an_estimated_arm_and_how_well_that_is_known():

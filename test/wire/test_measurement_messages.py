@@ -11,11 +11,10 @@ pytest.importorskip('rosbags', reason='needs rosbags')
 from recordings import header, make, point, pose
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.arm.errors import MeasurementError, OctoArmError
+from octo_arm_model import Config, OctoArmError, Pose
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.pose import Pose
-from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
@@ -23,7 +22,7 @@ from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS, MeasuredArm, te
 from octo_arm_model.wire.tensions import JOINT_STATE, FieldMessage
 
 PARAMETERS = {
-    **load_parameters(preset_path('renda2012_prototype')), 'base.position': [0.1, -0.2, 0.3],
+    **load_parameters('renda2012_prototype'), 'base.position': [0.1, -0.2, 0.3],
     'model': 'exact', 'stations': 41,
 }  # fmt: skip
 CONFIG = Config.from_parameters(PARAMETERS)

@@ -164,7 +164,7 @@ def test_the_arm_of_a_running_node_is_exchanged_as_a_whole(client, load):
     after = client.dump()
     # What the file does not name is as if it had never been set.
     assert after['loads.point_s'] == after['loads.point_force'] == []
-    wanted = load_config(preset_path('renda2012_table2'))
+    wanted = load_config('renda2012_table2')
     assert after['model'] == wanted.model
     assert after['sections.anchorage'] == [section.anchorage for section in wanted.arm.sections]
     status, _, complaints = load(client, live_nodes.CONFIG_FILE)

@@ -9,8 +9,7 @@ from live_nodes import AFFORDED, CONFIG, CONFIG_FILE, hosting, tip_of
 from numpy.testing import assert_allclose, assert_array_equal
 from sensor_msgs.msg import PointCloud2
 
-from octo_arm_model import Solver
-from octo_arm_model.config.config import Config
+from octo_arm_model import Config, Solver
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.ros.node.main import OctoArmNode
 

@@ -22,8 +22,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-from octo_arm_model import load_config
-from octo_arm_model.arm.errors import ArmDefinitionError
+from octo_arm_model import ArmDefinitionError, load_config
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
