@@ -47,10 +47,8 @@ def arms(draw: st.DrawFn, max_sections: int = 4) -> Arm:
 def scaled(arm: Arm, scale: float) -> Arm:
     """The same arm, ``scale`` times as large."""
     body = arm.body
-    assert isinstance(body, Body)
     sections = []
     for section in arm.sections:
-        assert isinstance(section, Section)
         lengths = section.anchorage, section.offset_base, section.offset_anchorage
         sections.append(Section(*(scale * length for length in lengths)))
     radii = scale * body.radius_base, scale * body.radius_tip

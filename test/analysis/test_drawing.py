@@ -64,7 +64,6 @@ def test_the_body_ends_within_the_tube_as_often_as_is_said():
 def test_the_cone_holds_as_much_of_the_directions_as_is_said():
     given = covariance(3, 1e-3)
     arrow = DRAWING.arrow(np.zeros(3), FORCE, given)
-    assert arrow is not None
     # Where the plane through its end cuts the probable forces, which are drawn to its scale.
     scale = np.linalg.norm(arrow.end) / np.linalg.norm(FORCE)
     assert_allclose(arrow.end, scale * FORCE, rtol=1e-12)
@@ -202,7 +201,6 @@ def test_the_arm_that_fetches_does_not_and_one_that_coils_up_does():
     shapes = [solver.solve(tensions) for tensions in (np.zeros((3, 4)), coiled)]
     straight, curled = (deepest_overlap(b.s, b.position, radius) for b in shapes)
     assert straight is None
-    assert curled is not None
     assert 0.0 < curled.s[0] < curled.s[1] <= config.arm.length
     fetching = solver.solve(FETCHING_IN_PLANE)
     assert deepest_overlap(fetching.s, fetching.position, radius) is None

@@ -35,13 +35,6 @@ def solver(table4):
     return table4.solver('exact', 61)
 
 
-@pytest.fixture(scope='module')
-def short():
-    """Three tendons in one section."""
-    section = Section(0.3, 0.009, 0.0045, angles=(0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0))
-    return Solver(Arm(Material(1e5), Body(0.3, 0.015, 0.0075), (section,)), 'exact', 11)
-
-
 def effort(tensions: np.ndarray) -> float:
     return float(((tensions / HIGHEST) ** 2).sum())
 
@@ -111,7 +104,9 @@ def test_a_backbone_seen_by_a_camera_is_followed(solver):
     assert_allclose(found.backbone.position, known.position, atol=1e-5)
 
 
-def test_what_is_out_of_reach_is_said_to_be_with_what_is_left(short):
+def test_what_is_out_of_reach_is_said_to_be_with_what_is_left():
+    section = Section(0.3, 0.009, 0.0045, angles=(0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0))
+    short = Solver(Arm(Material(1e5), Body(0.3, 0.015, 0.0075), (section,)), 'exact', 11)
     found = find_tensions(short, TipPosition([1.0, 0.0, 0.0]), 4.0)
     assert not found.reached
     # The straight arm has the least error.

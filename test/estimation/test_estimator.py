@@ -1,7 +1,5 @@
 """The loop of node and bag tool: stamps, what is thrown out or found, where forces act."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import math

@@ -1,7 +1,5 @@
 """Sensors that lie: rows of the table of `benchmarks/faults.py`."""
 
-from __future__ import annotations
-
 import functools
 import sys
 

@@ -1,7 +1,5 @@
 """The estimator on simulated arms: facts that do not depend on its code."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """What is predicted, against the solver; its derivatives, against differences."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 
@@ -233,7 +231,6 @@ def test_the_tip_tells_how_it_bends_with_the_state():
     at = Prediction(model, x, None)
     tip = TipPosition(at.solved.tip, 1e-3)
     found = tip.second(at)
-    assert found is not None
     stddev = model.state.prior_stddev()
     expected = np.zeros_like(found)
     for component in np.flatnonzero(model.state.shapes):

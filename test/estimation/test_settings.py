@@ -1,7 +1,5 @@
 """What an estimator takes for unknown, from its parameters and the arm's."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -27,7 +25,6 @@ def settings(config: Config = CONFIG, **values: Any) -> EstimatorSettings:
 def rates(found: EstimatorSettings) -> list[float]:
     """How fast the tension of every tendon may change."""
     tension = found.unknowns['tip'].tension
-    assert isinstance(tension, tuple)
     return [walk.rate for walk in tension]
 
 
@@ -116,7 +113,6 @@ def test_what_is_beyond_the_tip_by_rounding_is_at_the_tip():
 
 def test_a_current_presses_as_hard_as_the_force():
     found = settings(contact='current', force_stddev=0.1).unknowns['current'].current
-    assert found is not None
     area = LENGTH * (0.015 + 0.0074)  # of the trapezium that is seen from the side
     assert found.stddev == pytest.approx(0.1 / area)
     given = settings(contact='current', current_stddev=3.0).unknowns['current'].current

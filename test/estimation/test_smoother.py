@@ -1,7 +1,5 @@
 """The batch estimator against the recursive one, and against its own optimum."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -82,7 +82,6 @@ def test_without_a_touch_none_is_found(tmp_path):
 
 def test_against_the_camera_the_estimator_knows_of_the_touch():
     camera = result(True).camera
-    assert camera is not None
     inside = (camera.time > TOUCHED[0]) & (camera.time < TOUCHED[1])
     found, plain = (np.median(one[inside]) for one in camera.tip)
     assert plain > 0.03 > 0.003 > found
@@ -102,7 +101,6 @@ def test_an_arm_that_was_lost_is_found_again_and_told(is_smooth):
     found = lost(is_smooth)
     (time,) = found.restarts
     assert 2.0 < time < 3.5 and f'begun anew at {time:.2f} s' in summary(found, [])
-    assert found.camera is not None
     after = (found.camera.time > time) & (found.camera.time < 4.0)
     assert after.any() and (found.camera.tip[0][after] < 3e-3).all()
 

@@ -20,7 +20,6 @@ from strategies import fractions, loaded_arms
 from octo_arm_model import (
     Arm,
     ArmDefinitionError,
-    Backbone,
     Body,
     ConfigError,
     Loads,
@@ -31,7 +30,6 @@ from octo_arm_model import (
     TipPosition,
     find_tensions,
 )
-from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import estimate_sheath_stiffness
 
 MODELS = ('closed_form', 'exact')
@@ -124,13 +122,6 @@ def test_a_converging_tendon_loses_tension_where_another_ends():
 # Balance, from positions alone ------------------------------------------------------------------
 
 
-def spatial_path(arm: Arm, backbone: Backbone, tendon: int, widening: FloatArray) -> FloatArray:
-    """Positions of a tendon at the stations."""
-    along_n, along_b = arm.tendon_offsets(backbone.s)
-    offset = np.stack([0.0 * widening, along_n[tendon] * widening, along_b[tendon] * widening])
-    return backbone.position + Rotation.from_quat(backbone.quaternion).apply(offset.T)
-
-
 @settings(max_examples=20, deadline=None)
 @given(loaded_arms(3), fractions(0.01, 0.6), st.sampled_from(MODELS))
 def test_tension_falls_by_the_angle_that_a_tendon_turns_by(case, friction, model):
@@ -140,14 +131,16 @@ def test_tension_falls_by_the_angle_that_a_tendon_turns_by(case, friction, model
         backbone = Solver(rough, model, 801, material='linear').solve(tensions)
     except SolveError:
         assume(False)
-    along = backbone.tendon_tensions
+    along, across = backbone.tendon_tensions, np.stack(arm.tendon_offsets(backbone.s), axis=-1)
+    offsets = np.pad(across, [(0, 0), (0, 0), (1, 0)])  # (tendons, stations, 3)
     assert (np.diff(along, axis=0) <= 1e-9 * np.maximum(tensions.ravel(), 1e-3)).all()
     for j, pull in enumerate(tensions.ravel()):
         inside = along[:, j] > 0.0
         inside[1:] &= np.diff(backbone.s) > 1e-9  # An anchorage may be next to the tip.
         if not pull or np.count_nonzero(inside) < 10:
             continue
-        chords = np.diff(spatial_path(arm, backbone, j, np.ones_like(backbone.s))[inside], axis=0)
+        path = backbone.position + Rotation.from_quat(backbone.quaternion).apply(offsets[j])
+        chords = np.diff(path[inside], axis=0)
         chords /= np.linalg.norm(chords, axis=1)[:, np.newaxis]
         # From the middle of the first interval to that of the last.
         turned = np.linalg.norm(np.diff(chords, axis=0), axis=1).sum()
@@ -259,7 +252,6 @@ def test_derivatives_of_the_closed_form():
     friction, young = np.linspace(0.05, 0.4, 6), float(helical().material.youngs_modulus)
     solver = Solver(helical(tuple(friction.tolist())), 'closed_form', 41)
     by = solver.sensitivity(solver.solve(PULL))
-    assert by.by_friction is not None
     # Of all inputs at once, each by another part.
     more, rougher = 5e-3 * np.arange(-2.0, 4.0), 5e-3 * np.array([1.0, -0.5, 0.3, -1.0, 0.8, 0.2])
     parts = ((by.by_tension, more), (by.by_youngs_modulus, [1e-3]), (by.by_friction, rougher))

@@ -1,7 +1,5 @@
 """The arm in motion against textbooks, conservation laws and its own equilibria."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

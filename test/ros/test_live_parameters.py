@@ -57,16 +57,10 @@ def of_the_arm(values):
     return {name: value for name, value in values.items() if not is_of_every_node(name)}
 
 
-@pytest.fixture
-def tabulated(tmp_path):
-    path = tmp_path / 'tabulated.yaml'
-    path.write_text(TABULATED)
-    return path
-
-
 @pytest.mark.parametrize('kind', NODES)
-def test_what_is_dumped_starts_the_same_node_and_loads_into_it(kind, tmp_path, tabulated):
-    make_node, name = NODES[kind]
+def test_what_is_dumped_starts_the_same_node_and_loads_into_it(kind, tmp_path):
+    (make_node, name), tabulated = NODES[kind], tmp_path / 'tabulated.yaml'
+    tabulated.write_text(TABULATED)
     with hosting(make_node, files=[tabulated], node=name) as first:
         dumped, types = first.dump(), first.parameter_types()
         assert dumped['tendon_names'] == [] == dumped['sections.offset_base']

@@ -217,11 +217,6 @@ def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
     return [viewer]
 
 
-def has_standard_services() -> bool:
-    """Whether the simulator has services of `simulation_interfaces` too."""
-    return importlib.util.find_spec('simulation_interfaces') is not None
-
-
 @pytest.mark.parametrize('namespace', ['/', '/left', '/right/ground_truth'])
 @pytest.mark.parametrize('enclave', ENCLAVES)
 def test_the_policy_grants_what_the_nodes_have(enclave, namespace, context):
@@ -242,7 +237,7 @@ def test_the_policy_grants_what_the_nodes_have(enclave, namespace, context):
     if '/tf' not in found['publish']:  # Where tf2_msgs is not installed.
         for names in allowed.values():
             names -= {'/tf', '/tf_static'}
-    if not has_standard_services():
+    if importlib.util.find_spec('simulation_interfaces') is None:
         allowed['reply'] = {name for name in allowed['reply'] if 'simulat' not in name}
     assert found == allowed
     for node in nodes:

@@ -1,7 +1,5 @@
 """Winches, relaxation and load cells in series, and the parameters of the simulator."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

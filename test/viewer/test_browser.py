@@ -44,12 +44,6 @@ def browser(setup):
         assert browser.complaints() == []
 
 
-def slacken(setup, browser):
-    """Begin at rest, by the button for it."""
-    browser.press('Let all go slack')
-    browser.until(lambda: browser.tip() == REST and not setup.tensions().any(), 'rest')
-
-
 def shows_what_is_published(setup, browser):
     tensions = setup.tensions().reshape(SOLVER.arm.tension_shape)
     return np.allclose(browser.tip(), 1e3 * SOLVER.solve(tensions).tip, atol=0.006)
@@ -80,7 +74,8 @@ def test_the_arm_is_pulled_and_seen(setup, browser):
     assert np.count_nonzero(setup.tensions()) == 1
     browser.until(lambda: shows_what_is_published(setup, browser), 'the tip')
     assert np.linalg.norm(np.subtract(browser.tip(), REST)) > 1.0
-    slacken(setup, browser)
+    browser.press('Let all go slack')
+    browser.until(lambda: browser.tip() == REST and not setup.tensions().any(), 'rest')
     # Drawn a moment after the numbers, where no graphics card helps.
     browser.until(lambda: body_pixels(browser.picture()).mean() > 0.005, 'a body')
     straight = browser.picture()

@@ -185,10 +185,7 @@ SHAPE = SOLVER.solve(FETCHING_IN_SPACE)
 
 def draw(backbone=SHAPE, arm=ARM, largest=None, **options):
     writer = MarkersWriter(arm, backbone.s, 'arm_base', **options)
-    return read(writer.write(backbone, STAMP.sec, STAMP.nanosec, largest))
-
-
-def read(data):
+    data = writer.write(backbone, STAMP.sec, STAMP.nanosec, largest)
     return deserialize_message(data, MarkerArray)
 
 

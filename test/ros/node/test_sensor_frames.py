@@ -31,16 +31,9 @@ def test_a_policy_of_transforms_that_cannot_be_is_refused_at_once(make_node):
         SensorFrames(node, lambda: None).open()
 
 
-@pytest.fixture
-def clock(monkeypatch):
-    """A clock that stands still until its ``now`` [s] is set."""
-    clock = types.SimpleNamespace(now=100.0)
+def test_few_messages_wait_for_a_short_time(make_node, monkeypatch, capfd):
+    node, refused, clock = make_node('listener'), [], types.SimpleNamespace(now=100.0)
     monkeypatch.setattr(inputs, 'time', types.SimpleNamespace(monotonic=lambda: clock.now))
-    return clock
-
-
-def test_few_messages_wait_for_a_short_time(make_node, clock, capfd):
-    node, refused = make_node('listener'), []
     made = Inputs(node, lambda topic, error: refused.append(str(error)), lambda older: None)
     frames = SensorFrames(node, made.look_again)
     publisher = node.create_publisher(tf2.TFMessage, '/tf', 10)
