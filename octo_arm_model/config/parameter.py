@@ -25,25 +25,33 @@ class Parameter:
 
     Attributes:
         name: dotted name, as in ROS.
-        kind: type of a value, or of the elements where ``is_array``.
         description: what it is, with its unit in brackets.
         default: value where none is given; None means it must be given.
-        is_array: whether it is a list.
-        unless: names of parameters that replace it; if one is given it may be missing.
         range: allowed values, in words; the core checks them.
+        unless: names of parameters that replace it; if one is given it may be missing.
         most: number of values that a list has at most, whether they are used or not.
         what: what errors call a value.
+        kind: type of a value, or of those of a list: that of the default, where this tells.
+        is_array: whether it is a list, as any that has one for default.
     """
 
     name: str
-    kind: type
     description: str
     default: Any = None
-    is_array: bool = False
-    unless: tuple[str, ...] = ()
     range: str = ''
+    unless: tuple[str, ...] = ()
     most: int = MAX_TABLE_POINTS
     what: str = 'number'
+    kind: type = float
+    is_array: bool = False
+
+    def __post_init__(self) -> None:
+        """Take kind and form from the default."""
+        if isinstance(self.default, tuple):
+            object.__setattr__(self, 'is_array', True)
+        if self.default not in (None, ()):
+            element = self.default[0] if self.is_array else self.default
+            object.__setattr__(self, 'kind', type(element))
 
     @property
     def type_name(self) -> str:
@@ -84,10 +92,12 @@ class Parameter:
             ArmDefinitionError: if one is not.
         """
         if self.is_array:
-            one = dataclasses.replace(self, is_array=False)
             for element in value:
-                one.check(element)
-            return
+                self._check_one(element)
+        else:
+            self._check_one(value)
+
+    def _check_one(self, value: Any) -> None:
         unit = ''.join(_UNIT.findall(self.description)[:1])
         if self.range == '>= 0' and self.kind is int:
             validation.whole(self.name, value)
@@ -165,9 +175,7 @@ def stated(
     refused by `Parameter.check`, whose error says ``what`` they are. An array has ``most`` values
     at most.
     """
-    is_array = isinstance(default, tuple)
-    kind = float if is_array else type(default)
-    parameter = Parameter('', kind, description, default, is_array, (), allowed, most, what)
+    parameter = Parameter('', description, default, allowed, most=most, what=what)
     return dataclasses.field(default=default, metadata={'stated': parameter})
 
 

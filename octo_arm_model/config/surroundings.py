@@ -13,27 +13,47 @@ _NAMES = ' or '.join(WATERS)
 _COEFFICIENTS = 'normal_drag', 'tangential_drag', 'added_mass'
 
 MOTION_PARAMETERS = (
-    Parameter('motion.viscosity', float,
-              'viscosity eta of the material [Pa s]: stress per rate of shear strain, three times '
-              'that of stretch', 0.0, range='>= 0'),
-    Parameter('motion.damping_time', float,
-              'time by which the stiffness of cross sections is multiplied instead [s]; 3 eta / E '
-              'is the same for poisson_ratio 0.5', 0.0, range='>= 0'),
-    Parameter('motion.water', str,
-              f'whose coefficients of drag and added mass are used: {_NAMES}; empty for the next '
-              'three', '', range=f'{_NAMES}, or empty'),
-    Parameter('motion.normal_drag', float,
-              'coefficient C_n of the drag across, rho R C_n v |v| per length [-], in a fluid of '
-              'loads.fluid_density', 0.0, range='>= 0'),
-    Parameter('motion.tangential_drag', float,
-              'coefficient C_t of the drag along, rho R pi C_t v |v| / 2 per length [-]', 0.0,
-              range='>= 0'),
-    Parameter('motion.added_mass', float,
-              'mass of water that is accelerated across, over that displaced [-]', 0.0,
-              range='>= 0'),
-    Parameter('motion.current', float, 'velocity of the water in base_frame [m/s]',
-              (0.0, 0.0, 0.0), is_array=True),
-)  # fmt: skip
+    Parameter(
+        'motion.viscosity',
+        'viscosity eta of the material [Pa s]: stress per rate of shear strain, three times '
+        'that of stretch',
+        0.0,
+        range='>= 0',
+    ),
+    Parameter(
+        'motion.damping_time',
+        'time by which the stiffness of cross sections is multiplied instead [s]; 3 eta / E '
+        'is the same for poisson_ratio 0.5',
+        0.0,
+        range='>= 0',
+    ),
+    Parameter(
+        'motion.water',
+        f'whose coefficients of drag and added mass are used: {_NAMES}; empty for the next three',
+        '',
+        range=f'{_NAMES}, or empty',
+    ),
+    Parameter(
+        'motion.normal_drag',
+        'coefficient C_n of the drag across, rho R C_n v |v| per length [-], in a fluid of '
+        'loads.fluid_density',
+        0.0,
+        range='>= 0',
+    ),
+    Parameter(
+        'motion.tangential_drag',
+        'coefficient C_t of the drag along, rho R pi C_t v |v| / 2 per length [-]',
+        0.0,
+        range='>= 0',
+    ),
+    Parameter(
+        'motion.added_mass',
+        'mass of water that is accelerated across, over that displaced [-]',
+        0.0,
+        range='>= 0',
+    ),
+    Parameter('motion.current', 'velocity of the water in base_frame [m/s]', (0.0, 0.0, 0.0)),
+)
 
 
 def build_motion(given: Values) -> MotionProperties:
@@ -63,33 +83,60 @@ _VECTORS = {'point': 'position', 'centre': 'position', 'normal': 'direction', 'a
 _EACH = 'one for all or one per obstacle'
 
 OBSTACLE_PARAMETERS = (
-    Parameter('obstacles.type', str,
-              'what each obstacle is that the arm may touch: plane, sphere or cylinder; empty for '
-              f'none; with model exact; at most {MAX_OBSTACLES}', (), is_array=True,
-              range=f'{", ".join(_TYPES[:-1])} or {_TYPES[-1]}', most=MAX_OBSTACLES),
-    Parameter('obstacles.position', float,
-              'x, y, z of a point of each plane, of the centre of a sphere and of a point of the '
-              'axis of a cylinder, in base_frame [m], one after the other', (), is_array=True,
-              most=3 * MAX_OBSTACLES),
-    Parameter('obstacles.direction', float,
-              'x, y, z of the outward normal of each plane and of the axis of a cylinder, which '
-              'has no ends, one after the other; those of spheres do not count; empty for 0, 0, 1',
-              (), is_array=True, most=3 * MAX_OBSTACLES),
-    Parameter('obstacles.radius', float,
-              'radius of each sphere and cylinder [m]; those of planes do not count', (),
-              is_array=True, range='>= 0', most=MAX_OBSTACLES),
-    Parameter('obstacles.stiffness', float,
-              f'pressure over the depth to which the arm enters each [N/m^3], {_EACH}', (),
-              is_array=True, range='> 0', most=MAX_OBSTACLES),
-    Parameter('obstacles.friction', float,
-              "Coulomb's coefficient of friction of the arm on each [-], for an arm that moves: "
-              f'there are no shapes at rest with it; {_EACH}; empty for none', (), is_array=True,
-              range=f'>= 0, at most {MAX_FRICTION:g}', most=MAX_OBSTACLES),
-    Parameter('obstacles.creep_speed', float,
-              'speed at which friction on each has 0.71 of its full size, as slower sliding meets '
-              f'less of it [m/s], {_EACH}; empty for {Obstacle.creep_speed:g}', (), is_array=True,
-              range='> 0', most=MAX_OBSTACLES),
-)  # fmt: skip
+    Parameter(
+        'obstacles.type',
+        'what each obstacle is that the arm may touch: plane, sphere or cylinder; empty for '
+        f'none; with model exact; at most {MAX_OBSTACLES}',
+        (),
+        kind=str,
+        range=f'{", ".join(_TYPES[:-1])} or {_TYPES[-1]}',
+        most=MAX_OBSTACLES,
+    ),
+    Parameter(
+        'obstacles.position',
+        'x, y, z of a point of each plane, of the centre of a sphere and of a point of the '
+        'axis of a cylinder, in base_frame [m], one after the other',
+        (),
+        most=3 * MAX_OBSTACLES,
+    ),
+    Parameter(
+        'obstacles.direction',
+        'x, y, z of the outward normal of each plane and of the axis of a cylinder, which '
+        'has no ends, one after the other; those of spheres do not count; empty for 0, 0, 1',
+        (),
+        most=3 * MAX_OBSTACLES,
+    ),
+    Parameter(
+        'obstacles.radius',
+        'radius of each sphere and cylinder [m]; those of planes do not count',
+        (),
+        range='>= 0',
+        most=MAX_OBSTACLES,
+    ),
+    Parameter(
+        'obstacles.stiffness',
+        f'pressure over the depth to which the arm enters each [N/m^3], {_EACH}',
+        (),
+        range='> 0',
+        most=MAX_OBSTACLES,
+    ),
+    Parameter(
+        'obstacles.friction',
+        "Coulomb's coefficient of friction of the arm on each [-], for an arm that moves: "
+        f'there are no shapes at rest with it; {_EACH}; empty for none',
+        (),
+        range=f'>= 0, at most {MAX_FRICTION:g}',
+        most=MAX_OBSTACLES,
+    ),
+    Parameter(
+        'obstacles.creep_speed',
+        'speed at which friction on each has 0.71 of its full size, as slower sliding meets '
+        f'less of it [m/s], {_EACH}; empty for {Obstacle.creep_speed:g}',
+        (),
+        range='> 0',
+        most=MAX_OBSTACLES,
+    ),
+)
 
 
 def build_obstacles(given: Values) -> tuple[Obstacle, ...]:
@@ -104,9 +151,10 @@ def build_obstacles(given: Values) -> tuple[Obstacle, ...]:
     radii = given['obstacles.radius'] or len(types) * (0.0,)
     check_length('obstacles.radius', radii, len(types), ', one per obstacle')
     surfaces = zip(
-        _each(given, 'stiffness'), _each(given, 'friction', 0.0),
+        _each(given, 'stiffness'),
+        _each(given, 'friction', 0.0),
         _each(given, 'creep_speed', Obstacle.creep_speed),
-    )  # fmt: skip
+    )
     found = []
     each = zip(types, points, directions, radii, surfaces)
     for number, (kind, point, direction, radius, surface) in enumerate(each):

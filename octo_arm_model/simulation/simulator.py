@@ -51,36 +51,56 @@ _MOVING_RATE = 1.0  # [Hz] at least: a period of a moving arm is many steps
 _ON_FAILURE = ('go_on', 'pause')
 
 PARAMETERS = (
-    Parameter('rate', float, 'how often tensions are measured and published [Hz]', 100.0,
-              range=f'{MIN_RATE:g} to {HIGHEST_RATE:g}, from {_MOVING_RATE:g} on with dynamics'),
+    Parameter(
+        'rate',
+        'how often tensions are measured and published [Hz]',
+        100.0,
+        range=f'{MIN_RATE:g} to {HIGHEST_RATE:g}, from {_MOVING_RATE:g} on with dynamics',
+    ),
     *Winches.table(),
     *LoadCells.table(),
     *Relaxation.table(),
-    Parameter('dynamics', bool,
-              'whether the arm moves with inertia and water, see motion.*, or follows its '
-              'tensions at once', False),
-    Parameter('publish_clock', bool,
-              'whether time is that of the simulator, from 0 on, which goes on by a period each '
-              'step and is published on /clock', False),
-    Parameter('real_time_factor', float,
-              'how many times as fast as the wall clock that time goes [-]; 0 for as fast as it '
-              'can', 1.0,
-              range=f'0, or {_SLOWEST:g} to {_FASTEST:g}; 1 without publish_clock'),
-    Parameter('on_failure', str,
-              'what follows where no step of the arm succeeds, as of one that is crushed: go_on '
-              'from the last state, or pause', 'go_on', range=' or '.join(_ON_FAILURE)),
-    Parameter('state_file', str,
-              'file of the services save_state and restore_state, whose name ends with '
-              f'{SUFFIX}; empty for none; later one in the same folder alone', ''),
-    Parameter('profile.name', str,
-              'movement, or CSV or YAML file, that the simulator plays; empty for none',
-              ''),
-    Parameter('profile.speed', float, 'factor of the speed it is played at [-]', 1.0,
-              range='> 0'),
-    Parameter('profile.loop', bool, 'whether it is repeated', False),
+    Parameter(
+        'dynamics',
+        'whether the arm moves with inertia and water, see motion.*, or follows its '
+        'tensions at once',
+        False,
+    ),
+    Parameter(
+        'publish_clock',
+        'whether time is that of the simulator, from 0 on, which goes on by a period each '
+        'step and is published on /clock',
+        False,
+    ),
+    Parameter(
+        'real_time_factor',
+        'how many times as fast as the wall clock that time goes [-]; 0 for as fast as it can',
+        1.0,
+        range=f'0, or {_SLOWEST:g} to {_FASTEST:g}; 1 without publish_clock',
+    ),
+    Parameter(
+        'on_failure',
+        'what follows where no step of the arm succeeds, as of one that is crushed: go_on '
+        'from the last state, or pause',
+        'go_on',
+        range=' or '.join(_ON_FAILURE),
+    ),
+    Parameter(
+        'state_file',
+        'file of the services save_state and restore_state, whose name ends with '
+        f'{SUFFIX}; empty for none; later one in the same folder alone',
+        '',
+    ),
+    Parameter(
+        'profile.name',
+        'movement, or CSV or YAML file, that the simulator plays; empty for none',
+        '',
+    ),
+    Parameter('profile.speed', 'factor of the speed it is played at [-]', 1.0, range='> 0'),
+    Parameter('profile.loop', 'whether it is repeated', False),
     *Push.table(),
     *Sensors.table(),
-)  # fmt: skip
+)
 _NAMES = [parameter.name for parameter in PARAMETERS]
 
 
@@ -408,9 +428,13 @@ def robot_description(config: Config, interface: str, namespace: str = '') -> st
         ElementTree.SubElement(joint, 'parent', link='tendons')
         ElementTree.SubElement(joint, 'child', link=name)
         ElementTree.SubElement(
-            joint, 'limit', lower=f'{-length:g}', upper=f'{length:g}', effort=f'{highest:g}',
+            joint,
+            'limit',
+            lower=f'{-length:g}',
+            upper=f'{length:g}',
+            effort=f'{highest:g}',
             velocity=f'{_REELING:g}',
-        )  # fmt: skip
+        )
         driven = ElementTree.SubElement(control, 'joint', name=name)
         ElementTree.SubElement(driven, 'command_interface', name=interface)
         for state in ('position', 'velocity', 'effort'):
