@@ -79,8 +79,11 @@ class GivenStiffness:
 
     def __post_init__(self) -> None:
         for field, unit in (
-            ('axial', 'N'), ('bending_n', 'N m^2'), ('bending_b', 'N m^2'), ('torsion', 'N m^2'),
-        ):  # fmt: skip
+            ('axial', 'N'),
+            ('bending_n', 'N m^2'),
+            ('bending_b', 'N m^2'),
+            ('torsion', 'N m^2'),
+        ):
             given = getattr(self, field)
             if not isinstance(given, Profile):
                 name = f'stiffness.{field}'

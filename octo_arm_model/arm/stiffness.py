@@ -41,9 +41,12 @@ class SectionStiffness(NamedTuple):
         young = arm.material.youngs_modulus_at(nodes)
         shear = arm.material.shear_modulus_at(nodes)
         found = cls(
-            young * body.area, shear * body.torsion, young * body.about_n, young * body.about_b,
+            young * body.area,
+            shear * body.torsion,
+            young * body.about_n,
+            young * body.about_b,
             shear * body.area,
-        )  # fmt: skip
+        )
         given = arm.stiffness.profiles.items()
         return found._replace(**{name: profile.value(nodes) for name, profile in given})
 

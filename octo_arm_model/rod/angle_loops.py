@@ -21,18 +21,26 @@ def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> N
     """
     sizes = tables.lengths, tables.weights, tables.sharp
     rule = (
-        tables.to_point, tables.differentiation, tables.ends, tables.to_fine, tables.fine_weights
-    )  # fmt: skip
+        tables.to_point,
+        tables.differentiation,
+        tables.ends,
+        tables.to_fine,
+        tables.fine_weights,
+    )
     own = section_tables(tables)
     _fill_angles(sizes, rule, own, (z, tensions), tables.friction, work.offsets, work.angle)
 
 
 @compiled
 def _fill_angles(
-    sizes: tuple[FloatArray, FloatArray, BoolArray], rule: tuple[FloatArray, ...],
-    of_sections: SectionTables, of_nodes: tuple[FloatArray, FloatArray], friction: FloatArray,
-    offsets: FloatArray, angle: FloatArray,
-) -> None:  # fmt: skip
+    sizes: tuple[FloatArray, FloatArray, BoolArray],
+    rule: tuple[FloatArray, ...],
+    of_sections: SectionTables,
+    of_nodes: tuple[FloatArray, FloatArray],
+    friction: FloatArray,
+    offsets: FloatArray,
+    angle: FloatArray,
+) -> None:
     lengths, weights, sharp = sizes
     to_point, differentiation, ends, to_fine, fine_weights = rule
     law, body, tendons, compliance, active = of_sections
@@ -49,9 +57,15 @@ def _fill_angles(
             for k in range(points):
                 i = start + k
                 tangent(
-                    law, z[i], tendons[i, j], body[i, LEVER], compliance[j] * tensions[i, j],
-                    strain, offsets[i, j], unit[k],
-                )  # fmt: skip
+                    law,
+                    z[i],
+                    tendons[i, j],
+                    body[i, LEVER],
+                    compliance[j] * tensions[i, j],
+                    strain,
+                    offsets[i, j],
+                    unit[k],
+                )
             kink = _kink(ends, unit, last[j])
             if sharp[e]:
                 total[j] += kink
@@ -88,9 +102,13 @@ def _kink(ends: FloatArray, unit: FloatArray, last: FloatArray) -> float:
 
 @helper
 def _bends(
-    differentiation: FloatArray, h: float, z: FloatArray, unit: FloatArray, bend: FloatArray,
+    differentiation: FloatArray,
+    h: float,
+    z: FloatArray,
+    unit: FloatArray,
+    bend: FloatArray,
     rate: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Derivatives of the tangents ``unit`` (p, 3) by s, and their lengths."""
     for k in range(z.shape[0]):
         p = q = r = 0.0
@@ -107,9 +125,13 @@ def _bends(
 
 @helper
 def _turn_finely(
-    to_fine: FloatArray, weights: FloatArray, h: float, bend: FloatArray, total: float,
+    to_fine: FloatArray,
+    weights: FloatArray,
+    h: float,
+    bend: FloatArray,
+    total: float,
     angle: FloatArray,
-) -> float:  # fmt: skip
+) -> float:
     """Angles (p,) of a tendon at the points of an element with its ``bend``, by fine points.
 
     From ``total`` at its start; returns that at its end.

@@ -38,9 +38,18 @@ from octo_arm_model.rod.tables import (
 
 # The node functions, see `forms.Form`.
 __all__ = [
-    'angles', 'balance', 'imbalance', 'jacobian', 'moving_loads', 'orientations', 'paper_twists',
-    'poses', 'residual', 'sections', 'wrenches',
-]  # fmt: skip
+    'angles',
+    'balance',
+    'imbalance',
+    'jacobian',
+    'moving_loads',
+    'orientations',
+    'paper_twists',
+    'poses',
+    'residual',
+    'sections',
+    'wrenches',
+]
 
 XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z
 
@@ -128,9 +137,13 @@ def poses(
 
 
 def residual(
-    tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
+    tables: Tables,
+    z: FloatArray,
+    tensions: FloatArray,
+    force: FloatArray,
+    couple: FloatArray,
     work: Work,
-) -> float:  # fmt: skip
+) -> float:
     """Imbalance of every cross section, see `loops`."""
     wrenches(tables, force, couple, work)
     gradients(tables, z, tensions, work)
@@ -259,9 +272,8 @@ def _moments(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _sweep(
-    coefficients: Numbers, backwards: FloatArray, end: FloatArray,
-    allowed: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    coefficients: Numbers, backwards: FloatArray, end: FloatArray, allowed: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Imbalance (3, A, p + 1) from that at the ``end``, its last change and sweeps, (A,)."""
     xi, k, product = coefficients[:3]
     linear, aside = np.stack(coefficients[3:5]), np.stack(coefficients[5:])
@@ -294,9 +306,13 @@ def _sweep(
 
 
 def moving_loads(
-    tables: MotionTables, rule: TimeRule, base: FloatArray, slope: FloatArray,
-    rotation: FloatArray, motion: Motion,
-) -> None:  # fmt: skip
+    tables: MotionTables,
+    rule: TimeRule,
+    base: FloatArray,
+    slope: FloatArray,
+    rotation: FloatArray,
+    motion: Motion,
+) -> None:
     """Fill in the ``motion`` of a rod of derivatives r', ``slope``, and ``rotation`` of sections.
 
     ``base`` (3,) is the position of its base [m].
@@ -325,9 +341,12 @@ def moving_loads(
 
 
 def imbalance(
-    viscous: FloatArray, rate: FloatArray, reference: FloatArray, residual: FloatArray,
+    viscous: FloatArray,
+    rate: FloatArray,
+    reference: FloatArray,
+    residual: FloatArray,
     scale: FloatArray,
-) -> float:  # fmt: skip
+) -> float:
     """Add viscosity to the ``residual`` and return the largest, NaN if one is none.
 
     Of the ``viscous`` coefficients and the ``rate`` of twists, (N, m); over `Work.scale` and a

@@ -158,8 +158,9 @@ class Finer:
         own.form.angles(own.tables, z, acting.tensions, own.work)
         means = []
         for one, angle in (
-            (self.problem, self.problem.local_tensions(state).angle), (own, own.work.angle),
-        ):  # fmt: skip
+            (self.problem, self.problem.local_tensions(state).angle),
+            (own, own.work.angle),
+        ):
             parts = one.elements.weights[:, np.newaxis] * angle
             means.append(parts.reshape(own.elements.lengths.size, one.elements.points, -1).sum(1))
         change = (means[0] - means[1]) / own.elements.lengths[:, np.newaxis]

@@ -144,8 +144,9 @@ class Contact:
             across = n * touch.stiffness[:, np.newaxis, np.newaxis]
             own = LocalTangents(
                 touch.push[..., np.newaxis] * touch.turn - across * touch.normal[:, np.newaxis],
-                between=self._between[touch.where], back=self._back[:, touch.where],
-            )  # fmt: skip
+                between=self._between[touch.where],
+                back=self._back[:, touch.where],
+            )
             if sliding is not None and touch.obstacle.friction:
                 own = self._with_drag(own, touch, sliding, by_velocity)
             found.append(own)
@@ -161,10 +162,15 @@ class Contact:
                 stiffness = 2.0 * obstacle.stiffness * self._radius[where]
                 found.append(
                     _Touch(
-                        number, obstacle, where, stiffness, depth[where], near.normal[where],
+                        number,
+                        obstacle,
+                        where,
+                        stiffness,
+                        depth[where],
+                        near.normal[where],
                         near.normal_by_place[where],
                     )
-                )  # fmt: skip
+                )
         return found
 
     def _lever(self, touch: _Touch) -> FloatArray:
@@ -202,10 +208,11 @@ class Contact:
         force_by_place -= less @ by_place
         force_by_turn = -less @ by_turn
         return own._replace(
-            force_by_place=own.force_by_place + force_by_place, force_by_turn=force_by_turn,
+            force_by_place=own.force_by_place + force_by_place,
+            force_by_turn=force_by_turn,
             moment_by_place=radius * skew(drag) @ turn - lever @ force_by_place,
             moment_by_turn=-lever @ force_by_turn,
-        )  # fmt: skip
+        )
 
     # What a shape says of its contact ----------------------------------------------------------
 

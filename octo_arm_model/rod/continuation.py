@@ -131,9 +131,13 @@ class Equations(Protocol):
 
 
 def settle(
-    equations: Equations, state: State, tolerance: float, factors: Linear | None = None,
-    is_near: bool = False, rule: Rule = STATICS,
-) -> Found:  # fmt: skip
+    equations: Equations,
+    state: State,
+    tolerance: float,
+    factors: Linear | None = None,
+    is_near: bool = False,
+    rule: Rule = STATICS,
+) -> Found:
     """Search for a balance from ``state``, with ``factors`` from nearby, or of it, if any.
 
     The state it ends in is a balance if its residual is at most ``tolerance``.
@@ -279,9 +283,14 @@ def advance(
 
 
 def follow(
-    problem: Problem, known: Condition, z: FloatArray, wanted: Condition, spending: Spending,
-    step: float = 1.0, roughly: bool = False,
-) -> Judged:  # fmt: skip
+    problem: Problem,
+    known: Condition,
+    z: FloatArray,
+    wanted: Condition,
+    spending: Spending,
+    step: float = 1.0,
+    roughly: bool = False,
+) -> Judged:
     """Follow the equilibrium of twists ``z`` (N, m) under ``known`` to the condition ``wanted``.
 
     In one step where Newton's method then converges, else in several, of which the first is the

@@ -285,9 +285,11 @@ class ChordTensionDerivatives(TensionDerivatives):
 
 
 def _add_turned(
-    block: FloatArray, turn: FloatArray, slope: FloatArray,
+    block: FloatArray,
+    turn: FloatArray,
+    slope: FloatArray,
     held: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-) -> None:  # fmt: skip
+) -> None:
     """Add the change of (2) while F and C are ``held`` to every ``block`` (K, n, n, m, m).
 
     F and the moment of both at the nodes are held, (K, 1, 3) and (K, n, 3); integrals from each

@@ -150,9 +150,15 @@ class Problem:
     remembered = 1  # residual, see `continuation.settle`
 
     def __init__(
-        self, arm: Arm, elements: Elements, tables: Tables, loads: Loads, form: Form, strains: int,
+        self,
+        arm: Arm,
+        elements: Elements,
+        tables: Tables,
+        loads: Loads,
+        form: Form,
+        strains: int,
         has_jacobian: bool = True,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Of ``arm`` under ``loads``, and its ``tables`` at the nodes of ``elements``."""
         self.elements, self.form, self.strains = elements, form, strains
         self.discs = ChordModel(arm, elements, tables, form) if arm.discs.s else None

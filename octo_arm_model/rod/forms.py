@@ -40,15 +40,25 @@ class Form(Protocol):
         """Gradient and Hessian of the energy of every cross section."""
 
     def balance(
-        self, tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray,
-        tolerance: float, work: Work,
-    ) -> tuple[float, int]:  # fmt: skip
+        self,
+        tables: Tables,
+        z: FloatArray,
+        tensions: FloatArray,
+        wrench: FloatArray,
+        tolerance: float,
+        work: Work,
+    ) -> tuple[float, int]:
         """Bring every cross section alone to balance with a wrench."""
 
     def residual(
-        self, tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray,
-        couple: FloatArray, work: Work,
-    ) -> float:  # fmt: skip
+        self,
+        tables: Tables,
+        z: FloatArray,
+        tensions: FloatArray,
+        force: FloatArray,
+        couple: FloatArray,
+        work: Work,
+    ) -> float:
         """Imbalance of every cross section under the loads beyond it; orientations are known."""
 
     def wrenches(self, tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
@@ -65,15 +75,24 @@ class Form(Protocol):
         """Twists of cross sections that balance their tendons as in the paper."""
 
     def moving_loads(
-        self, tables: MotionTables, rule: TimeRule, base: FloatArray, slope: FloatArray,
-        rotation: FloatArray, motion: Motion,
-    ) -> None:  # fmt: skip
+        self,
+        tables: MotionTables,
+        rule: TimeRule,
+        base: FloatArray,
+        slope: FloatArray,
+        rotation: FloatArray,
+        motion: Motion,
+    ) -> None:
         """How nodes move, and what this exerts."""
 
     def imbalance(
-        self, viscous: FloatArray, rate: FloatArray, reference: FloatArray,
-        residual: FloatArray, scale: FloatArray,
-    ) -> float:  # fmt: skip
+        self,
+        viscous: FloatArray,
+        rate: FloatArray,
+        reference: FloatArray,
+        residual: FloatArray,
+        scale: FloatArray,
+    ) -> float:
         """The residual with viscosity, over a reference."""
 
 

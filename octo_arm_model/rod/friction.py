@@ -173,9 +173,13 @@ class Friction:
         raise ConvergenceError('the tension of tendons in their sheaths', left, _MOST_ITERATIONS)
 
     def pulled(
-        self, tensions: FloatArray, before: FloatArray, angle: FloatArray, more: FloatArray,
+        self,
+        tensions: FloatArray,
+        before: FloatArray,
+        angle: FloatArray,
+        more: FloatArray,
         free: FloatArray,
-    ) -> FloatArray:  # fmt: skip
+    ) -> FloatArray:
         """Tensions at the base (J,) [N] at which integrals are more than under ``tensions`` (J,).
 
         By ``more`` (J,) [N m], of local tensions by (2), for ``before`` and ``angle`` see `hold`,

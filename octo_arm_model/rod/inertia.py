@@ -58,9 +58,15 @@ class MovingProblem(Problem):
     """
 
     def __init__(
-        self, arm: Arm, elements: Elements, tables: Tables, loads: Loads, form: Form,
-        strains: int, properties: MotionProperties,
-    ) -> None:  # fmt: skip
+        self,
+        arm: Arm,
+        elements: Elements,
+        tables: Tables,
+        loads: Loads,
+        form: Form,
+        strains: int,
+        properties: MotionProperties,
+    ) -> None:
         """Of ``arm``, its ``tables`` at the nodes of ``elements`` and its ``loads``.
 
         Raises:
@@ -79,26 +85,37 @@ class MovingProblem(Problem):
         across, along = properties.normal_drag, 0.5 * math.pi * properties.tangential_drag
         section = np.stack(
             [
-                density * body.area, density * body.about_b, density * body.about_n,
-                water * body.displaced, properties.added_mass * water * body.displaced,
-                across * drag, (along - across) * drag,
+                density * body.area,
+                density * body.about_b,
+                density * body.about_n,
+                water * body.displaced,
+                properties.added_mass * water * body.displaced,
+                across * drag,
+                (along - across) * drag,
             ],
             axis=1,
-        )  # fmt: skip
+        )
         if arm.discs.mass:
             more = arm.discs.mass / arm.discs.thickness * arm.discs.cover(elements.s)
             rotary = 0.25 * arm.body.disc_radius**2
             section[:, : ROTARY_B + 1] += np.outer(more, [1.0, rotary, rotary])
         self.moving = MotionTables(
-            elements.from_base, elements.to_tip, section,
-            bool(section[:, DISPLACED:].any()), _viscosities(arm, elements.s, strains, properties),
-        )  # fmt: skip
+            elements.from_base,
+            elements.to_tip,
+            section,
+            bool(section[:, DISPLACED:].any()),
+            _viscosities(arm, elements.s, strains, properties),
+        )
         self._is_viscous = bool(self.moving.viscous.any())
         self.base = np.array([*np.zeros(3), *tables.base])
         self.rest = TimeRule(
-            0.0, 0.0, np.zeros((nodes, COLUMNS)), np.zeros((nodes, COLUMNS)),
-            np.zeros((nodes, strains)), np.zeros((2, 3)),
-        )  # fmt: skip
+            0.0,
+            0.0,
+            np.zeros((nodes, COLUMNS)),
+            np.zeros((nodes, COLUMNS)),
+            np.zeros((nodes, strains)),
+            np.zeros((2, 3)),
+        )
         self.rule, self._follows = self.rest, True
         self.reference = np.zeros(strains)
         place, velocity, acceleration = np.zeros((3, nodes, COLUMNS))

@@ -21,9 +21,13 @@ from octo_arm_model.rod.tables import (
 
 
 def moving_loads(
-    tables: MotionTables, rule: TimeRule, base: FloatArray, slope: FloatArray,
-    rotation: FloatArray, motion: Motion,
-) -> None:  # fmt: skip
+    tables: MotionTables,
+    rule: TimeRule,
+    base: FloatArray,
+    slope: FloatArray,
+    rotation: FloatArray,
+    motion: Motion,
+) -> None:
     """See `arrays`."""
     along = tables.from_base, tables.to_tip
     before = rule.velocity, rule.acceleration
@@ -35,10 +39,14 @@ def moving_loads(
 
 @compiled
 def _fill_motion(
-    along: tuple[FloatArray, FloatArray], sections: FloatArray, factors: tuple[float, float, bool],
-    before: tuple[FloatArray, FloatArray], water: FloatArray,
-    rod: tuple[FloatArray, FloatArray, FloatArray], motion: tuple[FloatArray, ...],
-) -> None:  # fmt: skip
+    along: tuple[FloatArray, FloatArray],
+    sections: FloatArray,
+    factors: tuple[float, float, bool],
+    before: tuple[FloatArray, FloatArray],
+    water: FloatArray,
+    rod: tuple[FloatArray, FloatArray, FloatArray],
+    motion: tuple[FloatArray, ...],
+) -> None:
     (from_base, to_tip), (by_velocity, by_acceleration, in_water) = along, factors
     (velocities, accelerations), (base, slope, rotation) = before, rod
     place, velocity, acceleration, load = motion
@@ -89,9 +97,14 @@ def _add_cross(part: float, a: FloatArray, b: FloatArray, out: FloatArray) -> No
 
 @helper
 def _add_water(
-    section: FloatArray, water: FloatArray, t: FloatArray, velocity: FloatArray,
-    acceleration: FloatArray, force: FloatArray, moment: FloatArray,
-) -> None:  # fmt: skip
+    section: FloatArray,
+    water: FloatArray,
+    t: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    force: FloatArray,
+    moment: FloatArray,
+) -> None:
     """Add force and moment of the water on one node per reference length, see `inertia`."""
     w, tw, pull, square = np.empty(3), 0.0, 0.0, 0.0
     for c in range(3):
@@ -110,9 +123,12 @@ def _add_water(
 
 @compiled
 def imbalance(
-    viscous: FloatArray, rate: FloatArray, reference: FloatArray, residual: FloatArray,
+    viscous: FloatArray,
+    rate: FloatArray,
+    reference: FloatArray,
+    residual: FloatArray,
     scale: FloatArray,
-) -> float:  # fmt: skip
+) -> float:
     """See `arrays`."""
     worst = 0.0
     for i in range(rate.shape[0]):

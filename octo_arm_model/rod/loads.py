@@ -260,9 +260,12 @@ def in_sections(
 
 
 def _density(
-    by_place: FloatArray | None, by_turn: FloatArray | None, moved: FloatArray,
-    turned: FloatArray, back: FloatArray | None,
-) -> FloatArray:  # fmt: skip
+    by_place: FloatArray | None,
+    by_turn: FloatArray | None,
+    moved: FloatArray,
+    turned: FloatArray,
+    back: FloatArray | None,
+) -> FloatArray:
     """Change of a density at the nodes, (N, 3, n)."""
     parts = [by @ to for by, to in ((by_place, moved), (by_turn, turned)) if by is not None]
     total = parts[0] if len(parts) == 1 else parts[0] + parts[1]

@@ -20,9 +20,18 @@ from octo_arm_model.rod.tables import OF_BENDS, OF_DIRECTIONS, Places, Tables, W
 
 # The node functions, see `forms.Form`.
 __all__ = [
-    'angles', 'balance', 'imbalance', 'jacobian', 'moving_loads', 'orientations', 'paper_twists',
-    'poses', 'residual', 'sections', 'wrenches',
-]  # fmt: skip
+    'angles',
+    'balance',
+    'imbalance',
+    'jacobian',
+    'moving_loads',
+    'orientations',
+    'paper_twists',
+    'poses',
+    'residual',
+    'sections',
+    'wrenches',
+]
 
 _MOST_SWEEPS = 80  # of orientations
 _ROUNDING = 2e-13  # change by a sweep, which leaves a thirtieth of it
@@ -42,9 +51,13 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
 
 @compiled
 def _fill_orientations(
-    rule: tuple[FloatArray, FloatArray, FloatArray], base: FloatArray, z: FloatArray,
-    quaternion: FloatArray, rotation: FloatArray, slope: FloatArray,
-) -> None:  # fmt: skip
+    rule: tuple[FloatArray, FloatArray, FloatArray],
+    base: FloatArray,
+    z: FloatArray,
+    quaternion: FloatArray,
+    rotation: FloatArray,
+    slope: FloatArray,
+) -> None:
     lengths, weights, to_point = rule
     elements, points = lengths.size, to_point.shape[0]
     rate, first = np.empty((points, 4)), np.empty(4)
@@ -64,9 +77,13 @@ def _fill_orientations(
 
 @helper
 def _collocate(
-    first: FloatArray, z: FloatArray, half: float, to_point: FloatArray, rate: FloatArray,
+    first: FloatArray,
+    z: FloatArray,
+    half: float,
+    to_point: FloatArray,
+    rate: FloatArray,
     now: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Fill in the quaternions ``now`` (p, 4) of an element and their ``rate`` in it.
 
     Swept from the start to the end until they stay: at every point with the rates of those before
@@ -162,11 +179,14 @@ def poses(
 
 @compiled
 def _fill_poses(
-    rule: tuple[FloatArray, FloatArray], base: FloatArray,
+    rule: tuple[FloatArray, FloatArray],
+    base: FloatArray,
     places: tuple[IntArray, FloatArray, FloatArray],
     of_nodes: tuple[FloatArray, FloatArray, FloatArray],
-    position: FloatArray, quaternion: FloatArray, error: FloatArray,
-) -> None:  # fmt: skip
+    position: FloatArray,
+    quaternion: FloatArray,
+    error: FloatArray,
+) -> None:
     (lengths, weights), (element, integration, tail) = rule, places
     z, slopes, quaternions = of_nodes
     nodes, elements, points = integration.shape[1], lengths.size, tail.shape[1]
@@ -205,9 +225,13 @@ def _rates(slope: FloatArray, quaternion: FloatArray, z: FloatArray, rate: Float
 
 @inlined
 def _advance(
-    start: FloatArray, weights: FloatArray, rate: FloatArray, first: int, count: int,
+    start: FloatArray,
+    weights: FloatArray,
+    rate: FloatArray,
+    first: int,
+    count: int,
     out: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Fill in ``start`` and the integral over so many nodes from the ``first`` on."""
     for c in range(7):
         out[c] = start[c]
@@ -246,9 +270,13 @@ def _position_error(
 
 
 def residual(
-    tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, couple: FloatArray,
+    tables: Tables,
+    z: FloatArray,
+    tensions: FloatArray,
+    force: FloatArray,
+    couple: FloatArray,
     work: Work,
-) -> float:  # fmt: skip
+) -> float:
     """Imbalance of every cross section, after `orientations` of the same z.
 
     Fills in all but Hessian and Jacobian; ``work.scale`` is given, see `tables.force_scale`.
@@ -272,9 +300,14 @@ def wrenches(tables: Tables, force: FloatArray, couple: FloatArray, work: Work) 
 
 @compiled
 def _fill_wrenches(
-    rule: tuple[FloatArray, FloatArray, FloatArray], rotation: FloatArray, slope: FloatArray,
-    force: FloatArray, couple: FloatArray, moment: FloatArray, residual: FloatArray,
-) -> None:  # fmt: skip
+    rule: tuple[FloatArray, FloatArray, FloatArray],
+    rotation: FloatArray,
+    slope: FloatArray,
+    force: FloatArray,
+    couple: FloatArray,
+    moment: FloatArray,
+    residual: FloatArray,
+) -> None:
     lengths, weights, to_end = rule
     _moments(lengths, weights, to_end, slope, force, couple, moment)
     for i in range(moment.shape[0]):
@@ -291,9 +324,14 @@ def _turn_back(turn: FloatArray, vector: FloatArray, out: FloatArray) -> None:
 
 @helper
 def _moments(
-    lengths: FloatArray, weights: FloatArray, to_end: FloatArray, slope: FloatArray,
-    force: FloatArray, couple: FloatArray, moment: FloatArray,
-) -> None:  # fmt: skip
+    lengths: FloatArray,
+    weights: FloatArray,
+    to_end: FloatArray,
+    slope: FloatArray,
+    force: FloatArray,
+    couple: FloatArray,
+    moment: FloatArray,
+) -> None:
     """M = M_free + integral to the tip of r' x F."""
     points = to_end.shape[0]
     beyond, rate = np.zeros(3), np.empty((points, 3))
@@ -332,10 +370,13 @@ def jacobian(
 
 @compiled
 def _fill_jacobian(
-    sizes: tuple[FloatArray, FloatArray], rule: tuple[FloatArray, FloatArray, FloatArray],
-    force: FloatArray, of_nodes: tuple[FloatArray, FloatArray, FloatArray], hessian: FloatArray,
+    sizes: tuple[FloatArray, FloatArray],
+    rule: tuple[FloatArray, FloatArray, FloatArray],
+    force: FloatArray,
+    of_nodes: tuple[FloatArray, FloatArray, FloatArray],
+    hessian: FloatArray,
     jacobian: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     (lengths, weights), (_, to_end, _), (slope, rotation, moment) = sizes, rule, of_nodes
     count, strains, points = hessian.shape[0], hessian.shape[1], to_end.shape[0]
     # X, and rows of R^T, then t x F and what shear has of it.
@@ -355,10 +396,15 @@ def _fill_jacobian(
                     own[c] += h * to_end[i - start, k] * lever[start + k, c]
             _sides(weights[i], own, moment[i], axes[i], left[i], i, base_side, tip_side)
         _own_element(
-            (h, weights[start : start + points]), rule, beyond,
-            lever[start : start + points], moment[start : start + points],
-            axes[start : start + points], start * strains, jacobian,
-        )  # fmt: skip
+            (h, weights[start : start + points]),
+            rule,
+            beyond,
+            lever[start : start + points],
+            moment[start : start + points],
+            axes[start : start + points],
+            start * strains,
+            jacobian,
+        )
         for k in range(start, start + points):
             for c in range(9):
                 beyond[c] += weights[k] * lever[k, c]
@@ -402,16 +448,23 @@ def _times(matrix: FloatArray, vector: FloatArray, factor: float, out: FloatArra
     """A matrix (9,) times a vector, times a ``factor``."""
     for c in range(3):
         out[c] = factor * (
-            matrix[3 * c] * vector[0] + matrix[3 * c + 1] * vector[1]
+            matrix[3 * c] * vector[0]
+            + matrix[3 * c + 1] * vector[1]
             + matrix[3 * c + 2] * vector[2]
-        )  # fmt: skip
+        )
 
 
 @helper
 def _sides(
-    weight: float, tail: FloatArray, moment: FloatArray, axes: FloatArray, left: FloatArray,
-    i: int, base_side: FloatArray, tip_side: FloatArray,
-) -> None:  # fmt: skip
+    weight: float,
+    tail: FloatArray,
+    moment: FloatArray,
+    axes: FloatArray,
+    left: FloatArray,
+    i: int,
+    base_side: FloatArray,
+    tip_side: FloatArray,
+) -> None:
     """Factors of the blocks of node ``i`` with other elements; ``tail`` is S, overwritten."""
     strains = axes.shape[0]
     side = np.empty(3)
@@ -436,10 +489,15 @@ def _sides(
 
 @helper
 def _own_element(
-    lengths: tuple[float, FloatArray], rule: tuple[FloatArray, FloatArray, FloatArray],
-    beyond: FloatArray, lever: FloatArray, moment: FloatArray, axes: FloatArray, first: int,
+    lengths: tuple[float, FloatArray],
+    rule: tuple[FloatArray, FloatArray, FloatArray],
+    beyond: FloatArray,
+    lever: FloatArray,
+    moment: FloatArray,
+    axes: FloatArray,
+    first: int,
     out: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Blocks of nodes of one element but Hessians, from row and column ``first`` on.
 
     ``beyond`` is the integral of X beyond it.
@@ -474,9 +532,13 @@ def _own_element(
 
 @helper
 def _other_elements(
-    size: int, left: FloatArray, axes: FloatArray, base_side: FloatArray, tip_side: FloatArray,
+    size: int,
+    left: FloatArray,
+    axes: FloatArray,
+    base_side: FloatArray,
+    tip_side: FloatArray,
     out: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Blocks of nodes of different elements of ``size`` rows, by their factors."""
     strains = axes.shape[1]
     for at in range(out.shape[0]):

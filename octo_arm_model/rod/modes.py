@@ -75,9 +75,10 @@ def modes(dynamics: Dynamics, state: MotionState, count: int = 6) -> Modes:
     moved = np.moveaxis(found.by_stations @ found.shapes, -1, 0)
     size = np.sqrt((moved * moved).sum(axis=2)).max(axis=1)
     return Modes(
-        omega / (2.0 * np.pi), 0.5 * found.damping.diagonal() / omega,
+        omega / (2.0 * np.pi),
+        0.5 * found.damping.diagonal() / omega,
         moved / size[:, np.newaxis, np.newaxis],
-    )  # fmt: skip
+    )
 
 
 def linearise(dynamics: Dynamics, state: MotionState, count: int = 12) -> LinearModel:
@@ -102,7 +103,7 @@ def linearise(dynamics: Dynamics, state: MotionState, count: int = 12) -> Linear
         np.concatenate([np.zeros_like(push), push]),
         np.concatenate([by_modes, np.zeros_like(by_modes)], axis=1),
         direct,
-    )  # fmt: skip
+    )
 
 
 def _linearised(dynamics: Dynamics, state: MotionState, count: int) -> _Linearised:
@@ -139,6 +140,11 @@ def _linearised(dynamics: Dynamics, state: MotionState, count: int) -> _Linearis
     by_stations = (places @ slope.reshape(len(z), -1)).reshape(len(places), 3, size)
     by_tensions = problem.tendons(known).stretch_by_twist * problem.tables.reach[..., np.newaxis]
     return _Linearised(
-        shapes, rows @ stiffness @ shapes, rows @ damping @ shapes, stiffness,
-        weights, by_stations, by_tensions.swapaxes(1, 2).reshape(size, -1),
-    )  # fmt: skip
+        shapes,
+        rows @ stiffness @ shapes,
+        rows @ damping @ shapes,
+        stiffness,
+        weights,
+        by_stations,
+        by_tensions.swapaxes(1, 2).reshape(size, -1),
+    )

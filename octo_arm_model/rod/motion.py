@@ -99,9 +99,12 @@ class Dynamics:
     """
 
     def __init__(
-        self, solver: Solver, properties: MotionProperties = MotionProperties(),
-        rho_inf: float = RHO_INF, level: int = 0,
-    ) -> None:  # fmt: skip
+        self,
+        solver: Solver,
+        properties: MotionProperties = MotionProperties(),
+        rho_inf: float = RHO_INF,
+        level: int = 0,
+    ) -> None:
         """Of the arm, loads, base and stations of ``solver``.
 
         Each ``level`` from 0 to 4 has more nodes, see `elements.LEVELS`.
@@ -170,10 +173,13 @@ class Dynamics:
         place = np.zeros((4, *problem.motion.place.shape))
         place[0] = problem.motion.place
         return self._state(
-            time, given, found, np.array([found.z, *np.zeros((3, *z.shape))]),
+            time,
+            given,
+            found,
+            np.array([found.z, *np.zeros((3, *z.shape))]),
             place,
             np.array([given.current, *np.zeros((2, 3))]),
-        )  # fmt: skip
+        )
 
     def _in_current(self, acting: Acting, z: FloatArray, current: FloatArray) -> State:
         """The balance near ``z`` at rest, in a ``current`` that grows where it has to."""
@@ -221,9 +227,15 @@ class Dynamics:
         return Driven(tensions, displacements, driven, wrench, np.array(current), base)
 
     def _state(
-        self, time: float, given: Driven, state: State, twist: FloatArray, place: FloatArray,
-        water: FloatArray, last: tuple[float, Linear | None, int] = (0.0, None, 0),
-    ) -> MotionState:  # fmt: skip
+        self,
+        time: float,
+        given: Driven,
+        state: State,
+        twist: FloatArray,
+        place: FloatArray,
+        water: FloatArray,
+        last: tuple[float, Linear | None, int] = (0.0, None, 0),
+    ) -> MotionState:
         problem, (dt, factors, iterations) = self.problem, last
         history = None if problem.friction is None else problem.history(state)
         tensions = state.acting.condition.tensions
@@ -234,9 +246,21 @@ class Dynamics:
             if array is not None:
                 array.setflags(write=False)
         return MotionState(
-            time, twist, place, water, tensions, given.tip_wrench, given.base, wrench,
-            at_base, history, state.residual, iterations, dt, factors,
-        )  # fmt: skip
+            time,
+            twist,
+            place,
+            water,
+            tensions,
+            given.tip_wrench,
+            given.base,
+            wrench,
+            at_base,
+            history,
+            state.residual,
+            iterations,
+            dt,
+            factors,
+        )
 
     # Steps -------------------------------------------------------------------------------------
 
@@ -305,9 +329,13 @@ class Dynamics:
         base = mixed(state.base * [1.0, 1.0, 1.0, *4 * [nearer]], given.base)
         base[3:] /= np.linalg.norm(base[3:])
         return Driven(
-            mixed(state.tensions, given.tensions), reeled, given.driven,
-            mixed(state.tip_wrench, given.tip_wrench), mixed(state.water[0], given.current), base,
-        )  # fmt: skip
+            mixed(state.tensions, given.tensions),
+            reeled,
+            given.driven,
+            mixed(state.tip_wrench, given.tip_wrench),
+            mixed(state.water[0], given.current),
+            base,
+        )
 
     def _one_step(self, state: MotionState, given: Driven, dt: float) -> MotionState:
         problem, (m, f, gamma, beta) = self.problem, self._alpha
@@ -334,10 +362,13 @@ class Dynamics:
         water[2] = ((given.current - state.water[0]) / dt - (1 - gamma) * state.water[2]) / gamma
         water[1] = ((1 - m) * water[2] + m * state.water[2] - f * state.water[1]) / (1.0 - f)
         problem.rule = TimeRule(
-            gamma * dt * c, ratio * c, to_rate(velocity, a, own),
-            ratio * a - (m * own - f * acceleration) / (1.0 - f), to_rate(rate, a_z, bend),
+            gamma * dt * c,
+            ratio * c,
+            to_rate(velocity, a, own),
+            ratio * a - (m * own - f * acceleration) / (1.0 - f),
+            to_rate(rate, a_z, bend),
             water[:2],
-        )  # fmt: skip
+        )
         problem.place_base(given.base)
         problem.reference = state.wrench.copy()  # a copy, as `MotionState.z` is
         guess, factors = z + dt * rate + 0.5 * dt * dt * bend, None
@@ -356,15 +387,20 @@ class Dynamics:
         return self._state(state.time + dt, given, found, twist, places, water, last)
 
     def _balance(
-        self, state: MotionState, given: Driven, guess: FloatArray, factors: Linear | None,
+        self,
+        state: MotionState,
+        given: Driven,
+        guess: FloatArray,
+        factors: Linear | None,
         tolerance: float,
-    ) -> tuple[State, Linear | None, int]:  # fmt: skip
+    ) -> tuple[State, Linear | None, int]:
         condition = Condition(given.tensions, given.tip_wrench, 1.0, state.history)
         if given.driven.any():
             condition = condition._replace(
                 tensions=np.where(given.driven, state.tensions, given.tensions),
-                lengths=given.displacements, driven=given.driven,
-            )  # fmt: skip
+                lengths=given.displacements,
+                driven=given.driven,
+            )
             reeling = self.reeling
             begun = reeling.evaluate(condition, guess)
             # Lengths count little beside the balance: the first step may leave any.
@@ -434,9 +470,13 @@ class Dynamics:
         position, quaternion, _ = problem.form.poses(problem.tables, z, places, problem.work)
         strains = strains_of(places.between @ z)
         return self.solver.shaped(
-            position[0] + state.base[:3], quaternion[0], strains, state.tensions,
-            state.tip_wrench, (state.residual, state.iterations),
-        )  # fmt: skip
+            position[0] + state.base[:3],
+            quaternion[0],
+            strains,
+            state.tensions,
+            state.tip_wrench,
+            (state.residual, state.iterations),
+        )
 
     def contacts(self, state: MotionState) -> Contacts:
         """How obstacles act on the arm."""

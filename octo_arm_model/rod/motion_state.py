@@ -148,18 +148,29 @@ def load_state(path: Path, problem: MovingProblem) -> MotionState:
         factors = Factors(lu, given['pivots'].astype(np.int32), int(given['sign']))
     values = {name: given[name] for name in _ARRAYS}
     return MotionState(
-        time, **values, history=given.get('history'), residual=residual,
-        iterations=int(iterations), dt=dt, factors=factors,
-    )  # fmt: skip
+        time,
+        **values,
+        history=given.get('history'),
+        residual=residual,
+        iterations=int(iterations),
+        dt=dt,
+        factors=factors,
+    )
 
 
 def _check(given: dict[str, FloatArray], path: Path, problem: MovingProblem) -> None:
     nodes, strains, count = problem.elements.s.size, problem.strains, problem.tables.friction.size
     shapes: dict[str, tuple[int, ...]] = {
-        'numbers': (5,), 'twist': (4, nodes, strains), 'place': (4, nodes, COLUMNS),
-        'water': (3, 3), 'tensions': (count,), 'tip_wrench': (6,), 'base': (7,),
-        'wrench': (strains,), 'base_wrench': (6,),
-    }  # fmt: skip
+        'numbers': (5,),
+        'twist': (4, nodes, strains),
+        'place': (4, nodes, COLUMNS),
+        'water': (3, 3),
+        'tensions': (count,),
+        'tip_wrench': (6,),
+        'base': (7,),
+        'wrench': (strains,),
+        'base_wrench': (6,),
+    }
     if problem.friction is not None:
         shapes['history'] = (problem.friction.fine.s.size, count)
     size = nodes * strains

@@ -104,9 +104,8 @@ def _cross_anchorage(stiffness: FloatArray, sums: FloatArray, at: int, p: FloatA
 
 @helper
 def _sweep(
-    tables: PaperTables, e: int, slopes: FloatArray, allowed: float, end: FloatArray,
-    p: FloatArray,
-) -> tuple[float, int]:  # fmt: skip
+    tables: PaperTables, e: int, slopes: FloatArray, allowed: float, end: FloatArray, p: FloatArray
+) -> tuple[float, int]:
     """Imbalance p (3, p + 1) of an element from that at its end; its last change and sweeps."""
     points = slopes.shape[1]
     rate, aside = np.empty(points), np.empty((2, points))

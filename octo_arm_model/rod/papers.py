@@ -245,9 +245,13 @@ class Papers(Statics):
 
     @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def solve(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None,
-        before: FloatArray | None, spending: Spending,
-    ) -> Shape:  # fmt: skip
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Equilibrium | None,
+        before: FloatArray | None,
+        spending: Spending,
+    ) -> Shape:
         """See `Statics`; neither ``start`` nor ``spending`` matters.
 
         Raises:
@@ -307,9 +311,13 @@ class Papers(Statics):
         return Shape(position[0], quaternion[0], strains, along, equilibrium), float(error[0])
 
     def wind(
-        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
-        start: Equilibrium | None, spending: Spending,
-    ) -> tuple[Shape, FloatArray]:  # fmt: skip
+        self,
+        displacements: FloatArray,
+        driven: NDArray[np.bool_],
+        condition: Condition,
+        start: Equilibrium | None,
+        spending: Spending,
+    ) -> tuple[Shape, FloatArray]:
         """See `Statics`."""
         if start is not None:
             tensions = start.state.acting.condition.tensions
@@ -459,9 +467,12 @@ def sensitivity(
 
 
 def _with_friction(
-    level: PaperEquations, state: State, by_local: FloatArray, names: tuple[str, ...],
+    level: PaperEquations,
+    state: State,
+    by_local: FloatArray,
+    names: tuple[str, ...],
     rates: FloatArray | None,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+) -> tuple[FloatArray, FloatArray]:
     """Changes of tensions by those at the base, E and mu, at nodes and stations, (n, J, 2 J + 1).
 
     As if tensions fell where E rises, which bends the arm as much less; those of the tensions

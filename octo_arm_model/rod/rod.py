@@ -80,9 +80,12 @@ class Rod:
     """
 
     def __init__(
-        self, arm: Arm, loads: Loads = Loads(), base: FloatArray | None = None,
+        self,
+        arm: Arm,
+        loads: Loads = Loads(),
+        base: FloatArray | None = None,
         setting: Setting = Setting(),
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Of ``arm`` on a base of the orientation ``base``, a quaternion w, x, y, z.
 
         Raises:
@@ -137,9 +140,13 @@ class Rod:
         return Readout(self.finer(level), self.arm, s)
 
     def solve(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None = None,
-        spending: Spending | None = None, before: FloatArray | None = None,
-    ) -> Equilibrium:  # fmt: skip
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Equilibrium | None = None,
+        spending: Spending | None = None,
+        before: FloatArray | None = None,
+    ) -> Equilibrium:
         """The equilibrium under ``tensions`` (J,) [N] and a ``tip_wrench`` (6,) [N, N m].
 
         Followed from ``start``, or from the unloaded shape. Tendons with friction slide from
@@ -445,8 +452,10 @@ class Rod:
         if level == len(LEVELS) - 1:
             return True
         nodes, (cuts, more), (next_cuts, next_more) = (
-            self.problem(level).elements, LEVELS[level], LEVELS[level + 1]
-        )  # fmt: skip
+            self.problem(level).elements,
+            LEVELS[level],
+            LEVELS[level + 1],
+        )
         points = nodes.points - more + next_more
         return nodes.lengths.size // cuts * next_cuts * points > MAX_NODES
 

@@ -235,9 +235,12 @@ def _stiffness(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArra
 
 
 def _add_rest(
-    tables: Tables, strain: FloatArray, widening: tuple[FloatArray, FloatArray, FloatArray],
-    g: FloatArray, h: FloatArray | None = None,
-) -> None:  # fmt: skip
+    tables: Tables,
+    strain: FloatArray,
+    widening: tuple[FloatArray, FloatArray, FloatArray],
+    g: FloatArray,
+    h: FloatArray | None = None,
+) -> None:
     """What the bend at rest, which changes with the stretch, adds to the rows of the stretch.
 
     Of the gradient (6, n) and the Hessian (6, 6, n) of the energy of the material.
@@ -257,9 +260,12 @@ def _add_rest(
 
 
 def _unscale(
-    tables: Tables, z: FloatArray, widening: tuple[FloatArray, FloatArray, FloatArray],
-    g: FloatArray, h: FloatArray | None = None,
-) -> None:  # fmt: skip
+    tables: Tables,
+    z: FloatArray,
+    widening: tuple[FloatArray, FloatArray, FloatArray],
+    g: FloatArray,
+    h: FloatArray | None = None,
+) -> None:
     """From gradient (m, n) and Hessian (m, m, n) by the scaled strain to those by the twist."""
     if tables.law == LINEAR:
         return
@@ -305,9 +311,13 @@ def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) ->
 
 
 def balance(
-    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, tolerance: float,
+    tables: Tables,
+    z: FloatArray,
+    tensions: FloatArray,
+    wrench: FloatArray,
+    tolerance: float,
     work: Work,
-) -> tuple[float, int]:  # fmt: skip
+) -> tuple[float, int]:
     """Bring every cross section to balance with ``wrench`` (N, m), see `loops`."""
     if not z[0, 3]:
         z[:] = initial_twists(tables, tensions, z.shape[1])

@@ -119,9 +119,13 @@ def _along(
 
 @inlined
 def _material(
-    law: int, body: FloatArray, strain: FloatArray, widening: tuple[float, float, float],
-    g: FloatArray, h: FloatArray,
-) -> None:  # fmt: skip
+    law: int,
+    body: FloatArray,
+    strain: FloatArray,
+    widening: tuple[float, float, float],
+    g: FloatArray,
+    h: FloatArray,
+) -> None:
     """Gradient and lower half of the Hessian of the energy of the material by the strain."""
     axial, about_n, about_b = body[AXIAL], body[SQUARED_N], body[SQUARED_B]
     bend, by_stretch = _rest_bend(law, strain[3])
@@ -149,9 +153,12 @@ def _material(
 
 @inlined
 def _add_rest(
-    body: FloatArray, widening: tuple[float, float, float], by_stretch: float, g: FloatArray,
+    body: FloatArray,
+    widening: tuple[float, float, float],
+    by_stretch: float,
+    g: FloatArray,
     h: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """What the bend at rest, which changes with the stretch, adds to the rows of the stretch."""
     _, slope, second = widening
     t, n, b = slope * body[REST_T], by_stretch * body[REST_N], by_stretch * body[REST_B]
@@ -175,16 +182,29 @@ def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) ->
 
 @compiled
 def _fill_sections(
-    of_sections: SectionTables, z: FloatArray, tensions: FloatArray, offsets: FloatArray,
-    gradient: FloatArray, hessian: FloatArray,
-) -> None:  # fmt: skip
+    of_sections: SectionTables,
+    z: FloatArray,
+    tensions: FloatArray,
+    offsets: FloatArray,
+    gradient: FloatArray,
+    hessian: FloatArray,
+) -> None:
     law, body, tendons, compliance, active = of_sections
     g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
     for i in range(z.shape[0]):
         section(
-            law, body[i], tendons[i], compliance, active[i], z[i], tensions[i], offsets[i],
-            g, h, room,
-        )  # fmt: skip
+            law,
+            body[i],
+            tendons[i],
+            compliance,
+            active[i],
+            z[i],
+            tensions[i],
+            offsets[i],
+            g,
+            h,
+            room,
+        )
         _keep(g, h, gradient[i], hessian[i])
 
 
@@ -197,17 +217,31 @@ def add_gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Wor
 
 @compiled
 def _add_gradients(
-    of_sections: SectionTables, z: FloatArray, tensions: FloatArray, offsets: FloatArray,
-    scale: FloatArray, gradient: FloatArray, residual: FloatArray,
-) -> float:  # fmt: skip
+    of_sections: SectionTables,
+    z: FloatArray,
+    tensions: FloatArray,
+    offsets: FloatArray,
+    scale: FloatArray,
+    gradient: FloatArray,
+    residual: FloatArray,
+) -> float:
     law, body, tendons, compliance, active = of_sections
     g, h, room = np.empty(6), np.empty((0, 6)), np.zeros((6, 6))
     largest, worst, count = np.zeros(6), 0.0, z.shape[1]
     for i in range(z.shape[0]):
         section(
-            law, body[i], tendons[i], compliance, active[i], z[i], tensions[i], offsets[i],
-            g, h, room,
-        )  # fmt: skip
+            law,
+            body[i],
+            tendons[i],
+            compliance,
+            active[i],
+            z[i],
+            tensions[i],
+            offsets[i],
+            g,
+            h,
+            room,
+        )
         for c in range(count):
             largest[c] = max(largest[c], abs(residual[i, c]))
             gradient[i, c] = g[c]
@@ -231,10 +265,18 @@ def _keep(g: FloatArray, h: FloatArray, gradient: FloatArray, hessian: FloatArra
 
 @inlined
 def section(
-    law: int, body: FloatArray, tendons: FloatArray, compliance: FloatArray, active: int,
-    z: FloatArray, tensions: FloatArray, offsets: FloatArray, g: FloatArray, h: FloatArray,
+    law: int,
+    body: FloatArray,
+    tendons: FloatArray,
+    compliance: FloatArray,
+    active: int,
+    z: FloatArray,
+    tensions: FloatArray,
+    offsets: FloatArray,
+    g: FloatArray,
+    h: FloatArray,
     room: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Gradient by the twist and lower half of the Hessian at one node into ``g`` and ``h``.
 
     Without rows in ``h`` there is no Hessian. ``room`` has rows of one tendon in a sheath, du/de
@@ -294,9 +336,11 @@ def section(
 
 @helper
 def _add_shear(
-    w: float, path: tuple[float, float, float, float],
-    g: tuple[float, float, float, float, float, float], h: FloatArray,
-) -> None:  # fmt: skip
+    w: float,
+    path: tuple[float, float, float, float],
+    g: tuple[float, float, float, float, float, float],
+    h: FloatArray,
+) -> None:
     """The rows of shear of a tendon of tension over |u| ``w``, see `sections`."""
     x, y, dx, dy = path
     for c in range(6):
@@ -312,9 +356,12 @@ def _add_shear(
 
 @helper
 def _condense(
-    compliance: float, tension: float, unit: tuple[float, float, float, float],
-    room: FloatArray, h: FloatArray,
-) -> None:  # fmt: skip
+    compliance: float,
+    tension: float,
+    unit: tuple[float, float, float, float],
+    room: FloatArray,
+    h: FloatArray,
+) -> None:
     """Subtract C D^-1 C^T, as an offset follows the strain; ``unit`` ends with 1 / |u|."""
     t, n, b = room[5, 0], room[5, 1], room[5, 2]
     u_t, u_n, u_b, over = unit
@@ -366,9 +413,13 @@ def _unscale(
 
 
 def balance(
-    tables: Tables, z: FloatArray, tensions: FloatArray, wrench: FloatArray, tolerance: float,
+    tables: Tables,
+    z: FloatArray,
+    tensions: FloatArray,
+    wrench: FloatArray,
+    tolerance: float,
     work: Work,
-) -> tuple[float, int]:  # fmt: skip
+) -> tuple[float, int]:
     """Bring every cross section to balance with ``wrench`` (N, m) by Newton's method.
 
     From the twists ``z``, which are overwritten, or from those of parallel tendons where the
@@ -386,10 +437,14 @@ def balance(
 
 @compiled
 def _balance(
-    of_sections: SectionTables, least_scale: FloatArray, z: FloatArray, tensions: FloatArray,
-    wrench: FloatArray, tolerance: float,
+    of_sections: SectionTables,
+    least_scale: FloatArray,
+    z: FloatArray,
+    tensions: FloatArray,
+    wrench: FloatArray,
+    tolerance: float,
     found: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-) -> tuple[float, int]:  # fmt: skip
+) -> tuple[float, int]:
     law, bodies, paths, compliance, actives = of_sections
     all_offsets, gradients, hessians, residuals = found
     g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
@@ -443,9 +498,13 @@ def _balance(
 
 @helper
 def _guess(
-    law: int, body: FloatArray, tendons: FloatArray, active: int, tensions: FloatArray,
+    law: int,
+    body: FloatArray,
+    tendons: FloatArray,
+    active: int,
+    tensions: FloatArray,
     z: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Twist of a node as if tendons were parallel, see `arrays.initial_twists`."""
     axial, radius_n, radius_b = body[AXIAL], np.sqrt(body[SQUARED_N]), np.sqrt(body[SQUARED_B])
     force = about_n = about_b = 0.0
@@ -489,9 +548,15 @@ def _solve_ldl(h: FloatArray, left: FloatArray, x: FloatArray) -> None:
 
 @helper
 def tangent(
-    law: int, z: FloatArray, tendon: FloatArray, lever: float, yielding: float,
-    strain: FloatArray, offset: FloatArray, unit: FloatArray,
-) -> None:  # fmt: skip
+    law: int,
+    z: FloatArray,
+    tendon: FloatArray,
+    lever: float,
+    yielding: float,
+    strain: FloatArray,
+    offset: FloatArray,
+    unit: FloatArray,
+) -> None:
     """Unit tangent of a tendon and its offset in its sheath, see `_offset`."""
     width, _, _ = _widening(law, z[3])
     _scaled(z, width, strain)

@@ -45,9 +45,14 @@ _QUANTITIES = {
 }
 
 _UNITS = {
-    'tension': 'N', 'youngs_modulus': '-', 'poisson_ratio': '-', 'offset': 'm',
-    'model_position': 'm', 'model_rotation': 'rad', 'displacement': 'm',
-}  # fmt: skip
+    'tension': 'N',
+    'youngs_modulus': '-',
+    'poisson_ratio': '-',
+    'offset': 'm',
+    'model_position': 'm',
+    'model_rotation': 'rad',
+    'displacement': 'm',
+}
 
 
 @dataclass(frozen=True)
@@ -475,6 +480,9 @@ def part_of(change: Change, where: slice) -> Change:
     """Some of the quantities of a ``change``."""
     mean, twist = change.tendon_tension, change.twist
     return Change(
-        change.pose[..., where], change.strain[..., where], change.tendon_length[..., where],
-        None if mean is None else mean[..., where], None if twist is None else twist[..., where],
-    )  # fmt: skip
+        change.pose[..., where],
+        change.strain[..., where],
+        change.tendon_length[..., where],
+        None if mean is None else mean[..., where],
+        None if twist is None else twist[..., where],
+    )

@@ -105,9 +105,18 @@ class Solver:
             raise ConfigError(f'accuracy is {shown(accuracy)}, expected {expected}')
         self.arm, self.model, self.base, self.loads = arm, model, base, loads
         self._anew = functools.partial(
-            Solver, arm, model, stations, base, material=material, shear=shear, loads=loads,
-            compiled=compiled, budget=budget, accuracy=accuracy,
-        )  # fmt: skip
+            Solver,
+            arm,
+            model,
+            stations,
+            base,
+            material=material,
+            shear=shear,
+            loads=loads,
+            compiled=compiled,
+            budget=budget,
+            accuracy=accuracy,
+        )
         loads.check_inside(arm.length)
         loads.check_base(base.position)
         self.grid = StationGrid.build(arm, stations, loads.breaks)
@@ -151,9 +160,14 @@ class Solver:
         return self._statics.problem(level).elements
 
     def shaped(
-        self, position: FloatArray, quaternion: FloatArray, strains: FloatArray,
-        tensions: FloatArray, wrench: FloatArray, found: tuple[float, int],
-    ) -> Backbone:  # fmt: skip
+        self,
+        position: FloatArray,
+        quaternion: FloatArray,
+        strains: FloatArray,
+        tensions: FloatArray,
+        wrench: FloatArray,
+        found: tuple[float, int],
+    ) -> Backbone:
         """A shape at the stations that was ``found`` elsewhere, with its residual and iterations.
 
         From positions (S, 3) [m] on, under ``tensions`` (J,) [N] and a ``wrench`` (6,) on the tip.
@@ -232,9 +246,12 @@ class Solver:
         return self._backbone(checked.copy(), wrench, start, before)
 
     def _backbone(
-        self, tensions: FloatArray, wrench: FloatArray, start: Backbone | None,
+        self,
+        tensions: FloatArray,
+        wrench: FloatArray,
+        start: Backbone | None,
         before: FloatArray | None,
-    ) -> Backbone:  # fmt: skip
+    ) -> Backbone:
         """As `_solve`, of checked ``tensions`` and the whole ``wrench`` (..., 6) on the tip."""
         lead = tensions.shape[: -len(self.arm.tension_shape)]
         near = None if start is None else start.equilibrium
@@ -269,9 +286,13 @@ class Solver:
         return self._made(tensions, wrench, Shapes(*shape[:4], *how), found, history)
 
     def _made(
-        self, tensions: FloatArray, wrench: FloatArray, shapes: Shapes,
-        found: Equilibrium | None = None, history: FloatArray | None = None,
-    ) -> Backbone:  # fmt: skip
+        self,
+        tensions: FloatArray,
+        wrench: FloatArray,
+        shapes: Shapes,
+        found: Equilibrium | None = None,
+        history: FloatArray | None = None,
+    ) -> Backbone:
         """A `Backbone` of these arrays, which are read-only from now on."""
         position, quaternion, strains, along, residual, iterations = shapes
         if along is not None:
@@ -279,15 +300,37 @@ class Solver:
             # At the base they are given, not interpolated from points beyond.
             along[..., 0, :] = tensions.reshape(along[..., 0, :].shape) * self._reach[0]
         for array in (
-            tensions, wrench, position, quaternion, strains, residual, iterations, along, history
-        ):  # fmt: skip
+            tensions,
+            wrench,
+            position,
+            quaternion,
+            strains,
+            residual,
+            iterations,
+            along,
+            history,
+        ):
             if array is not None:
                 array.setflags(write=False)
         return Backbone(
-            self.model, self.grid.s, self.grid.section, position, quaternion,
-            strains[0], strains[1], strains[2], strains[3],
-            tensions, wrench, residual, iterations, found, self._reach, along, history,
-        )  # fmt: skip
+            self.model,
+            self.grid.s,
+            self.grid.section,
+            position,
+            quaternion,
+            strains[0],
+            strains[1],
+            strains[2],
+            strains[3],
+            tensions,
+            wrench,
+            residual,
+            iterations,
+            found,
+            self._reach,
+            along,
+            history,
+        )
 
     def check_tip_wrench(self, tip_wrench: ArrayLike) -> FloatArray:
         """Return ``tip_wrench`` (..., 6) as a float array.
@@ -454,9 +497,13 @@ class Solver:
         return self._statics.displacements_by_offset(self._own(backbone))
 
     def wind(
-        self, displacements: FloatArray, driven: NDArray[np.bool_], tensions: FloatArray,
-        tip_wrench: ArrayLike | None, start: Backbone | None,
-    ) -> tuple[Backbone, FloatArray]:  # fmt: skip
+        self,
+        displacements: FloatArray,
+        driven: NDArray[np.bool_],
+        tensions: FloatArray,
+        tip_wrench: ArrayLike | None,
+        start: Backbone | None,
+    ) -> tuple[Backbone, FloatArray]:
         """Shape with ``displacements`` (J,) [m] of the ``driven`` tendons, and those of all.
 
         With ``tensions`` (J,) [N] of the others. Tendons with friction slide from those in

@@ -127,9 +127,13 @@ class Statics(abc.ABC):
 
     @abc.abstractmethod
     def solve(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None,
-        before: FloatArray | None, spending: Spending,
-    ) -> Shape:  # fmt: skip
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Equilibrium | None,
+        before: FloatArray | None,
+        spending: Spending,
+    ) -> Shape:
         """Under ``tensions`` (J,) [N] and a ``tip_wrench`` (6,) [N, N m].
 
         ``start`` is an equilibrium to follow the arm from, if the model does, and ``before`` the
@@ -140,9 +144,12 @@ class Statics(abc.ABC):
         """
 
     def solve_many(
-        self, tensions: FloatArray, tip_wrenches: FloatArray, start: Equilibrium | None,
+        self,
+        tensions: FloatArray,
+        tip_wrenches: FloatArray,
+        start: Equilibrium | None,
         before: FloatArray | None,
-    ) -> Shapes:  # fmt: skip
+    ) -> Shapes:
         """As `solve`, of several ``tensions`` (A, J) and ``tip_wrenches`` (A, 6).
 
         Raises:
@@ -150,11 +157,13 @@ class Statics(abc.ABC):
         """
         arms, stations = len(tensions), self._setup.s.size
         shapes = Shapes(
-            np.empty((arms, stations, 3)), np.empty((arms, stations, 4)),
+            np.empty((arms, stations, 3)),
+            np.empty((arms, stations, 4)),
             np.empty((4, arms, stations)),
             np.empty((arms, stations, tensions.shape[1])) if self._setup.arm.friction else None,
-            np.empty(arms), np.empty(arms, np.int64),
-        )  # fmt: skip
+            np.empty(arms),
+            np.empty(arms, np.int64),
+        )
         arm = self._setup.arm
         is_simple = not (arm.friction or arm.sheath_stiffness or arm.discs.s)
         for first in range(0, arms, AT_ONCE):
@@ -205,9 +214,13 @@ class Statics(abc.ABC):
 
     @abc.abstractmethod
     def wind(
-        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
-        start: Equilibrium | None, spending: Spending,
-    ) -> tuple[Shape, FloatArray]:  # fmt: skip
+        self,
+        displacements: FloatArray,
+        driven: NDArray[np.bool_],
+        condition: Condition,
+        start: Equilibrium | None,
+        spending: Spending,
+    ) -> tuple[Shape, FloatArray]:
         """See `Winches.solve`: a shape, and what is reeled in there, (J,) [m]."""
 
     @abc.abstractmethod
@@ -323,9 +336,13 @@ class Exact(Statics):
         return self.rod.problem(level)
 
     def solve(
-        self, tensions: FloatArray, tip_wrench: FloatArray, start: Equilibrium | None,
-        before: FloatArray | None, spending: Spending,
-    ) -> Shape:  # fmt: skip
+        self,
+        tensions: FloatArray,
+        tip_wrench: FloatArray,
+        start: Equilibrium | None,
+        before: FloatArray | None,
+        spending: Spending,
+    ) -> Shape:
         """See `Statics`."""
         near = None if start is None else self._with_factors(start)
         found = self.rod.solve(tensions, tip_wrench, near, spending, before)
@@ -356,9 +373,13 @@ class Exact(Statics):
         return fine
 
     def wind(
-        self, displacements: FloatArray, driven: NDArray[np.bool_], condition: Condition,
-        start: Equilibrium | None, spending: Spending,
-    ) -> tuple[Shape, FloatArray]:  # fmt: skip
+        self,
+        displacements: FloatArray,
+        driven: NDArray[np.bool_],
+        condition: Condition,
+        start: Equilibrium | None,
+        spending: Spending,
+    ) -> tuple[Shape, FloatArray]:
         """See `Statics`."""
         near = None if start is None else self._with_factors(start)
         found = self._winches.solve(displacements, driven, condition, near, spending)

@@ -176,9 +176,13 @@ def work_arrays(tables: Tables, strains: int, *, has_jacobian: bool = True) -> W
 
 
 def tabulate(
-    arm: Arm, elements: Elements, base: FloatArray, *, law: int,
+    arm: Arm,
+    elements: Elements,
+    base: FloatArray,
+    *,
+    law: int,
     at: tuple[FloatArray, IntArray] | None = None,
-) -> Tables:  # fmt: skip
+) -> Tables:
     """Tables of ``arm`` at the nodes of ``elements``, or ``at`` places [m] in sections, both (S,).
 
     ``base`` is the orientation of the base, a quaternion w, x, y, z.
@@ -242,9 +246,12 @@ def _of_rule(points: int) -> tuple[FloatArray, ...]:
     twice = np.ascontiguousarray(np.einsum('im,mk->ikm', rule.to_end, rule.from_start))
     fine = Elements(np.array([0.0, 1.0]), rule, np.zeros(1, np.int64), np.ones(1, np.bool_)).fine
     return (
-        twice, rule.differentiation, rule.interpolate(np.array([0.0, 1.0])),
-        rule.interpolate(fine.s), fine.integration(np.append(rule.points, 1.0)),
-    )  # fmt: skip
+        twice,
+        rule.differentiation,
+        rule.interpolate(np.array([0.0, 1.0])),
+        rule.interpolate(fine.s),
+        fine.integration(np.append(rule.points, 1.0)),
+    )
 
 
 def least_bending(tables: Tables) -> FloatArray:
@@ -259,11 +266,16 @@ def _body(arm: Arm, s: FloatArray, tendons: FloatArray) -> FloatArray:
     squares = 4.0 * own.bending_n / own.axial, 4.0 * own.bending_b / own.axial
     return np.stack(
         [
-            own.axial, own.torsion, *squares, own.shear, np.maximum(radius, lever), radius,
+            own.axial,
+            own.torsion,
+            *squares,
+            own.shear,
+            np.maximum(radius, lever),
+            radius,
             *arm.rest.at(s),
         ],
         axis=1,
-    )  # fmt: skip
+    )
 
 
 # What moves --------------------------------------------------------------------------------------

@@ -67,8 +67,9 @@ class Winches:
         """
         wanted = condition._replace(
             tensions=np.where(driven, 0.0, condition.tensions),
-            lengths=np.where(driven, displacements, 0.0), driven=driven,
-        )  # fmt: skip
+            lengths=np.where(driven, displacements, 0.0),
+            driven=driven,
+        )
         search = _Search(self._rod, self.reeling, wanted, spending)
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             found = search.find(self._rod.at_least(start, condition.before))
