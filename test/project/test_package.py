@@ -25,13 +25,6 @@ CORE = sorted(
 )
 
 
-def modules_after(statement: str) -> set[str]:
-    """Top-level modules a fresh interpreter has loaded after ``statement``."""
-    code = f'{statement}; import sys; print(*sys.modules)'
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
-    return {name.split('.')[0] for name in done.stdout.split()}
-
-
 SOLVE = (
     'from octo_arm_model.cli.main import main; '
     "main(['solve', 'renda2012_prototype', '--tensions', '[[3,0,0,0]]'])"
@@ -44,7 +37,9 @@ SOLVE = (
     ids=['package', 'all', 'solve'],
 )
 def test_the_core_needs_neither_ros_nor_an_extra(statement):
-    loaded = modules_after(statement)
+    code = f'{statement}; import sys; print(*sys.modules)'
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    loaded = {name.split('.')[0] for name in done.stdout.split()}
     assert 'numpy' in loaded
     unwanted = {'rclpy', 'ament_index_python', 'octo_arm_msgs', 'std_msgs', 'matplotlib'}
     unwanted |= {'numba', 'rosbags', 'viser', 'skfem'}

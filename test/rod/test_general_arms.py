@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -111,15 +110,8 @@ PLAIN = {
 }
 
 
-def read(tmp_path: Path, **changes: object) -> Config:
-    path = tmp_path / 'arm.yaml'
-    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': PLAIN | changes}}))
-    return load_config(path)
-
-
 def test_yaml_says_everything_but_functions(tmp_path):
-    config = read(
-        tmp_path,
+    changes = dict(
         material={
             'table_s': [0.0, 0.1, 0.3],
             'table_youngs_modulus': [2e5, 1e5, 1e5],
@@ -146,6 +138,9 @@ def test_yaml_says_everything_but_functions(tmp_path):
         },
         tension_stddev=0.1,
     )
+    path = tmp_path / 'arm.yaml'
+    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': PLAIN | changes}}))
+    config = load_config(path)
     arm = config.arm
     assert arm.tension_shape == (3,)
     assert arm.tendon_section.tolist() == [1, 2, 2]

@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 from octo_arm_model import TensionError, load_config
 from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.wire.messages import Refusals, Stamp, time_of
-from octo_arm_model.wire.tensions import FLOAT64_ARRAY
+from octo_arm_model.wire.tensions import FLOAT64_ARRAY, TENDON_TENSIONS
 
 ARM = load_config('renda2012_table4').arm
 VALUES = np.arange(12.0)
@@ -39,6 +39,13 @@ def test_array_of_another_shape_is_refused(sizes, offset, count, complaint):
     message = array(np.zeros(count), *sizes, offset=offset)
     with pytest.raises(TensionError, match=complaint):
         FLOAT64_ARRAY.read(message, ARM)
+
+
+def test_a_refusal_does_not_grow_with_the_message():
+    for names in (['x' * 10**6] * 2, [f'n{i}' for i in range(10**5)], ['a', 'b'] * 10**5):
+        with pytest.raises(TensionError) as refusal:
+            TENDON_TENSIONS.read(SimpleNamespace(name=names, tension=names), ARM)
+        assert len(str(refusal.value)) < 1000
 
 
 # Stamps, and counts of what was left out ---------------------------------------------------------

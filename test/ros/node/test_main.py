@@ -41,18 +41,9 @@ def test_signals_that_come_while_it_ends_change_nothing(first, again):
         live_nodes.check_end(client.process, 0)
 
 
-def ended(program):
-    """Exit status and complaints of a ``program`` of Python."""
-    done = subprocess.run(
-        [sys.executable, '-c', program], env=live_nodes.environment(live_nodes.new_domain()),
-        capture_output=True, text=True, timeout=live_nodes.DEADLINE, check=False,
-    )  # fmt: skip
-    return done.returncode, done.stderr
-
-
 def test_a_middleware_that_does_not_let_go_does_not_keep_the_node():
     # Waits in C, as Fast DDS does, where Python's threads and signal handlers get no turn.
-    status, complaints = ended("""
+    program = """
 import ctypes, os, signal
 from rclpy.node import Node
 from octo_arm_model.ros.node import main as node
@@ -64,8 +55,12 @@ class Stuck(Node):
         ctypes.PyDLL(None).sleep(1000)
 node.LONGEST_END = 0.2
 node.run('stuck', Stuck)
-""")
-    assert status == 1 and 'in destroy_node' in complaints
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program], env=live_nodes.environment(live_nodes.new_domain()),
+        capture_output=True, text=True, timeout=live_nodes.DEADLINE, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1 and 'in destroy_node' in done.stderr
 
 
 @pytest.mark.parametrize(

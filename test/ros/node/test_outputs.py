@@ -31,13 +31,6 @@ def drawn(client):
     assert client.change(markers_rate=30.0) == (True, '')
 
 
-def ask_until_drawn(client, drawn):
-    """Whether somebody has drawn what was asked just now."""
-    stamp = client.ask('tendon_tensions', FETCHING_IN_PLANE)[0].header.stamp.sec
-    client.spin(0.05)
-    return stamp in drawn
-
-
 def ask_often(client, count):
     """Stamps [s] of shapes asked for as quickly as they are answered."""
     answers = (client.ask('tendon_tensions', FETCHING_IN_PLANE) for _ in range(count))
@@ -46,7 +39,13 @@ def ask_often(client, count):
 
 def test_markers_come_at_their_rate_and_the_last_shape_is_always_drawn(client, drawn):
     assert client.change(markers_rate=0.0) == (True, '')
-    client.wait(lambda: ask_until_drawn(client, drawn), 'a drawing')
+
+    def is_drawn():
+        (stamp,) = ask_often(client, 1)
+        client.spin(0.05)
+        return stamp in drawn
+
+    client.wait(is_drawn, 'a drawing')
     stamps = ask_often(client, 5)
     client.wait(lambda: set(stamps) <= set(drawn), 'drawings of all')
     assert client.change(markers_rate=0.5) == (True, '')

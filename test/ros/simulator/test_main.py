@@ -163,6 +163,21 @@ def test_winches_reel_in_lengths_and_their_encoders_read_them():
         controller.reach(given.ravel())
 
 
+def test_encoders_read_an_arm_that_a_new_budget_suffices_for():
+    """Also where the arm was solved, or tried to be, within another budget before."""
+    options = ('model:=exact', 'winches.encoders:=true', 'loads.tip_force:=[0.0, 0.0, 0.01]',
+               'solve_budget.iterations:=1')  # fmt: skip
+    with simulating(*(word for one in options for word in ('-p', one))) as controller:
+        encoders = controller.hear(JointState, 'tendon_displacements')
+        controller.reach(SPACE)
+        encoders.clear()
+        controller.measured.clear()
+        controller.wait(lambda: len(controller.measured) > 5, 'readings')
+        assert not encoders
+        assert controller.change(solve_budget__iterations=1000) == (True, '')
+        controller.wait(lambda: encoders, 'encoders')
+
+
 def test_the_hardware_that_parameters_describe_is_between_command_and_reading(controller):
     """What each part does is tested without ROS; here that it is there, by the stamps' time."""
     lag = 0.3
