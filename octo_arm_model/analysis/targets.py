@@ -3,7 +3,7 @@
 Errors are in metres; angles are multiplied by `length_per_radian`.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -188,7 +188,6 @@ class BackboneShape:
 
     s: FloatArray
     position: FloatArray
-    _weight: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -198,21 +197,19 @@ class BackboneShape:
             raise TargetError(f'backbone position has {len(position)} points, expected {len(s)}')
         object.__setattr__(self, 's', s)
         object.__setattr__(self, 'position', position)
-        # Makes the norm of the error the root mean square distance.
-        object.__setattr__(self, '_weight', 1.0 / np.sqrt(len(s)))
 
     def _stations(self, backbone: Backbone) -> IntArray:
         return nearest(self.s, backbone.s)
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Every point less that of the target."""
+        """Every point less that of the target; the norm is their root mean square distance."""
         away = backbone.position[self._stations(backbone)] - self.position
-        return self._weight * away.ravel()
+        return away.ravel() / np.sqrt(len(self.s))
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
         """Displacement of every point."""
         moved = change.pose[self._stations(backbone), :3]
-        return self._weight * moved.reshape(-1, moved.shape[-1])
+        return moved.reshape(-1, moved.shape[-1]) / np.sqrt(len(self.s))
 
 
 @dataclass(frozen=True)

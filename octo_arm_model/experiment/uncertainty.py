@@ -229,27 +229,15 @@ def estimates_of(
     jackknife = np.sqrt((count - 1) / count * ((found - x) ** 2).sum(axis=0))
     at = 0.5 + 0.5 * _CONFIDENCE
     reach = np.hypot(stdtrit(freedom, at) * jackknife, ndtri(at) * floor)
-    columns = (x, np.hypot(jackknife, floor), reach, floor)
-    return {
-        unknown.name: _estimate(unknown, *numbers)
-        for unknown, *numbers in zip(
-            unknowns.unknowns, *(column.tolist() for column in columns), strict=True
+    columns = np.array([x, np.hypot(jackknife, floor), x - reach, x + reach, floor])
+    estimates = {}
+    for one, (value, deviation, *ends, least) in zip(unknowns.unknowns, columns.T.tolist()):
+        low, high = sorted(one.value(min(max(end, one.low), one.high)) for end in ends)
+        of_model = one.stddev(value, least)
+        estimates[one.name] = Estimate(
+            one.value(value), one.stddev(value, deviation), (low, high), one.unit, of_model
         )
-    }
-
-
-def _estimate(
-    unknown: Unknown, at: float, deviation: float, reach: float, floor: float
-) -> Estimate:
-    ends = (min(max(end, unknown.low), unknown.high) for end in (at - reach, at + reach))
-    low, high = sorted(unknown.value(end) for end in ends)
-    return Estimate(
-        unknown.value(at),
-        unknown.stddev(at, deviation),
-        (low, high),
-        unknown.unit,
-        unknown.stddev(at, floor),
-    )
+    return estimates
 
 
 def freedom_of(jacobian: Sequence[FloatArray], folds: Sequence[Sequence[int]]) -> FloatArray:
