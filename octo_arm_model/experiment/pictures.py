@@ -6,9 +6,13 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
@@ -29,19 +33,10 @@ if TYPE_CHECKING:
     from octo_arm_model.experiment.estimates import Moment, Touch
 
 
-def new_figure(
-    width: float, height: float, layout: Literal['constrained', 'compressed'] = 'constrained'
-) -> Any:
-    """An empty figure of so many inches; with equal axes its ``layout`` is 'compressed'."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout=layout)
-
-
 def save_all(
     pictures: Mapping[str, Callable[[], Any]], folder: Path, progress: Callable[[int, int], None]
 ) -> None:
-    """Draw ``pictures`` that each make a figure of `new_figure`; write them to ``folder`` by name.
+    """Draw ``pictures`` that each make a figure; write them to ``folder`` by name.
 
     ``progress`` is called with the numbers of pictures done and of all.
 
@@ -54,7 +49,7 @@ def save_all(
 
 
 def save(figure: Any, path: Path) -> None:
-    """Write a ``figure`` of `new_figure` to ``path``, a PNG whatever its ending.
+    """Write a ``figure`` to ``path``, a PNG whatever its ending.
 
     Raises:
         OSError: if it cannot be written.
@@ -64,16 +59,8 @@ def save(figure: Any, path: Path) -> None:
 
 def tension_colours(shapes: Sequence[MeasuredShape]) -> Any:
     """Colours of steps by the sum of their tensions, from zero to the largest of ``shapes``."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     highest = max(shape.tension for shape in shapes)
     return ScalarMappable(Normalize(0.0, max(highest, 1e-9)), 'viridis')
-
-
-def add_colour_bar(figure: Any, panels: Any, colours: Any) -> None:
-    """The scale of `tension_colours` beside the ``panels`` of a ``figure``."""
-    figure.colorbar(colours, ax=panels, label='sum of tensions [N]', pad=0.01)
 
 
 _MEASURED = '0.15'
@@ -171,7 +158,7 @@ def _panels(columns: int, limits: FloatArray, width: float) -> tuple[Any, Any]:
     # What labels and margins leave of the width, and their height.
     inside = width - 0.15 - 0.65 / columns
     height = inside * float(size[1:].sum() / size[0]) + 1.15 + 0.15 * views
-    figure = new_figure(width * columns, height, 'compressed')
+    figure = Figure(figsize=(width * columns, height), layout='compressed')
     panels = figure.subplots(
         views, columns, squeeze=False, sharex=True, sharey='row', height_ratios=size[1:]
     )
@@ -239,13 +226,13 @@ def _draw_all(comparisons: Sequence[ModelComparison], axes: FloatArray, limits: 
         what = 'dashes' if is_line else 'squares'
         title = f'{comparison.model} (colour) and measured ({what})'
         panels[0, column].set_title(title, fontsize='medium')
-    add_colour_bar(figure, panels, colours)
+    figure.colorbar(colours, ax=panels, label='sum of tensions [N]', pad=0.01)
     return figure
 
 
 def _draw_tip(moving: ModelComparison) -> Any:
     """The tip as measured and of the model over time, and the distance between them."""
-    figure = new_figure(9.0, 6.4)
+    figure = Figure(figsize=(9.0, 6.4), layout='constrained')
     tips, errors = figure.subplots(2, 1, sharex=True)
     steps = [step for step in moving.steps if step.errors.tip is not None]
     time = [step.shape.window.start for step in steps]
@@ -265,7 +252,7 @@ def _draw_tip(moving: ModelComparison) -> Any:
 
 def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
     """Errors of each step over its tensions: signed, in order of time, and unsigned."""
-    figure = new_figure(11.4, 4.8)
+    figure = Figure(figsize=(11.4, 4.8), layout='constrained')
     signed, plain = figure.subplots(1, 2)
     for comparison in comparisons:
         tension = np.array([step.shape.tension for step in comparison.steps])
@@ -349,7 +336,9 @@ def _shown(fitted: Sequence[Identification]) -> list[str]:
 
 def _draw_intervals(fitted: Sequence[Identification], names: Sequence[str]) -> Any:
     """A panel for each parameter: estimates of all models with their intervals."""
-    figure = new_figure(1.6 + 4.6 * len(names), 1.7 + 0.6 * len(fitted))
+    figure = Figure(
+        figsize=(1.6 + 4.6 * len(names), 1.7 + 0.6 * len(fitted)), layout='constrained'
+    )
     panels = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
     for panel, name in zip(panels, names, strict=True):
         for row, one in enumerate(fitted):
@@ -389,7 +378,7 @@ def _unit(fitted: Sequence[Identification], name: str) -> str:
 
 def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredShape]) -> Any:
     """A column for each model, a row for each axis of the base: residuals over s by tension."""
-    figure = new_figure(4.4 * len(fitted) + 1.0, 6.6)
+    figure = Figure(figsize=(4.4 * len(fitted) + 1.0, 6.6), layout='constrained')
     panels = figure.subplots(3, len(fitted), squeeze=False, sharex=True, sharey=True)
     colours = tension_colours(shapes)
     for column, one in enumerate(fitted):
@@ -408,15 +397,13 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
                 panels[row, column].set_ylabel(f'{axis} [mm]')
         panels[0, column].set_title(one.model, fontsize='medium')
         panels[-1, column].set_xlabel('s [mm]')
-    add_colour_bar(figure, panels, colours)
+    figure.colorbar(colours, ax=panels, label='sum of tensions [N]', pad=0.01)
     figure.suptitle('Measured less fitted midline, in the frame of the base')
     return figure
 
 
 def _in_base(step: StepComparison, base: Pose) -> Any:
     """Residuals of a step (m, 3) [m] in the axes t, n and b of the base."""
-    from scipy.spatial.transform import Rotation
-
     away = shape_residuals(step.shape, step.measured, step.backbone)
     return Rotation.from_quat(base.quaternion).inv().apply(away)
 
@@ -434,7 +421,7 @@ def draw_estimate(
     time = np.array([one.time for one in moments])
     has_force = any(np.isfinite(one.wrench[0]) for one in moments)
     rows = 1 + has_force + (camera is not None)
-    figure = new_figure(9.0, 0.6 + 2.4 * rows)
+    figure = Figure(figsize=(9.0, 0.6 + 2.4 * rows), layout='constrained')
     panels = list(np.atleast_1d(figure.subplots(rows, 1, sharex=True)))
     if has_force:
         panel = panels[0]
