@@ -15,7 +15,7 @@ from octo_arm_model.cli.files import Bar, check_out, refuse_inside, writing
 from octo_arm_model.cli.recordings import RECORDINGS, add_recording, of_each, read_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import CsvFiles
-from octo_arm_model.experiment.compare import ModelComparison, compare
+from octo_arm_model.experiment.compare import ModelComparison, compare, write_tables
 from octo_arm_model.experiment.observations import Observations
 
 SUMMARY = 'compare the model with midlines in a bag'
@@ -69,7 +69,6 @@ def run(options: argparse.Namespace) -> int:
     comparisons = of_each(models, 'compared', notes, compared)
     result = as_dict(comparisons, observations, notes)
     if out is not None:
-        from octo_arm_model.experiment.compare import write_tables
         from octo_arm_model.experiment.pictures import pictures_of_comparison, save_all
 
         pictures, whole = pictures_of_comparison(comparisons), json.dumps(result, indent=1)

@@ -14,7 +14,7 @@ from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import check_out, writing
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.simulation.movements import TOPIC, find_profile, profile_names
-from octo_arm_model.simulation.profiles import CommandProfile, write_csv
+from octo_arm_model.simulation.profiles import CommandProfile, draw_profile, write_csv
 from octo_arm_model.terminal import StatusLine, missing
 
 SUMMARY = 'pull tendons along a profile of commands'
@@ -109,8 +109,6 @@ def _write(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> No
             write_csv(file, times, tensions, arm)
         print(options.csv)
     if options.plot:
-        from octo_arm_model.simulation.profiles import draw_profile
-
         with writing(options.plot) as place:
             draw_profile(times, tensions, arm, options.profile, place)
         print(options.plot)

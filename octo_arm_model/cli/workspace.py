@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from octo_arm_model.analysis.workspace import Workspace, sample_workspace
+from octo_arm_model.analysis.workspace import Workspace, draw_workspace, sample_workspace
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.cli import arguments
@@ -76,8 +76,6 @@ def run(options: argparse.Namespace) -> None:
             progress=bar,
         )
     if picture is not None:
-        from octo_arm_model.analysis.workspace import draw_workspace
-
         with writing(picture) as place:
             draw_workspace(workspace, config.solver(), place)
     print(
