@@ -1,7 +1,7 @@
 """The markers and frames of an arm, and of how well an estimate is known, as messages."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 
@@ -163,12 +163,8 @@ def _finish_marker(layout: Layout, points: int) -> None:
 _DELETE = 2  # of visualization_msgs/Marker
 
 
-class _Part(NamedTuple):
-    """A marker: its namespace, colour and triangles."""
-
-    name: bytes
-    colour: tuple[float, float, float, float]
-    triangles: IntArray
+# A marker: its namespace, colour and triangles.
+_Part: TypeAlias = tuple[bytes, tuple[float, float, float, float], IntArray]
 
 
 class UncertaintyMarkersWriter:
@@ -186,9 +182,9 @@ class UncertaintyMarkersWriter:
         """
         self._drawing = drawing.UncertaintyDrawing(arm, s)
         frame = text_field('frame_id', frame_id)
-        tube = _Part(b'covariance', (0.35, 0.55, 0.85, 0.25), self._drawing.triangles)
-        force = _Part(b'contact', (0.1, 0.43, 0.2, 1.0), drawing.ARROW_TRIANGLES)
-        cone = _Part(b'cone', (0.1, 0.43, 0.2, 0.35), drawing.CONE_TRIANGLES)
+        tube = b'covariance', (0.35, 0.55, 0.85, 0.25), self._drawing.triangles
+        force = b'contact', (0.1, 0.43, 0.2, 1.0), drawing.ARROW_TRIANGLES
+        cone = b'cone', (0.1, 0.43, 0.2, 0.35), drawing.CONE_TRIANGLES
         parts = tube, force, cone
         self._with_force, self._without = _template(frame, parts, 3), _template(frame, parts, 1)
 
@@ -225,7 +221,7 @@ def _template(frame: bytes, parts: Sequence[_Part], shown: int) -> Template:
     """
     layout = Layout()
     layout.count(len(parts))
-    for number, part in enumerate(parts):
-        corners, action = (part.triangles.size, ADD) if number < shown else (0, _DELETE)
-        add_triangles(layout, frame, part.name, part.colour, corners, action)
+    for number, (name, colour, triangles) in enumerate(parts):
+        corners, action = (triangles.size, ADD) if number < shown else (0, _DELETE)
+        add_triangles(layout, frame, name, colour, corners, action)
     return Template(layout)
