@@ -111,22 +111,22 @@ PLAIN = {
 
 
 def test_yaml_says_everything_but_functions(tmp_path):
-    changes = dict(
-        material={
+    changes = {
+        'material': {
             'table_s': [0.0, 0.1, 0.3],
             'table_youngs_modulus': [2e5, 1e5, 1e5],
             'table_poisson_ratio': [0.5, 0.4, 0.4],
             'density': 1080.0,
             'youngs_modulus_stddev': 0.05,
         },
-        body={'length': 0.3, 'table_s': [0.0, 0.2, 0.3], 'table_radius': [0.02, 0.01, 0.006]},
-        sections={'anchorage': [0.3, 0.2], 'tendons': [1, 2]},
-        tendons={
+        'body': {'length': 0.3, 'table_s': [0.0, 0.2, 0.3], 'table_radius': [0.02, 0.01, 0.006]},
+        'sections': {'anchorage': [0.3, 0.2], 'tendons': [1, 2]},
+        'tendons': {
             'table_s': [0.0, 0.3],
             'table_offset': [0.005, 0.004, 0.003, 0.003, 0.002, 0.002],
             'table_angle': [0.0, 2.0, 1.0, 1.0, 3.0, 3.0],
         },
-        loads={
+        'loads': {
             'gravity': [0.0, 0.0, -9.81],
             'fluid_density': 1000.0,
             'tip_force': [0.0, 0.001, 0.0],
@@ -136,8 +136,8 @@ def test_yaml_says_everything_but_functions(tmp_path):
             'distributed_s': [0.0, 0.1],
             'distributed_force': [0.0, 0.0, 0.1, 0.0, 0.0, 0.0],
         },
-        tension_stddev=0.1,
-    )
+        'tension_stddev': 0.1,
+    }
     path = tmp_path / 'arm.yaml'
     path.write_text(yaml.safe_dump({'/**': {'ros__parameters': PLAIN | changes}}))
     config = load_config(path)
