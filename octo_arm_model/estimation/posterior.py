@@ -1,8 +1,8 @@
 """The state that measurements and what was known before them agree on, by iteration.
 
-An iterated extended Kalman filter with Newton's steps: what measurements predict is taken to
-second order about the last state that was evaluated, where they tell (`Measurement.second`), and
-the next one is what this local model leads to. Each evaluation is one shape and its derivatives.
+An iterated extended Kalman filter: what measurements predict is taken to second order about the
+last state that was evaluated, where they tell (`Measurement.second`), and the next one is what
+this local model leads to. Each evaluation is one shape and its derivatives.
 
 Measurements much more exact than what was known before leave a thin curved sheet of likely
 states, whose densest point is off to one side of its mean, at every step to the same: a filter
@@ -18,7 +18,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dposv, dpotrf
 
 from octo_arm_model.arm.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
@@ -39,7 +38,6 @@ _STRAIGHT, _OFF, _TURNED = 3.0, 0.1, 0.3
 _LOOSE = 0.3  # likewise of what is blurred
 _BLURRED = (100.0, 10.0)  # times the noise, one after the other
 _INNER = 8  # steps within a local model
-_BENT = 0.8  # part of its stiffness that a direction may lose as measurements bend
 _WORSE = 2.0  # growth of what should be least that shortens a step
 _SHORTENED = 6
 _LONGEST = 0.2  # of the length of the arm, by which a station moves in a step
@@ -58,10 +56,6 @@ class Work:
     def share(self, evaluations: int) -> Work:
         """A part of it, of so many evaluations at most."""
         return Work(min(evaluations, self.evaluations), self.iterations, self)
-
-    def grow(self, times: int) -> None:
-        """Allow so many ``times`` what is left, and some."""
-        self.evaluations, self.iterations = times * self.evaluations, times * self.iterations
 
     @property
     def is_left(self) -> bool:
@@ -89,10 +83,10 @@ class Agreement(NamedTuple):
 
     @property
     def weight(self) -> float:
-        """Weight of the way to the mean, 0 to 1: the value and its standard deviation."""
+        """Weight of the way to the mean, 0 to 1: the value, were it 1 +- 1 before all of them."""
         if not self.information:
             return 0.0
-        return min(max(0.0, self.value + 1.0 / math.sqrt(self.information)), 1.0)
+        return min(max(0.0, (1.0 + self.information * self.value) / (1.0 + self.information)), 1.0)
 
     def after(self, drawn: float, expected: float, stddev: float) -> Agreement:
         """With one more innovation, which has ``drawn`` as much of what was ``expected``."""
@@ -260,7 +254,7 @@ class Posterior:
         return _Local(at, by, self._away(at.x), white[:, 0], white[:, 1:], second, slope, bent)
 
     def _step(self, local: _Local, x: FloatArray) -> _Step:
-        """Newton's step from ``x`` to the mean by a ``local`` model."""
+        """The step of Gauss and Newton from ``x`` to the mean by a ``local`` model."""
         z, left, jacobian = local.z, local.left, local.jacobian
         n = z.size
         if x is not local.at.x and local.second is not None:
@@ -270,13 +264,6 @@ class Posterior:
             jacobian = jacobian + bent
         root = lower_root(np.concatenate([jacobian.T, np.eye(n)], axis=1))
         change = solve_lower(root, jacobian.T @ left - z - local.slope)
-        if local.second is not None:
-            # What Gauss and Newton leave out: how measurements bend.
-            newton = solve_lower(root, change, is_transposed=True)
-            pulled = (left - jacobian @ newton) @ local.second.reshape(left.size, -1)
-            pulled = pulled.reshape(n, n)
-            pulled = solve_lower(root, solve_lower(root, pulled).T)
-            change = _stiffened(pulled, change)
         wanted = x + self._before.root @ solve_lower(root, change, is_transposed=True)
         size = math.sqrt(float(change @ change) / n)
         cost = float(z @ z + left @ left + 2.0 * (local.slope @ (z - local.z)))
@@ -366,17 +353,6 @@ class Posterior:
 def gradient(gain: FloatArray, second: FloatArray) -> FloatArray:
     """Gradient of ln(det A) / 2 by the state, (n,), for a ``gain`` (n, m): tr(P+ J' R^-1 dJ)."""
     return np.asarray(gain.T.ravel() @ second.reshape(gain.size, -1))
-
-
-def _stiffened(bent: FloatArray, change: FloatArray) -> FloatArray:
-    """A ``change`` (n,) divided by 1 - ``bent`` (n, n), of which no part is above `_BENT`."""
-    one = np.eye(change.size)
-    for _ in range(50):
-        every = bent.ravel()
-        if every @ every <= _BENT * _BENT or dpotrf(_BENT * one - bent, lower=1)[1] == 0:
-            return np.asarray(dposv(one - bent, change, lower=1)[1])
-        bent = 0.5 * bent
-    return change
 
 
 def nearest_possible(model: ArmModel, root: FloatArray, mean: FloatArray) -> FloatArray:
