@@ -1,11 +1,11 @@
 """Sensors that lie: how soon the estimator names them, and how wrong what it publishes is.
 
 Simulated arms, still and moving, whose load cells, tip and markers have noise as told, and one of
-which lies from `BEGIN` to `END`. A row has after how long the liar was named and for which part
-of the rest of its lie, the worst error of any station over its stated deviation, the share of
-estimates that are off by more than five of them, the longest that an honest sensor was refused,
-how long the liar was refused after its end, the estimates published, and the processor time of
-the worst message.
+which lies from `BEGIN` to `END`. A row has after how long the liar was named, alone or with those
+that are as suspect, and for which part of the rest of its lie, the worst error of any station over
+its stated deviation, the share of estimates that are off by more than five of them, the longest
+that an honest sensor was refused, how long the liar was refused after its end, the estimates
+published, and the processor time of the worst message.
 
     python benchmarks/faults.py [--full] [--arm NAME] [--only TEXT] [--brief]
 """
@@ -219,7 +219,8 @@ class _Record:
             elif now >= END:
                 self._after = max(self._after, now - END + 1.0 / self._case.rate)
         if lies:
-            self._named.append((now - BEGIN, bool(self._liars & refused.keys())))
+            named = refused.keys() | set(own.suspects)
+            self._named.append((now - BEGIN, bool(self._liars & named)))
 
     def error(
         self, now: float, away: NDArray[np.float64], covariance: NDArray[np.float64]

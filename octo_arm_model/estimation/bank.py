@@ -78,14 +78,6 @@ class Bank(NamedTuple):
         """What one hypothesis knows."""
         return Gaussian.of(self.mean[number], self.covariance[number])
 
-    def some(self, numbers: IntArray | list[int]) -> Bank:
-        """Some hypotheses alone, in this order; the leader is no longer known."""
-        return self._replace(
-            doubts=tuple(self.doubts[number] for number in numbers), mean=self.mean[numbers],
-            covariance=self.covariance[numbers], contradiction=self.contradiction[numbers],
-            leader=-1,
-        )  # fmt: skip
-
     def after(self, model: ArmModel, elapsed: float) -> Bank:
         """All of them ``elapsed`` [s] later."""
         decay, growth = model.state.decay(elapsed), model.state.growth(elapsed)
@@ -262,14 +254,36 @@ class Judge:
         mean[is_lost], covariance[is_lost] = mean[leader], covariance[leader]
         return self._widened(bank._replace(mean=mean, covariance=covariance), is_lost)
 
+    def accused(self, bank: Bank) -> tuple[Doubts, tuple[str, ...]]:
+        """Sensors that the leader doubts and that lie more probably than not, by all hypotheses.
+
+        Where there are none though it doubts some: also the fewest of which one does, if any lies.
+        """
+        doubted = bank.doubts[bank.leader]
+        if not doubted:
+            return _NOBODY, ()
+        weight, suspects = self._weight(bank), []
+        names = sorted(frozenset().union(*bank.doubts))
+        lies = {name: np.array([name in one for one in bank.doubts]) for name in names}
+        refused = frozenset(name for name in doubted if weight[lies[name]].sum() > 0.5)
+        left = weight * [bool(one) for one in bank.doubts]
+        most = 0.5 * left.sum()
+        while not refused and left.sum() >= most:
+            suspects.append(max(names, key=lambda name: float(left[lies[name]].sum())))
+            left[lies[suspects[-1]]] = 0.0
+        return refused, tuple(suspects)
+
+    def _weight(self, bank: Bank) -> FloatArray:
+        """Probability of every hypothesis, (hypotheses,)."""
+        total = bank.contradiction + self.improbability(bank)
+        weight = np.exp(total.min() - total)
+        return np.asarray(weight / weight.sum())
+
     def mixture(self, bank: Bank) -> Gaussian:
         """The mean of the leader, and a covariance that holds what others think possible."""
         if len(bank.doubts) == 1:
             return bank.leading
-        total = bank.contradiction + self.improbability(bank)
-        weight = np.exp(total.min() - total)
-        weight /= weight.sum()
-        mean = bank.mean[bank.leader]
+        weight, mean = self._weight(bank), bank.mean[bank.leader]
         away = bank.mean - mean
         covariance = np.tensordot(weight, bank.covariance, axes=1) + (weight * away.T) @ away
         return Gaussian.of(mean, covariance)
@@ -365,7 +379,10 @@ class Judge:
         known = {one: number for number, one in enumerate(bank.doubts)}
         sources = [known.get(one, bank.leader) for one in doubts]
         is_new = np.array([one not in known for one in doubts])
-        made = bank.some(sources)._replace(doubts=doubts, leader=doubts.index(leading))
+        made = bank._replace(
+            doubts=doubts, mean=bank.mean[sources], covariance=bank.covariance[sources],
+            contradiction=bank.contradiction[sources], leader=doubts.index(leading),
+        )  # fmt: skip
         return self._widened(made, is_new), sources
 
     def _widened(self, bank: Bank, is_new: NDArray[np.bool_]) -> Bank:

@@ -71,6 +71,7 @@ class Estimator:
     Attributes:
         consistency: of each kind of measurement, by its name.
         refused_since: stamp of the first message since which a sensor has been refused [ns].
+        suspects: names of the fewest sensors of which one lies, where no single one is refused.
         failed: at how many times the arm had no trustworthy shape.
         restarts: how often it began anew.
         origin_ns: stamp that times count from [ns]; None before the first.
@@ -101,6 +102,7 @@ class Estimator:
         self._work: tuple[Work, ...] = ()
         self.consistency: dict[str, Consistency] = {}
         self.refused_since: dict[str, int] = {}
+        self.suspects: tuple[str, ...] = ()
         self.failed = self.restarts = 0
         self.origin_ns: int | None = None
 
@@ -171,6 +173,7 @@ class Estimator:
         heard |= {one.name for one in step.innovations}
         for name in (heard - refused) & self.refused_since.keys():
             del self.refused_since[name]
+        self.suspects = step.suspects
 
     def _next(
         self, last: _Moment | None, time: float, measurements: tuple[Measurement, ...],

@@ -105,8 +105,7 @@ class Fit(NamedTuple):
     Attributes:
         known: after them.
         at: a prediction nearly of its mean, about which they were linearised.
-        innovation: measured less predicted before, by that linearisation, (m,).
-        innovation_root: of its covariance, (m, m).
+        innovation_root: root of the covariance of what was measured less predicted before, (m, m).
         square: least sum of squares of noise and change of the state that explains them.
         agreement: how the innovations so far draw the most probable state.
         is_converged: whether the state is one to which the last step was short.
@@ -114,7 +113,6 @@ class Fit(NamedTuple):
 
     known: Gaussian
     at: Prediction
-    innovation: FloatArray
     innovation_root: FloatArray
     square: float
     agreement: Agreement
@@ -161,8 +159,8 @@ def agree(
     if not len(rows):
         mean = nearest_possible(at.model, before.root, before.mean)
         at = reached(at, mean, work)
-        nothing = np.zeros(0), np.zeros((0, 0)), 0.0
-        return Fit(Gaussian(mean, before.root), at, *nothing, agreement, is_converged=True)
+        none = np.zeros((0, 0))
+        return Fit(Gaussian(mean, before.root), at, none, 0.0, agreement, is_converged=True)
     if not is_new:
         try:
             if _is_nearer(before, rows, at):
@@ -332,7 +330,7 @@ class Posterior:
         if not is_converged:
             root = lower_root(np.column_stack([root, step.x - at.x]))
         return Fit(
-            Gaussian(step.x, root), at, innovation, by.innovation_root, float(white @ white),
+            Gaussian(step.x, root), at, by.innovation_root, float(white @ white),
             self._agreed(local, innovation, white), is_converged,
         )  # fmt: skip
 

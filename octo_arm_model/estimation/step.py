@@ -23,6 +23,7 @@ from octo_arm_model.rod.sensitivity import chi_square_limit
 EVALUATIONS, ITERATIONS = 7, 50  # of shapes for one message, and of the solver for them
 _FIRST = 3  # times as many where it is the first one, or the estimate begins anew
 _SUDDEN = 4.0  # times the usual difference of two changes, of tensions and of the tip that jump
+_STILL = 1e-3  # of the length, by which the tip may always move
 _LATELY, _FEWEST = 20, 2  # steps over which that is averaged, and from which on it is known
 _WEIGHT = 0.1  # probability of a sensor to lie where a load cell does
 _LASTING, _LEAST = 5.0, 0.02  # [s] in which it falls by e, and where it is forgotten
@@ -44,6 +45,7 @@ class Together(NamedTuple):
             the second.
         usual: mean squares of what these changes differ by from those before [N^2, m^2].
         steps: how many.
+        unused: sensors that were not used in the last step.
     """
 
     before: Gaussian | None = None
@@ -52,6 +54,7 @@ class Together(NamedTuple):
     moved: FloatArray | None = None
     usual: FloatArray = np.zeros(1)
     steps: int = 0
+    unused: Doubts = frozenset()
 
     def after(self, model: ArmModel, known: Gaussian, elapsed: float) -> Together:
         """The same ``elapsed`` [s] after a step at which a state was ``known``."""
@@ -62,33 +65,28 @@ class Together(NamedTuple):
         return self._replace(before=before, weight=weight, expected=known.after(decay, growth))
 
     def with_jump(
-        self, known: Gaussian, at: Prediction, last: Sequence[Innovation],
-        new: Sequence[Innovation],
-    ) -> Together:  # fmt: skip
-        """With what is ``known`` now, ``at`` a prediction of it, after ``new`` innovations.
+        self, known: Gaussian, at: Prediction, heard: Doubts, unused: Doubts
+    ) -> Together:
+        """With what is ``known`` now, ``at`` a prediction of it, and sensors that were ``unused``.
 
-        Of those before the ``last`` were.
+        Others than load cells were ``heard``.
         """
         assert self.expected is not None
         change, state = known.mean - self.expected.mean, at.model.state
         moved = np.concatenate([change[state.tension], at.change.tip[:3] @ change])
         if self.moved is None:
-            return self._replace(moved=moved)
+            return self._replace(moved=moved, unused=unused)
         sudden = moved - self.moved
         squares = np.append(sudden[:-3] ** 2, sudden[-3:] @ sudden[-3:])
         steps = min(self.steps + 1, _LATELY)
         usual = self.usual + (squares - self.usual) / steps
-        found = self._replace(moved=moved, usual=usual, steps=steps)
-        others = [one for one in new if not one.name.startswith(('tensions', LOAD_CELL))]
-        if self.before is not None or steps <= _FEWEST or not others:
-            return found
-        refused = {one.name for one in new if not one.is_accepted}
-        refused -= {one.name for one in last if not one.is_accepted}
+        found = self._replace(moved=moved, usual=usual, steps=steps, unused=unused)
         is_sudden = squares > _SUDDEN**2 * self.usual
-        if not (is_sudden[-1] and (is_sudden[:-1].any() or refused)):
+        is_sudden[-1] &= squares[-1] > (_STILL * at.model.arm.length) ** 2
+        is_jump = is_sudden[-1] and (is_sudden[:-1].any() or unused - self.unused)
+        if self.before is not None or steps <= _FEWEST or not heard or not is_jump:
             return found
-        agree = sum(one.is_accepted for one in others)
-        return found._replace(before=self.expected, weight=_WEIGHT ** max(1, agree))
+        return found._replace(before=self.expected, weight=_WEIGHT ** max(1, len(heard - unused)))
 
     def held(self, known: Gaussian) -> Gaussian:
         """What is ``known``, with a covariance that holds what was before."""
@@ -114,7 +112,8 @@ class Step:
         accepted: what was used, linear measurements first.
         normalised_square: of all that was used together, and of how many numbers.
         log_likelihood: of all measurements; of a refused one as if it were at the gate.
-        doubted: names of the sensors that the leader does not believe.
+        doubted: names of the sensors that lie more probably than not.
+        suspects: where there are none, names of the fewest of which one more probably lies.
         contradicted_since: since when even the leader is contradicted [s]; None if it is not.
         patience: how many times as long as usual it takes to begin anew.
         together: what may be so where sensors lie together.
@@ -131,6 +130,7 @@ class Step:
     normalised_square: tuple[float, int]
     log_likelihood: float
     doubted: Doubts
+    suspects: tuple[str, ...]
     contradicted_since: float | None
     patience: int
     together: Together
@@ -174,7 +174,7 @@ def next_step(
     work = work or Work(EVALUATIONS, ITERATIONS)
     is_anew = last is not None and last.is_lost(time, rules.recover_after)
     if last is None:
-        work.grow(_FIRST)
+        work = Work(_FIRST * work.evaluations, _FIRST * work.iterations)
     update = _Update(model, time, measurements, rules, work)
     try:
         with np.errstate(all='ignore'):  # what overflows is not finite in the end
@@ -242,7 +242,7 @@ class _Update:
             if len(set(sources)) < len(sources):
                 bank = judge.forgiven(bank, sources)
             parts.append((self._shapes, judged))
-        leader, doubted = bank.leader, bank.doubts[bank.leader]
+        leader, (doubted, suspects) = bank.leader, judge.accused(bank)
         since = None
         if bank.contradiction[leader] >= CONTRADICTED:
             before = None if earlier is None else earlier.contradicted_since
@@ -251,32 +251,37 @@ class _Update:
         square = sum(float(judged.square[leader]) for _, judged in parts)
         volume = sum(float(judged.volume[leader]) for _, judged in parts)
         accepted = [rows.only(np.flatnonzero(is_used)) for rows, is_used in used]
-        innovations = self._innovations(parts, leader, at)
+        innovations = self._innovations(parts, bank, doubted, at)
         refused = [one.value.size for one in innovations if not one.is_accepted]
         volume += sum(chi_square_limit(self._rules.gate, size) for size in refused)
         bank = judge.followed(bank)
         known, together = judge.mixture(bank), Together()
         if last is not None and self._rules.doubts_any:
             expected = last.together.after(model, last.bank.leading, self._time - last.time)
-            together = expected.with_jump(known, at, last.innovations, innovations)
+            each = [n for rows, some in used for n in zip(rows.channels(at), some, strict=True)]
+            unused = frozenset(name for name, is_used in each if not is_used)
+            others = frozenset(name for name, _ in each if not name.startswith(LOAD_CELL))
+            together = expected.with_jump(known, at, others, unused)
             known = together.held(known)
         return Step(
             self._time, self._measurements, bank, known, at,
             tuple(innovations), tuple(one for one in accepted if len(one)),
-            (square, sum(len(one) for one in accepted)), -0.5 * (square + volume), doubted,
+            (square, sum(len(one) for one in accepted)), -0.5 * (square + volume),
             # Each time that it begins anew in vain it takes twice as long to the next.
-            since, (1 + is_anew) * (1 if last is None else last.patience), together, is_anew,
+            doubted, suspects, since, (1 + is_anew) * (1 if last is None else last.patience),
+            together, is_anew,
         )  # fmt: skip
 
     def _innovations(
-        self, parts: Sequence[tuple[Rows, Judged]], leader: int, at: Prediction
+        self, parts: Sequence[tuple[Rows, Judged]], bank: Bank, refused: Doubts, at: Prediction
     ) -> list[Innovation]:
-        """Of every measurement, and of every load cell that was refused by itself."""
-        whole, cells = {}, []
+        """Of every measurement, and of every load cell that was ``refused`` by itself."""
+        whole, cells, leader = {}, [], bank.leader
+        unsure = bank.doubts[leader] - refused
         for rows, judged in parts:
-            used, value = judged.is_used[leader], judged.innovation[leader]
-            covariance = judged.expected[leader]
             names, first = rows.channels(at), 0
+            value, covariance = judged.innovation[leader], judged.expected[leader]
+            used = judged.is_used[leader] | np.array([name in unsure for name in names])
             for one in rows.measurements:
                 own = range(first, first + one.value.size)
                 first = own.stop

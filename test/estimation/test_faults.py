@@ -37,18 +37,17 @@ def test_a_sensor_that_lies_is_named_at_once_and_believed_again(case):
 @pytest.mark.parametrize(
     'case',
     [
-        Case(ARM, 'drift', 6, 'tip', 10.0),
         Case(ARM, 'stuck', 6, 'markers', 10.0),
+        Case('renda2012_table2', 'tip 5 mm off', 0, 'tip', 10.0),
+        Case(ARM, 'drift', 0, 'markers', 10.0),
         # What goes together cannot be told from an arm that moved, and is still held.
         Case(ARM, 'tip and cells by 50 mm', 5, 'tip', 10.0),
         Case('rao2021', 'tip and cells by 50 mm', 1, 'tip', 4.0),  # a third is its motion
         pytest.param(Case('rao2021', 'tip and cells by 50 mm'), marks=pytest.mark.endurance),
-        Case('renda2012_prototype', 'tip and cells by 50 mm', 0, 'tip', 4.0),
         pytest.param(
             Case(ARM, 'tip and cells by 50 mm', 0, 'both', 50.0, is_moving=False),
             marks=pytest.mark.endurance,
         ),
-        pytest.param(Case(ARM, 'tip 5 mm off', 0, 'tip', 20.0), marks=pytest.mark.endurance),
         pytest.param(Case(ARM, 'marker jumps', 0, 'both', 20.0), marks=pytest.mark.endurance),
         pytest.param(Case(ARM, 'none', 0, 'both', 20.0), marks=pytest.mark.endurance),
     ],
@@ -56,3 +55,4 @@ def test_a_sensor_that_lies_is_named_at_once_and_believed_again(case):
 def test_what_others_cannot_tell_is_within_the_covariance(case):
     row = bench_of(case.arm).run(case)
     assert row.beyond <= 0.02 and row.published == 1.0
+    assert row.honest_refused <= 1.0 or 'tip and' in case.fault
