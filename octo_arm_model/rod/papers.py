@@ -244,21 +244,13 @@ class Papers(Statics):
         return self._at(level).problem
 
     @np.errstate(over='ignore', invalid='ignore', divide='ignore')
-    def solve(
-        self,
-        tensions: FloatArray,
-        tip_wrench: FloatArray,
-        start: Equilibrium | None,
-        before: FloatArray | None,
-        spending: Spending,
-    ) -> Shape:
+    def solve(self, wanted: Condition, start: Equilibrium | None, spending: Spending) -> Shape:
         """See `Statics`; neither ``start`` nor ``spending`` matters.
 
         Raises:
             SolveError: if a cross section is compressed to nothing (1 + q <= 0), or the nodes do
                 not resolve the strains.
         """
-        wanted = Condition(tensions, tip_wrench, before=before)
         number = self.rod.first_level(None, wanted)
         while True:
             try:
@@ -311,20 +303,15 @@ class Papers(Statics):
         return Shape(position[0], quaternion[0], strains, along, equilibrium), float(error[0])
 
     def wind(
-        self,
-        displacements: FloatArray,
-        driven: NDArray[np.bool_],
-        condition: Condition,
-        start: Equilibrium | None,
-        spending: Spending,
+        self, wanted: Condition, start: Equilibrium | None, spending: Spending
     ) -> tuple[Shape, FloatArray]:
         """See `Statics`."""
         if start is not None:
             tensions = start.state.acting.condition.tensions
-            begun = condition._replace(tensions=np.where(driven, tensions, condition.tensions))
+            begun = wanted._replace(tensions=np.where(wanted.driven, tensions, wanted.tensions))
             start = self.shape(self.rod.first_level(None, begun), begun)[0].equilibrium
-        found = self._winches.solve(displacements, driven, condition, start, spending)
-        wanted = condition._replace(tensions=found.state.acting.condition.tensions)
+        found = self._winches.solve(wanted, start, spending)
+        wanted = wanted._replace(tensions=found.state.acting.condition.tensions)
         return self.shape(found.level, wanted)[0], found.state.reeled
 
     @np.errstate(over='ignore', invalid='ignore', divide='ignore')

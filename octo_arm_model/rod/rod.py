@@ -140,25 +140,19 @@ class Rod:
         return Readout(self.finer(level), self.arm, s)
 
     def solve(
-        self,
-        tensions: FloatArray,
-        tip_wrench: FloatArray,
-        start: Equilibrium | None = None,
-        spending: Spending | None = None,
-        before: FloatArray | None = None,
+        self, wanted: Condition, start: Equilibrium | None = None, spending: Spending | None = None
     ) -> Equilibrium:
-        """The equilibrium under ``tensions`` (J,) [N] and a ``tip_wrench`` (6,) [N, N m].
+        """The equilibrium in a condition that is ``wanted``, of tensions (J,) at the base.
 
         Followed from ``start``, or from the unloaded shape. Tendons with friction slide from
-        tensions ``before`` (M, J) [N], see `Problem.history`, of any level, or from slack.
+        `Condition.before` of any level, see `Problem.history`.
 
         Raises:
             SolveError: if there is no trustworthy answer.
             ContinuationError: if it would take more than the budget.
         """
-        wanted = Condition(tensions, tip_wrench, before=before)
         spending = spending or Spending(Budget())
-        is_loaded = self.is_loaded or bool(tip_wrench.any())
+        is_loaded = self.is_loaded or bool(wanted.tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             if is_loaded or self.has_friction:
                 try:
@@ -167,7 +161,7 @@ class Rod:
                     raise
                 except ConvergenceError as error:
                     why = self._explained(wanted, error)
-                    raise explain_discs(self.problem(0), tensions, why) from None
+                    raise explain_discs(self.problem(0), wanted.tensions, why) from None
             else:
                 found = self._unloaded_equilibrium(wanted)
             check_solution(self.problem(found.level), found.state, is_loaded)

@@ -225,25 +225,30 @@ class Solver:
         before: FloatArray | None,
     ) -> Backbone:
         """As `solve`; tendons with friction slide from tensions ``before`` (tendons, points)."""
-        self._require_frictionless()
-        checked = check_tensions(self.arm, tensions)
-        self._limits.check_tensions(checked)
-        wrench = self._wrench
-        if tip_wrench is not None:
-            wrench = wrench + self.check_tip_wrench(tip_wrench)
-            own, lead = checked.shape[: -len(self.arm.tension_shape)], wrench.shape[:-1]
-            if lead != own:
-                try:
-                    lead = np.broadcast_shapes(own, lead)
-                except ValueError:
-                    expected = f'those of the tensions, {own}, or none'
-                    raise LoadError(
-                        f'tip_wrench has leading axes {lead}, expected {expected}'
-                    ) from None
-                checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
+        checked, wrench = self._given(tensions, tip_wrench)
+        own, lead = checked.shape[: -len(self.arm.tension_shape)], wrench.shape[:-1]
+        if lead != own:
+            try:
+                lead = np.broadcast_shapes(own, lead)
+            except ValueError:
+                expected = f'those of the tensions, {own}, or none'
+                problem = f'tip_wrench has leading axes {lead}, expected {expected}'
+                raise LoadError(problem) from None
+            checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
         if start is not None:
             self._own(start)
         return self._backbone(checked.copy(), wrench, start, before)
+
+    def _given(
+        self, tensions: ArrayLike, tip_wrench: ArrayLike | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Checked ``tensions`` [N] and the whole wrench on the tip, (..., 6) [N, N m]."""
+        self._require_frictionless()
+        checked = check_tensions(self.arm, tensions)
+        self._limits.check_tensions(checked)
+        if tip_wrench is None:
+            return checked, self._wrench
+        return checked, self._wrench + self.check_tip_wrench(tip_wrench)
 
     def _backbone(
         self,
@@ -257,9 +262,8 @@ class Solver:
         near = None if start is None else start.equilibrium
         history = None if before is None else before.T
         if not lead:
-            shape = self._statics.solve(
-                tensions.ravel(), wrench, near, history, self._allowance.spending()
-            )
+            wanted = Condition(tensions.ravel(), wrench, before=history)
+            shape = self._statics.solve(wanted, near, self._allowance.spending())
             return self._of_one(tensions, wrench, shape)
         count, stations = math.prod(lead), self.grid.s.size
         wrenches = np.broadcast_to(wrench, (*lead, 6))
@@ -509,21 +513,15 @@ class Solver:
         With ``tensions`` (J,) [N] of the others. Tendons with friction slide from those in
         ``start``. Other arguments and errors are those of `solve`.
         """
-        self._require_frictionless()
-        checked = check_tensions(self.arm, tensions.reshape(self.arm.tension_shape))
-        self._limits.check_tensions(checked)
-        wrench = self._wrench
-        if tip_wrench is not None:
-            wrench = wrench + self.check_tip_wrench(tip_wrench)
+        checked, wrench = self._given(tensions.reshape(self.arm.tension_shape), tip_wrench)
         near = None if start is None else self._own(start)
         history = None if start is None else start.point_tensions
         before = None if history is None else history.T
-        condition = Condition(checked.ravel(), wrench, before=before)
-        spending = self._allowance.spending()
-        shape, displacement = self._statics.wind(displacements, driven, condition, near, spending)
+        wanted = Condition(checked.ravel(), wrench, 1.0, before, displacements, driven)
+        shape, reeled = self._statics.wind(wanted, near, self._allowance.spending())
         pulled = shape.equilibrium.state.acting.condition.tensions.reshape(self.arm.tension_shape)
         self._limits.check_tensions(pulled)
-        return self._of_one(pulled, wrench, shape), displacement
+        return self._of_one(pulled, wrench, shape), reeled
 
     def _own(self, backbone: Backbone) -> Equilibrium:
         """The equilibrium of a single solution of this solver.

@@ -126,18 +126,10 @@ class Statics(abc.ABC):
         """The nodes of a ``level``, always the same."""
 
     @abc.abstractmethod
-    def solve(
-        self,
-        tensions: FloatArray,
-        tip_wrench: FloatArray,
-        start: Equilibrium | None,
-        before: FloatArray | None,
-        spending: Spending,
-    ) -> Shape:
-        """Under ``tensions`` (J,) [N] and a ``tip_wrench`` (6,) [N, N m].
+    def solve(self, wanted: Condition, start: Equilibrium | None, spending: Spending) -> Shape:
+        """In a condition that is ``wanted``, of tensions (J,) at the base.
 
-        ``start`` is an equilibrium to follow the arm from, if the model does, and ``before`` the
-        tensions (N, J) [N] that tendons with friction slide from; None for slack ones.
+        ``start`` is an equilibrium to follow the arm from, if the model does.
 
         Raises:
             SolveError: if there is no trustworthy answer.
@@ -173,10 +165,9 @@ class Statics(abc.ABC):
                     left = left[~self._solve_at_once(level, tensions[left], left, shapes)]
             for number in left.tolist():
                 spending = self._setup.allowance.spending()
+                wanted = Condition(tensions[number], tip_wrenches[number], before=before)
                 try:
-                    one = self.solve(
-                        tensions[number], tip_wrenches[number], start, before, spending
-                    )
+                    one = self.solve(wanted, start, spending)
                 except SolveError as error:
                     if arms > 1:
                         error.in_set(number)
@@ -214,12 +205,7 @@ class Statics(abc.ABC):
 
     @abc.abstractmethod
     def wind(
-        self,
-        displacements: FloatArray,
-        driven: NDArray[np.bool_],
-        condition: Condition,
-        start: Equilibrium | None,
-        spending: Spending,
+        self, wanted: Condition, start: Equilibrium | None, spending: Spending
     ) -> tuple[Shape, FloatArray]:
         """See `Winches.solve`: a shape, and what is reeled in there, (J,) [m]."""
 
@@ -335,17 +321,10 @@ class Exact(Statics):
         """See `Statics`."""
         return self.rod.problem(level)
 
-    def solve(
-        self,
-        tensions: FloatArray,
-        tip_wrench: FloatArray,
-        start: Equilibrium | None,
-        before: FloatArray | None,
-        spending: Spending,
-    ) -> Shape:
+    def solve(self, wanted: Condition, start: Equilibrium | None, spending: Spending) -> Shape:
         """See `Statics`."""
         near = None if start is None else self._with_factors(start)
-        found = self.rod.solve(tensions, tip_wrench, near, spending, before)
+        found = self.rod.solve(wanted, near, spending)
         if near is not None and near.key and near.factors is None and found.factors is not None:
             # The next set that is solved from this shape begins with these.
             self._keep(near.key, found)
@@ -373,16 +352,11 @@ class Exact(Statics):
         return fine
 
     def wind(
-        self,
-        displacements: FloatArray,
-        driven: NDArray[np.bool_],
-        condition: Condition,
-        start: Equilibrium | None,
-        spending: Spending,
+        self, wanted: Condition, start: Equilibrium | None, spending: Spending
     ) -> tuple[Shape, FloatArray]:
         """See `Statics`."""
         near = None if start is None else self._with_factors(start)
-        found = self._winches.solve(displacements, driven, condition, near, spending)
+        found = self._winches.solve(wanted, near, spending)
         return self.shape(found), found.state.reeled
 
     def shape(self, found: Equilibrium) -> Shape:

@@ -11,7 +11,6 @@ import functools
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo_arm_model.arm.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
@@ -48,31 +47,25 @@ class Winches:
         self.reeling = functools.cache(reeling or functools.partial(RodReeling, rod))
 
     def solve(
-        self,
-        displacements: FloatArray,
-        driven: NDArray[np.bool_],
-        condition: Condition,
-        start: Equilibrium | None,
-        spending: Spending,
+        self, wanted: Condition, start: Equilibrium | None, spending: Spending
     ) -> Equilibrium:
-        """What holds ``displacements`` (J,) [m] of the ``driven`` tendons (J,).
+        """What holds the lengths of the tendons that are driven in a condition that is ``wanted``.
 
-        And the tensions of the others, in ``condition``; neither counts for the rest. From
-        ``start``, or from the unloaded arm. Tendons with friction slide from `Condition.before`,
-        at the fine points of any level.
+        And the tensions of the others; neither counts for the rest. From ``start``, or from the
+        unloaded arm. Tendons with friction slide from `Condition.before` of any level.
 
         Raises:
             SolveError: if no tensions were found that hold these lengths.
             ContinuationError: if it would take more than the budget.
         """
-        wanted = condition._replace(
-            tensions=np.where(driven, 0.0, condition.tensions),
-            lengths=np.where(driven, displacements, 0.0),
-            driven=driven,
+        driven = wanted.driven
+        wanted = wanted._replace(
+            tensions=np.where(driven, 0.0, wanted.tensions),
+            lengths=np.where(driven, wanted.lengths, 0.0),
         )
         search = _Search(self._rod, self.reeling, wanted, spending)
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            found = search.find(self._rod.at_least(start, condition.before))
+            found = search.find(self._rod.at_least(start, wanted.before))
             problem = self.reeling(found.level).problem
             check_solution(problem, found.state, not search.is_free(wanted))
         return found
@@ -208,9 +201,8 @@ class _Search:
         self, tensions: FloatArray, condition: Condition, start: Equilibrium | None
     ) -> Equilibrium:
         """The arm under ``tensions`` (J,) [N] that are held, in a ``condition``."""
-        return self._rod.solve(
-            tensions, condition.tip_wrench, start, self._spending, condition.before
-        )
+        held = Condition(tensions, condition.tip_wrench, before=condition.before)
+        return self._rod.solve(held, start, self._spending)
 
     def _error(self, found: Found) -> ConvergenceError:
         what, count = 'the displacement of the tendons', self._spending.iterations

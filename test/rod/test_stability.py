@@ -14,7 +14,7 @@ from octo_arm_model import Arm, Body, Loads, Material, Section, SolveError, Solv
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod.continuation import judge
-from octo_arm_model.rod.equilibrium import Equilibrium
+from octo_arm_model.rod.equilibrium import Condition, Equilibrium
 from octo_arm_model.rod.rod import Rod, Setting
 
 COLUMN = Arm(Material(1e5), Body(0.4, 0.01, 0.01), (Section(0.4, 0.005, 0.005),))
@@ -156,7 +156,7 @@ def refused(rod: Rod, family: Iterator[FloatArray], wrench: FloatArray = NOTHING
     problems = []
     for number, tensions in enumerate(family):
         try:
-            found = rod.solve(tensions, wrench)
+            found = rod.solve(Condition(tensions, wrench))
         except SolveError as error:
             problems.append(f'{number}: {error}')
             continue
@@ -192,7 +192,7 @@ def test_columns_fall_to_the_side_that_they_are_pushed_to(law, every):
     for number, (force, angle) in enumerate(itertools.islice(columns(), 0, None, every)):
         wrench = np.array([*(EULER * force), 0.0, 0.0, 0.0])
         try:
-            found = rod.solve(np.zeros(4), wrench)
+            found = rod.solve(Condition(np.zeros(4), wrench))
         except SolveError as error:
             problems.append(f'{number}: {error}')
             continue
@@ -219,7 +219,7 @@ def test_a_random_walk_stays_on_stable_balances(table4, pace, gravity, steps):
         tensions = np.clip(np.abs(tensions + 0.2 * step), 0.0, largest)
         wrench[:3] = 0.9 * wrench[:3] + 0.005 * pace * random.standard_normal(3)
         try:
-            found = rod.solve(tensions, wrench.copy(), found)
+            found = rod.solve(Condition(tensions, wrench.copy()), found)
         except SolveError as error:
             problems.append(f'{number}: {error}')
             found = None
@@ -238,7 +238,7 @@ def test_an_upright_arm_may_fall_to_any_side(table4, law, part):
         Loads(gravity=(-9.81, 0.0, 0.0)),
         setting=Setting(law == 'neo_hookean'),
     )
-    found = rod.solve(part * np.repeat([1.0, 2.0, 3.0], 4), NOTHING)
+    found = rod.solve(Condition(part * np.repeat([1.0, 2.0, 3.0], 4), NOTHING))
     assert is_stable(rod, found)
     tip = rod.readout(found.level, np.array([0.0, 0.45])).read(found.state)[0][-1]
     assert tip[0] < -0.1 and 0.05 < np.hypot(tip[1], tip[2]) < 0.2
