@@ -1,7 +1,5 @@
 """Errors: one class for each kind of failure, with one base class."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ with the third and second power of the nodes. Within these bounds every model ta
 tens of seconds and some gigabytes. Each is checked where the input enters.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import time

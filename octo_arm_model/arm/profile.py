@@ -1,7 +1,5 @@
 """Profiles of a quantity along the arm: a radius, a modulus, a tendon's offset or angle."""
 
-from __future__ import annotations
-
 import functools
 import math
 from abc import ABC, abstractmethod

@@ -1,7 +1,5 @@
 """Validation of input: every error names the field, its value and what was expected."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

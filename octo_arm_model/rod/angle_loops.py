@@ -1,7 +1,5 @@
 """Wrap angles of tendons as loops, see `loops`; `section_arrays` has them for NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from octo_arm_model.arm.hints import BoolArray, FloatArray

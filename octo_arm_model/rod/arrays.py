@@ -4,8 +4,6 @@ Names, arguments and tables are those of `loops`. Indices: i, k, m nodes, a, c c
 tendons, e elements. Those of cross sections are in `section_arrays`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from octo_arm_model.arm.hints import ComplexArray, FloatArray, Numbers

@@ -7,8 +7,6 @@ these by integrals and interpolation. Where tendons with friction slip, tensions
 have kinks between the points, but wrenches have none: there they are interpolated, and balanced.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What is refused: input of impossible shapes and sizes, and solutions that nothing bears."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

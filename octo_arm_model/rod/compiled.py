@@ -5,8 +5,6 @@ again where it is inlined. So what is called from compiled functions alone has n
 Python, and no array is assigned to another as a whole, for which numba compiles messages.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Callable

@@ -8,8 +8,6 @@ branch ends or becomes unstable (the arm buckles) the energy is minimised from t
 arm's would be.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable

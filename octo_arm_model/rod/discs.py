@@ -24,8 +24,6 @@ With friction a tendon loses tension, dT = -mu T dphi, where it is led through a
 phi, 2 asin(|k| / 2) with k = e_2 - e_1 of the chords on both sides, and in no other place.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import NamedTuple
 

@@ -15,8 +15,6 @@ displacements that agree then leave one combination of tensions open, which chan
 the least change of tensions is taken; those that do not agree are met by least squares.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

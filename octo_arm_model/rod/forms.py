@@ -1,7 +1,5 @@
 """Which form of the node functions is used: loops compiled by numba, or arrays for NumPy."""
 
-from __future__ import annotations
-
 import functools
 import importlib
 import logging

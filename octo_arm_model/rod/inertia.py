@@ -14,8 +14,6 @@ would change. In (1) the momentum of the water is differentiated: (P w)' = P a -
 w. Viscosity adds D z' to the sections' gradient.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

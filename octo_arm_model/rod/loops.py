@@ -6,8 +6,6 @@ sections, with their equations, are in `section_loops`. Each gives what is compi
 this needs alone, as numba takes up to a microsecond for every field of a tuple with names.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray, IntArray

@@ -8,8 +8,6 @@ for changes dT of the tensions. Times the weights of the nodes K and M are symme
 collocation), K where all loads have an energy.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

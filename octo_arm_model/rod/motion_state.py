@@ -1,7 +1,5 @@
 """What an arm in motion is given, and its state: a value that can be copied and saved."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The node function of the paper's models as loops for numba; `arrays` for NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray

@@ -34,8 +34,6 @@ collocated at the nodes and swept until it converges (Picard iteration, Clenshaw
 Both have (9a), q = N / (E A) with N = k n - xi b - pull.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

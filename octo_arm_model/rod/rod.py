@@ -1,7 +1,5 @@
 """One arm and its loads: from tensions and a wrench on the tip to a stable equilibrium."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 from typing import NamedTuple

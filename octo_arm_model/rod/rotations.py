@@ -3,8 +3,6 @@
 Messages and results carry quaternions in the order x, y, z, w, node functions w, x, y, z.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

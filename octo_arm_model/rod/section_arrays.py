@@ -1,7 +1,5 @@
 """Node functions of cross sections over whole arrays; `section_loops` has their equations."""
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

@@ -3,8 +3,6 @@
 Loops compile them, see `section_loops`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from octo_arm_model.arm.hints import Number, Numbers

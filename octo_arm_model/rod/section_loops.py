@@ -14,8 +14,6 @@ With c = u / |u|, the gradient of |u| by e is g = c . du/de, and its Hessian
 What is compiled takes the arrays that it needs, see `loops`, some more than seven of them.
 """
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

@@ -9,8 +9,6 @@ where int is the integral from the base. Stations are reached from the nodes by 
 interpolation.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence

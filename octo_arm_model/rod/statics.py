@@ -4,8 +4,6 @@ Shapes at stations, lengths of tendons, derivatives; exact has no small-stretch 
 loads, friction, and a choice of laws.
 """
 
-from __future__ import annotations
-
 import abc
 import functools
 from collections.abc import Sequence

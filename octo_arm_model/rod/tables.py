@@ -3,8 +3,6 @@
 Both are plain arrays in one tuple each, as numba takes time for every argument of a call.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import NamedTuple
 

@@ -23,8 +23,6 @@ Where something changes du by du|d at held offset, and the left side of (2) by f
 As second derivatives of the energy are symmetric, |u|_z = g + T g_T.
 """
 
-from __future__ import annotations
-
 import functools
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Found by the equations of `reeling` from an equilibrium nearby, in one step or b
 what is held. From the unloaded arm winches are wound before it bears its loads.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 from collections.abc import Callable, Iterator
