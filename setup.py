@@ -62,6 +62,6 @@ setup(
             'octo_arm_octopus = octo_arm_start:octopus',
             'octo_arm_sim = octo_arm_start:simulator',
             'octo_arm_viewer = octo_arm_start:viewer',
-        ],
+        ]
     },
 )

@@ -105,9 +105,16 @@ def their_swing(elastica: Any, elements: int) -> tuple[float, FloatArray]:
     length, base, tip, young, density, gravity = _ROD
     middle = (np.arange(elements) + 0.5) / elements
     rod = elastica.CosseratRod.straight_rod(
-        elements, np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), length,
-        base + (tip - base) * middle, density, youngs_modulus=young, shear_modulus=young / 3.0,
-    )  # fmt: skip
+        elements,
+        np.zeros(3),
+        np.array([1.0, 0.0, 0.0]),
+        np.array([0.0, 0.0, 1.0]),
+        length,
+        base + (tip - base) * middle,
+        density,
+        youngs_modulus=young,
+        shear_modulus=young / 3.0,
+    )
     kinds = elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing
     world = type('World', kinds, {})()
     world.append(rod)

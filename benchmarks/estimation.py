@@ -36,12 +36,14 @@ ROBOT = Arm(
     Body(0.25, 0.0006, 0.0006, disc_radius=0.01),
     (
         Section(
-            0.25, 0.01, 0.01,
+            0.25,
+            0.01,
+            0.01,
             angles=(0.0, math.pi, 1.5 * math.pi, 0.0),
             twist=(2.0 * math.pi, 0.0, 0.0, 0.0),
         ),
     ),
-)  # fmt: skip
+)
 Made = list[tuple[list[Measurement], Prediction]]
 
 

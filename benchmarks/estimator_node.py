@@ -35,19 +35,38 @@ CONFIG = load_config(FILE)
 STATIONS = 31
 CYCLES = 2 if IS_BRIEF else 200
 PERIOD = 5e-3  # [s] between measurements of one kind
-COMMON = ['--ros-args', '--log-level', 'error', '--params-file', str(FILE),
-          '-p', f'stations:={STATIONS}', '-p', 'model:=exact',
-          '-p', 'tension_stddev:=0.01']  # fmt: skip
-UNKNOWN = ['estimator.tension_rate:=1.0', 'estimator.tension_bias_stddev:=0.05',
-           'estimator.tension_bias_rate:=0.01', 'estimator.moment_stddev:=0.0001',
-           'estimator.marker_s:=[0.09, 0.18]', 'estimator.marker_stddev:=0.0005',
-           'estimator.base_force_stddev:=0.002',
-           'estimator.base_moment_stddev:=0.0002']  # fmt: skip
+COMMON = [
+    '--ros-args',
+    '--log-level',
+    'error',
+    '--params-file',
+    str(FILE),
+    '-p',
+    f'stations:={STATIONS}',
+    '-p',
+    'model:=exact',
+    '-p',
+    'tension_stddev:=0.01',
+]
+UNKNOWN = [
+    'estimator.tension_rate:=1.0',
+    'estimator.tension_bias_stddev:=0.05',
+    'estimator.tension_bias_rate:=0.01',
+    'estimator.moment_stddev:=0.0001',
+    'estimator.marker_s:=[0.09, 0.18]',
+    'estimator.marker_stddev:=0.0005',
+    'estimator.base_force_stddev:=0.002',
+    'estimator.base_moment_stddev:=0.0002',
+]
 NODES = {
     'octo_arm_node': ['-m', 'octo_arm_model.ros.node.main', *COMMON],
-    'octo_arm_estimator': ['-m', 'octo_arm_model.ros.estimator.main', *COMMON,
-                           *(word for given in UNKNOWN for word in ('-p', given))],
-}  # fmt: skip
+    'octo_arm_estimator': [
+        '-m',
+        'octo_arm_model.ros.estimator.main',
+        *COMMON,
+        *(word for given in UNKNOWN for word in ('-p', given)),
+    ],
+}
 KINDS: dict[str, Any] = {
     'tendon_tensions': TendonTensions,
     'tendon_displacements': JointState,
@@ -158,8 +177,10 @@ def main() -> None:
         for topic, spent, took in measure(name, new_domain()):
             node = node or spent
             rate = 1.0 / max(spent, 1e-9)
-            print(f'{name:20}{topic:24}{1e3 * spent:9.2f}{1e3 * took:9.2f}{rate:26.0f}'
-                  f'{spent / max(node, 1e-9):9.1f}')  # fmt: skip
+            print(
+                f'{name:20}{topic:24}{1e3 * spent:9.2f}{1e3 * took:9.2f}{rate:26.0f}'
+                f'{spent / max(node, 1e-9):9.1f}'
+            )
 
 
 if __name__ == '__main__':

@@ -37,8 +37,13 @@ PULL = 1.0 / 3.0  # of what the tendon is pulled by at most
 CELL, PLACE, FORCE, MOMENT = 0.02, 1e-3, 0.02, 0.002
 MARKED = (0.45, 1.0)  # of the length
 CELL_FAULTS = ('0', 'x 0.3', 'x 5', 'stuck', 'drift')
-OTHER_FAULTS = ('all cells x 1000', 'tip and cells by 50 mm', 'marker jumps', 'tip 5 mm off',
-                'base offset')  # fmt: skip
+OTHER_FAULTS = (
+    'all cells x 1000',
+    'tip and cells by 50 mm',
+    'marker jumps',
+    'tip 5 mm off',
+    'base offset',
+)
 SENSORS = {'tip': ('tip',), 'markers': ('markers',), 'both': ('tip', 'markers')}
 
 
@@ -157,9 +162,13 @@ class Bench:
             yield shape, [cells, *others] if case.cells_first else [*others, cells]
 
     def _lie(
-        self, case: Case, now: float, true: tuple[NDArray[np.float64], ...],
-        stuck: NDArray[np.float64] | None, at: Prediction,
-    ) -> tuple[NDArray[np.float64], ...]:  # fmt: skip
+        self,
+        case: Case,
+        now: float,
+        true: tuple[NDArray[np.float64], ...],
+        stuck: NDArray[np.float64] | None,
+        at: Prediction,
+    ) -> tuple[NDArray[np.float64], ...]:
         """Readings, markers and tip with the fault."""
         reading, seen, tip = true
         tendon = case.tendon
@@ -236,10 +245,15 @@ class _Record:
         rest = [is_named for after, is_named in self._named if after >= first]
         ratios = np.array(self._ratios) if self._ratios else np.array([np.nan])
         return Row(
-            first, float(np.mean(rest)) if rest else 0.0, float(ratios.max()),
-            float(np.mean(ratios > 5.0)), self._honest, self._after,
-            len(self._ratios) / self._count, 1e3 * self._slowest,
-        )  # fmt: skip
+            first,
+            float(np.mean(rest)) if rest else 0.0,
+            float(ratios.max()),
+            float(np.mean(ratios > 5.0)),
+            self._honest,
+            self._after,
+            len(self._ratios) / self._count,
+            1e3 * self._slowest,
+        )
 
 
 def cases(arms: tuple[str, ...], *, is_full: bool) -> Iterator[Case]:
@@ -253,8 +267,11 @@ def cases(arms: tuple[str, ...], *, is_full: bool) -> Iterator[Case]:
             for tendon in tendons if is_full else tendons[::5]:
                 yield Case(arm, fault, tendon, sensors, rate, moving, order)
         for fault, rate, moving in itertools.product(('none', *OTHER_FAULTS), rates, moves):
-            needs = {'marker jumps': 'markers', 'tip 5 mm off': 'tip',
-                     'tip and cells by 50 mm': 'tip'}.get(fault)  # fmt: skip
+            needs = {
+                'marker jumps': 'markers',
+                'tip 5 mm off': 'tip',
+                'tip and cells by 50 mm': 'tip',
+            }.get(fault)
             if needs is None or needs in SENSORS[sensors]:
                 yield Case(arm, fault, 0, sensors, rate, moving)
 

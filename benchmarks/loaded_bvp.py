@@ -64,11 +64,13 @@ class LoadedBvp:
 
     def _panel_rates(self, s: np.ndarray, section: int, y: np.ndarray) -> np.ndarray:
         qx, qy, qz, qw = y[3:7]
-        rotation = np.array([
-            [1 - 2 * (qy**2 + qz**2), 2 * (qx * qy - qz * qw), 2 * (qx * qz + qy * qw)],
-            [2 * (qx * qy + qz * qw), 1 - 2 * (qx**2 + qz**2), 2 * (qy * qz - qx * qw)],
-            [2 * (qx * qz - qy * qw), 2 * (qy * qz + qx * qw), 1 - 2 * (qx**2 + qy**2)],
-        ])  # fmt: skip
+        rotation = np.array(
+            [
+                [1 - 2 * (qy**2 + qz**2), 2 * (qx * qy - qz * qw), 2 * (qx * qz + qy * qw)],
+                [2 * (qx * qy + qz * qw), 1 - 2 * (qx**2 + qz**2), 2 * (qy * qz - qx * qw)],
+                [2 * (qx * qz - qy * qw), 2 * (qy * qz + qx * qw), 1 - 2 * (qx**2 + qy**2)],
+            ]
+        )
         force = self.force(s)
         wrench = np.empty((4, 1, s.size))
         wrench[:3, 0] = np.einsum('jin,jn->in', rotation, y[7:])

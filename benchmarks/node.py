@@ -59,8 +59,14 @@ CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
 QUIET = ['--ros-args', '--log-level', 'warn']
 OURS = ['-m', 'octo_arm_model.ros.node.main', *QUIET, '--params-file', str(CONFIG_FILE)]
-IN_AIR = ['-p', 'model:=exact', '-p', 'material.density:=1080.0',
-          '-p', 'loads.gravity:=[0.0, 0.0, -9.81]']  # fmt: skip
+IN_AIR = [
+    '-p',
+    'model:=exact',
+    '-p',
+    'material.density:=1080.0',
+    '-p',
+    'loads.gravity:=[0.0, 0.0, -9.81]',
+]
 UNCERTAIN = ['-p', 'tension_stddev:=0.02', '-p', 'material.youngs_modulus_stddev:=0.05']
 COMMANDS = {
     'floor': [__file__, 'floor'],
@@ -190,9 +196,11 @@ class Participant:
     """A node in the domain of the one that is measured."""
 
     def __init__(
-        self, domain: int, executor: Callable[[rclpy.Context], Executor] | None = None,
+        self,
+        domain: int,
+        executor: Callable[[rclpy.Context], Executor] | None = None,
         namespace: str = '',
-    ) -> None:  # fmt: skip
+    ) -> None:
         """In ``domain`` and ``namespace``, with an ``executor`` of one thread by default."""
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)

@@ -99,10 +99,12 @@ class Errors:
         self._inside: list[list[float]] = []
 
     def add(
-        self, unknowns: Unknowns, made: list[Moment],
+        self,
+        unknowns: Unknowns,
+        made: list[Moment],
         told: Callable[[int, dict[str, Measurement]], list[Measurement]],
         counted: range,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Of a filter of ``unknowns`` that is ``told`` what is ``made``, of steps ``counted``."""
         own = Filter(ArmModel(ARM, unknowns, loads=WATER, stations=STATIONS))
         start = time.process_time()
@@ -122,11 +124,13 @@ class Errors:
             of_force = 1.96 * np.sqrt(np.diag(found.tip_wrench_covariance)[:3])
             self._position.append(position)
             self._force.append(force)
-            self._inside.append([
-                float(np.mean(np.abs(position[1:]) < band)),
-                float(np.mean(np.abs(position[-1]) < band[-1])),
-                float(np.mean(np.abs(force) < of_force)),
-            ])  # fmt: skip
+            self._inside.append(
+                [
+                    float(np.mean(np.abs(position[1:]) < band)),
+                    float(np.mean(np.abs(position[-1]) < band[-1])),
+                    float(np.mean(np.abs(force) < of_force)),
+                ]
+            )
         self.seconds += time.process_time() - start
         self.count += len(made)
         for name, count in own.refused.items():

@@ -206,9 +206,10 @@ def valid(client: Client, process: subprocess.Popen[bytes], count: int) -> list[
     totals = client.check_count()
     grown = megabytes(process.pid) - memory
     return [
-        f'{count} valid messages', f'{totals["output answered"]} answered, '
+        f'{count} valid messages',
+        f'{totals["output answered"]} answered, '
         f'{totals["output skipped"]} skipped, memory {grown:+.1f} MB',
-    ]  # fmt: skip
+    ]
 
 
 def hostile_messages(names: list[str], random: np.random.Generator) -> Callable[[], Any]:
@@ -332,10 +333,11 @@ def recorded(domain: int, seconds: float) -> list[str]:
         process.send_signal(signal.SIGINT)
         end(process, {0})
     return [
-        f'everything recorded at {RECORDED_RATE:.0f} Hz', f'{counts[1]} answered ({counts[0]} '
+        f'everything recorded at {RECORDED_RATE:.0f} Hz',
+        f'{counts[1]} answered ({counts[0]} '
         f'where only backbone/poses is heard), for {shares[1] / max(shares[0], 1e-3):.1f} times '
         f'the processor time, {shares[1]:.0%} of a core',
-    ]  # fmt: skip
+    ]
 
 
 def ask_steadily(client: Client, rate: float, seconds: float) -> int:

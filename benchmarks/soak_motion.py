@@ -186,9 +186,12 @@ def soak(seconds: float, seed: int = 1) -> list[str]:
 
 
 def _judged(
-    hand: Hand, counts: dict[str, int], before: dict[str, float], after: dict[str, float],
+    hand: Hand,
+    counts: dict[str, int],
+    before: dict[str, float],
+    after: dict[str, float],
     seconds: float,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     hand.health.clear()
     hand.wait(lambda: hand.health, 'diagnostics')
     grown = {name: after.get(name, np.nan) - size for name, size in before.items()}

@@ -83,11 +83,13 @@ class PaperWay:
             t1, t2, t3, t4 = tensions[: i + 1].T
             a, slope, b = self._a[: i + 1], self._slope[: i + 1], self._b[i]
             second = 0.25 * np.pi * self._radius(stop) ** 4
-            omega = omega + np.array([
-                0.0,
-                b * (t4[i] - t2[i]) / (b * b * (t4[i] + t2[i]) + young * second),
-                b * (t1[i] - t3[i]) / (b * b * (t1[i] + t3[i]) + young * second),
-            ])  # fmt: skip
+            omega = omega + np.array(
+                [
+                    0.0,
+                    b * (t4[i] - t2[i]) / (b * b * (t4[i] + t2[i]) + young * second),
+                    b * (t1[i] - t3[i]) / (b * b * (t1[i] + t3[i]) + young * second),
+                ]
+            )
 
             def slope_of(s_tilde: float, omega: np.ndarray) -> np.ndarray:
                 tau, xi, k = omega
@@ -101,11 +103,13 @@ class PaperWay:
                 tau_s = -tau * (2 * shear * dj + da1 + db1) - k * xi * (a1 - b1)
                 xi_s = -xi * (young * dj + db1) - tau * k * b1 - tau * alpha + slope @ (t4 - t2)
                 k_s = -k * (young * dj + da1) + tau * xi * a1 + tau * beta + slope @ (t1 - t3)
-                return -np.array([
-                    (tau_s - k * beta + xi * alpha) / (2 * shear * j + a1 + b1),
-                    xi_s / (young * j + b1),
-                    k_s / (young * j + a1),
-                ])  # fmt: skip
+                return -np.array(
+                    [
+                        (tau_s - k * beta + xi * alpha) / (2 * shear * j + a1 + b1),
+                        xi_s / (young * j + b1),
+                        k_s / (young * j + a1),
+                    ]
+                )
 
             solution = solve_ivp(
                 slope_of, (-stop, -self._start(i)), omega, dense_output=True, **self._options
@@ -267,9 +271,14 @@ def hanging(config: Config, ways: list[bool]) -> None:
     name = 'compiled closed_form' if ways[-1] else 'closed_form'
     print(f'\nFigure 15 and the weight of the arm, in times of one {name}, {unit * 1e6:.1f} us')
     names = (
-        'one', 'warm, 1 %', 'sensitivities', 'covariance', 'batch, warm', 'batch, cold',
+        'one',
+        'warm, 1 %',
+        'sensitivities',
+        'covariance',
+        'batch, warm',
+        'batch, cold',
         'tip error / L',
-    )  # fmt: skip
+    )
     print(f'{"exact":24}' + ''.join(f'{name:>15}' for name in names))
     for is_compiled in ways:
         for medium, loads in (

@@ -32,21 +32,28 @@ def start(context):
         arm_node(context),
         node('octo_arm_sim', 'octo_arm_sim', namespace, file, sim_time() | in_water(config)),
         Node(
-            package='robot_state_publisher', executable='robot_state_publisher',
-            namespace=namespace, parameters=[{'robot_description': urdf}, sim_time()],
+            package='robot_state_publisher',
+            executable='robot_state_publisher',
+            namespace=namespace,
+            parameters=[{'robot_description': urdf}, sim_time()],
         ),
         Node(
-            package='controller_manager', executable='ros2_control_node', namespace=namespace,
+            package='controller_manager',
+            executable='ros2_control_node',
+            namespace=namespace,
             parameters=[LaunchConfiguration('controllers_file'), sim_time()],
             remappings=[('~/robot_description', 'robot_description')],
             output='screen',
         ),
         Node(
-            package='controller_manager', executable='spawner', namespace=namespace,
-            arguments=['joint_state_broadcaster', CONTROLLER[interface]], output='screen',
+            package='controller_manager',
+            executable='spawner',
+            namespace=namespace,
+            arguments=['joint_state_broadcaster', CONTROLLER[interface]],
+            output='screen',
         ),
         rviz('octo_arm.rviz', namespace),
-    ]  # fmt: skip
+    ]
 
 
 def generate_launch_description():

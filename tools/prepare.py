@@ -33,10 +33,15 @@ FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH
 
 _LOG, _COMPILE_LOG = 'prepare.log', 'compile.log'
 _KERNELS = (
-    'rod/loops.py', 'rod/section_loops.py', 'rod/section_formulas.py', 'rod/angle_loops.py',
-    'rod/paper_loops.py', 'rod/compiled.py', 'rod/tables.py',
+    'rod/loops.py',
+    'rod/section_loops.py',
+    'rod/section_formulas.py',
+    'rod/angle_loops.py',
+    'rod/paper_loops.py',
+    'rod/compiled.py',
+    'rod/tables.py',
     'rod/inertia_loops.py',
-)  # fmt: skip
+)
 # Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
 _COMPILE = """
 import dataclasses
@@ -279,14 +284,21 @@ def build(steps: Steps, folder: Path, venv: Path) -> None:
         }
     steps.run(
         colcon,
-        '--log-base', folder / 'log', 'build',
-        '--base-paths', *packages,
-        '--build-base', folder / 'build',
-        '--install-base', folder / 'install',
+        '--log-base',
+        folder / 'log',
+        'build',
+        '--base-paths',
+        *packages,
+        '--build-base',
+        folder / 'build',
+        '--install-base',
+        folder / 'install',
         '--symlink-install',
-        '--cmake-args', f'-DPython3_EXECUTABLE={python}', '-DBUILD_TESTING=OFF',
+        '--cmake-args',
+        f'-DPython3_EXECUTABLE={python}',
+        '-DBUILD_TESTING=OFF',
         **environment,
-    )  # fmt: skip
+    )
 
 
 def compiled_sources() -> str:

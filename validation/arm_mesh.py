@@ -123,9 +123,9 @@ class ArmMesh:
         self.planes, self.discs = _planes(arm, mesh.along, disc)
         points, quads = _section(mesh.across, half)
         layers, count = self.planes.size - 1, points.shape[1]
-        corners = np.concatenate([
-            np.tile(points, layers + 1), [np.repeat(np.arange(layers + 1.0), count)]
-        ])  # fmt: skip
+        corners = np.concatenate(
+            [np.tile(points, layers + 1), [np.repeat(np.arange(layers + 1.0), count)]]
+        )
         first = (quads[:, np.newaxis] + count * np.arange(layers)[:, np.newaxis]).reshape(4, -1)
         a, b, c, d = first
         # In the order of scikit-fem's corners 000, 001, 010, 100, 011, 101, 110, 111.

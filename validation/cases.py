@@ -76,11 +76,9 @@ PROTOTYPE = Case(
     result=_WIDE,
     pairs=_STUDY,
     varied=(1, 2, 4, 6),
-    variants=_VARIANTS | {
-        'sheath half as wide': {'sheath': 0.5e-3},
-        'sheath twice as wide': {'sheath': 2e-3},
-    },
-)  # fmt: skip
+    variants=_VARIANTS
+    | {'sheath half as wide': {'sheath': 0.5e-3}, 'sheath twice as wide': {'sheath': 2e-3}},
+)
 SECTION_5_1 = Case(
     name='section 5.1',
     preset='renda2012_fem',

@@ -71,12 +71,18 @@ def run_case(case: Case, report: Report) -> dict[str, Any]:
             for name, found in models.items()
         },
         'variants': {
-            name: _variant(case, change, arms[case.basis], shapes[case.basis], models,
-                           _telling(report, f'{case.name}, {name}'))
+            name: _variant(
+                case,
+                change,
+                arms[case.basis],
+                shapes[case.basis],
+                models,
+                _telling(report, f'{case.name}, {name}'),
+            )
             for name, change in case.variants.items()
         },
         'midlines_mm': [_rounded(1e3 * shape.midline[::2]) for shape in result],
-    }  # fmt: skip
+    }
 
 
 def solve_models(case: Case, tensions: Sequence[Sequence[float]]) -> dict[str, list[Backbone]]:

@@ -64,9 +64,11 @@ def draw(path: Path) -> None:
         left = [one.tendon_tensions[-1, 0] for one in shapes]
         tension.plot(pulls, left, color=colour)
     shape.set(
-        title=f'{pulls[at]:.2g} N, up (solid) and down (dashed)', xlabel='x [mm]',
-        ylabel='y [mm]', aspect='equal',
-    )  # fmt: skip
+        title=f'{pulls[at]:.2g} N, up (solid) and down (dashed)',
+        xlabel='x [mm]',
+        ylabel='y [mm]',
+        aspect='equal',
+    )
     tip.set(title='the tip', xlabel='tension at the base [N]', ylabel='turned by [degrees]')
     tension.set(
         title='the tendon', xlabel='tension at the base [N]', ylabel='tension at the tip [N]'

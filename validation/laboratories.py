@@ -126,7 +126,7 @@ def laboratory(arm: Truth, kind: Kind, seed: int) -> tuple[Recording, float]:
     young = factor * float(arm.parameters['material.youngs_modulus'])
     return Recording(
         arm.parameters, time, np.maximum(readings, 0.0), seen, tuple(lines), 'camera'
-    ), young  # fmt: skip
+    ), young
 
 
 def shapes_of(recording: Recording) -> Observations:
@@ -169,10 +169,14 @@ def outcome(arm: Truth, kind: Kind, seed: int, loss: str = AUTO) -> Outcome:
     assert estimate.value is not None and estimate.interval95 is not None and together is not None
     low, high = estimate.interval95
     return Outcome(
-        best.model, estimate.value / young - 1.0, 0.5 * (high - low) / young, low <= young <= high,
-        together[0] <= young <= together[1], bool(disagreements(fitted)),
+        best.model,
+        estimate.value / young - 1.0,
+        0.5 * (high - low) / young,
+        low <= young <= high,
+        together[0] <= young <= together[1],
+        bool(disagreements(fitted)),
         any(words in note for note in best.notes for words in _WHY_NOT),
-    )  # fmt: skip
+    )
 
 
 def main() -> None:

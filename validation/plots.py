@@ -44,17 +44,38 @@ def _shapes(cases: dict[str, Any]) -> Figure:
         ends = np.array(case['midlines_mm'])[:, -1, 1:]
         way = ends[-1] / np.linalg.norm(ends[-1])
         for number, midline in enumerate(np.array(case['midlines_mm'])):
-            axes.plot(midline[:, 0], midline[:, 1:] @ way, color='0.1', lw=4.5, alpha=0.45,
-                      label=None if number else 'elements')  # fmt: skip
+            axes.plot(
+                midline[:, 0],
+                midline[:, 1:] @ way,
+                color='0.1',
+                lw=4.5,
+                alpha=0.45,
+                label=None if number else 'elements',
+            )
             for model, backbones in models.items():
                 path = 1e3 * backbones[number].position
-                axes.plot(path[:, 0], path[:, 1:] @ way, _DASHES[model], color=_COLOURS[model],
-                          lw=1.2, label=None if number else model)  # fmt: skip
+                axes.plot(
+                    path[:, 0],
+                    path[:, 1:] @ way,
+                    _DASHES[model],
+                    color=_COLOURS[model],
+                    lw=1.2,
+                    label=None if number else model,
+                )
             load = ', '.join(f'{t:.3g}' for t in case['tensions_N'][number])
-            axes.annotate(f'{load} N', (midline[-1, 0], midline[-1, 1:] @ way),
-                          textcoords='offset points', xytext=(5, 2), fontsize=8)  # fmt: skip
-        axes.set(title=name, xlabel='along t of the base [mm]',
-                 ylabel='across, in the plane of bending [mm]', aspect='equal')  # fmt: skip
+            axes.annotate(
+                f'{load} N',
+                (midline[-1, 0], midline[-1, 1:] @ way),
+                textcoords='offset points',
+                xytext=(5, 2),
+                fontsize=8,
+            )
+        axes.set(
+            title=name,
+            xlabel='along t of the base [mm]',
+            ylabel='across, in the plane of bending [mm]',
+            aspect='equal',
+        )
         axes.grid(alpha=0.3)
         axes.margins(x=0.16, y=0.1)
     figure.legend(*panels[0].get_legend_handles_labels(), loc='outside lower center', ncols=5)
@@ -66,16 +87,29 @@ def _errors(cases: dict[str, Any]) -> Figure:
     for axes, (name, case) in zip(panels, cases.items()):
         loads = _sizes(case['tensions_N'])
         for model, errors in case['tip_error_percent'].items():
-            axes.plot(loads, errors, _DASHES[model], marker='o', ms=4, color=_COLOURS[model],
-                      label=model)  # fmt: skip
+            axes.plot(
+                loads, errors, _DASHES[model], marker='o', ms=4, color=_COLOURS[model], label=model
+            )
         kept = case['variants'].get('tendon kept in its section')
         if kept:
             for model in ('renda2012', 'exact'):
-                axes.plot(_sizes(kept['loads']), kept['tip_error_percent'][model], marker='x',
-                          ls='none', color=_COLOURS[model], ms=8,
-                          label=f'{model}, tendon kept in its section')  # fmt: skip
-        axes.fill_between(loads, 0.0, case['mesh_error_percent'], color='0.5', alpha=0.5,
-                          label='uncertain by the mesh')  # fmt: skip
+                axes.plot(
+                    _sizes(kept['loads']),
+                    kept['tip_error_percent'][model],
+                    marker='x',
+                    ls='none',
+                    color=_COLOURS[model],
+                    ms=8,
+                    label=f'{model}, tendon kept in its section',
+                )
+        axes.fill_between(
+            loads,
+            0.0,
+            case['mesh_error_percent'],
+            color='0.5',
+            alpha=0.5,
+            label='uncertain by the mesh',
+        )
         axes.set(title=name, xlabel='tension [N]', ylabel='% of the length')
         axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=0.0)
@@ -97,10 +131,19 @@ def _meshes(cases: dict[str, Any]) -> Figure:
             label = ', '.join(f'{t:.3g}' for t in load)
             axes.loglog(unknowns[:-1], away[:-1, number], 'o-', label=f'{label} N')
         for mesh, count, height in zip(order[:-1], unknowns, away.max(axis=1)):
-            axes.annotate(mesh, (count, height), textcoords='offset points', xytext=(0, 7),
-                          ha='center', fontsize=8)  # fmt: skip
-        axes.set(title=f'{name}: to mesh {order[-1]} ({unknowns[-1]} unknowns)',
-                 xlabel='unknowns', ylabel='% of the length')  # fmt: skip
+            axes.annotate(
+                mesh,
+                (count, height),
+                textcoords='offset points',
+                xytext=(0, 7),
+                ha='center',
+                fontsize=8,
+            )
+        axes.set(
+            title=f'{name}: to mesh {order[-1]} ({unknowns[-1]} unknowns)',
+            xlabel='unknowns',
+            ylabel='% of the length',
+        )
         axes.grid(alpha=0.3, which='both')
         axes.margins(0.15)
         axes.legend(fontsize=8)

@@ -148,9 +148,7 @@ def _write(folder: Path, results: dict[str, Any]) -> None:
 def _parser() -> argparse.ArgumentParser:
     about, examples = (__doc__ or '').split('\n\n', 1)
     parser = argparse.ArgumentParser(
-        description=about,
-        epilog=examples,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description=about, epilog=examples, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument('--coarse', action='store_true', help='coarse meshes and few loads')
     parser.add_argument('--case', choices=[case.name for case in CASES], help='only this arm')

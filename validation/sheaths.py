@@ -103,8 +103,9 @@ def draw(results: list[dict[str, Any]], path: Path) -> None:
         known = one['stiffness_over_shear_modulus']
         for name, colour in _COLOURS.items():
             label = name if name == 'rigid' else f'{name}, k = {known[name]:.3g} G'
-            axes.plot(one['tensions_N'], one['tip_error_percent'][name], 'o-', color=colour,
-                      label=label)  # fmt: skip
+            axes.plot(
+                one['tensions_N'], one['tip_error_percent'][name], 'o-', color=colour, label=label
+            )
         axes.plot(one['tensions_N'], one['mesh_error_percent'], ':', color='0.4', label='mesh')
         axes.set(title=f'sheath of {one["radius_mm"]:g} mm radius', xlabel='tension [N]')
         axes.grid(alpha=0.3)

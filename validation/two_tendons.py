@@ -68,9 +68,13 @@ def dynamics(level: int, gravity: float) -> Dynamics:
     tendons = Section(0.6, 0.02, 0.02, (0.0, 0.5 * math.pi))
     arm = Arm(Material(1e6, density=1000.0), Body(0.6, 0.03, 0.03), (tendons,))
     solver = Solver(
-        arm, 'exact', stations=2, base=_UPRIGHT, material='linear',
+        arm,
+        'exact',
+        stations=2,
+        base=_UPRIGHT,
+        material='linear',
         loads=Loads(gravity=(0.0, 0.0, -gravity)),
-    )  # fmt: skip
+    )
     return Dynamics(solver, MotionProperties(viscosity=1e4), level=level)
 
 

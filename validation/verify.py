@@ -73,16 +73,31 @@ def derivatives(mesh: Mesh) -> list[Check]:
         return (of(h) - of(-h)) / (2.0 * h)
 
     return [
-        Check('forces of the solid', float(solid.gradient(state) @ way),
-              slope(lambda t: solid.energy(state + t * way)), 1e-6),
-        Check('stiffness of the solid', float(way @ (solid.hessian(state) @ way)),
-              slope(lambda t: solid.gradient(state + t * way) @ way), 1e-6),
-        Check('forces of a tendon', float(np.sum(tendon.gradient(places) * along)),
-              slope(lambda t: tendon.length(places + t * along)), 1e-6),
-        Check('stiffness of a tendon',
-              float(along.ravel() @ (tendon.hessian(places) @ along.ravel())),
-              slope(lambda t: float(np.sum(tendon.gradient(places + t * along) * along))), 1e-6),
-    ]  # fmt: skip
+        Check(
+            'forces of the solid',
+            float(solid.gradient(state) @ way),
+            slope(lambda t: solid.energy(state + t * way)),
+            1e-6,
+        ),
+        Check(
+            'stiffness of the solid',
+            float(way @ (solid.hessian(state) @ way)),
+            slope(lambda t: solid.gradient(state + t * way) @ way),
+            1e-6,
+        ),
+        Check(
+            'forces of a tendon',
+            float(np.sum(tendon.gradient(places) * along)),
+            slope(lambda t: tendon.length(places + t * along)),
+            1e-6,
+        ),
+        Check(
+            'stiffness of a tendon',
+            float(along.ravel() @ (tendon.hessian(places) @ along.ravel())),
+            slope(lambda t: float(np.sum(tendon.gradient(places + t * along) * along))),
+            1e-6,
+        ),
+    ]
 
 
 def compression(mesh: Mesh) -> list[Check]:

@@ -400,20 +400,24 @@ class UncertaintyDrawing:
         rings = [
             middle + radius * (around.T @ across)
             for middle, radius in (
-                (start, self._shaft), (neck, self._shaft), (neck, _WIDER * self._shaft),
+                (start, self._shaft),
+                (neck, self._shaft),
+                (neck, _WIDER * self._shaft),
                 (end, 0.0),
             )
-        ]  # fmt: skip
+        ]
         sides = np.stack(rings, axis=1).reshape(-1, 3)
         return Arrow(start, end, np.concatenate([sides, [start, end]]), cone)
 
 
 ARROW_TRIANGLES: IntArray = tube_triangles(4, CORNERS)
 _NEXT = np.roll(np.arange(CORNERS), -1)
-CONE_TRIANGLES: IntArray = np.concatenate([
-    np.stack([np.arange(CORNERS), _NEXT, np.full(CORNERS, middle)], axis=1)
-    for middle in (CORNERS, CORNERS + 1)
-])  # fmt: skip
+CONE_TRIANGLES: IntArray = np.concatenate(
+    [
+        np.stack([np.arange(CORNERS), _NEXT, np.full(CORNERS, middle)], axis=1)
+        for middle in (CORNERS, CORNERS + 1)
+    ]
+)
 
 
 ARMS = 8

@@ -198,9 +198,16 @@ class _Search:
 
         try:
             last = least_squares(
-                error, inside, self.jacobian, (0.0, 1.0), xtol=1e-12, ftol=1e-12, gtol=None,
-                x_scale=1.0, max_nfev=60,
-            ).x  # fmt: skip
+                error,
+                inside,
+                self.jacobian,
+                (0.0, 1.0),
+                xtol=1e-12,
+                ftol=1e-12,
+                gtol=None,
+                x_scale=1.0,
+                max_nfev=60,
+            ).x
         except _Met as met:
             last = met.part
         # The method keeps off the bounds: tensions within 1e-6 of zero are set to zero.

@@ -212,9 +212,12 @@ def _draw_view(
     axes.scatter(*(workspace.tip[:, pair] * 1e3).T, zorder=2, **_style(workspace))
     names = ['xyz'[i] for i in pair]
     axes.set(
-        xlabel=f'{names[0]} [mm]', ylabel=f'{names[1]} [mm]', xlim=limits[pair[0]],
-        ylim=limits[pair[1]], aspect='equal',
-    )  # fmt: skip
+        xlabel=f'{names[0]} [mm]',
+        ylabel=f'{names[1]} [mm]',
+        xlim=limits[pair[0]],
+        ylim=limits[pair[1]],
+        aspect='equal',
+    )
     axes.grid(alpha=0.3)
     axes.set_axisbelow(True)
 

@@ -54,9 +54,12 @@ class Answers:
     """
 
     def __init__(
-        self, config: Config, lengths: bool = False, displacements: bool = False,
+        self,
+        config: Config,
+        lengths: bool = False,
+        displacements: bool = False,
         step: float | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Answer for the arm of ``config``.
 
         ``lengths`` says whether with those of its tendons, and ``displacements`` whether any come.
@@ -77,9 +80,13 @@ class Answers:
             config.base_frame, self._solver.model, grid.s, grid.section, config.arm.tendon_names
         )
         self.is_quick = not (
-            config.loads.any or config.arm.friction or config.uncertainty.is_any
-            or lengths or displacements or self._motion
-        )  # fmt: skip
+            config.loads.any
+            or config.arm.friction
+            or config.uncertainty.is_any
+            or lengths
+            or displacements
+            or self._motion
+        )
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
         """An answer to each of ``readings``."""

@@ -118,9 +118,11 @@ class CsvAnswers(CsvFiles):
         super().__init__()
         self._stations = self.open(folder / 'stations.csv')
         self._stations.writerow(STATIONS)
-        names = ['tensions.csv'] if len(topics) == 1 else [
-            f'tensions{re.sub("[^A-Za-z0-9_]", "_", topic)}.csv' for topic in topics
-        ]  # fmt: skip
+        names = (
+            ['tensions.csv']
+            if len(topics) == 1
+            else [f'tensions{re.sub("[^A-Za-z0-9_]", "_", topic)}.csv' for topic in topics]
+        )
         self._tensions = {topic: self.open(folder / name) for topic, name in zip(topics, names)}
         self._begun: set[str] = set()
         self._origin: int | None = None
@@ -218,9 +220,13 @@ class _Output:
     """
 
     def __init__(
-        self, reader: BagReader, writer: BagWriter, arm: RecordedArm, lengths: bool,
+        self,
+        reader: BagReader,
+        writer: BagWriter,
+        arm: RecordedArm,
+        lengths: bool,
         step: float | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         config = Config.from_parameters(arm.parameters)
         self.topics, self.model = arm.topics, config.model if step is None else MOVING
         self._tendons = config.arm.tendon_names

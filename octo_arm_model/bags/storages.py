@@ -69,9 +69,11 @@ def check_file(path: Path) -> None:
     mode = path.stat().st_mode
     if not stat.S_ISREG(mode):
         kinds = {
-            'a folder': stat.S_ISDIR, 'a pipe': stat.S_ISFIFO, 'a socket': stat.S_ISSOCK,
+            'a folder': stat.S_ISDIR,
+            'a pipe': stat.S_ISFIFO,
+            'a socket': stat.S_ISSOCK,
             'a device': lambda mode: stat.S_ISCHR(mode) or stat.S_ISBLK(mode),
-        }  # fmt: skip
+        }
         kind = next((name for name, holds in kinds.items() if holds(mode)), 'something else')
         raise ValueError(f'{path.name} is {kind}, expected a file')
 
@@ -339,9 +341,14 @@ class McapFile:
                 more[key] = fields.text()
             none = '__schemaless__', MessageDefinition(MessageDefinitionFormat.NONE, '')
             self._channels[number] = _connection(
-                number, topic, *self._schemas.get(schema, none),
-                more.get('topic_type_hash', ''), 0, more.get('offered_qos_profiles', ''), self,
-            )  # fmt: skip
+                number,
+                topic,
+                *self._schemas.get(schema, none),
+                more.get('topic_type_hash', ''),
+                0,
+                more.get('offered_qos_profiles', ''),
+                self,
+            )
 
     def _said(self, statistics: bytes) -> Counter[int]:
         """Messages of each channel by the summary; ValueError if it contradicts itself."""
@@ -410,9 +417,15 @@ def _records_in(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _connection(  # noqa: PLR0913 - the fields of a Connection
-    number: int, topic: str, type_name: str, definition: MessageDefinition, digest: str,
-    count: int, qos: str, owner: Any,
-) -> Connection:  # fmt: skip
+    number: int,
+    topic: str,
+    type_name: str,
+    definition: MessageDefinition,
+    digest: str,
+    count: int,
+    qos: str,
+    owner: Any,
+) -> Connection:
     profiles = parse_qos(checked_yaml(qos, 'offered_qos_profiles') or [])
     more = ConnectionExtRosbag2('cdr', profiles)
     return Connection(number, topic, type_name, definition, digest, count, more, owner)

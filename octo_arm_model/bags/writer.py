@@ -49,9 +49,16 @@ _FOREVER = QosTime(9223372036, 854775807)  # as ROS 2 has it
 def _qos(depth: int, durability: QosDurability) -> Qos:
     """Reliable, as the node publishes."""
     return Qos(
-        QosHistory.KEEP_LAST, depth, QosReliability.RELIABLE, durability, _FOREVER, _FOREVER,
-        QosLiveliness.AUTOMATIC, _FOREVER, False,
-    )  # fmt: skip
+        QosHistory.KEEP_LAST,
+        depth,
+        QosReliability.RELIABLE,
+        durability,
+        _FOREVER,
+        _FOREVER,
+        QosLiveliness.AUTOMATIC,
+        _FOREVER,
+        False,
+    )
 
 
 _OUTPUT = _qos(5, QosDurability.VOLATILE)

@@ -132,9 +132,10 @@ def add_tendons(parser: argparse.ArgumentParser) -> None:
 def read_calibration(options: argparse.Namespace) -> dict[str, Any]:
     """Parameters that the options of `add_tendons` are."""
     given = {
-        'tension_names': options.tendons, 'displacement_names': options.motors,
+        'tension_names': options.tendons,
+        'displacement_names': options.motors,
         'displacement_scale': options.spools,
-    }  # fmt: skip
+    }
     return {name: list(values) for name, values in given.items() if values}
 
 
@@ -231,11 +232,16 @@ def _read(
             options, ('--material', '--density'), f'on {model}, which knows neither: choose exact'
         )
     given = {
-        'model': options.model, 'stations': options.stations, 'material.law': options.material,
-        'material.density': options.density, 'loads.gravity': options.gravity,
-        'loads.fluid_density': options.fluid_density, 'loads.tip_force': options.tip_force,
-        'loads.tip_moment': options.tip_moment, 'loads.tip_frame': options.tip_frame,
-    }  # fmt: skip
+        'model': options.model,
+        'stations': options.stations,
+        'material.law': options.material,
+        'material.density': options.density,
+        'loads.gravity': options.gravity,
+        'loads.fluid_density': options.fluid_density,
+        'loads.tip_force': options.tip_force,
+        'loads.tip_moment': options.tip_moment,
+        'loads.tip_frame': options.tip_frame,
+    }
     parameters = load_parameters(options.config)
     parameters |= {name: value for name, value in given.items() if value is not None}
     parameters |= motion or {}

@@ -90,26 +90,30 @@ def rows(comparisons: Sequence[ModelComparison]) -> list[dict[str, Any]]:
         percent = {name: comparison.percent(name) for name in ERRORS}
         for index, step in enumerate(comparison.steps):
             window = step.shape.window
-            table.append({
-                'model': comparison.model,
-                'step': step.number,
-                'start': window.start,
-                'stop': window.stop,
-                'tension': step.shape.tension,
-                'tensions': window.tensions.tolist(),
-                'tensions_stddev': window.noise.tolist(),
-                'frames': step.shape.frames,
-                'outliers': step.shape.outliers,
-                'direction': step.direction,
-                'bend_error_percent':
-                None if math.isnan(step.bend) else 100.0 * step.bend / comparison.length,
-                'noise_percent': 100.0 * step.shape.noise / comparison.length,
-                **{
-                    f'{name}_error_percent' if name != 'hausdorff' else f'{name}_percent':
-                    None if math.isnan(values[index]) else float(values[index])
-                    for name, values in percent.items()
-                },
-            })  # fmt: skip
+            table.append(
+                {
+                    'model': comparison.model,
+                    'step': step.number,
+                    'start': window.start,
+                    'stop': window.stop,
+                    'tension': step.shape.tension,
+                    'tensions': window.tensions.tolist(),
+                    'tensions_stddev': window.noise.tolist(),
+                    'frames': step.shape.frames,
+                    'outliers': step.shape.outliers,
+                    'direction': step.direction,
+                    'bend_error_percent': None
+                    if math.isnan(step.bend)
+                    else 100.0 * step.bend / comparison.length,
+                    'noise_percent': 100.0 * step.shape.noise / comparison.length,
+                    **{
+                        f'{name}_error_percent' if name != 'hausdorff' else f'{name}_percent': None
+                        if math.isnan(values[index])
+                        else float(values[index])
+                        for name, values in percent.items()
+                    },
+                }
+            )
     return table
 
 

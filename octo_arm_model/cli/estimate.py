@@ -54,11 +54,19 @@ _OF_CONTACT = {
 }
 # Options for standard deviations that are parameters of the arm.
 _OF_ARM = {
-    '--tension-stddev': ('tension_stddev', 'N', 'standard deviation of the tensions [N] (default: '
-                         'tension_stddev of the arm, or else as the recording varies)'),
-    '--modulus-stddev': ('material.youngs_modulus_stddev', 'PART', 'standard deviation of E, '
-                         'relative to it [-]; 0 where it is known (default: that of the arm)'),
-}  # fmt: skip
+    '--tension-stddev': (
+        'tension_stddev',
+        'N',
+        'standard deviation of the tensions [N] (default: '
+        'tension_stddev of the arm, or else as the recording varies)',
+    ),
+    '--modulus-stddev': (
+        'material.youngs_modulus_stddev',
+        'PART',
+        'standard deviation of E, '
+        'relative to it [-]; 0 where it is known (default: that of the arm)',
+    ),
+}
 
 
 def _add_estimator(parser: argparse.ArgumentParser) -> None:
@@ -147,14 +155,18 @@ def as_dict(result: Result) -> dict[str, Any]:
         'times': len(result.moments),
         'touches': [
             {
-                'start': touch.start, 'stop': touch.stop, 'contact': touch.hypothesis,
-                'force': touch.force.tolist(), 'force_stddev': touch.stddev.tolist(),
+                'start': touch.start,
+                'stop': touch.stop,
+                'contact': touch.hypothesis,
+                'force': touch.force.tolist(),
+                'force_stddev': touch.stddev.tolist(),
             }
             for touch in result.touches
         ],
         'innovations': {
             name: {
-                'accepted': one.accepted, 'refused': one.refused,
+                'accepted': one.accepted,
+                'refused': one.refused,
                 'mean_square': _or_none(one.mean),
             }
             for name, one in result.consistency.items()
@@ -164,13 +176,15 @@ def as_dict(result: Result) -> dict[str, Any]:
         'left_out': result.recorded.refusals.lines(),
         'keeps_prior': list(result.unlearnt),
         'hypotheses': dict(result.hypotheses),
-        'camera': None if result.camera is None else {
+        'camera': None
+        if result.camera is None
+        else {
             'frames': len(result.camera.time),
             'tip_error': [_or_none(_median(one)) for one in result.camera.tip],
             'mean_error': [_or_none(_median(one)) for one in result.camera.mean],
         },
         'notes': [*result.recorded.notes, *result.recorded.settings.notes],
-    }  # fmt: skip
+    }
 
 
 def summary(result: Result, files: Sequence[str]) -> str:
@@ -427,7 +441,7 @@ def _sources(options: argparse.Namespace) -> Sources:
         None if options.align is None else read_alignment(options.align),
         options.clock_offset,
         tuple(options.marker_names),
-    )  # fmt: skip
+    )
 
 
 def _bag_output(

@@ -60,7 +60,9 @@ def as_dict(
         'correlations': correlations,
         'undetermined': list(best.undetermined),
         'residuals': {'before': _misfit(best.before), 'after': _misfit(best.after)},
-        'cross_validation': None if cross_validation is None else {
+        'cross_validation': None
+        if cross_validation is None
+        else {
             **cross_validation,
             'left_out': [
                 {'steps': list(steps), **(_misfit(one) or {})} for steps, one in best.step_misfits
@@ -83,7 +85,7 @@ def as_dict(
         'steps': len(observations.shapes),
         'clock_offset': observations.offset,
         'notes': [*notes, *best.notes],
-    }  # fmt: skip
+    }
 
 
 def summary(best: Identification, fitted: Sequence[Identification], notes: Sequence[str]) -> str:
@@ -100,9 +102,10 @@ def summary(best: Identification, fitted: Sequence[Identification], notes: Seque
         lines += ['', *best.notes]
     lines += ['', 'distance of model and measurement   rms [mm]   tip [% of L]']
     for title, misfit in (
-        ('before', best.before), ('after', best.after),
+        ('before', best.before),
+        ('after', best.after),
         ('loads left out of the fit', best.cross_validation),
-    ):  # fmt: skip
+    ):
         lines.append(f'  {title:<33}{_cells(misfit)}')
     if best.tip_stddev is not None:
         lines.append(

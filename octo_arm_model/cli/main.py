@@ -41,9 +41,20 @@ class Command(Protocol):
 
 
 _COMMANDS: tuple[Command, ...] = (
-    solve, compare, estimate, record_demo, identify, inverse, load, play, simulate, modes, replay,
-    reproduce, workspace,
-)  # fmt: skip
+    solve,
+    compare,
+    estimate,
+    record_demo,
+    identify,
+    inverse,
+    load,
+    play,
+    simulate,
+    modes,
+    replay,
+    reproduce,
+    workspace,
+)
 _OF_RECORDINGS = ('compare', 'estimate', 'identify')  # which read bags and draw pictures
 _PROG = 'octo-arm'
 _TWICE = 1.0  # [s] in which another signal is the same one

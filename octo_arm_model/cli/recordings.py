@@ -237,9 +237,12 @@ def read_options(
     pairing, step = _read_pairing(options)
     alignment = None if options.align is None else read_alignment(options.align)
     measured = Measured(
-        tuple(options.midlines), tuple(options.marker_s), tuple(options.marker_frames),
-        options.length_unit, tuple(options.marker_names),
-    )  # fmt: skip
+        tuple(options.midlines),
+        tuple(options.marker_s),
+        tuple(options.marker_frames),
+        options.length_unit,
+        tuple(options.marker_names),
+    )
     files = _read_files(options)
     with Bar('messages') as bar:
         recording = read_recording(

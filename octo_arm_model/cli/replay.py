@@ -100,9 +100,8 @@ def run(options: argparse.Namespace) -> None:
         if options.bag.suffix == '.csv':
             parameters, calibration = None, {}
         arms = find_arms(
-            reader, options.topics, parameters, options.model, calibration,
-            options.displacements,
-        )  # fmt: skip
+            reader, options.topics, parameters, options.model, calibration, options.displacements
+        )
         if all(arm.displacements.issuperset(arm.topics) for arm in arms):
             arguments.refuse_without_effect(
                 options, ('--tendons',), 'on displacements, which have names'

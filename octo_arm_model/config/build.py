@@ -265,9 +265,11 @@ def _stiffness(given: Values) -> GivenStiffness:
     if len(bending) not in (1, 2):
         check_length('stiffness.bending', bending, 2, ', about n and about b, or one for both')
     values = {
-        'axial': given['stiffness.axial'], 'bending_n': bending[0], 'bending_b': bending[-1],
+        'axial': given['stiffness.axial'],
+        'bending_n': bending[0],
+        'bending_b': bending[-1],
         'torsion': given['stiffness.torsion'],
-    }  # fmt: skip
+    }
     return GivenStiffness(**_all_along(given, 'stiffness', values))
 
 
@@ -275,8 +277,10 @@ def _rest(given: Values) -> RestShape:
     curvature = given['rest_curvature']
     check_length('rest_curvature', curvature, 2, ', about n and about b')
     values = {
-        'curvature_n': curvature[0], 'curvature_b': curvature[1], 'torsion': given['rest_torsion']
-    }  # fmt: skip
+        'curvature_n': curvature[0],
+        'curvature_b': curvature[1],
+        'torsion': given['rest_torsion'],
+    }
     return RestShape(**_all_along(given, 'rest', values))
 
 

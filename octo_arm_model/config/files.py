@@ -223,9 +223,7 @@ for _name in ('binary', 'timestamp', 'omap', 'pairs', 'set'):
 # As in JSON and YAML; Python would also read 1_000 and the digits of other scripts.
 NUMBER = re.compile(r'\s*[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?\s*$')
 # Of the stations of a backbone.
-STATION_COLUMNS = (
-    's [m]', 'x [m]', 'y [m]', 'z [m]', 'tau [1/m]', 'xi [1/m]', 'k [1/m]', 'q [-]'
-)  # fmt: skip
+STATION_COLUMNS = ('s [m]', 'x [m]', 'y [m]', 'z [m]', 'tau [1/m]', 'xi [1/m]', 'k [1/m]', 'q [-]')
 
 
 def station_rows(shape: Backbone) -> list[list[float]]:

@@ -19,7 +19,13 @@ FETCHING_IN_SPACE: Tensions = ((0.0, 0.0, 0.5, 0.0), (4.0, 0.0, 0.0, 0.0), (0.0,
 # Table 1: tensions [N] of the one tendon of renda2012_prototype, and how far the tip of the real
 # arm was from that of the paper's model [% of the length], as the paper measured it.
 PROTOTYPE_ERRORS: dict[float, float] = {
-    0.53: 3.0, 1.09: 5.5, 2.00: 3.5, 2.60: 6.7, 3.06: 7.8, 3.44: 7.0, 3.95: 4.8,
-}  # fmt: skip
+    0.53: 3.0,
+    1.09: 5.5,
+    2.00: 3.5,
+    2.60: 6.7,
+    3.06: 7.8,
+    3.44: 7.0,
+    3.95: 4.8,
+}
 PROTOTYPE_AVERAGE_ERROR = 5.4  # as printed below them
 PROTOTYPE_IN_FIGURE_9 = 3.0  # [N]

@@ -61,9 +61,11 @@ class MeasuredTopics:
         self._fields: dict[str, str] = {}  # where points are, of topics of any type
         what = 'markers' if measured.marker_s else 'midlines or tips'
         if measured.marker_frames:
-            names = measured.sources or [
-                topic for topic, kind in reader.topics.items() if kind == TF
-            ] or ['/tf']  # fmt: skip
+            names = (
+                measured.sources
+                or [topic for topic, kind in reader.topics.items() if kind == TF]
+                or ['/tf']
+            )
             self.topics = [pick_topic(reader, name, (TF,), what) for name in names]
         else:
             several = len(measured.sources) > 1
@@ -309,8 +311,11 @@ def opened(
 def as_described(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """The ``parameters`` for the bag of a table: by names of tendons, lengths in metres."""
     calibrated = (
-        'tension_names', 'displacement_names', 'displacement_scale', 'displacement_offset',
-    )  # fmt: skip
+        'tension_names',
+        'displacement_names',
+        'displacement_scale',
+        'displacement_offset',
+    )
     return {name: value for name, value in parameters.items() if name not in calibrated}
 
 

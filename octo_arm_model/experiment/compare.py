@@ -84,8 +84,9 @@ class ModelComparison:
     def percent(self, name: str) -> FloatArray:
         """Errors ``name`` of all steps in per cent of the length, NaN where not measured."""
         values = [getattr(step.errors, name) for step in self.steps]
-        return np.array([np.nan if value is None else 100.0 * value / self.length
-                         for value in values])  # fmt: skip
+        return np.array(
+            [np.nan if value is None else 100.0 * value / self.length for value in values]
+        )
 
     @property
     def bend_percent(self) -> FloatArray:
@@ -129,10 +130,13 @@ def compare(
         notes.append(
             'the alignment is fitted: it removes the error that a motion of the camera explains'
         )
-        left = misfit_of([
-            shape_residuals(shape, alignment.to_base(shape.points), backbone)
-            for _, shape, backbone in answered
-        ], solver.arm.length).rms  # fmt: skip
+        left = misfit_of(
+            [
+                shape_residuals(shape, alignment.to_base(shape.points), backbone)
+                for _, shape, backbone in answered
+            ],
+            solver.arm.length,
+        ).rms
         notes += undetermined(np.concatenate([shape.points for _, shape, _ in answered]), left)
     steps = []
     ways = directions(np.array([shape.window.tensions for shape in shapes]))
@@ -153,14 +157,21 @@ def compare(
         )
     if trajectory is None:
         notes += remarks(
-            [step.shape.tension for step in steps], [step.bend for step in steps],
+            [step.shape.tension for step in steps],
+            [step.bend for step in steps],
             [step.direction for step in steps],
-            noise_of([step.shape for step in steps]) / 3.0**0.5, solver.arm.length,
-        )  # fmt: skip
+            noise_of([step.shape for step in steps]) / 3.0**0.5,
+            solver.arm.length,
+        )
     return ModelComparison(
-        solver.model, solver.arm.length, alignment, tuple(steps), tuple(refused), tuple(notes),
+        solver.model,
+        solver.arm.length,
+        alignment,
+        tuple(steps),
+        tuple(refused),
+        tuple(notes),
         trajectory is not None,
-    )  # fmt: skip
+    )
 
 
 def _equilibria(
@@ -193,9 +204,11 @@ def _bend(solver: Solver, backbone: Backbone, tip: FloatArray) -> float:
 
 
 MIDLINES = (
-    'model', 'step', 's [m]',
+    'model',
+    'step',
+    's [m]',
     *(f'{name}_{axis} [m]' for name in ('measured', 'model', 'residual') for axis in 'xyz'),
-)  # fmt: skip
+)
 STATIONS = ('model', 'step', *STATION_COLUMNS)
 
 

@@ -20,9 +20,16 @@ from octo_arm_model.config.files import NUMBER, read_text, reading
 KINDS = ('tension', 'midline', 'displacement')  # of tables
 TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 FORCE = {
-    'N': 1.0, 'mN': 1e-3, 'kN': 1e3, 'g': 9.80665e-3, 'gf': 9.80665e-3, 'kg': 9.80665,
-    'kgf': 9.80665, 'lbf': 4.4482216152605, 'lb': 4.4482216152605,
-}  # fmt: skip
+    'N': 1.0,
+    'mN': 1e-3,
+    'kN': 1e3,
+    'g': 9.80665e-3,
+    'gf': 9.80665e-3,
+    'kg': 9.80665,
+    'kgf': 9.80665,
+    'lbf': 4.4482216152605,
+    'lb': 4.4482216152605,
+}
 # 'time [ms]' or 'time (ms)'.
 _HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')
 _FIRST = re.compile(r'^.*[^\s,;].*$', re.MULTILINE)  # line with more than separators
@@ -37,9 +44,13 @@ _ISO = re.compile(
 _UNITS = frozenset({*TIME, *FORCE, 'm', 'cm', 'mm', 'rad', 'deg', 'counts', 'ticks', '-'})
 # Units in words, as Motive has them.
 _IN_WORDS = {
-    'Seconds': 's', 'seconds': 's', 'sec': 's', 'Meters': 'm', 'Centimeters': 'cm',
+    'Seconds': 's',
+    'seconds': 's',
+    'sec': 's',
+    'Meters': 'm',
+    'Centimeters': 'cm',
     'Millimeters': 'mm',
-}  # fmt: skip
+}
 _MOST_HEADERS = 20  # lines
 
 

@@ -113,10 +113,17 @@ def _moment_of(group: Group, one: Estimated, recorded: Recorded) -> Moment:
     tip_stddev = np.sqrt(np.diag(estimate.pose_covariance[-1]))[:3]
     contact = contact_of(estimate, recorded.config.arm) or _NONE
     return Moment(
-        stamp, max(part.received_ns for part in group), 1e-9 * (stamp - recorded.origin_ns),
-        estimate.backbone.tip, tip_stddev, contact.s, contact.wrench,
-        np.sqrt(np.diag(contact.covariance)), one.hypothesis, is_touched(estimate),
-    )  # fmt: skip
+        stamp,
+        max(part.received_ns for part in group),
+        1e-9 * (stamp - recorded.origin_ns),
+        estimate.backbone.tip,
+        tip_stddev,
+        contact.s,
+        contact.wrench,
+        np.sqrt(np.diag(contact.covariance)),
+        one.hypothesis,
+        is_touched(estimate),
+    )
 
 
 def is_touched(estimate: Estimate) -> bool:
@@ -239,20 +246,29 @@ def estimate(
     if not moments:
         raise SolveError(f'no estimate at any time{failures.in_short}')
     return Result(
-        recorded, moments, _find_touches(moments), consistency, failures,
+        recorded,
+        moments,
+        _find_touches(moments),
+        consistency,
+        failures,
         [direction.reason for direction in one.estimate.unlearnt],
         recorded.camera.errors() if recorded.camera is not None else None,
         {name: value / len(moments) for name, value in total.items()},
         restarts,
-    )  # fmt: skip
+    )
 
 
 _WRENCH = [*(f'force {axis} [N]' for axis in 'xyz'), *(f'moment {axis} [N m]' for axis in 'xyz')]
 _TIP = [f'tip {axis} [m]' for axis in 'xyz']
 INNOVATIONS = (
-    'time [s]', 'measurement', 'component', 'innovation', 'stddev', 'normalised square',
+    'time [s]',
+    'measurement',
+    'component',
+    'innovation',
+    'stddev',
+    'normalised square',
     'accepted',
-)  # fmt: skip
+)
 
 
 class EstimateTables(CsvFiles):
@@ -273,32 +289,57 @@ class EstimateTables(CsvFiles):
         others = [state.names[number] for number in _besides_contact(state)]
         values = [*_TIP, *_WRENCH, *(f'{name}{_unit(name)}' for name in others)]
         deviations = [name.replace(' [', ' stddev [') for name in values]
-        self._estimates.writerow([
-            'time [s]', 'stamp [ns]', 'contact', 'contact s [m]', *values, *deviations,
-            'normalised square', 'numbers', 'refused',
-            *(f'probability {name}' for name in self._hypotheses),
-        ])  # fmt: skip
+        self._estimates.writerow(
+            [
+                'time [s]',
+                'stamp [ns]',
+                'contact',
+                'contact s [m]',
+                *values,
+                *deviations,
+                'normalised square',
+                'numbers',
+                'refused',
+                *(f'probability {name}' for name in self._hypotheses),
+            ]
+        )
 
     def write(self, moment: Moment, one: Estimated) -> None:
         """Write ``one`` estimate; OSError if it cannot be written."""
         time, estimate = round(moment.time, 9), one.estimate
         at = _besides_contact(estimate.state)
         deviations = np.sqrt(np.diag(estimate.covariance))[at]
-        self._estimates.writerow([
-            time, moment.stamp_ns, moment.hypothesis, moment.s,
-            *moment.tip.tolist(), *moment.wrench.tolist(), *estimate.mean[at].tolist(),
-            *moment.tip_stddev.tolist(), *moment.wrench_stddev.tolist(), *deviations.tolist(),
-            *estimate.normalised_square,
-            ' and '.join(part.name for part in one.innovations if not part.is_accepted),
-            *(one.probabilities[name] for name in self._hypotheses),
-        ])  # fmt: skip
+        self._estimates.writerow(
+            [
+                time,
+                moment.stamp_ns,
+                moment.hypothesis,
+                moment.s,
+                *moment.tip.tolist(),
+                *moment.wrench.tolist(),
+                *estimate.mean[at].tolist(),
+                *moment.tip_stddev.tolist(),
+                *moment.wrench_stddev.tolist(),
+                *deviations.tolist(),
+                *estimate.normalised_square,
+                ' and '.join(part.name for part in one.innovations if not part.is_accepted),
+                *(one.probabilities[name] for name in self._hypotheses),
+            ]
+        )
         for part in one.innovations:
             stddev = np.sqrt(np.diag(part.covariance))
             for number, (value, size) in enumerate(zip(part.value, stddev, strict=True)):
-                self._innovations.writerow([
-                    time, part.name, number, float(value), float(size), part.normalised_square,
-                    int(part.is_accepted),
-                ])  # fmt: skip
+                self._innovations.writerow(
+                    [
+                        time,
+                        part.name,
+                        number,
+                        float(value),
+                        float(size),
+                        part.normalised_square,
+                        int(part.is_accepted),
+                    ]
+                )
 
 
 def _besides_contact(state: State) -> list[int]:

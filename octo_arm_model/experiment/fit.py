@@ -224,12 +224,19 @@ class Problem:
         unknowns = self.unknowns.unknowns
         low, high = ([getattr(u, end) for u in unknowns] for end in ('low', 'high'))
         found = least_squares(
-            fun, np.clip(x, low, high), jacobian, bounds=(low, high), method='trf',
+            fun,
+            np.clip(x, low, high),
+            jacobian,
+            bounds=(low, high),
+            method='trf',
             x_scale=[u.scale for u in unknowns],
             loss='linear' if scale is None else _soft_loss,
             f_scale=1.0 if scale is None else scale,
-            ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=None, max_nfev=_EVALUATIONS,
-        )  # fmt: skip
+            ftol=_TOLERANCE,
+            xtol=_TOLERANCE,
+            gtol=None,
+            max_nfev=_EVALUATIONS,
+        )
         if found.status <= 0:
             raise ConvergenceError(
                 f'the fit of {self.unknowns.model}', float(found.optimality), int(found.nfev)
@@ -316,11 +323,14 @@ def _first_alignment(shapes: Sequence[MeasuredShape], models: Sequence[Backbone]
         raise MeasurementError(
             f'{len(camera)} measured point(s), expected at least 3 to fit an alignment to'
         )
-    base = np.concatenate([
-        _along(model.position, len(shape.points)) if shape.s is None
-        else interpolated(shape.s, model.s, model.position)
-        for shape, model in zip(shapes, models, strict=True)
-    ])  # fmt: skip
+    base = np.concatenate(
+        [
+            _along(model.position, len(shape.points))
+            if shape.s is None
+            else interpolated(shape.s, model.s, model.position)
+            for shape, model in zip(shapes, models, strict=True)
+        ]
+    )
     finest = 1e-6 * float(np.ptp(base, axis=0).max())
     alignment = align(camera, base)
     for _ in range(_ALIGNMENT_ROUNDS):

@@ -264,10 +264,12 @@ def _with_fit(
         floor = float(np.sqrt(max(rest**2 - uncertainty.noise_of(problem.shapes) ** 2, 0.0)))
         tip_stddev = uncertainty.tip_error(best.away, problem.shapes, length)
     found = uncertainty.estimates_of(
-        unknowns, x, best.found,
+        unknowns,
+        x,
+        best.found,
         uncertainty.freedom_of(jacobian, folds) if folds else np.ones(x.size),
         uncertainty.floor_of(floor or 0.0, jacobian, [len(s.points) for s in problem.shapes]),
-    )  # fmt: skip
+    )
     return dataclasses.replace(
         nothing,
         loss=best.loss,
@@ -286,11 +288,10 @@ def _with_fit(
         tip_stddev=tip_stddev,
         parameters=unknowns.parameters(x),
         alignment=unknowns.alignment(x),
-        tensions=np.array([
-            problem.backbone(x, step).tensions.ravel()
-            for step in range(len(problem.shapes))
-        ]),
-    )  # fmt: skip
+        tensions=np.array(
+            [problem.backbone(x, step).tensions.ravel() for step in range(len(problem.shapes))]
+        ),
+    )
 
 
 def _needed(

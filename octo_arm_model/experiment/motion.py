@@ -52,9 +52,11 @@ class TensionTrajectory(NamedTuple):
 
 
 def moving_shapes(
-    dynamics: Dynamics, trajectory: TensionTrajectory, shapes: Sequence[MeasuredShape],
+    dynamics: Dynamics,
+    trajectory: TensionTrajectory,
+    shapes: Sequence[MeasuredShape],
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> tuple[list[Backbone], str]:  # fmt: skip
+) -> tuple[list[Backbone], str]:
     """The arm along a ``trajectory`` at the time of each of ``shapes``, in order of time.
 
     Returns:
@@ -109,10 +111,14 @@ class MotionProblem(Problem):
 
 
 def identify_motion(
-    shapes: Sequence[MeasuredShape], parameters: Mapping[str, Any], fits: Sequence[str],
-    alignment: Alignment, trajectory: TensionTrajectory,
-    progress: Callable[[int, int], None] = lambda done, total: None, loss: str = uncertainty.AUTO,
-) -> Identification:  # fmt: skip
+    shapes: Sequence[MeasuredShape],
+    parameters: Mapping[str, Any],
+    fits: Sequence[str],
+    alignment: Alignment,
+    trajectory: TensionTrajectory,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    loss: str = uncertainty.AUTO,
+) -> Identification:
     """Fit ``fits`` to ``shapes`` of an arm that moves along a ``trajectory``.
 
     What the data leave open, or tell only to more than the `Unknown.scale`, stays as it is.
@@ -205,9 +211,13 @@ def _fitted(
             'all of the motion, which biases the estimates beyond their intervals'
         )
     return replace(
-        result, parameters=unknowns.parameters(x), correlations=correlations, notes=tuple(notes),
+        result,
+        parameters=unknowns.parameters(x),
+        correlations=correlations,
+        notes=tuple(notes),
         estimates={
-            **result.estimates, **uncertainty.estimates_of(unknowns, x, without, freedom, 0.0 * x),
+            **result.estimates,
+            **uncertainty.estimates_of(unknowns, x, without, freedom, 0.0 * x),
         },
         after=uncertainty.misfit_of(away, problem.length),
-    )  # fmt: skip
+    )

@@ -136,9 +136,14 @@ def _mean_markers(
         noise = float(np.sqrt(np.nanmean(((kept - middle) ** 2).sum(axis=-1))))
     shown = seen.any(axis=0)
     return MeasuredShape(
-        window, middle[shown], int(seen.any(axis=1).sum()), int(outlying.any(axis=1).sum()),
-        noise, tuple(frame[np.isfinite(frame).all(axis=1)] for frame in frames), s[shown],
-    )  # fmt: skip
+        window,
+        middle[shown],
+        int(seen.any(axis=1).sum()),
+        int(outlying.any(axis=1).sum()),
+        noise,
+        tuple(frame[np.isfinite(frame).all(axis=1)] for frame in frames),
+        s[shown],
+    )
 
 
 @dataclass(frozen=True)
@@ -222,10 +227,14 @@ def observe(
         )
     shapes, used = _shapes(paired, recording.marker_s)
     if not shapes:
-        within = '' if kind == MOMENTS else (
-            f' lies in one of {len(windows)} {kind} from {windows[0].start:.3f} to '
-            f'{windows[-1].stop:.3f} s with'
-        )  # fmt: skip
+        within = (
+            ''
+            if kind == MOMENTS
+            else (
+                f' lies in one of {len(windows)} {kind} from {windows[0].start:.3f} to '
+                f'{windows[-1].stop:.3f} s with'
+            )
+        )
         raise SolveError(
             f'nothing to compare: none of {len(frames)} frames from {seen[0]:.3f} to '
             f'{seen[-1]:.3f} s{within or " has"} {what}s within {pairing.tolerance:g} s'
@@ -274,9 +283,10 @@ def _shapes(
     shapes, used = [], 0
     for window, shown in paired:
         shape = (
-            mean_shape(window, shown) if marker_s is None
+            mean_shape(window, shown)
+            if marker_s is None
             else _mean_markers(window, shown, marker_s)
-        )  # fmt: skip
+        )
         if shape is not None:
             shapes.append(shape)
             used += len(shown)

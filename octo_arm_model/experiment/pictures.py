@@ -101,8 +101,12 @@ def pictures_of_comparison(comparisons: Sequence[ModelComparison]) -> dict[str, 
 
 def _points(comparisons: Sequence[ModelComparison]) -> FloatArray:
     """All points of solutions and measurements, (n, 3) [m]."""
-    parts = [part for one in comparisons for step in one.steps
-             for part in (step.measured, step.backbone.position)]  # fmt: skip
+    parts = [
+        part
+        for one in comparisons
+        for step in one.steps
+        for part in (step.measured, step.backbone.position)
+    ]
     return np.concatenate(parts)
 
 
@@ -196,10 +200,16 @@ def _draw_view(
         *model.T, color=colour, linewidth=2.2, marker='o', markevery=[-1], label='model', zorder=3
     )
     panel.plot(
-        *measured.T, color=_MEASURED, linewidth=1.6, marker='s', markersize=5,
+        *measured.T,
+        color=_MEASURED,
+        linewidth=1.6,
+        marker='s',
+        markersize=5,
         linestyle=(0, (4, 2)) if step.shape.s is None else '',
-        markevery=[-1] if step.shape.s is None else None, label='measured', zorder=5,
-    )  # fmt: skip
+        markevery=[-1] if step.shape.s is None else None,
+        label='measured',
+        zorder=5,
+    )
 
 
 def _flatten(points: FloatArray, plane: FloatArray, origin: FloatArray) -> FloatArray:
@@ -266,10 +276,14 @@ def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
             marker, is_full, label = _MARKERS.get(way, ('o', True, str(way)))
             at = ways == way
             signed.plot(
-                tension[at], bend[at], marker, color=colour, markersize=5.0 + width,
+                tension[at],
+                bend[at],
+                marker,
+                color=colour,
+                markersize=5.0 + width,
                 markerfacecolor=colour if is_full else 'white',
                 label=f'{comparison.model}, {label}',
-            )  # fmt: skip
+            )
         for name, style, label in (('tip', 'o-', 'tip'), ('mean', 'x--', 'mean of midline')):
             percent = comparison.percent(name)
             if not np.isfinite(percent).any():
@@ -278,20 +292,26 @@ def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
                 at = np.flatnonzero((ways == way) | ((ways == REST) & (way == LOADING)))
                 at = at[np.argsort(tension[at], kind='stable')]
                 plain.plot(
-                    tension[at], percent[at], style, color=colour, linewidth=width,
+                    tension[at],
+                    percent[at],
+                    style,
+                    color=colour,
+                    linewidth=width,
                     markersize=5.0 + width,
                     markerfacecolor='white' if way == UNLOADING else colour,
                     label='' if number else f'{comparison.model}, {label}',
-                )  # fmt: skip
+                )
     signed.axhline(0.0, color='0.5', linewidth=0.8, zorder=0)
     signed.set(
-        xlabel='sum of tensions [N]', ylabel='signed error of the tip [% of L]',
+        xlabel='sum of tensions [N]',
+        ylabel='signed error of the tip [% of L]',
         title='> 0: the arm bends farther than the model',
-    )  # fmt: skip
+    )
     plain.set(
-        xlabel='sum of tensions [N]', ylabel='error [% of L]',
+        xlabel='sum of tensions [N]',
+        ylabel='error [% of L]',
         title='Model against measurement, by steady step',
-    )  # fmt: skip
+    )
     plain.set_ylim(bottom=0.0)
     for panel in (signed, plain):
         panel.grid(alpha=0.3)
@@ -303,9 +323,10 @@ _FEW = 2  # points: tips have no residuals along the arm
 
 
 def pictures_of_fit(
-    fitted: Sequence[Identification], shapes: Sequence[MeasuredShape],
+    fitted: Sequence[Identification],
+    shapes: Sequence[MeasuredShape],
     trajectory: TensionTrajectory | None = None,
-) -> dict[str, Callable[[], Any]]:  # fmt: skip
+) -> dict[str, Callable[[], Any]]:
     """Functions that draw the pictures of the ``fitted`` models, by name; see `save_all`."""
     pictures: dict[str, Callable[[], Any]] = {}
     names = _shown(fitted)
@@ -350,13 +371,25 @@ def _draw_intervals(fitted: Sequence[Identification], names: Sequence[str]) -> A
             text = f'{estimate.value:.6g}'
             if estimate.interval95 is not None:
                 low, high = estimate.interval95
-                panel.plot((low, high), (row, row), '-|', color=colour, linewidth=2.5,
-                           markersize=14.0, markeredgewidth=1.5)  # fmt: skip
+                panel.plot(
+                    (low, high),
+                    (row, row),
+                    '-|',
+                    color=colour,
+                    linewidth=2.5,
+                    markersize=14.0,
+                    markeredgewidth=1.5,
+                )
                 text = f'{low:.6g} to {high:.6g}'
             panel.annotate(
-                text, (estimate.value, row), xytext=(0, 9), textcoords='offset points',
-                ha='center', fontsize='small', annotation_clip=False,
-            )  # fmt: skip
+                text,
+                (estimate.value, row),
+                xytext=(0, 9),
+                textcoords='offset points',
+                ha='center',
+                fontsize='small',
+                annotation_clip=False,
+            )
         panel.set(xlabel=f'{name} [{_unit(fitted, name)}]')
         panel.grid(alpha=0.3)
         panel.margins(x=0.2, y=0.3)

@@ -101,12 +101,18 @@ def _check_sources(
     for given, other, file in (
         (path is not None and has_all, f'a bag, {path}', '--tension-csv and --midline-csv'),
         (tensions is not None and files.tensions is not None, '--tensions', '--tension-csv'),
-        (displacements is not None and files.displacements is not None, '--displacements',
-         '--displacement-csv'),
+        (
+            displacements is not None and files.displacements is not None,
+            '--displacements',
+            '--displacement-csv',
+        ),
         (measured.sources and files.midlines is not None, '--midlines', '--midline-csv'),
-        (measured.marker_frames and files.midlines is not None, '--marker-frames',
-         '--midline-csv'),
-    ):  # fmt: skip
+        (
+            measured.marker_frames and files.midlines is not None,
+            '--marker-frames',
+            '--midline-csv',
+        ),
+    ):
         if given:
             raise MeasurementError(f'{other} and {file} are given, expected one or the other')
 

@@ -309,6 +309,15 @@ def assemble(
     encoder_time, reeled_in = nothing if encoders is None else encoders.in_order(origin, notes)
     frame_time, seen = frames.in_order(origin, notes)
     return Recording(
-        parameters, tension_time, np.array(pulled), frame_time, tuple(seen), points.frame_id or '',
-        tuple(notes), points.marker_s, refusals, encoder_time, np.array(reeled_in),
-    )  # fmt: skip
+        parameters,
+        tension_time,
+        np.array(pulled),
+        frame_time,
+        tuple(seen),
+        points.frame_id or '',
+        tuple(notes),
+        points.marker_s,
+        refusals,
+        encoder_time,
+        np.array(reeled_in),
+    )

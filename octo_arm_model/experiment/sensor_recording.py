@@ -143,9 +143,18 @@ def read_recorded(
     if sources.alignment is not None and not turned and camera is None:
         raise BagError('--align has no effect: all that is measured is in base_frame')
     return Recorded(
-        given, config, sensors, settings, models, groups, origin, camera,
-        topic if camera is not None else None, refusals, notes,
-    )  # fmt: skip
+        given,
+        config,
+        sensors,
+        settings,
+        models,
+        groups,
+        origin,
+        camera,
+        topic if camera is not None else None,
+        refusals,
+        notes,
+    )
 
 
 def tension_statistics(time: FloatArray, tensions: FloatArray) -> TensionStatistics:

@@ -80,9 +80,14 @@ class TransformTree:
         self._links: dict[str, _Link] = {}
 
     def add(
-        self, parent: str, child: str, stamp_ns: int, translation: FloatArray,
-        quaternion: FloatArray, is_static: bool,
-    ) -> None:  # fmt: skip
+        self,
+        parent: str,
+        child: str,
+        stamp_ns: int,
+        translation: FloatArray,
+        quaternion: FloatArray,
+        is_static: bool,
+    ) -> None:
         """Add a transform from ``child`` to ``parent``; of static ones the last one holds.
 
         Raises:
@@ -177,9 +182,7 @@ class TransformTree:
         x, y, z = place.tolist()
         qx, qy, qz, qw = turned.as_quat().tolist()
         of = f'of {frame[:MAX_NAME]!r}'
-        return Pose.called(
-            f'the position {of}', f'the rotation {of}', (x, y, z), (qx, qy, qz, qw)
-        )  # fmt: skip
+        return Pose.called(f'the position {of}', f'the rotation {of}', (x, y, z), (qx, qy, qz, qw))
 
     def known_until(self, frame: str, target: str) -> float:
         """Stamp [ns] after which the pose of ``frame`` in ``target`` is not known; inf for none.

@@ -111,9 +111,13 @@ class HeldBackFit:
 
 
 def fit_by(
-    problem: Problem, x: FloatArray, scale: float | None, loss: str,
-    folds: Sequence[Sequence[int]], tick: Callable[[], None],
-) -> HeldBackFit:  # fmt: skip
+    problem: Problem,
+    x: FloatArray,
+    scale: float | None,
+    loss: str,
+    folds: Sequence[Sequence[int]],
+    tick: Callable[[], None],
+) -> HeldBackFit:
     """The fit ``x`` by ``loss`` with its ``scale``, and the fits without each of the ``folds``."""
     found: list[FloatArray] = []
     away: dict[int, FloatArray] = {}
@@ -173,10 +177,12 @@ def floor_of(size: float, jacobian: Sequence[FloatArray], points: Sequence[int])
     """
     stacked = np.concatenate([part.reshape(-1, part.shape[-1]) for part in jacobian])
     inverse = np.linalg.pinv(stacked)
-    seen = np.concatenate([
-        np.repeat(np.arange(len(part)) >= len(part) - count, 3)
-        for part, count in zip(jacobian, points, strict=True)
-    ])  # fmt: skip
+    seen = np.concatenate(
+        [
+            np.repeat(np.arange(len(part)) >= len(part) - count, 3)
+            for part, count in zip(jacobian, points, strict=True)
+        ]
+    )
     along = np.linalg.norm(inverse[:, seen], axis=1)
     return np.asarray(size * np.sqrt(sum(points)) * along)
 

@@ -33,10 +33,22 @@ OF_WATER = DRAG, ADDED_MASS
 BENDING, REST_CURVATURE, REST_TORSION = 'bending_stiffness', 'rest_curvature', 'rest_torsion'
 OF_REST = tuple(f'{REST_CURVATURE}_{axis}' for axis in 'nb')
 FITS = (
-    'youngs_modulus', BENDING, 'poisson_ratio', SHEATH, 'tendon_offsets', 'friction',
-    'tension_scale', 'tension_offset', 'alignment', REST_CURVATURE, REST_TORSION, SPOOL,
-    ENCODER_ZEROS, AXIAL, *OF_MOTION,
-)  # fmt: skip
+    'youngs_modulus',
+    BENDING,
+    'poisson_ratio',
+    SHEATH,
+    'tendon_offsets',
+    'friction',
+    'tension_scale',
+    'tension_offset',
+    'alignment',
+    REST_CURVATURE,
+    REST_TORSION,
+    SPOOL,
+    ENCODER_ZEROS,
+    AXIAL,
+    *OF_MOTION,
+)
 ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
 OFFSET, ZERO = 'tendon_offset.', 'encoder_zero.'  # and the name of a tendon
 _EXACT_ONLY = ('poisson_ratio', 'tendon_offsets', SHEATH)
@@ -129,9 +141,8 @@ def _check_fits(fits: Sequence[str], model: str, is_driven: bool, moves: bool) -
 
 
 def unknowns_of(
-    name: str, config: Config, pulled: Sequence[str], encoders: Sequence[str],
-    alignment: Alignment,
-) -> list[Unknown]:  # fmt: skip
+    name: str, config: Config, pulled: Sequence[str], encoders: Sequence[str], alignment: Alignment
+) -> list[Unknown]:
     """The unknowns of one of `FITS`, on the arm of ``config``.
 
     ``pulled`` are the tendons under tension, ``encoders`` those of them that have one, and
@@ -197,9 +208,10 @@ def _bending(arm: Arm) -> list[float]:
 def _check_along(parameters: Mapping[str, Any], arm: Arm, fits: Sequence[str]) -> None:
     """Check that what is fitted as one number is one along the ``arm``; ConfigError if not."""
     for name, table in (
-        (REST_CURVATURE, 'rest.table_curvature'), (REST_TORSION, 'rest.table_torsion'),
+        (REST_CURVATURE, 'rest.table_curvature'),
+        (REST_TORSION, 'rest.table_torsion'),
         (BENDING, 'stiffness.table_bending'),
-    ):  # fmt: skip
+    ):
         tables = [one for one in parameters if one.startswith(table)]
         if name in fits and any(parameters[one] for one in tables):
             raise ConfigError(f'{name} cannot be fitted: the config has a table of it')
@@ -263,8 +275,11 @@ def move_tendons(
             for angle, twist in zip(section.angles, section.twist or len(section.angles) * (0.0,))
         ]
         for name in (
-            'sections.offset_base', 'sections.offset_anchorage', 'tendons.angle', 'tendons.twist',
-        ):  # fmt: skip
+            'sections.offset_base',
+            'sections.offset_anchorage',
+            'tendons.angle',
+            'tendons.twist',
+        ):
             new.pop(name, None)
         new['tendons.table_s'] = list(s)
         new['tendons.table_angle'] = np.concatenate(turns).tolist()
@@ -278,8 +293,10 @@ def move_tendons(
 
 _STIFF_SHEATH = 10.0  # over the shear modulus: that a fit begins with where tendons kept places
 _EXACT_PARAMETERS = (
-    'material.poisson_ratio_stddev', 'tendons.offset_stddev', 'tendons.sheath_stiffness',
-)  # fmt: skip
+    'material.poisson_ratio_stddev',
+    'tendons.offset_stddev',
+    'tendons.sheath_stiffness',
+)
 # Enough for the polygon through the stations to be as accurate as the curve.
 FINE_STATIONS = 201
 _PULLED = 1e-2  # of the highest tension: tendons below it count as slack

@@ -130,24 +130,44 @@ def add_legend(
         handles.append(Line2D([], [], color=_BODY, linewidth=6.0, label='body (renda2012)'))
     if anchorages:
         handles.append(
-            Line2D([], [], color='0.3', marker='o', markersize=2.6, linestyle='',
-                   label='anchorages and tip')
-        )  # fmt: skip
+            Line2D(
+                [],
+                [],
+                color='0.3',
+                marker='o',
+                markersize=2.6,
+                linestyle='',
+                label='anchorages and tip',
+            )
+        )
     if law:
         handles.append(Line2D([], [], color='0.5', linestyle=':', label='the paper’s law'))
     figure.legend(
-        handles=handles, loc='upper center', ncols=len(handles), borderaxespad=0.1,
-        handlelength=2.2, columnspacing=1.8,
-    )  # fmt: skip
+        handles=handles,
+        loc='upper center',
+        ncols=len(handles),
+        borderaxespad=0.1,
+        handlelength=2.2,
+        columnspacing=1.8,
+    )
 
 
 def figure_8(figure: FigureBase) -> None:
     """The arm of section 5.1, at tensions of our choice."""
     grid = figure.subplots(
-        2, 2, sharex=True, sharey=True,
-        gridspec_kw={'left': 0.075, 'right': 0.985, 'bottom': 0.12, 'top': 0.85,
-                     'wspace': 0.06, 'hspace': 0.3},
-    )  # fmt: skip
+        2,
+        2,
+        sharex=True,
+        sharey=True,
+        gridspec_kw={
+            'left': 0.075,
+            'right': 0.985,
+            'bottom': 0.12,
+            'top': 0.85,
+            'wspace': 0.06,
+            'hspace': 0.3,
+        },
+    )
     for axes, tension in zip(grid.flat, UNKNOWN_TENSIONS, strict=True):
         draw_plane(axes, 'fem', tables.pull(1, (tension, 0.0, 0.0, 0.0), 1))
         axes.set_title(f'$T_{{11}}$ = {tension:g} N', pad=3)
@@ -158,10 +178,12 @@ def figure_8(figure: FigureBase) -> None:
 def figure_9(figure: FigureBase) -> None:
     """The prototype of section 5.2, at 3 N and at the tensions of Table 1."""
     left, right = figure.subplots(
-        1, 2, sharex=True, sharey=True,
-        gridspec_kw={'left': 0.075, 'right': 0.985, 'bottom': 0.15, 'top': 0.82,
-                     'wspace': 0.06},
-    )  # fmt: skip
+        1,
+        2,
+        sharex=True,
+        sharey=True,
+        gridspec_kw={'left': 0.075, 'right': 0.985, 'bottom': 0.15, 'top': 0.82, 'wspace': 0.06},
+    )
     draw_plane(left, 'prototype', tables.pull(1, (PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1))
     left.set_title(f'Figure 9: $T_{{11}}$ = {PROTOTYPE_IN_FIGURE_9:g} N', pad=3)
     for tension in PROTOTYPE_ERRORS:
@@ -169,9 +191,15 @@ def figure_9(figure: FigureBase) -> None:
         draw_plane(right, 'prototype', pulled, body=False)
         tips = np.array([tables.solve('prototype', model, pulled).tip[:2] for model in MODELS])
         right.annotate(
-            f'{tension:.2f}', (tips[:, 0].mean() * 1e3, tips[:, 1].min() * 1e3), xytext=(0, -4),
-            textcoords='offset points', ha='center', va='top', rotation=90, fontsize=7,
-        )  # fmt: skip
+            f'{tension:.2f}',
+            (tips[:, 0].mean() * 1e3, tips[:, 1].min() * 1e3),
+            xytext=(0, -4),
+            textcoords='offset points',
+            ha='center',
+            va='top',
+            rotation=90,
+            fontsize=7,
+        )
     right.set_title('Table 1: $T_{11}$ [N] at the tip', pad=3)
     left.set(xlim=(-12.0, 292.0), ylim=(-178.0, 25.0))
     label_axes(np.array([[left, right]]))
@@ -192,14 +220,22 @@ def figure_10(figure: FigureBase) -> None:
         angle = np.deg2rad(plane)
         place = np.array([1.4, 1.33]) * reach * (np.cos(angle), np.sin(angle))
         axes.annotate(
-            f'${plane}$°\n{ratio_of(plane)}', place, ha='center', va='center', fontsize=7,
+            f'${plane}$°\n{ratio_of(plane)}',
+            place,
+            ha='center',
+            va='center',
+            fontsize=7,
             linespacing=1.2,
-        )  # fmt: skip
+        )
     axes.set(
-        xlabel='along $b$ [mm]', ylabel='along $-n$ [mm]', aspect='equal',
-        xlim=(-1.68 * reach, 1.68 * reach), ylim=(-1.5 * reach, 1.5 * reach),
-        xticks=range(-100, 101, 50), yticks=range(-100, 101, 50),
-    )  # fmt: skip
+        xlabel='along $b$ [mm]',
+        ylabel='along $-n$ [mm]',
+        aspect='equal',
+        xlim=(-1.68 * reach, 1.68 * reach),
+        ylim=(-1.5 * reach, 1.5 * reach),
+        xticks=range(-100, 101, 50),
+        yticks=range(-100, 101, 50),
+    )
     add_legend(figure)
 
 
@@ -225,8 +261,13 @@ def figure_11(figure: FigureBase) -> None:
         in_space.set_title(f'({panel}) ${plane:.0f}$°', pad=-2, y=0.97)
         axes = figure.add_axes((0.085 + 0.312 * column, 0.095, 0.275, 0.355))
         ray = np.array([0.0, 210.0])
-        axes.plot(ray * np.cos(np.deg2rad(plane)), ray * np.sin(np.deg2rad(plane)), ':',
-                  color='0.5', linewidth=0.9)  # fmt: skip
+        axes.plot(
+            ray * np.cos(np.deg2rad(plane)),
+            ray * np.sin(np.deg2rad(plane)),
+            ':',
+            color='0.5',
+            linewidth=0.9,
+        )
         for model in MODELS:
             shape = tables.solve('table2', model, tensions)
             axes.plot(*(tables.seen_from_tip(shape) * 1e3).T, **LINES[model])
@@ -243,10 +284,18 @@ def figure_11(figure: FigureBase) -> None:
 def figure_12(figure: FigureBase) -> None:
     """Degrees of freedom along the arm of Figure 11(A)."""
     grid = figure.subplots(
-        2, 2, sharex=True,
-        gridspec_kw={'left': 0.095, 'right': 0.985, 'bottom': 0.135, 'top': 0.91, 'wspace': 0.26,
-                     'hspace': 0.12},
-    )  # fmt: skip
+        2,
+        2,
+        sharex=True,
+        gridspec_kw={
+            'left': 0.095,
+            'right': 0.985,
+            'bottom': 0.135,
+            'top': 0.91,
+            'wspace': 0.26,
+            'hspace': 0.12,
+        },
+    )
     labels = {
         'tau': 'torsion $\\tau$ [1/m]',
         'xi': 'curvature $\\xi$ about $n$ [1/m]',
@@ -280,15 +329,20 @@ def figure_15(figure: FigureBase) -> None:
     shapes = [tables.solve('table4', model, FETCHING_IN_SPACE) for model in MODELS]
     low, high = _limits(shapes).T
     for place, (across, up) in {
-        (0.085, 0.56): (0, 2), (0.085, 0.08): (0, 1), (0.57, 0.08): (2, 1),
-    }.items():  # fmt: skip
+        (0.085, 0.56): (0, 2),
+        (0.085, 0.08): (0, 1),
+        (0.57, 0.08): (2, 1),
+    }.items():
         axes = figure.add_axes((*place, 0.4, 0.375))
         for model, shape in zip(MODELS, shapes, strict=True):
             points = shape.position[:, [across, up]] * 1e3
             axes.plot(*points.T, **LINES[model])
             mark(axes, shape, points, model)
         axes.set(
-            xlabel=f'{"xyz"[across]} [mm]', ylabel=f'{"xyz"[up]} [mm]', aspect='equal',
-            xlim=(low[across], high[across]), ylim=(low[up], high[up]),
-        )  # fmt: skip
+            xlabel=f'{"xyz"[across]} [mm]',
+            ylabel=f'{"xyz"[up]} [mm]',
+            aspect='equal',
+            xlim=(low[across], high[across]),
+            ylim=(low[up], high[up]),
+        )
     add_legend(figure, anchorages=True)

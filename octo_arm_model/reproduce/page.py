@@ -81,21 +81,45 @@ _MISSING = (
 )
 # Name, caption, height [in], and what draws it.
 _FIGURES: dict[str, tuple[str, float, Callable[[FigureBase], None]]] = {
-    'Figure 8': ('Arm of section 5.1, one cable; the body is true to scale, the tensions above '
-                 'the panels are ours.', 2.9, figures.figure_8),
-    'Figure 9': ('Left, the prototype at 3 N. Right, at each tension of Table 1.', 2.75,
-                 figures.figure_9),
-    'Figure 10': ('Bending planes and the ratios of the cables’ tensions, seen from the tip: the '
-                  'arm of Table 2, amplitude 1 N, section 1.', 4.75, figures.figure_10),
-    'Figure 11': ('Three planes of bending, tensions of Table 3: in space, and seen from the '
-                  'tip.', 4.4, figures.figure_11),
-    'Figure 12': ('Degrees of freedom along the arm of Figure 11(A). By all models the torsion '
-                  'is 0.', 3.3, figures.figure_12),
-    'Figure 14': ('Fetching in one plane: the arm of Table 4, tensions of Table 5; the body is '
-                  'true to scale.', 4.6, figures.figure_14),
-    'Figure 15': ('Views of fetching in three dimensions: the arm of Table 4, tensions of '
-                  'Table 5.', 5.3, figures.figure_15),
-}  # fmt: skip
+    'Figure 8': (
+        'Arm of section 5.1, one cable; the body is true to scale, the tensions above '
+        'the panels are ours.',
+        2.9,
+        figures.figure_8,
+    ),
+    'Figure 9': (
+        'Left, the prototype at 3 N. Right, at each tension of Table 1.',
+        2.75,
+        figures.figure_9,
+    ),
+    'Figure 10': (
+        'Bending planes and the ratios of the cables’ tensions, seen from the tip: the '
+        'arm of Table 2, amplitude 1 N, section 1.',
+        4.75,
+        figures.figure_10,
+    ),
+    'Figure 11': (
+        'Three planes of bending, tensions of Table 3: in space, and seen from the tip.',
+        4.4,
+        figures.figure_11,
+    ),
+    'Figure 12': (
+        'Degrees of freedom along the arm of Figure 11(A). By all models the torsion is 0.',
+        3.3,
+        figures.figure_12,
+    ),
+    'Figure 14': (
+        'Fetching in one plane: the arm of Table 4, tensions of Table 5; the body is '
+        'true to scale.',
+        4.6,
+        figures.figure_14,
+    ),
+    'Figure 15': (
+        'Views of fetching in three dimensions: the arm of Table 4, tensions of Table 5.',
+        5.3,
+        figures.figure_15,
+    ),
+}
 # Headings, and the figures and tables below each.
 _SECTIONS: dict[str, tuple[str | Callable[[], DataTable], ...]] = {
     'The arms': (tables.arms,),

@@ -129,8 +129,11 @@ def tip_distance(backbone: Backbone) -> float:
 
 UNKNOWN_TENSIONS = (0.02, 0.05, 0.1, 0.2)  # [N], for Figure 8, of which the paper prints none
 _ARMS = {
-    'Table 2': 'table2', 'Table 4': 'table4', 'section 5.1': 'fem', 'section 5.2': 'prototype',
-}  # fmt: skip
+    'Table 2': 'table2',
+    'Table 4': 'table4',
+    'section 5.1': 'fem',
+    'section 5.2': 'prototype',
+}
 
 
 @dataclass(frozen=True)
@@ -204,8 +207,9 @@ def tip_errors() -> DataTable:
 
 _TIPS = (
     *(f'{model}: tip x, y [mm]' for model in MODELS),
-    'closed_form to renda2012 [% of L]', 'exact to renda2012 [% of L]',
-)  # fmt: skip
+    'closed_form to renda2012 [% of L]',
+    'exact to renda2012 [% of L]',
+)
 
 
 def _tips(preset: str, tension: float) -> list[str]:
@@ -264,20 +268,28 @@ def fetching() -> DataTable:
     ):
         for model in MODELS:
             shape = solve('table4', model, pulled)
-            rows.append((
-                f'{figure}, {model}', _point(shape, 3), f'{tip_distance(shape) * 1e3:.1f}',
-                f'{100.0 * shape.q.min():.0f}', f'{tip_rotation(shape):.2f}',
-            ))  # fmt: skip
+            rows.append(
+                (
+                    f'{figure}, {model}',
+                    _point(shape, 3),
+                    f'{tip_distance(shape) * 1e3:.1f}',
+                    f'{100.0 * shape.q.min():.0f}',
+                    f'{tip_rotation(shape):.2f}',
+                )
+            )
     return DataTable(
         'Figures 14 and 15 in numbers.',
         (
-            '', 'tip x, y, z [mm]', 'tip to base [mm]', 'strongest compression q [%]',
+            '',
+            'tip x, y, z [mm]',
+            'tip to base [mm]',
+            'strongest compression q [%]',
             'twist of the tip [°]',
         ),
         tuple(rows),
         'The paper takes s for the arc length of midline and cables; what the third column of '
         'numbers shows is how much that leaves out here, and why exact differs.',
-    )  # fmt: skip
+    )
 
 
 def _point(shape: Backbone, axes: int = 2) -> str:

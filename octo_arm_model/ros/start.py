@@ -33,7 +33,7 @@ from octo_arm_model.ros.work import interruptible
 # What to do about an error of rcl, by a part of its text.
 _HINTS = {
     'ogging': 'logs are written to ROS_LOG_DIR, else below ROS_HOME or HOME: '
-    'set one to a folder that can be written',
+    'set one to a folder that can be written'
 }
 
 

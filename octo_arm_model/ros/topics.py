@@ -109,9 +109,13 @@ def create_publisher(node: Node, kind: Any, topic: str, qos: QoSProfile) -> Publ
     Raises:
         ConfigError: if such a parameter has a value that its policy cannot have.
     """
-    return _create(node, 'publisher', topic, qos, lambda *given, **options: (
-        node.create_publisher(kind, *given, **options)
-    ))  # fmt: skip
+    return _create(
+        node,
+        'publisher',
+        topic,
+        qos,
+        lambda *given, **options: node.create_publisher(kind, *given, **options),
+    )
 
 
 def create_subscription(
@@ -128,9 +132,15 @@ def create_subscription(
     Raises:
         ConfigError: if such a parameter has a value that its policy cannot have.
     """
-    return _create(node, 'subscription', topic, qos, lambda topic, qos, **options: (
-        node.create_subscription(kind, topic, callback, qos, raw=raw, **options)
-    ))  # fmt: skip
+    return _create(
+        node,
+        'subscription',
+        topic,
+        qos,
+        lambda topic, qos, **options: node.create_subscription(
+            kind, topic, callback, qos, raw=raw, **options
+        ),
+    )
 
 
 def is_overridden(node: Node, entity: str, topic: str) -> bool:

@@ -194,9 +194,8 @@ class DynamicArm:
         self._dynamics.driven(Inputs(np.zeros(self._config.arm.tension_shape), lengths))
 
     def advance(
-        self, tensions: FloatArray, force: FloatArray, elapsed: float,
-        reeled: Reeled | None = None,
-    ) -> None:  # fmt: skip
+        self, tensions: FloatArray, force: FloatArray, elapsed: float, reeled: Reeled | None = None
+    ) -> None:
         """Move on by ``elapsed`` [s] to ``tensions`` (tendons,) and a ``force`` of the push (3,).
 
         And to what is ``reeled`` in: a winch whose tendon would bear more than it gives way, or

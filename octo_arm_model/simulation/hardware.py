@@ -24,20 +24,26 @@ class Winches(ParameterGroup):
 
     slack_floor: float = stated('least tension the winches keep [N]', 0.0, '>= 0', 'tension')
     force_limit: float = stated(
-        'largest tension of the winches [N]; 0 for no limit', 0.0,
+        'largest tension of the winches [N]; 0 for no limit',
+        0.0,
         '0, or at least winches.slack_floor',
-    )  # fmt: skip
+    )
     rate_limit: float = stated(
         'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0, '>= 0', 'rate'
     )
     speed_limit: float = stated(
         'largest rate at which lengths of an arm that moves are reeled in or out [m/s]; 0 for no '
-        'limit', 0.0, '>= 0', 'rate',
-    )  # fmt: skip
+        'limit',
+        0.0,
+        '>= 0',
+        'rate',
+    )
     lag: float = stated(
         'time constant with which tensions, or lengths, follow the set point [s]; 0 for at once',
-        0.0, '>= 0', 'time',
-    )  # fmt: skip
+        0.0,
+        '>= 0',
+        'time',
+    )
     encoders: bool = stated(
         'whether lengths that the winches have reeled in are published, on '
         'tendon_displacements; an octo_arm_node that hears them is driven by them',
@@ -101,8 +107,10 @@ class Relaxation(ParameterGroup):
 
     ratio: float = stated(
         'instantaneous over relaxed modulus, less one [-]; 0 for an elastic arm, as in the paper',
-        0.0, '>= 0', 'ratio',
-    )  # fmt: skip
+        0.0,
+        '>= 0',
+        'ratio',
+    )
     time: float = stated(
         'time constant of the relaxing modulus at constant strain [s]', 1.0, '> 0'
     )
@@ -139,13 +147,18 @@ class LoadCells(ParameterGroup):
     GROUP = 'load_cells'
 
     gain_stddev: float = stated(
-        'standard deviation of the gain of each load cell, drawn once [-]', 0.0, '>= 0',
+        'standard deviation of the gain of each load cell, drawn once [-]',
+        0.0,
+        '>= 0',
         'standard deviation',
-    )  # fmt: skip
+    )
     noise_stddev: float = stated(
         'standard deviation of the noise of each reading [N]; readings of slack tendons go '
-        'below 0', 0.0, '>= 0', 'standard deviation',
-    )  # fmt: skip
+        'below 0',
+        0.0,
+        '>= 0',
+        'standard deviation',
+    )
     resolution: float = stated(
         'what readings are multiples of [N]; 0 for all digits', 0.0, '>= 0', 'tension'
     )

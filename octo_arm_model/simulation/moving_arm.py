@@ -61,9 +61,11 @@ class DrivenMotion:
         self._newest_ns: dict[str, int] = {}
 
     def read(
-        self, stamp_ns: int, tensions: FloatArray | None = None,
+        self,
+        stamp_ns: int,
+        tensions: FloatArray | None = None,
         displacements: dict[str, float] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Go on to a stamp [ns], from which on ``tensions`` or ``displacements`` are known.
 
         The motion begins again at rest where the stamps of either go back, and after
@@ -173,9 +175,11 @@ class Moment(NamedTuple):
 
 
 def simulate(
-    dynamics: Dynamics, profile: CommandProfile, course: Course = Course(),
+    dynamics: Dynamics,
+    profile: CommandProfile,
+    course: Course = Course(),
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Iterator[Moment]:  # fmt: skip
+) -> Iterator[Moment]:
     """Moments of the arm of ``dynamics``, from its equilibrium at the start of ``profile``.
 
     Raises:
@@ -242,9 +246,12 @@ def draw_motion(
 
 
 def animate(
-    path: Path, moments: Sequence[Moment], rate: float, title: str,
+    path: Path,
+    moments: Sequence[Moment],
+    rate: float,
+    title: str,
     obstacles: Sequence[Obstacle] = (),
-) -> None:  # fmt: skip
+) -> None:
     """Draw ``moments`` one after the other, ``rate`` of them a second, into a GIF file."""
     from matplotlib.animation import FuncAnimation, PillowWriter
     from matplotlib.figure import Figure

@@ -39,9 +39,11 @@ class Push(ParameterGroup):
         'arc coordinate of the cross section it acts on [m]; 0 for the tip', 0.0, 'on the arm'
     )
     period: float = stated(
-        'how often it begins anew, to last half of that [s]; 0 for a constant force', 0.0, '>= 0',
+        'how often it begins anew, to last half of that [s]; 0 for a constant force',
+        0.0,
+        '>= 0',
         'time',
-    )  # fmt: skip
+    )
 
     def __post_init__(self) -> None:
         """Validate what does not depend on the arm."""
@@ -75,9 +77,11 @@ class Sensors(ParameterGroup):
     )
     markers_rate: float = stated(f'measured/markers: {_RATE}', 0.0, '>= 0')
     marker_s: tuple[float, ...] = stated(
-        f'arc coordinates of the markers [m], at most {MAX_MARKERS}', (), 'on the arm',
+        f'arc coordinates of the markers [m], at most {MAX_MARKERS}',
+        (),
+        'on the arm',
         most=MAX_MARKERS,
-    )  # fmt: skip
+    )
     marker_stddev: float = stated('noise of each coordinate of a marker [m]', 0.0, '>= 0')
     base_wrench_rate: float = stated(f'measured/base_wrench: {_RATE}', 0.0, '>= 0')
     base_force_stddev: float = stated(

@@ -57,9 +57,13 @@ class ReachEnvironment(gymnasium.Env[FloatArray, FloatArray]):
     metadata: dict[str, Any] = {'render_modes': []}  # noqa: RUF012
 
     def __init__(
-        self, dynamics: Dynamics, highest: ArrayLike | None = None, period: float = 0.02,
-        steps: int = 100, divisions: int = 4,
-    ) -> None:  # fmt: skip
+        self,
+        dynamics: Dynamics,
+        highest: ArrayLike | None = None,
+        period: float = 0.02,
+        steps: int = 100,
+        divisions: int = 4,
+    ) -> None:
         """Move the arm of ``dynamics``.
 
         Args:

@@ -226,9 +226,14 @@ class ArmScene:
         """
         drawn = self._drawing.draw(position, quaternion, q)
         self._body = show_mesh(
-            self._scene, self._body, f'{self._name}/body', drawn.vertices, self._drawing.triangles,
-            color=self._colour, opacity=self._opacity,
-        )  # fmt: skip
+            self._scene,
+            self._body,
+            f'{self._name}/body',
+            drawn.vertices,
+            self._drawing.triangles,
+            color=self._colour,
+            opacity=self._opacity,
+        )
         if not self._has_tendons:
             return
         self._show_discs(drawn)
@@ -249,9 +254,14 @@ class ArmScene:
         placed = drawn.disc_position[:, np.newaxis] + np.einsum('xyd,ydv->dvx', turn, local)
         each = unit.shape[1] * np.arange(len(radius))[:, np.newaxis, np.newaxis]
         self._discs = show_mesh(
-            self._scene, self._discs, f'{self._name}/discs', placed.reshape(-1, 3),
-            (triangles + each).reshape(-1, 3), color=DISC_COLOUR, flat_shading=True,
-        )  # fmt: skip
+            self._scene,
+            self._discs,
+            f'{self._name}/discs',
+            placed.reshape(-1, 3),
+            (triangles + each).reshape(-1, 3),
+            color=DISC_COLOUR,
+            flat_shading=True,
+        )
 
     def _show_tendons(self, points: NDArray[np.float32], colours: NDArray[np.uint8]) -> None:
         if self._tendons is None:
@@ -341,9 +351,15 @@ def set_obstacles(scene: viser.SceneApi, config: Config) -> None:
     for number, obstacle in enumerate(config.loads.obstacles):
         vertices, triangles = drawing.obstacle_mesh(obstacle, middle, size)
         show_mesh(
-            scene, None, f'/obstacles/{number}', vertices, triangles, color=OBSTACLE_COLOUR,
-            opacity=OBSTACLE_OPACITY, side='double',
-        )  # fmt: skip
+            scene,
+            None,
+            f'/obstacles/{number}',
+            vertices,
+            triangles,
+            color=OBSTACLE_COLOUR,
+            opacity=OBSTACLE_OPACITY,
+            side='double',
+        )
 
 
 def middle_of(config: Config) -> FloatArray:
@@ -409,7 +425,13 @@ class UncertaintyScene:
         opacity: float | None,
     ) -> None:
         mesh = self._meshes[name] = show_mesh(
-            self._scene, self._meshes.get(name), f'/estimate/{name}', vertices, triangles,
-            color=colour, opacity=opacity, side='double',
-        )  # fmt: skip
+            self._scene,
+            self._meshes.get(name),
+            f'/estimate/{name}',
+            vertices,
+            triangles,
+            color=colour,
+            opacity=opacity,
+            side='double',
+        )
         mesh.visible = True

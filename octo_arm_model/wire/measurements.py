@@ -299,7 +299,8 @@ TIP_POSE, MARKERS, BASE_WRENCH = 'measured/tip_pose', 'measured/markers', 'measu
 # Everything measured but tensions, for the node, the bag tools and the manual: one row adds one.
 MEASUREMENT_TOPICS: dict[str, MeasurementMessage] = {
     DISPLACEMENTS: MeasurementMessage(
-        DISPLACEMENT_TYPE, 'lengths reeled in by the winches, as positions by tendon name [m]',
+        DISPLACEMENT_TYPE,
+        'lengths reeled in by the winches, as positions by tendon name [m]',
         displacements_of,
     ),
     TIP_POSE: MeasurementMessage(
@@ -318,4 +319,4 @@ MEASUREMENT_TOPICS: dict[str, MeasurementMessage] = {
         'force and moment of all external loads as a sensor under the base feels them',
         _base_wrench,
     ),
-}  # fmt: skip
+}

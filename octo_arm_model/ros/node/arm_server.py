@@ -280,9 +280,14 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
             tensions = config.load_cells.tensions(config.arm, readings)
         solver, wrench = self._tip_wrench.acting()
         answer = winding.answer(
-            solver, config, wrench, at.ns, tensions, displacements,
+            solver,
+            config,
+            wrench,
+            at.ns,
+            tensions,
+            displacements,
             has_covariance=outbox.is_tip_heard,
-        )  # fmt: skip
+        )
         duration = time.perf_counter() - began
         outbox.publish(answer.backbone, answer.covariance, at)
         if answer.unknown is not None:

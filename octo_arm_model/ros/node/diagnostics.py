@@ -198,19 +198,25 @@ class Diagnostics:
         if unknown and not problem:
             problem = f'no covariance, and so no tip_pose, for {unknown}: {self._unknown}'
         level = DiagnosticStatus.ERROR if failed and not answered else DiagnosticStatus.WARN
-        return make_status('solver', level, problem, 'solving' if answered else 'waiting', {
-            'model': self._model,
-            'compiled': self._is_compiled,
-            'residual': f'{self._residual:.3e}',
-            'iterations': self._iterations,
-            'time per solve [ms]': f'{1e3 * self._busy / answered:.3f}' if answered else '',
-            'failures': self._totals['failed'],
-            'beyond solve_budget': self._totals['unaffordable'],
-            'last failure': self._failure,
-            'shapes without tip_pose': self._totals['tip unknown'],
-            'friction history kept': self._has_history,
-            'friction history forgotten after a gap': self.arm.forgotten if self.arm else 0,
-        })  # fmt: skip
+        return make_status(
+            'solver',
+            level,
+            problem,
+            'solving' if answered else 'waiting',
+            {
+                'model': self._model,
+                'compiled': self._is_compiled,
+                'residual': f'{self._residual:.3e}',
+                'iterations': self._iterations,
+                'time per solve [ms]': f'{1e3 * self._busy / answered:.3f}' if answered else '',
+                'failures': self._totals['failed'],
+                'beyond solve_budget': self._totals['unaffordable'],
+                'last failure': self._failure,
+                'shapes without tip_pose': self._totals['tip unknown'],
+                'friction history kept': self._has_history,
+                'friction history forgotten after a gap': self.arm.forgotten if self.arm else 0,
+            },
+        )
 
     def _input(self) -> DiagnosticStatus:
         lately = self._lately
@@ -243,29 +249,41 @@ class Diagnostics:
         if self._last is not None:
             age = f'{now - self._last:.3f}'
         fine = 'receiving' if self._received else 'waiting'
-        return make_status('input', DiagnosticStatus.WARN, '; '.join(problems), fine, {
-            'rate [Hz]': f'{self._received / self._period:.1f}',
-            'age of the newest stamp [s]': age,
-            'source': ', '.join(topics),
-            'publishers': sum(publishers.values()),
-            'refused': self._totals['refused'],
-            'last refusal': self._reason,
-            'refused by reason': '; '.join(self._refusals.lines())[:_LONGEST],
-            'stamps running backwards': self._totals['backwards'],
-            'stamps from the future': self._totals['ahead'],
-            'old stamps': self._totals['old'],
-            'without a stamp': self._totals['unstamped'],
-        })  # fmt: skip
+        return make_status(
+            'input',
+            DiagnosticStatus.WARN,
+            '; '.join(problems),
+            fine,
+            {
+                'rate [Hz]': f'{self._received / self._period:.1f}',
+                'age of the newest stamp [s]': age,
+                'source': ', '.join(topics),
+                'publishers': sum(publishers.values()),
+                'refused': self._totals['refused'],
+                'last refusal': self._reason,
+                'refused by reason': '; '.join(self._refusals.lines())[:_LONGEST],
+                'stamps running backwards': self._totals['backwards'],
+                'stamps from the future': self._totals['ahead'],
+                'old stamps': self._totals['old'],
+                'without a stamp': self._totals['unstamped'],
+            },
+        )
 
     def _output(self) -> DiagnosticStatus:
         skipped, answered = self._lately['skipped'], self._lately['answered']
         problem = self._idle or (f'{skipped} skipped for newer ones' if skipped else '')
         fine = 'publishing' if answered else 'waiting'
-        return make_status('output', DiagnosticStatus.WARN, problem, fine, {
-            'rate [Hz]': f'{answered / self._period:.1f}',
-            'answered': self._totals['answered'],
-            'skipped': self._totals['skipped'],
-        })  # fmt: skip
+        return make_status(
+            'output',
+            DiagnosticStatus.WARN,
+            problem,
+            fine,
+            {
+                'rate [Hz]': f'{answered / self._period:.1f}',
+                'answered': self._totals['answered'],
+                'skipped': self._totals['skipped'],
+            },
+        )
 
 
 def diagnostics_message(node: Node, *statuses: DiagnosticStatus) -> DiagnosticArray:

@@ -204,9 +204,15 @@ class LatestSubscription:
     """
 
     def __init__(
-        self, inputs: Inputs, node: Node, kind: Any, topic: str, read: Read,
-        is_apart: bool, is_answered: bool,
-    ) -> None:  # fmt: skip
+        self,
+        inputs: Inputs,
+        node: Node,
+        kind: Any,
+        topic: str,
+        read: Read,
+        is_apart: bool,
+        is_answered: bool,
+    ) -> None:
         """Subscribe, see `Inputs.subscribe`."""
         self._inputs, self._node, self._kind, self._read = inputs, node, kind, read
         self.is_apart, self.is_answered, self.heard_at = is_apart, is_answered, 0.0

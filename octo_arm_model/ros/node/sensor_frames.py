@@ -137,14 +137,20 @@ class SensorFrames:
     def _add(self, one: Any, is_static: bool) -> None:
         shift, turn = one.transform.translation, one.transform.rotation
         pose = Pose.called(
-            'transform.translation', 'transform.rotation',
-            (shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w),
-        )  # fmt: skip
+            'transform.translation',
+            'transform.rotation',
+            (shift.x, shift.y, shift.z),
+            (turn.x, turn.y, turn.z, turn.w),
+        )
         stamp = Stamp.of(one.header.stamp).ns
         frames = self._tree.frames
         if len(frames) >= _MOST and one.child_frame_id not in frames:
             raise MeasurementError(f'there are {_MOST} frames already, which is the most')
         self._tree.add(
-            one.header.frame_id, one.child_frame_id, stamp,
-            np.array(pose.position), np.array(pose.quaternion), is_static,
-        )  # fmt: skip
+            one.header.frame_id,
+            one.child_frame_id,
+            stamp,
+            np.array(pose.position),
+            np.array(pose.quaternion),
+            is_static,
+        )

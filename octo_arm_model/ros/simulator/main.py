@@ -147,9 +147,12 @@ class SimulatorNode(CheckedNode):
         self._follow(topic, command, dict(zip(arm.tendon_names, command)), {})
 
     def _follow(
-        self, topic: str, command: FloatArray, tensions: Mapping[str, float],
+        self,
+        topic: str,
+        command: FloatArray,
+        tensions: Mapping[str, float],
         lengths: Mapping[str, float],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Follow a ``command`` of ``tensions``, but of tendons that are held, and ``lengths``."""
         self._command, self._is_playing = command, False
         held = self._drive.held
@@ -221,26 +224,38 @@ class SimulatorNode(CheckedNode):
         """Write the state of arm, winches and commands to the file of the parameters."""
         arm, path = self._stored()
         held, names = self._drive.held, self._config.arm.tendon_names
-        arm.save(path, {
-            'hardware': self._drive.hardware.state,
-            'command': self._command,
-            'lengths': np.array([held.get(name, 0.0) for name in names]),
-            'driven': np.array([name in held for name in names], dtype=np.float64),
-            'played': self._played,
-            'time': self._sensors.time,
-            'surroundings': arm.surroundings.values,
-            'playing': float(self._is_playing),
-        })  # fmt: skip
+        arm.save(
+            path,
+            {
+                'hardware': self._drive.hardware.state,
+                'command': self._command,
+                'lengths': np.array([held.get(name, 0.0) for name in names]),
+                'driven': np.array([name in held for name in names], dtype=np.float64),
+                'played': self._played,
+                'time': self._sensors.time,
+                'surroundings': arm.surroundings.values,
+                'playing': float(self._is_playing),
+            },
+        )
 
     def _restore(self) -> None:
         """Go on from that state, with its commands; noise goes on as it is."""
         arm, path = self._stored()
         config, names = self._config, self._config.arm.tendon_names
         each = (len(names),)
-        state, values = arm.read(path, {
-            'hardware': (4, *each), 'command': each, 'lengths': each, 'driven': each,
-            'played': (), 'time': (), 'playing': (), 'surroundings': SHAPE,
-        })  # fmt: skip
+        state, values = arm.read(
+            path,
+            {
+                'hardware': (4, *each),
+                'command': each,
+                'lengths': each,
+                'driven': each,
+                'played': (),
+                'time': (),
+                'playing': (),
+                'surroundings': SHAPE,
+            },
+        )
         check_values(values['surroundings'], state.base)
         for tensions in (values['command'], *values['hardware'][:-1]):
             check_command(config.arm, tensions, config.limits)

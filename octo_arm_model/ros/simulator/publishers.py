@@ -252,15 +252,21 @@ class SimulatorDiagnostics:
         if failed := lately['failed']:
             problems.append(f'{failed} steps failed: {self._failure}')
         fine, warn = f'following {source}', DiagnosticStatus.WARN
-        status = diagnostics.make_status('simulator', warn, '; '.join(problems), fine, {
-            'source': source,
-            'commands [Hz]': f'{lately["commands"] / period:.1f}',
-            'refused': self.counts['refused'],
-            'last refusal': self._reason,
-            'readings [Hz]': f'{lately["published"] / period:.1f}',
-            'readings lost': self.counts['lost'],
-            'real time factor': f'{lately["simulated"] / period:.2f}',
-            'failed steps': self.counts['failed'],
-            'last failure': self._failure,
-        })  # fmt: skip
+        status = diagnostics.make_status(
+            'simulator',
+            warn,
+            '; '.join(problems),
+            fine,
+            {
+                'source': source,
+                'commands [Hz]': f'{lately["commands"] / period:.1f}',
+                'refused': self.counts['refused'],
+                'last refusal': self._reason,
+                'readings [Hz]': f'{lately["published"] / period:.1f}',
+                'readings lost': self.counts['lost'],
+                'real time factor': f'{lately["simulated"] / period:.2f}',
+                'failed steps': self.counts['failed'],
+                'last failure': self._failure,
+            },
+        )
         self._publisher.publish(diagnostics.diagnostics_message(self._node, status))

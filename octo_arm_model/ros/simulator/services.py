@@ -70,9 +70,10 @@ class SimulationClock:
         if self._publisher is None:
             self._publisher = create_publisher(self._node, ClockMessage, TOPIC, _QOS)
         self._timer = self._node.create_timer(
-            self.period / factor if factor else _AGAIN, self._go_on_alone,
+            self.period / factor if factor else _AGAIN,
+            self._go_on_alone,
             clock=Clock(clock_type=ClockType.STEADY_TIME),
-        )  # fmt: skip
+        )
 
     def reset(self) -> None:
         """Begin anew, where time is the simulator's own."""
@@ -116,9 +117,12 @@ NOT_PAUSED = 'is not paused, expected pause before step'
 
 
 def offer_services(
-    node: Node, clock: SimulationClock, reset: Callable[[], None], save: Callable[[], None],
+    node: Node,
+    clock: SimulationClock,
+    reset: Callable[[], None],
+    save: Callable[[], None],
     restore: Callable[[], None],
-) -> None:  # fmt: skip
+) -> None:
     """Offer the services on ``node``.
 
     ``reset`` begins anew, at rest with slack tendons; ``save`` writes the state to a file, and
@@ -178,9 +182,13 @@ class StandardServices:
     """
 
     def __init__(
-        self, node: Node, clock: SimulationClock, reset: Callable[[], None], kinds: Any,
+        self,
+        node: Node,
+        clock: SimulationClock,
+        reset: Callable[[], None],
+        kinds: Any,
         messages: Any,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Offer them on ``node``."""
         self._clock, self._reset = clock, reset
         self._is_stopped = False
@@ -204,11 +212,15 @@ class StandardServices:
     def _features(self, _: Any, response: Any) -> Any:
         known = self._messages.SimulatorFeatures
         response.features.features = [
-            known.SIMULATION_RESET, known.SIMULATION_RESET_TIME, known.SIMULATION_RESET_STATE,
-            known.SIMULATION_STATE_GETTING, known.SIMULATION_STATE_SETTING,
-            known.SIMULATION_STATE_PAUSE, known.STEP_SIMULATION_SINGLE,
+            known.SIMULATION_RESET,
+            known.SIMULATION_RESET_TIME,
+            known.SIMULATION_RESET_STATE,
+            known.SIMULATION_STATE_GETTING,
+            known.SIMULATION_STATE_SETTING,
+            known.SIMULATION_STATE_PAUSE,
+            known.STEP_SIMULATION_SINGLE,
             known.STEP_SIMULATION_MULTIPLE,
-        ]  # fmt: skip
+        ]
         return response
 
     def _get(self, _: Any, response: Any) -> Any:
@@ -219,9 +231,10 @@ class StandardServices:
         known, wanted = self._messages.SimulationState, request.state.state
         if wanted not in (known.STATE_STOPPED, known.STATE_PLAYING, known.STATE_PAUSED):
             return self._result(
-                response, 'RESULT_FEATURE_UNSUPPORTED',
+                response,
+                'RESULT_FEATURE_UNSUPPORTED',
                 f'state is {wanted}, expected stopped, playing or paused',
-            )  # fmt: skip
+            )
         if wanted == self._state:
             response.result.result = (
                 self._kinds.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
