@@ -18,9 +18,15 @@ def messages_of(backbone: Backbone, stamp: Any, frame: str) -> tuple[Any, Any, A
     poses = list(map(pose_message, backbone.position, backbone.quaternion))
     path = Path(header=header, poses=[PoseStamped(header=header, pose=pose) for pose in poses])
     strains = SectionStrains(
-        header=header, model=backbone.model, s=backbone.s, tau=backbone.tau, xi=backbone.xi,
-        k=backbone.k, q=backbone.q, section=backbone.section.astype(np.int32),
-    )  # fmt: skip
+        header=header,
+        model=backbone.model,
+        s=backbone.s,
+        tau=backbone.tau,
+        xi=backbone.xi,
+        k=backbone.k,
+        q=backbone.q,
+        section=backbone.section.astype(np.int32),
+    )
     return path, PoseArray(header=header, poses=poses), strains
 
 

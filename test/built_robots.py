@@ -140,13 +140,21 @@ def motive_csv(path: Path, times: np.ndarray, tips: np.ndarray) -> Path:
 def tube_parameters() -> dict[str, Any]:
     """A tube of nitinol as its catalogue has it, straight, with three tendons in discs."""
     return {
-        'model': 'exact', 'stations': 41, 'material.law': 'linear',
-        'material.youngs_modulus': 6e10, 'material.poisson_ratio': 0.33,
-        'body.length': 0.25, 'body.radius_base': 1e-3, 'body.radius_tip': 1e-3,
-        'body.inner_radius': 8.5e-4, 'body.disc_radius': 0.01,
-        'sections.anchorage': [0.25], 'sections.tendons': [3], 'sections.offset_base': [0.008],
+        'model': 'exact',
+        'stations': 41,
+        'material.law': 'linear',
+        'material.youngs_modulus': 6e10,
+        'material.poisson_ratio': 0.33,
+        'body.length': 0.25,
+        'body.radius_base': 1e-3,
+        'body.radius_tip': 1e-3,
+        'body.inner_radius': 8.5e-4,
+        'body.disc_radius': 0.01,
+        'sections.anchorage': [0.25],
+        'sections.tendons': [3],
+        'sections.offset_base': [0.008],
         'sections.offset_anchorage': [0.008],
-    }  # fmt: skip
+    }
 
 
 def tube_csv(path: Path, rng: np.random.Generator) -> Path:
@@ -167,13 +175,22 @@ def tube_csv(path: Path, rng: np.random.Generator) -> Path:
 def disc_parameters() -> dict[str, Any]:
     """A rod of nickel-titanium with three discs, a straight tendon and two wound ones."""
     return {
-        'model': 'exact', 'stations': 11, 'material.law': 'linear',
-        'material.youngs_modulus': 5.7e10, 'material.poisson_ratio': 0.33,
-        'body.length': 0.24, 'body.radius_base': 7e-4, 'body.radius_tip': 7e-4,
-        'body.disc_radius': 0.012, 'sections.anchorage': [0.24], 'sections.tendons': [3],
-        'sections.offset_base': [0.01], 'sections.offset_anchorage': [0.01],
-        'tendons.twist': [0.0, 3.1416, -3.1416], 'tendons.disc_count': 3,
-    }  # fmt: skip
+        'model': 'exact',
+        'stations': 11,
+        'material.law': 'linear',
+        'material.youngs_modulus': 5.7e10,
+        'material.poisson_ratio': 0.33,
+        'body.length': 0.24,
+        'body.radius_base': 7e-4,
+        'body.radius_tip': 7e-4,
+        'body.disc_radius': 0.012,
+        'sections.anchorage': [0.24],
+        'sections.tendons': [3],
+        'sections.offset_base': [0.01],
+        'sections.offset_anchorage': [0.01],
+        'tendons.twist': [0.0, 3.1416, -3.1416],
+        'tendons.disc_count': 3,
+    }
 
 
 def disc_csv(path: Path, rng: np.random.Generator) -> Path:

@@ -36,9 +36,23 @@ settings.load_profile('octo_arm_model')
 
 # Files of the last folders are short, so that all workers end at about the same time.
 _ORDER = (
-    'viewer', 'apps', 'ros', 'project', 'experiment', 'estimation', 'analysis', 'truth', 'rod',
-    'arm', 'bags', 'cli', 'reproduce', 'simulation', 'config', 'wire',
-)  # fmt: skip
+    'viewer',
+    'apps',
+    'ros',
+    'project',
+    'experiment',
+    'estimation',
+    'analysis',
+    'truth',
+    'rod',
+    'arm',
+    'bags',
+    'cli',
+    'reproduce',
+    'simulation',
+    'config',
+    'wire',
+)
 _HERE = Path(__file__).parent
 _MOST = 5.0  # of processor time for a test of `make test` [s]
 _IS_LAST = pytest.StashKey[bool]()

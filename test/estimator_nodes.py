@@ -165,5 +165,12 @@ class EstimatorClient(RosClient):
 
 def estimating_here(make_node, *arguments, domain=None):
     """A node in this process that its client spins."""
-    return hosting(make_node, *ARGUMENTS, *arguments, files=(FILE,), client=EstimatorClient,
-                   node='octo_arm_estimator', domain=domain)  # fmt: skip
+    return hosting(
+        make_node,
+        *ARGUMENTS,
+        *arguments,
+        files=(FILE,),
+        client=EstimatorClient,
+        node='octo_arm_estimator',
+        domain=domain,
+    )

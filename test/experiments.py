@@ -86,8 +86,9 @@ def measured(
     """Steps of an arm of modulus `TRUE`; ``wrong`` is the stddev of each step's tension [N]."""
     rng = np.random.default_rng(seed)
     changes = {'material__youngs_modulus': TRUE, **(parameters or {}), **changes}
-    pulled = [np.maximum(pull + wrong * rng.standard_normal() * (pull > 0.0), 0.0)
-              for pull in pulls]  # fmt: skip
+    pulled = [
+        np.maximum(pull + wrong * rng.standard_normal() * (pull > 0.0), 0.0) for pull in pulls
+    ]
     lines = [midline(model, pull, count, **changes) for pull in pulled]
     return shapes(lines, pulls, rng, noise, frames=8)
 
@@ -128,8 +129,10 @@ def recording(
     tensions = np.zeros((time.size, 4))
     tensions[:, 0] = pulled
     seen = np.arange(0.0, time[-1], 1.0 / rate)
-    known = {tension: midline(model, one_tendon(tension), 31, **changes)
-             for tension in np.unique(np.interp(seen, time, pulled))}  # fmt: skip
+    known = {
+        tension: midline(model, one_tendon(tension), 31, **changes)
+        for tension in np.unique(np.interp(seen, time, pulled))
+    }
     frames = [camera.to_camera(known[at]) for at in np.interp(seen, time, pulled)]
     return Recording(PARAMETERS, time, tensions, seen + ahead, tuple(frames), 'camera')
 
@@ -162,11 +165,13 @@ def tension_samples(time: np.ndarray, pulled: np.ndarray, arm: Arm = ARM) -> lis
     kind = 'octo_arm_msgs/msg/TendonTensions'
     return [
         Sample(
-            '/tendon_tensions', kind, nanoseconds(at),
+            '/tendon_tensions',
+            kind,
+            nanoseconds(at),
             tensions_data(kind, arm.tendon_names, one_tendon(tension), nanoseconds(at)),
         )
         for at, tension in zip(time, pulled)
-    ]  # fmt: skip
+    ]
 
 
 def description(**changes: Any) -> Sample:

@@ -53,16 +53,23 @@ def at_any(tension: float, s: Sequence[float]) -> np.ndarray:
 
 
 def transform(
-    stamp_ns: int, child: str, at: np.ndarray, parent: str = 'arm_base',
+    stamp_ns: int,
+    child: str,
+    at: np.ndarray,
+    parent: str = 'arm_base',
     turned: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
-) -> Any:  # fmt: skip
+) -> Any:
     """A transform from ``child`` to ``parent``, ``turned`` by the quaternion x, y, z, w."""
     return make(
-        'geometry_msgs/msg/TransformStamped', header=header(stamp_ns, parent),
+        'geometry_msgs/msg/TransformStamped',
+        header=header(stamp_ns, parent),
         child_frame_id=child,
-        transform=make('geometry_msgs/msg/Transform', translation=point(at, 'Vector3'),
-                       rotation=quaternion(turned)),
-    )  # fmt: skip
+        transform=make(
+            'geometry_msgs/msg/Transform',
+            translation=point(at, 'Vector3'),
+            rotation=quaternion(turned),
+        ),
+    )
 
 
 def tf_message(transforms: Sequence[Any], stamp_ns: int, topic: str = '/tf') -> Sample:
@@ -81,10 +88,15 @@ def one_topic_each(points: np.ndarray, stamp_ns: int, kind: str = 'PoseStamped')
     about = header(stamp_ns, 'arm_base')
     field, of = {'PoseStamped': ('pose', pose), 'PointStamped': ('point', point)}[kind]
     return [
-        message(f'/mocap/m{number}', f'geometry_msgs/msg/{kind}', stamp_ns, header=about,
-                **{field: of(one)})
+        message(
+            f'/mocap/m{number}',
+            f'geometry_msgs/msg/{kind}',
+            stamp_ns,
+            header=about,
+            **{field: of(one)},
+        )
         for number, one in enumerate(points)
-    ]  # fmt: skip
+    ]
 
 
 def tf(points: np.ndarray, stamp_ns: int) -> list[Sample]:

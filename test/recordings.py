@@ -80,11 +80,13 @@ def samples(
     """Messages of the tensions ``rows`` of ``arm``, received a little after their stamps."""
     return [
         Sample(
-            topic, type_name, START + i * STEP + 1000,
+            topic,
+            type_name,
+            START + i * STEP + 1000,
             tensions_data(type_name, arm.tendon_names, row, START + i * STEP),
         )
         for i, row in enumerate(rows)
-    ]  # fmt: skip
+    ]
 
 
 def message(topic: str, kind: str, received_ns: int, **fields: Any) -> Sample:
@@ -110,15 +112,24 @@ def pose(at: Sequence[float], turned: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) ->
 
 
 def displacement_sample(
-    names: Sequence[str], displacements: Any, stamp_ns: int,
-    topic: str = '/tendon_displacements', delay: int = 0,
-) -> Sample:  # fmt: skip
+    names: Sequence[str],
+    displacements: Any,
+    stamp_ns: int,
+    topic: str = '/tendon_displacements',
+    delay: int = 0,
+) -> Sample:
     """What encoders read, received a ``delay`` [ns] after the stamp."""
     none = np.zeros(0)
     return message(
-        topic, JOINT_STATE, stamp_ns + delay, header=header(stamp_ns), name=list(names),
-        position=np.array(displacements, float), velocity=none, effort=none,
-    )  # fmt: skip
+        topic,
+        JOINT_STATE,
+        stamp_ns + delay,
+        header=header(stamp_ns),
+        name=list(names),
+        position=np.array(displacements, float),
+        velocity=none,
+        effort=none,
+    )
 
 
 def text_sample(topic: str, text: str, received_ns: int = START) -> Sample:

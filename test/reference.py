@@ -130,8 +130,13 @@ def strain_functions(
             omega = omega + jump(arm, tensions, number)
             solution = solve_ivp(
                 lambda s, w, n=number: omega_rate(arm, tensions, n, s, w),
-                (stop, start), omega, 'DOP853', dense_output=True, rtol=1e-11, atol=1e-11,
-            )  # fmt: skip
+                (stop, start),
+                omega,
+                'DOP853',
+                dense_output=True,
+                rtol=1e-11,
+                atol=1e-11,
+            )
             assert solution.success
             of_s, omega = solution.sol, solution.y[:, -1]
         else:

@@ -25,9 +25,13 @@ def disc(rings: int = 24, spokes: int = 64) -> tuple[np.ndarray, np.ndarray]:
     points, weights = np.polynomial.legendre.leggauss(rings)
     radius, weights = (points + 1) / 2, weights / 2
     angle = 2 * np.pi * (np.arange(spokes) + 0.5) / spokes
-    place = np.stack([
-        np.zeros((rings, spokes)), np.outer(radius, np.cos(angle)), np.outer(radius, np.sin(angle))
-    ])  # fmt: skip
+    place = np.stack(
+        [
+            np.zeros((rings, spokes)),
+            np.outer(radius, np.cos(angle)),
+            np.outer(radius, np.sin(angle)),
+        ]
+    )
     area = np.outer(weights * radius, np.full(spokes, 2 * np.pi / spokes))
     return place.reshape(3, -1), area.ravel()
 
@@ -37,9 +41,9 @@ PLACES, AREAS = disc()
 
 def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Cross product along the first axis."""
-    return np.stack([
-        u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
-    ])  # fmt: skip
+    return np.stack(
+        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    )
 
 
 class Cut:
@@ -264,9 +268,9 @@ def loaded_bvp(
         axes = _rotation(y[3:7])
         force = force_beyond(arm, loads, s, panel.stop, panel.force_beyond)
         force = force + tip_force[:, np.newaxis]
-        local = np.concatenate([
-            np.einsum('ijn,in->jn', axes, y[7:]), np.einsum('ijn,in->jn', axes, force)
-        ])[:size]  # fmt: skip
+        local = np.concatenate(
+            [np.einsum('ijn,in->jn', axes, y[7:]), np.einsum('ijn,in->jn', axes, force)]
+        )[:size]
         start = warm.get((number, s.size), np.tile(rest[:, np.newaxis], s.size))
         strain = cut.balance(local, start)
         warm[number, s.size] = strain
@@ -274,17 +278,19 @@ def loaded_bvp(
         forward[: size - 3] = strain[3:]
         velocity = np.einsum('ijn,jn->in', axes, forward)
         kappa, (vector, scalar) = strain[:3], (y[3:6], y[6])
-        turn = 0.5 * np.concatenate([
-            scalar * kappa + cross(vector, kappa), [-(vector * kappa).sum(axis=0)]
-        ])  # fmt: skip
+        turn = 0.5 * np.concatenate(
+            [scalar * kappa + cross(vector, kappa), [-(vector * kappa).sum(axis=0)]]
+        )
         return np.concatenate([velocity, turn, -cross(velocity, force)])
 
     def everywhere(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return np.concatenate([
-            (panel.stop - panel.start)
-            * rates(number, panel.start + (panel.stop - panel.start) * x, part)
-            for number, (panel, part) in enumerate(zip(panels, np.split(y, count)))
-        ])  # fmt: skip
+        return np.concatenate(
+            [
+                (panel.stop - panel.start)
+                * rates(number, panel.start + (panel.stop - panel.start) * x, part)
+                for number, (panel, part) in enumerate(zip(panels, np.split(y, count)))
+            ]
+        )
 
     def borders(first: np.ndarray, last: np.ndarray) -> np.ndarray:
         begin, end = first.reshape(count, 10), last.reshape(count, 10)
@@ -296,10 +302,12 @@ def loaded_bvp(
 
     x = np.linspace(0, 1, 15)
     known = np.column_stack([start.position, start.quaternion, 0.0 * start.position])
-    y = np.concatenate([
-        CubicSpline(start.s, known)(panel.start + (panel.stop - panel.start) * x).T
-        for panel in panels
-    ])  # fmt: skip
+    y = np.concatenate(
+        [
+            CubicSpline(start.s, known)(panel.start + (panel.stop - panel.start) * x).T
+            for panel in panels
+        ]
+    )
     solution = solve_bvp(everywhere, borders, x, y, tol=tol, bc_tol=1e-12, max_nodes=4000)
     assert solution.success, solution.message
     columns = []

@@ -61,9 +61,10 @@ METAL = Arm(
 )
 # Of rubber, with two tendons on either side.
 UNIFORM = Arm(
-    Material(1e5, 0.5, 1000.0), Body(0.45, 0.01, 0.01),
+    Material(1e5, 0.5, 1000.0),
+    Body(0.45, 0.01, 0.01),
     (Section(0.45, 0.006, 0.006, angles=(0.0, math.pi)),),
-)  # fmt: skip
+)
 WRENCH = np.array([0.01, 0.02, -0.01, 1e-4, -2e-4, 1e-4])
 TENSIONS = PULL.ravel()
 SHEATHED = dataclasses.replace(HELICAL, sheath_stiffness=(3e5, 0.0, 1e6, 4e5, 5e5, 6e5))

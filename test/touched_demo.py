@@ -25,10 +25,17 @@ MARKERS = (0.09, 0.18)
 
 def touched(**changes: Any) -> Experiment:
     given = {
-        'stiffness': 1.0, 'touch': FORCE, 'hold': HOLD, 'ramp': RAMP, 'tension_rate': 5.0,
-        'marker_rate': 5.0, 'camera_rate': 2.5, 'clock_offset': 0.0, 'dropped': 0.0,
+        'stiffness': 1.0,
+        'touch': FORCE,
+        'hold': HOLD,
+        'ramp': RAMP,
+        'tension_rate': 5.0,
+        'marker_rate': 5.0,
+        'camera_rate': 2.5,
+        'clock_offset': 0.0,
+        'dropped': 0.0,
         'outliers': 0.0,
-    }  # fmt: skip
+    }
     return Experiment(**{**given, **changes})
 
 

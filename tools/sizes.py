@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Check that no folder of the package has more lines than it may: part of `make lint`.
 
-Raising a bound is a decision, which the commit explains; lowering one is progress.
+And that no line is kept from the formatter. Raising a bound is a decision, which the commit
+explains; lowering one is progress.
 
     python3 tools/sizes.py
 """
@@ -12,24 +13,25 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+_KEPT = '# fmt' + ':'
 # Lines of Python, docstrings and comments included.
 MOST = {
-    'octo_arm_model': 46_890,
+    'octo_arm_model': 46_950,
     'octo_arm_model/analysis': 1_610,
     'octo_arm_model/apps': 490,
     'octo_arm_model/arm': 2_500,
     'octo_arm_model/bags': 2_780,
     'octo_arm_model/cli': 3_010,
     'octo_arm_model/config': 2_100,
-    'octo_arm_model/estimation': 3_980,
+    'octo_arm_model/estimation': 4_030,
     'octo_arm_model/experiment': 6_390,
     'octo_arm_model/reproduce': 1_170,
     'octo_arm_model/rod': 11_350,
-    'octo_arm_model/ros': 5_130,
+    'octo_arm_model/ros': 5_140,
     'octo_arm_model/simulation': 2_370,
     'octo_arm_model/viewer': 2_280,
     'octo_arm_model/wire': 1_500,
-    'test': 24_070,
+    'test': 24_990,
 }
 
 
@@ -49,6 +51,9 @@ def main() -> int:
         name = folder.relative_to(ROOT).as_posix()
         if folder.is_dir() and folder.name != '__pycache__' and name not in MOST:
             complaints.append(f'{name} has no bound of lines, expected one in tools/sizes.py')
+    for file in sorted(ROOT.glob('[a-z]*/**/*.py')):
+        if _KEPT in file.read_text(encoding='utf-8'):
+            complaints.append(f'{file.relative_to(ROOT)} keeps lines from the formatter: {_KEPT}')
     print('\n'.join(complaints), file=sys.stderr, end='\n' * bool(complaints))
     return bool(complaints)
 

@@ -84,9 +84,10 @@ class Bank(NamedTuple):
         forgotten = math.exp(-elapsed / MEMORY)
         covariance = np.outer(decay, decay) * self.covariance + np.diag(growth**2)
         return self._replace(
-            mean=decay * self.mean, covariance=covariance,
+            mean=decay * self.mean,
+            covariance=covariance,
             contradiction=forgotten * self.contradiction,
-        )  # fmt: skip
+        )
 
 
 def new_bank(model: ArmModel) -> Bank:
@@ -351,14 +352,22 @@ class Judge:
             is_used &= ~is_refused
         square = np.array([fit.square])
         cost = channels.cost(
-            is_used[np.newaxis], (~is_used & ~is_doubted)[np.newaxis], squares, square,
+            is_used[np.newaxis],
+            (~is_used & ~is_doubted)[np.newaxis],
+            squares,
+            square,
             self._rules.gate,
-        )  # fmt: skip
+        )
         return fit, Judged(
-            fit.known.mean[np.newaxis], (fit.known.root @ fit.known.root.T)[np.newaxis],
-            is_used[np.newaxis], cost, innovation, expected, square,
+            fit.known.mean[np.newaxis],
+            (fit.known.root @ fit.known.root.T)[np.newaxis],
+            is_used[np.newaxis],
+            cost,
+            innovation,
+            expected,
+            square,
             np.array([volume_of(fit.innovation_root)]),
-        )  # fmt: skip
+        )
 
     def _about(self, bank: Bank, root: Doubts) -> tuple[Bank, list[int]]:
         """Hypotheses of one doubt more or less than ``root``, and from which each of them is.
@@ -380,9 +389,12 @@ class Judge:
         sources = [known.get(one, bank.leader) for one in doubts]
         is_new = np.array([one not in known for one in doubts])
         made = bank._replace(
-            doubts=doubts, mean=bank.mean[sources], covariance=bank.covariance[sources],
-            contradiction=bank.contradiction[sources], leader=doubts.index(leading),
-        )  # fmt: skip
+            doubts=doubts,
+            mean=bank.mean[sources],
+            covariance=bank.covariance[sources],
+            contradiction=bank.contradiction[sources],
+            leader=doubts.index(leading),
+        )
         return self._widened(made, is_new), sources
 
     def _widened(self, bank: Bank, is_new: NDArray[np.bool_]) -> Bank:

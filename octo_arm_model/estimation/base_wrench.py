@@ -47,9 +47,7 @@ class BaseWrench(Measurement):
         moment = sums.moment[:, :-1] + np.cross(
             away[:, :, np.newaxis], sums.at_stations[..., :-1], axis=1
         ).sum(axis=0)
-        moment += np.cross(
-            at.change.pose[:, :3], acting[:, :, np.newaxis], axis=1
-        ).sum(axis=0)  # fmt: skip
+        moment += np.cross(at.change.pose[:, :3], acting[:, :, np.newaxis], axis=1).sum(axis=0)
         return np.concatenate([sums.force[:, :-1], moment])
 
 

@@ -128,9 +128,17 @@ def estimate_of(step: Step, first: float) -> Estimate:
 def estimate_at(step: Step, first: float, known: Gaussian, at: Prediction) -> Estimate:
     """That of what is ``known`` at the time of a ``step``, of which ``at`` nearly is the mean."""
     return Estimate(
-        step.time, at.model.state, known.mean, known.root, step.innovations,
-        step.normalised_square, step.log_likelihood, step.time - first, step.doubted, at,
-    )  # fmt: skip
+        step.time,
+        at.model.state,
+        known.mean,
+        known.root,
+        step.innovations,
+        step.normalised_square,
+        step.log_likelihood,
+        step.time - first,
+        step.doubted,
+        at,
+    )
 
 
 # Nothing was learnt where this part of the standard deviation of the prior is left.

@@ -176,9 +176,12 @@ class Estimator:
         self.suspects = step.suspects
 
     def _next(
-        self, last: _Moment | None, time: float, measurements: tuple[Measurement, ...],
+        self,
+        last: _Moment | None,
+        time: float,
+        measurements: tuple[Measurement, ...],
         near: _Moment | None,
-    ) -> _Moment:  # fmt: skip
+    ) -> _Moment:
         """From the ``last`` moment to ``time`` [s].
 
         Raises:

@@ -15,12 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.errors import (
-    ConfigError,
-    LoadError,
-    SolveError,
-    TensionError,
-)
+from octo_arm_model.arm.errors import ConfigError, LoadError, SolveError, TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import Budget
 from octo_arm_model.arm.loads import ZERO, Loads, ScaledLoads

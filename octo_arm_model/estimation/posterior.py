@@ -144,9 +144,14 @@ class _Step(NamedTuple):
 
 
 def agree(
-    before: Gaussian, rows: Rows, agreement: Agreement, at: Prediction, work: Work,
-    *, is_new: bool = False,
-) -> Fit:  # fmt: skip
+    before: Gaussian,
+    rows: Rows,
+    agreement: Agreement,
+    at: Prediction,
+    work: Work,
+    *,
+    is_new: bool = False,
+) -> Fit:
     """The mean of what was known ``before`` and measured ``rows``, from the prediction ``at`` on.
 
     Where it ``is_new``, or no step leads on, measurements are taken to be less exact at first,
@@ -330,9 +335,13 @@ class Posterior:
         if not is_converged:
             root = lower_root(np.column_stack([root, step.x - at.x]))
         return Fit(
-            Gaussian(step.x, root), at, by.innovation_root, float(white @ white),
-            self._agreed(local, innovation, white), is_converged,
-        )  # fmt: skip
+            Gaussian(step.x, root),
+            at,
+            by.innovation_root,
+            float(white @ white),
+            self._agreed(local, innovation, white),
+            is_converged,
+        )
 
     def _agreed(self, local: _Local, innovation: FloatArray, white: FloatArray) -> Agreement:
         if local.bent is None:

@@ -114,9 +114,13 @@ class Channels:
         return np.asarray(found)
 
     def cost(
-        self, is_used: NDArray[np.bool_], is_refused: NDArray[np.bool_], squares: FloatArray,
-        square: FloatArray, gate: float,
-    ) -> FloatArray:  # fmt: skip
+        self,
+        is_used: NDArray[np.bool_],
+        is_refused: NDArray[np.bool_],
+        squares: FloatArray,
+        square: FloatArray,
+        gate: float,
+    ) -> FloatArray:
         """By how much measurements contradict hypotheses [nat], (hypotheses,).
 
         ``square`` (hypotheses,) is that of all numbers used together; of sensors that are refused

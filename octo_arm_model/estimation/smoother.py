@@ -195,9 +195,11 @@ def _improbability(model: ArmModel, steps: Sequence[Step], points: Sequence[Pred
 
 
 def _forward(
-    model: ArmModel, steps: Sequence[Step], points: Sequence[Prediction],
+    model: ArmModel,
+    steps: Sequence[Step],
+    points: Sequence[Prediction],
     slopes: Sequence[FloatArray],
-) -> tuple[list[Gaussian], float]:  # fmt: skip
+) -> tuple[list[Gaussian], float]:
     """The filter with measurements linearised about ``points``, and ln(det A) but a constant.
 
     ``slopes`` are those of its half, see `_slope`; every step of it has its weight.

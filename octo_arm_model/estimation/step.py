@@ -159,9 +159,14 @@ class Step:
 
 
 def next_step(
-    model: ArmModel, last: Step | None, time: float, measurements: tuple[Measurement, ...],
-    rules: Rules, near: Step | None = None, work: Work | None = None,
-) -> Step:  # fmt: skip
+    model: ArmModel,
+    last: Step | None,
+    time: float,
+    measurements: tuple[Measurement, ...],
+    rules: Rules,
+    near: Step | None = None,
+    work: Work | None = None,
+) -> Step:
     """From the ``last`` one, or from nothing but the prior, to ``time`` [s].
 
     The state is looked for from that of the last one, or of a step ``near``. What is measured
@@ -201,9 +206,13 @@ class _Update:
     """Measurements of one time."""
 
     def __init__(
-        self, model: ArmModel, time: float, measurements: tuple[Measurement, ...], rules: Rules,
+        self,
+        model: ArmModel,
+        time: float,
+        measurements: tuple[Measurement, ...],
+        rules: Rules,
         work: Work,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._model, self._time, self._rules = model, time, rules
         self._measurements = measurements
         linear = [one for one in measurements if one.is_linear]
@@ -264,13 +273,23 @@ class _Update:
             together = expected.with_jump(known, at, others, unused)
             known = together.held(known)
         return Step(
-            self._time, self._measurements, bank, known, at,
-            tuple(innovations), tuple(one for one in accepted if len(one)),
-            (square, sum(len(one) for one in accepted)), -0.5 * (square + volume),
+            self._time,
+            self._measurements,
+            bank,
+            known,
+            at,
+            tuple(innovations),
+            tuple(one for one in accepted if len(one)),
+            (square, sum(len(one) for one in accepted)),
+            -0.5 * (square + volume),
             # Each time that it begins anew in vain it takes twice as long to the next.
-            doubted, suspects, since, (1 + is_anew) * (1 if last is None else last.patience),
-            together, is_anew,
-        )  # fmt: skip
+            doubted,
+            suspects,
+            since,
+            (1 + is_anew) * (1 if last is None else last.patience),
+            together,
+            is_anew,
+        )
 
     def _innovations(
         self, parts: Sequence[tuple[Rows, Judged]], bank: Bank, refused: Doubts, at: Prediction

@@ -178,9 +178,11 @@ class State:
         self.shapes = np.ones(self.size, dtype=bool)
         self.shapes[self.tension_bias] = False
         self.is_geometric = not (
-            unknowns.tip_moment or unknowns.point_forces or unknowns.current
+            unknowns.tip_moment
+            or unknowns.point_forces
+            or unknowns.current
             or unknowns.log_modulus
-        )  # fmt: skip
+        )
         self._stddev, self._rate, self._time = np.array(
             [(walk.stddev, walk.rate, walk.correlation_time) for walk in self._walks]
         ).T

@@ -120,9 +120,12 @@ def test_co_contraction_reaches_the_tip_with_the_stiffness_wanted(solver):
     direction = np.array([0.0, 1.0, 0.0])
     soft = Stiffness(direction, 1.0).of(solver.sensitivity(relaxed.backbone))
     stiff = find_tensions(
-        solver, target, HIGHEST, stiffness=Stiffness(direction, 1.2 * soft),
+        solver,
+        target,
+        HIGHEST,
+        stiffness=Stiffness(direction, 1.2 * soft),
         start=relaxed.backbone.tensions,
-    )  # fmt: skip
+    )
     assert stiff.reached
     assert stiff.stiffness == pytest.approx(1.2 * soft, rel=1e-4)
     # The stiffness by its definition: a small force along the direction.
@@ -182,7 +185,7 @@ def test_jacobians_of_targets_are_their_derivatives(solver, name):
         (lambda: Stiffness([np.nan, 1.0, 0.0], 1.0), 'direction is .*, expected three finite'),
         (lambda: Stiffness([1.0, 0.0, 0.0], 0.0), 'stiffness is 0.0, expected a finite'),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_target_is_refused(build, message):
     with pytest.raises(TargetError, match=message):
         build()  # type: ignore[operator]

@@ -53,9 +53,10 @@ def test_every_tip_is_what_the_solver_gives_and_its_direction_the_tangent_there(
 def test_model_stations_and_loads_are_those_of_the_config(prototype):
     light = dataclasses.replace(prototype, model='exact', stations=21)
     heavy = dataclasses.replace(
-        light, arm=light.arm.with_density(1080.0),
+        light,
+        arm=light.arm.with_density(1080.0),
         loads=dataclasses.replace(light.loads, gravity=(0.0, 0.0, -9.81)),
-    )  # fmt: skip
+    )
     tips = []
     for config in (light, heavy):
         found = sample_workspace(config, 1.0, 2, processes=1)

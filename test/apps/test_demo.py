@@ -170,9 +170,11 @@ with children(2 * [('timeit', '-n1', '-r1', 'import time; time.sleep(1000)')]):
 def test_children_end_with_their_parent(how):
     mark = str(uuid.uuid4())
     process = subprocess.Popen(
-        [sys.executable, '-c', PARENT], stdout=subprocess.PIPE, text=True,
+        [sys.executable, '-c', PARENT],
+        stdout=subprocess.PIPE,
+        text=True,
         env={**os.environ, 'OCTO_ARM_TEST': mark},
-    )  # fmt: skip
+    )
     assert process.stdout.readline() == 'started\n'
     end = time.monotonic() + DEADLINE
     while len(family_of(mark)) < 3:  # a process has no environment while it becomes a program

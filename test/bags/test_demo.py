@@ -29,9 +29,16 @@ PROTOTYPE = load_parameters('renda2012_prototype')
 
 
 CLEAN = Experiment(
-    clock_offset=0.25, hold=1.0, ramp=0.5, camera_rate=4.0, tension_noise=0.0, midline_noise=0.0,
-    dropped=0.0, outliers=0.0, encoder_noise=0.0,
-)  # fmt: skip
+    clock_offset=0.25,
+    hold=1.0,
+    ramp=0.5,
+    camera_rate=4.0,
+    tension_noise=0.0,
+    midline_noise=0.0,
+    dropped=0.0,
+    outliers=0.0,
+    encoder_noise=0.0,
+)
 
 
 Seen = dict[int, Any]
@@ -44,8 +51,10 @@ def written(path: Path, experiment: Experiment, *topics: str) -> tuple[Seen, lis
     with BagReader(path) as reader:
         config = Config.from_parameters(PROTOTYPE)
         tensions = {one.stamp_ns: one.tensions for one in tensions_in(reader, config)}
-        found = [{one.received_ns: reader.decode(one) for one in reader.messages([topic])}
-                 for topic in topics]  # fmt: skip
+        found = [
+            {one.received_ns: reader.decode(one) for one in reader.messages([topic])}
+            for topic in topics
+        ]
     return tensions, found
 
 
@@ -78,10 +87,13 @@ def test_the_demo_without_noise_is_the_exact_arm_seen_by_the_camera(tmp_path):
 def test_a_demo_with_softer_tendons_has_what_encoders_read(tmp_path, softer):
     experiment = dataclasses.replace(CLEAN, tension_rate=5.0, **softer)
     tensions, (read,) = written(tmp_path / 'bag', experiment, '/tendon_displacements')
-    solver = solver_of(experiment, **{
-        f'tendons.{name.removesuffix("_stiffness")}_stiffness': [value]
-        for name, value in softer.items()
-    })  # fmt: skip
+    solver = solver_of(
+        experiment,
+        **{
+            f'tendons.{name.removesuffix("_stiffness")}_stiffness': [value]
+            for name, value in softer.items()
+        },
+    )
     assert len(read) == len(tensions)
     for received, message in read.items():
         expected = displacements_of(solver, solver.solve(tensions[received])).ravel().tolist()
@@ -144,9 +156,15 @@ def test_with_friction_tensions_rise_and_fall_and_the_arm_remembers(tmp_path):
 
 def test_a_touch_moves_tip_and_markers_as_the_exact_arm(tmp_path):
     quiet = dataclasses.replace(
-        CLEAN, stiffness=1.0, touch=0.02, markers=(0.135,), marker_noise=1e-9, turn_noise=1e-9,
-        marker_rate=5.0, clock_offset=0.0,
-    )  # fmt: skip
+        CLEAN,
+        stiffness=1.0,
+        touch=0.02,
+        markers=(0.135,),
+        marker_noise=1e-9,
+        turn_noise=1e-9,
+        marker_rate=5.0,
+        clock_offset=0.0,
+    )
     topics = '/measured/tip_pose', '/measured/markers'
     tensions, (tips, markers) = written(tmp_path / 'bag', quiet, *topics)
     solver, touched = solver_of(quiet), 0

@@ -51,9 +51,15 @@ def joints(pull: float, stamp: int) -> Sample:
     names = ['elbow', 'LC west', 'LC south', 'LC east', 'LC north']
     none = np.zeros(0)
     return message(
-        CELLS, 'sensor_msgs/msg/JointState', stamp, header=header(stamp), name=names,
-        position=none, velocity=none, effort=np.array([7.0, 0.0, 0.0, 0.0, pull]),
-    )  # fmt: skip
+        CELLS,
+        'sensor_msgs/msg/JointState',
+        stamp,
+        header=header(stamp),
+        name=names,
+        position=none,
+        velocity=none,
+        effort=np.array([7.0, 0.0, 0.0, 0.0, pull]),
+    )
 
 
 def wrench(pull: float, stamp: int) -> Sample:
@@ -63,9 +69,12 @@ def wrench(pull: float, stamp: int) -> Sample:
         for name, one in (('force', force), ('torque', none))
     }
     return message(
-        CELLS, 'geometry_msgs/msg/WrenchStamped', stamp, header=header(stamp),
+        CELLS,
+        'geometry_msgs/msg/WrenchStamped',
+        stamp,
+        header=header(stamp),
         wrench=make('geometry_msgs/msg/Wrench', **both),
-    )  # fmt: skip
+    )
 
 
 def bag(path: Path, cell: Any) -> str:
@@ -83,10 +92,13 @@ WAYS = {
     'a field of an array': (six_channels, ['--tensions', f'{CELLS}:data'], ['3', '4', '5', '1']),
     'one entry': (six_channels, ['--tensions', f'{CELLS}:data[3]'], ['0', '-', '-', '-']),
     'JointState': (joints, [], ['LC north', 'LC east', 'LC south', 'LC west']),
-    'a field of JointState': (joints, ['--tensions', f'{CELLS}:effort'],
-                              ['LC north', '-', 'LC south', 'LC west']),
+    'a field of JointState': (
+        joints,
+        ['--tensions', f'{CELLS}:effort'],
+        ['LC north', '-', 'LC south', 'LC west'],
+    ),
     'WrenchStamped': (wrench, ['--tensions', f'{CELLS}:wrench.force.z'], ['0', '-', '-', '-']),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize('way', WAYS)
@@ -126,9 +138,8 @@ def test_any_numbers_are_tensions_where_it_is_said_whose(way, tmp_path, cli):
     ],
 )
 def test_what_fits_no_tendon_is_refused_and_says_what_there_is(
-    cell, options, message, tmp_path,
-    cli,
-):  # fmt: skip
+    cell, options, message, tmp_path, cli
+):
     assert message in cli.refused('compare', bag(tmp_path / 'bag', cell), *options, *S, *STILL)
 
 
@@ -146,8 +157,18 @@ def test_fields_of_messages_hold_numbers_or_are_refused():
     assert field_values(Outer(), 'inner.value') == [2.5]
     assert field_values(Outer(), 'inner.many[1]') == [1.0]
     assert_array_equal(field_values(Outer(), 'inner.many'), [0.0, 1.0, 2.0])
-    for path in ('inner', 'inner.text', 'inner.rows', 'bits', 'inner.__class__', '', 'inner.',
-                 'inner.many[3]', 'inner.value[0]', 'inner.many[-1]'):  # fmt: skip
+    for path in (
+        'inner',
+        'inner.text',
+        'inner.rows',
+        'bits',
+        'inner.__class__',
+        '',
+        'inner.',
+        'inner.many[3]',
+        'inner.value[0]',
+        'inner.many[-1]',
+    ):
         with pytest.raises(TensionError):
             field_values(Outer(), path)
 
@@ -179,9 +200,12 @@ def encoders(at: int, topic: str = '/tendon_displacements') -> recordings.Sample
 def markers(at: int, count: int = 1, topic: str = '/measured/markers') -> recordings.Sample:
     stamp = recordings.START + at * MILLISECOND
     return recordings.message(
-        topic, 'geometry_msgs/msg/PoseArray', stamp + 90 * MILLISECOND,
-        header=recordings.header(stamp, 'arm_base'), poses=count * [recordings.pose(np.zeros(3))],
-    )  # fmt: skip
+        topic,
+        'geometry_msgs/msg/PoseArray',
+        stamp + 90 * MILLISECOND,
+        header=recordings.header(stamp, 'arm_base'),
+        poses=count * [recordings.pose(np.zeros(3))],
+    )
 
 
 def read(
@@ -200,9 +224,14 @@ def read(
 def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path):
     # Markers come 90 ms late, encoders 40 ms, and two tensions are the wrong way round.
     content = [
-        tensions(0, [0.1, 0, 0, 0]), tensions(20, [0.3, 0, 0, 0]), tensions(10, [-0.01, 0, 0, 0]),
-        encoders(10), markers(5), markers(20), encoders(30),
-    ]  # fmt: skip
+        tensions(0, [0.1, 0, 0, 0]),
+        tensions(20, [0.3, 0, 0, 0]),
+        tensions(10, [-0.01, 0, 0, 0]),
+        encoders(10),
+        markers(5),
+        markers(20),
+        encoders(30),
+    ]
     sensors, rows, groups, refusals = read(tmp_path / 'bag', content)
     assert sensors.all == ['/tendon_tensions', '/tendon_displacements', '/measured/markers']
     assert sensors.prefix == '/'
@@ -215,27 +244,34 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path):
         for group in groups
     ]
     assert found == [
-        (0, ['tensions']), (5, ['markers']), (10, ['tensions', 'tendon displacements']),
-        (20, ['tensions', 'markers']), (30, ['tendon displacements']),
-    ]  # fmt: skip
+        (0, ['tensions']),
+        (5, ['markers']),
+        (10, ['tensions', 'tendon displacements']),
+        (20, ['tensions', 'markers']),
+        (30, ['tendon displacements']),
+    ]
     assert not refusals.total
 
 
 def test_messages_that_measure_nothing_are_told(tmp_path):
     broken = 'geometry_msgs/msg/PoseArray', recordings.START, b'\0\1\0\0broken'
     content = [
-        tensions(0, [np.nan, 0, 0, 0]), markers(5, 2), tensions(10, [0.1, 0, 0, 0]),
-        tensions(20, [0, 0, -1e200, 0]), recordings.Sample('/measured/markers', *broken),
-    ]  # fmt: skip
+        tensions(0, [np.nan, 0, 0, 0]),
+        markers(5, 2),
+        tensions(10, [0.1, 0, 0, 0]),
+        tensions(20, [0, 0, -1e200, 0]),
+        recordings.Sample('/measured/markers', *broken),
+    ]
     _, rows, groups, refusals = read(tmp_path / 'bag', content)
     assert len(groups) == 1 and rows.rows.tolist() == [[0.1, 0.0, 0.0, 0.0]]
     reasons = ' | '.join(refusals.lines())
     for words in (
         f'/tendon_tensions: 1 left out, as reading of {NAMES[0]} is nan N, expected a finite',
         f'reading of {NAMES[2]} is -1e+200 N, expected a finite number of at most 1e+30',
-        '/measured/markers: 1 left out, as ', '2 marker(s), expected 1',
+        '/measured/markers: 1 left out, as ',
+        '2 marker(s), expected 1',
         'bytes that are no geometry_msgs',
-    ):  # fmt: skip
+    ):
         assert words in reasons
 
 
@@ -247,15 +283,19 @@ def test_a_robot_with_encoders_alone_has_no_tensions(tmp_path):
 
 def test_topics_are_named_or_left_out(tmp_path):
     content = [
-        tensions(0, [0.1, 0, 0, 0]), tensions(0, [0.2, 0, 0, 0], '/other/cells'),
-        markers(0), markers(0, topic='/mocap/points'), encoders(0),
-    ]  # fmt: skip
+        tensions(0, [0.1, 0, 0, 0]),
+        tensions(0, [0.2, 0, 0, 0], '/other/cells'),
+        markers(0),
+        markers(0, topic='/mocap/points'),
+        encoders(0),
+    ]
     with BagReader(recordings.write_bag(tmp_path / 'bag', content)) as reader:
         assert find_sensors(reader).tensions == '/tendon_tensions'
         found = find_sensors(
-            reader, 'other/cells', {'measured/markers': '/mocap/points',
-                                    'tendon_displacements': NONE},
-        )  # fmt: skip
+            reader,
+            'other/cells',
+            {'measured/markers': '/mocap/points', 'tendon_displacements': NONE},
+        )
         assert found.all == ['/other/cells', '/mocap/points']
         assert find_sensors(reader, '/other/cells:tension').field == 'tension'
         assert find_sensors(reader, NONE).tensions == ''
@@ -269,7 +309,9 @@ def test_topics_are_named_or_left_out(tmp_path):
 
 
 def test_estimates_of_an_estimator_are_no_measurements(tmp_path):
-    content = [tensions(0, [0.1, 0, 0, 0], topic)
-               for topic in ('/tension_bias', '/tendon_tension_estimates', '/cells')]  # fmt: skip
+    content = [
+        tensions(0, [0.1, 0, 0, 0], topic)
+        for topic in ('/tension_bias', '/tendon_tension_estimates', '/cells')
+    ]
     with BagReader(recordings.write_bag(tmp_path / 'bag', content)) as reader:
         assert find_sensors(reader).all == ['/cells']

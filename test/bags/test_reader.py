@@ -201,13 +201,16 @@ def string_bag(path: Path, topics: dict[str, str]) -> Path:
         ({'/arm_1/tendon_tensions': TENDON_TENSIONS}, None, '/arm_1/tendon_tensions'),
         ({'/cells': ARRAY}, None, '/cells'),
         # The usual name wins, and an answer of the model is none.
-        ({'/joint_states': JOINT_STATE, **{'/tendon_tensions': TENDON_TENSIONS}}, None,
-         '/tendon_tensions'),
+        (
+            {'/joint_states': JOINT_STATE, **{'/tendon_tensions': TENDON_TENSIONS}},
+            None,
+            '/tendon_tensions',
+        ),
         ({'/tendon_lengths': JOINT_STATE, '/loads': JOINT_STATE}, None, '/loads'),
         ({'/a': ARRAY, '/b': ARRAY}, '/b', '/b'),
         ({'/a': ARRAY, '/b': ARRAY}, 'b', '/b'),
     ],
-)  # fmt: skip
+)
 def test_the_topic_is_picked(tmp_path, topics, wanted, expected):
     with BagReader(string_bag(tmp_path / 'bag', topics)) as reader:
         assert pick_topic(reader, wanted, TENSION_TYPES, 'tensions') == expected
@@ -314,12 +317,15 @@ def test_a_definition_may_be_in_idl():
         f'{rule}IDL: {package}/msg/{name}\n'
         f'module {package} {{ module msg {{ struct {name} {{ {fields} }}; }}; }};\n'
         for package, name, fields in (
-            ('octo_arm_msgs', 'TendonTensions',
-             'std_msgs::msg::Header header; sequence<string> name; sequence<double> tension;'),
+            (
+                'octo_arm_msgs',
+                'TendonTensions',
+                'std_msgs::msg::Header header; sequence<string> name; sequence<double> tension;',
+            ),
             ('std_msgs', 'Header', 'builtin_interfaces::msg::Time stamp; string frame_id;'),
             ('builtin_interfaces', 'Time', 'int32 sec; uint32 nanosec;'),
         )
-    )  # fmt: skip
+    )
     definition = MessageDefinition(MessageDefinitionFormat.IDL, text)
     types = types_for(TENDON_TENSIONS, [definition])
     data = tensions_data(TENDON_TENSIONS, NAMES, np.arange(12.0), START)

@@ -109,9 +109,11 @@ def test_answers_are_those_of_single_solves(cli, tmp_path, preset, model, kind, 
 def test_a_loaded_arm_follows_its_last_solution_and_begins_anew_when_time_goes_back(cli, tmp_path):
     values = load_parameters('renda2012_prototype')
     values |= {
-        'model': 'exact', 'material.density': 1080.0, 'loads.gravity': [0.0, 0.0, -9.81],
+        'model': 'exact',
+        'material.density': 1080.0,
+        'loads.gravity': [0.0, 0.0, -9.81],
         'tension_stddev': 0.05,
-    }  # fmt: skip
+    }
     config = Config.from_parameters(values)
     tensions = np.zeros((6, 1, 4))
     tensions[:, 0, 0] = (0.0, 0.3, 0.6, 0.9, 0.2, 0.4)
@@ -267,20 +269,30 @@ def test_what_cannot_be_answered_is_left_out_and_reported(tmp_path, cli):
         (samples(ARM, np.full((3, 12), 1e5)), (), 1, 'none of 3 messages on /tendon_tensions'),
         ([], (), 2, 'no tensions, expected octo_arm_msgs/msg/TendonTensions or std_msgs'),
         (samples(ARM, np.ones((3, 12))), ('--topics', '/pulls'), 2, 'no topic /pulls for tens'),
-        (samples(ARM, np.ones((3, 12))),
-         ('--topics', 'tendon_tensions', '/tendon_tensions:tension'), 2,
-         '--topics names tendon_tensions /tendon_tensions:tension, expected each topic once'),
+        (
+            samples(ARM, np.ones((3, 12))),
+            ('--topics', 'tendon_tensions', '/tendon_tensions:tension'),
+            2,
+            '--topics names tendon_tensions /tendon_tensions:tension, expected each topic once',
+        ),
         (samples(ARM, np.ones((3, 12))), ('--config', 'octopus'), 2, "no preset arm 'octopus'"),
-        (samples(ARM, np.ones((3, 12))), ('--config', 'renda2012_prototype'), 2,
-         'could be answered, 3 as unknown tendon tendon_2_1'),
-        (samples(ARM, np.ones((3, 12))), ('--config', 'rao2021', '--model', 'renda2012'), 2,
-         "model is 'renda2012', which does not cover"),
+        (
+            samples(ARM, np.ones((3, 12))),
+            ('--config', 'renda2012_prototype'),
+            2,
+            'could be answered, 3 as unknown tendon tendon_2_1',
+        ),
+        (
+            samples(ARM, np.ones((3, 12))),
+            ('--config', 'rao2021', '--model', 'renda2012'),
+            2,
+            "model is 'renda2012', which does not cover",
+        ),
     ],
-)  # fmt: skip
+)
 def test_where_there_is_nothing_to_answer_there_is_no_bag(
-    tmp_path, cli, content, options, status,
-    expected,
-):  # fmt: skip
+    tmp_path, cli, content, options, status, expected
+):
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *content])
     found, _, error = cli('replay', bag, tmp_path / 'out', *options)
     assert found == status and error.splitlines()[-1].startswith('octo-arm: error: ')
@@ -308,8 +320,11 @@ def test_without_a_description_the_arm_must_be_given(tmp_path, cli):
     assert f"{other}, /arm_description: base_frame is ''" in cli.refused('replay', other, out)
     assert cli('replay', bag, out, '--config', 'renda2012_table4')[0] == 0
     inside, before = str(bag / 'shapes'), sorted(bag.iterdir())
-    for words in ([inside], [str(tmp_path / 'new'), '--csv', inside],
-                  [str(tmp_path / 'new'), '--csv', str(bag)]):  # fmt: skip
+    for words in (
+        [inside],
+        [str(tmp_path / 'new'), '--csv', inside],
+        [str(tmp_path / 'new'), '--csv', str(bag)],
+    ):
         given = *words, '--config', 'renda2012_table4'
         assert 'which stays as it is' in cli.refused('replay', bag, *given)
     assert sorted(bag.iterdir()) == before
@@ -320,10 +335,7 @@ def test_without_a_description_the_arm_must_be_given(tmp_path, cli):
 
 @pytest.mark.parametrize('command', ['replay', 'record-demo'])
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_that_ends_it_leaves_no_bag(
-    tmp_path, monkeypatch, cli, command,
-    number,
-):  # fmt: skip
+def test_a_signal_that_ends_it_leaves_no_bag(tmp_path, monkeypatch, cli, command, number):
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *samples(ARM, random_tensions(ARM, 10))])
     write = BagWriter.write
 
@@ -373,8 +385,9 @@ def test_memory_is_bounded_whatever_the_length(tmp_path, monkeypatch):
 
 
 PARAMETERS = load_parameters('renda2012_table4') | {
-    'model': 'exact', 'tendons.axial_stiffness': [800.0],
-}  # fmt: skip
+    'model': 'exact',
+    'tendons.axial_stiffness': [800.0],
+}
 FIRST = 10**6  # [ns]
 PULL = 0.3 * np.array(FETCHING_IN_SPACE)
 HALF = {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}
@@ -407,8 +420,10 @@ def replayed(path: Path, topic: str) -> list[Any]:
 
 def tips(path: Path) -> dict[int, list[float]]:
     """Tip [m] by number of the message that it answers."""
-    poses = [(message.header.stamp.nanosec, message.pose.pose.position)
-             for message in replayed(path, '/tip_pose')]  # fmt: skip
+    poses = [
+        (message.header.stamp.nanosec, message.pose.pose.position)
+        for message in replayed(path, '/tip_pose')
+    ]
     return {stamp // FIRST - 1: [tip.x, tip.y, tip.z] for stamp, tip in poses}
 
 

@@ -239,8 +239,11 @@ def test_the_command_fits_every_model_and_writes_the_best(bag, tmp_path, cli):
     assert config.uncertainty.youngs_modulus == pytest.approx(young['stddev'] / young['value'])
     # All other parameters are unchanged.
     changed = {
-        'model', 'material.youngs_modulus', 'material.youngs_modulus_stddev', 'model_error_stddev',
-    }  # fmt: skip
+        'model',
+        'material.youngs_modulus',
+        'material.youngs_modulus_stddev',
+        'model_error_stddev',
+    }
     assert config.uncertainty.model_position == said['model_error_stddev'] * config.arm.length
     fitted = load_parameters(out)
     assert {name: fitted[name] for name in fitted if name not in changed} == {

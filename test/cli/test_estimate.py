@@ -77,8 +77,10 @@ def test_bag_tables_and_json_say_the_same(short_bag, tmp_path, cli):
             'tendon_tension_estimates',
         ):
             assert reader.count([f'/{name}']) == len(rows)
-            found[name] = [types.deserialize_cdr(one.data, one.type_name)
-                           for one in reader.messages([f'/{name}'])]  # fmt: skip
+            found[name] = [
+                types.deserialize_cdr(one.data, one.type_name)
+                for one in reader.messages([f'/{name}'])
+            ]
     for number in (0, len(rows) // 2, len(rows) - 1):
         row, wrench = rows[number], found['tip_wrench/estimate'][number]
         stamp = wrench.header.stamp
@@ -153,7 +155,7 @@ def test_tip_poses_alone_do(short_bag, cli):
         (['--tension-bias-rate', '1'], 'no effect without --tension-bias-stddev'),
         (['--tensions', '-', '--clock-offset', '1'], '--clock-offset has no effect without --mid'),
     ],
-)  # fmt: skip
+)
 def test_wrong_options_are_one_line(short_bag, arguments, words, cli):
     status, out, errors = cli('estimate', str(short_bag), *arguments)
     assert (status, out) == (2, '')

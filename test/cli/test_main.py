@@ -31,28 +31,50 @@ REEL = (*SOLVE[:2], '--displacements')
             (*SOLVE, TENSIONS, '--model', 'exact', '--gravity', '0', '0', '-9.81'),
             'material.density is 0.0, expected a density > 0',
         ),
-        ((*SOLVE, TENSIONS, '--model', 'exact', '--density', '1080'),
-         '--density has no effect without --gravity'),
-        ((*SOLVE, TENSIONS, '--model', 'exact', '--fluid-density', '1000'),
-         '--fluid-density has no effect without --gravity'),
+        (
+            (*SOLVE, TENSIONS, '--model', 'exact', '--density', '1080'),
+            '--density has no effect without --gravity',
+        ),
+        (
+            (*SOLVE, TENSIONS, '--model', 'exact', '--fluid-density', '1000'),
+            '--fluid-density has no effect without --gravity',
+        ),
         (
             (*SOLVE, TENSIONS, '--model', 'exact', '--tip-force', '0', '1e6', '0'),
             'loads.tip_force is (0.0, 1000000.0, 0.0), expected at most 138.2 N',
         ),
         (('inverse', 'renda2012_table4'), 'expected either --tip X Y Z or --bend PLANE ANGLE'),
         (
-            ('inverse', 'renda2012_table4', '--bend', '0', '9', '--model', 'closed_form',
-             '--stiffness', '0', '0', '1', '1'),
+            (
+                'inverse',
+                'renda2012_table4',
+                '--bend',
+                '0',
+                '9',
+                '--model',
+                'closed_form',
+                '--stiffness',
+                '0',
+                '0',
+                '1',
+                '1',
+            ),
             'the model has no loads, so no compliance: choose exact',
         ),
         ((*SOLVE, 'much'), '--tensions is not JSON at character 1, expected text such as'),
-        ((*SOLVE[:-1], '--displacements', '{a: 1}'),
-         """is not JSON at character 2, expected text such as '{"tendon_1_1": 0.02}'"""),
+        (
+            (*SOLVE[:-1], '--displacements', '{a: 1}'),
+            """is not JSON at character 2, expected text such as '{"tendon_1_1": 0.02}'""",
+        ),
         ((*SOLVE, '[' * 100_000), '--tensions is not JSON, expected text such as'),
-        (('inverse', 'renda2012_table4', '--tip', '0.2', '0', '0', '--highest', 'true'),
-         'highest is True, expected one number or shape (3, 4)'),
-        (('workspace', 'renda2012_table4', '--json', '--highest', '[[1,1,1,true],[1],[1]]'),
-         'highest: tensions must be numbers'),
+        (
+            ('inverse', 'renda2012_table4', '--tip', '0.2', '0', '0', '--highest', 'true'),
+            'highest is True, expected one number or shape (3, 4)',
+        ),
+        (
+            ('workspace', 'renda2012_table4', '--json', '--highest', '[[1,1,1,true],[1],[1]]'),
+            'highest: tensions must be numbers',
+        ),
         (('play', 'rotating', '--csv', 'x.csv', '--highest', 'true'), 'highest is True, expected'),
         ((*SOLVE, '{"a": 1}'), 'tensions must be numbers in rows of equal length'),
         ((*SOLVE, f'[{TENSIONS}]'), '--tensions holds several sets, expected one row for each'),
@@ -74,7 +96,7 @@ REEL = (*SOLVE[:2], '--displacements')
         ((*REEL, '{"tendon_1_1": 0.01, "tendon_1_1": 0}'), 'expected each name once'),
         ((*REEL, f'{{"tendon_1_1": {10**400}}}'), 'expected a finite number'),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_one_line_on_stderr_and_status_2(cli, arguments, message):
     assert message in cli.refused(*arguments)
 
@@ -89,11 +111,17 @@ def test_a_header_of_several_lines_is_named_on_one(cli, tmp_path):
 @pytest.mark.parametrize(
     'arguments',
     [
-        (), ('draw',), ('solve',), ('reproduce',),
-        (*SOLVE, TENSIONS, '--model', 'best'), (*SOLVE, TENSIONS, '--stations', 'many'),
-        ('compare', ''), ('compare', 'bag', '--out', ''), ('replay', 'bag', ''),
+        (),
+        ('draw',),
+        ('solve',),
+        ('reproduce',),
+        (*SOLVE, TENSIONS, '--model', 'best'),
+        (*SOLVE, TENSIONS, '--stations', 'many'),
+        ('compare', ''),
+        ('compare', 'bag', '--out', ''),
+        ('replay', 'bag', ''),
     ],
-)  # fmt: skip
+)
 def test_wrong_usage_is_status_2(cli, arguments):
     status, _, err = cli.left(*arguments)
     assert status == 2 and err.startswith('octo-arm') and err.count('\n') == 1
@@ -169,9 +197,10 @@ def test_json_holds_the_whole_shape_in_si_units(cli, table4, model):
     lengths = solver.tendon_lengths(expected)
     for name, values in shape.items():
         wanted = {
-            'tension': np.array(FETCHING_IN_SPACE), 'tendon_length': lengths,
+            'tension': np.array(FETCHING_IN_SPACE),
+            'tendon_length': lengths,
             'displacement': solver.rest_lengths - lengths,
-        }.get(name)  # fmt: skip
+        }.get(name)
         wanted = getattr(expected, name) if wanted is None else wanted
         assert_allclose(values, wanted, atol=1e-12, err_msg=name)
     assert all(isinstance(number, int) for number in shape['section'])

@@ -88,10 +88,7 @@ def test_pictures_of_a_simulation(profile, tmp_path, cli):
         (('modes', *ARM, '--count', '0'), 'number of modes is 0'),
     ],
 )
-def test_wrong_options_are_one_line(
-    arguments, message, profile, cli,
-    monkeypatch, tmp_path,
-):  # fmt: skip
+def test_wrong_options_are_one_line(arguments, message, profile, cli, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     given = (profile if word == 'PROFILE' else word for word in arguments)
     assert message in cli.refused(*given)
@@ -110,10 +107,15 @@ def test_modes_are_printed_and_drawn(tmp_path, cli):
 
 def test_the_file_of_an_arm_says_how_it_moves():
     given = {
-        'material.youngs_modulus': 1e5, 'material.density': 1080.0, 'body.length': 0.4,
-        'body.radius_base': 0.01, 'body.radius_tip': 0.005, 'sections.anchorage': [0.4],
-        'sections.offset_base': [0.005], 'sections.offset_anchorage': [0.003],
-    }  # fmt: skip
+        'material.youngs_modulus': 1e5,
+        'material.density': 1080.0,
+        'body.length': 0.4,
+        'body.radius_base': 0.01,
+        'body.radius_tip': 0.005,
+        'sections.anchorage': [0.4],
+        'sections.offset_base': [0.005],
+        'sections.offset_anchorage': [0.003],
+    }
     motion = {'motion.viscosity': 300.0, 'motion.water': 'cylinder', 'motion.current': [0.1, 0, 0]}
     config = Config.from_parameters(given | motion)
     assert config.motion == MotionProperties(300.0, 0.0, 1.1, 0.01, 1.0, (0.1, 0.0, 0.0))
@@ -129,9 +131,14 @@ def test_the_file_of_an_arm_says_how_it_moves():
 
 
 MOVING = load_parameters('renda2012_prototype') | {
-    'model': 'exact', 'stations': 11, 'material.density': 1080.0, 'motion.viscosity': 300.0,
-    'motion.normal_drag': 2.5, 'motion.added_mass': 1.5, 'loads.fluid_density': 1000.0,
-}  # fmt: skip
+    'model': 'exact',
+    'stations': 11,
+    'material.density': 1080.0,
+    'motion.viscosity': 300.0,
+    'motion.normal_drag': 2.5,
+    'motion.added_mass': 1.5,
+    'loads.fluid_density': 1000.0,
+}
 # A pull that is let go: the arm swings. Corners are moments that are recorded.
 PULLS = """\
 times: [0.0, 0.04, 0.2, 0.24, 0.6]
@@ -169,9 +176,15 @@ def test_a_replayed_motion_is_the_simulated_one(folder, tmp_path, cli):
     assert_allclose(poses(again), poses(folder / 'swing'), atol=1e-7)
     # From the table too, in steps of another length.
     status, *_ = cli(
-        'replay', folder / 'swing.csv', table, '--config', folder / 'arm.yaml', '--dynamic',
-        '--step', '3e-3',
-    )  # fmt: skip
+        'replay',
+        folder / 'swing.csv',
+        table,
+        '--config',
+        folder / 'arm.yaml',
+        '--dynamic',
+        '--step',
+        '3e-3',
+    )
     assert status == 0
     assert_allclose(poses(table)[..., :3], poses(folder / 'swing')[..., :3], atol=2e-4)
     equilibria = tmp_path / 'equilibria'
@@ -199,8 +212,10 @@ def test_a_motion_begins_again_where_stamps_go_back(tmp_path, cli):
     arm = Config.from_parameters(MOVING).arm
     row = np.array([0.3, 0.0, 0.0, 0.0])
     rows = [part * row for part in (0.0, 0.5, 1.0)]
-    spread = [one._replace(received_ns=START + 20_000_000 * number)
-              for number, one in enumerate(samples(arm, [*rows, *rows]))]  # fmt: skip
+    spread = [
+        one._replace(received_ns=START + 20_000_000 * number)
+        for number, one in enumerate(samples(arm, [*rows, *rows]))
+    ]
     first, second = spread[:3], spread[3:]
     second = [one._replace(data=before.data) for one, before in zip(second, first)]
     text = text_sample('/arm_description', parameters_as_yaml(MOVING))
@@ -214,8 +229,10 @@ def test_a_motion_begins_again_where_stamps_go_back(tmp_path, cli):
 def test_winches_drive_the_moving_arm(tmp_path, cli):
     name = Config.from_parameters(MOVING).arm.tendon_names[0]
     reeled = [0.0, 0.002, 0.004, 0.004]
-    content = [displacement_sample([name], [one], START + 50_000_000 * number)
-               for number, one in enumerate(reeled)]  # fmt: skip
+    content = [
+        displacement_sample([name], [one], START + 50_000_000 * number)
+        for number, one in enumerate(reeled)
+    ]
     text = text_sample('/arm_description', parameters_as_yaml(MOVING))
     bag = write_bag(tmp_path / 'bag', [text, *content])
     out = cli.json(
@@ -234,25 +251,43 @@ def seen(folder: Path, tmp_path: Path, noise: float, **start: float) -> list[obj
         rows = np.loadtxt(file, delimiter=',')
     tips = rows[:, 1:4] + noise * np.random.default_rng(0).standard_normal((len(rows), 3))
     for name, columns, table in (
-        ('pulled', names[7:], rows[:, 7:]), ('seen', ['x', 'y', 'z'], tips),
-    ):  # fmt: skip
+        ('pulled', names[7:], rows[:, 7:]),
+        ('seen', ['x', 'y', 'z'], tips),
+    ):
         content, head = np.column_stack([rows[:, 0], table]), ','.join(['time', *columns])
         np.savetxt(tmp_path / f'{name}.csv', content, '%.9g', ',', header=head, comments='')
     values = MOVING | {f'motion.{name}': value for name, value in start.items()}
     (tmp_path / 'start.yaml').write_text(parameters_as_yaml(values))
     return [
-        'identify', '--config', tmp_path / 'start.yaml', '--tension-csv', tmp_path / 'pulled.csv',
-        '--midline-csv', tmp_path / 'seen.csv', '--align', 'none',
-    ]  # fmt: skip
+        'identify',
+        '--config',
+        tmp_path / 'start.yaml',
+        '--tension-csv',
+        tmp_path / 'pulled.csv',
+        '--midline-csv',
+        tmp_path / 'seen.csv',
+        '--align',
+        'none',
+    ]
 
 
 def test_a_swing_tells_damping_drag_and_added_mass(folder, tmp_path, cli):
     given = seen(folder, tmp_path, 1e-4, viscosity=200.0, normal_drag=2.0, added_mass=1.2)
     fitted = tmp_path / 'fitted.yaml'
     found = cli.json(
-        *given, '--step', '1e-2', '--loss', 'linear', '--fit', 'damping', 'drag', 'added_mass',
-        '--json', '--out', fitted,
-    )  # fmt: skip
+        *given,
+        '--step',
+        '1e-2',
+        '--loss',
+        'linear',
+        '--fit',
+        'damping',
+        'drag',
+        'added_mass',
+        '--json',
+        '--out',
+        fitted,
+    )
     truth = {'damping': 300.0, 'drag': 2.5, 'added_mass': 1.5}
     for name, value in truth.items():
         low, high = found['estimates'][name]['interval95']

@@ -132,10 +132,14 @@ def test_nothing_is_written_over_or_into_the_bag(bag, cli):
     before = sorted(bag.iterdir())
     new = bag / 'new'
     for command, option, path in (
-        ('compare', '--out', new), ('identify', '--out', new), ('identify', '--csv', new),
-        ('estimate', '--out', bag), ('estimate', '--out', new), ('estimate', '--csv', bag),
+        ('compare', '--out', new),
+        ('identify', '--out', new),
+        ('identify', '--csv', new),
+        ('estimate', '--out', bag),
+        ('estimate', '--out', new),
+        ('estimate', '--csv', bag),
         ('estimate', '--plot', bag / 'touch.png'),
-    ):  # fmt: skip
+    ):
         line = cli.refused(command, bag, option, path)
         assert f'{bag}, which stays as it is' in line
     assert sorted(bag.iterdir()) == before

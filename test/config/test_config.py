@@ -168,13 +168,22 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path, name):
 @pytest.mark.parametrize(
     ('old', 'new', 'message'),
     [
-        ('stations: 101', 'solve_budget.iterations: 0',
-         'solve budget: iterations is 0, expected a number > 0'),
-        ('stations: 101', 'solve_budget.seconds: .nan',
-         'solve_budget.seconds is nan, expected a finite number > 0'),
-        ('youngs_modulus:', 'young_modulus:',
-         'material.young_modulus is no parameter of the arm; did you mean '
-         'material.youngs_modulus?'),
+        (
+            'stations: 101',
+            'solve_budget.iterations: 0',
+            'solve budget: iterations is 0, expected a number > 0',
+        ),
+        (
+            'stations: 101',
+            'solve_budget.seconds: .nan',
+            'solve_budget.seconds is nan, expected a finite number > 0',
+        ),
+        (
+            'youngs_modulus:',
+            'young_modulus:',
+            'material.young_modulus is no parameter of the arm; did you mean '
+            'material.youngs_modulus?',
+        ),
         ('    stations: 101', '    zzz: 1', 'zzz is no parameter of the arm; known are model, '),
         ('stations: 101', 'stations: 101.5', 'stations is 101.5, expected integer'),
         ('stations: 101', 'stations: true', 'stations is True, expected integer'),
@@ -191,14 +200,23 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path, name):
         ('length: 0.45', 'length: {m: 1}', 'body.length.m is no parameter of the arm; did you me'),
         ('length: 0.45', 'length: .nan', 'body.length is nan, expected a finite number > 0 [m]'),
         ('length: 0.45', 'length: 0', 'body.length is 0.0, expected a finite number > 0 [m]'),
-        ('anchorage: [0.45, 0.315, 0.135]', 'anchorage: 0.45',
-         'sections.anchorage is 0.45, expected double[]'),
-        ('anchorage: [0.45, 0.315, 0.135]', 'anchorage: [0.45, here, 0.135]',
-         "sections.anchorage is [0.45, 'here', 0.135], expected a list of values of one type"),
-        ('    stations: 101', '    markers_rate: 1.0e-11',
-         'markers_rate is 1e-11, expected 0, or at least 1e-06 [Hz]'),
+        (
+            'anchorage: [0.45, 0.315, 0.135]',
+            'anchorage: 0.45',
+            'sections.anchorage is 0.45, expected double[]',
+        ),
+        (
+            'anchorage: [0.45, 0.315, 0.135]',
+            'anchorage: [0.45, here, 0.135]',
+            "sections.anchorage is [0.45, 'here', 0.135], expected a list of values of one type",
+        ),
+        (
+            '    stations: 101',
+            '    markers_rate: 1.0e-11',
+            'markers_rate is 1e-11, expected 0, or at least 1e-06 [Hz]',
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_bad_value_is_named_with_what_was_expected(tmp_path, old, new, message):
     with pytest.raises(ConfigError) as refusal:
         read(tmp_path, changed(old, new))
@@ -227,8 +245,10 @@ def _length(text: str) -> str:
         ('just words', ': no node name at the top'),
         ('body:\n  length: 1.0\n', ': ros__parameters found below no node name, expected exactly'),
         ('/**:\n  ros__parameters:\n', ': ros__parameters is None, expected parameters'),
-        ('a:\n  ros__parameters: {}\nb/c:\n  ros__parameters: {}\n',
-         ": ros__parameters found below ['/a', '/b/c'], expected exactly one, best"),
+        (
+            'a:\n  ros__parameters: {}\nb/c:\n  ros__parameters: {}\n',
+            ": ros__parameters found below ['/a', '/b/c'], expected exactly one, best",
+        ),
         ('/**:\n  a: [1\n', ', line 3: not valid YAML, '),
         ('/**:\n\tros__parameters: 1\n', ", line 2: not valid YAML, found character '\\t'"),
         (GOOD + '---\n' + GOOD, 'not valid YAML, but found another document'),
@@ -237,10 +257,19 @@ def _length(text: str) -> str:
         (_length('0.45\n      length: 0.5'), "'length' is given twice"),
         (GOOD + GOOD, "not valid YAML, '/**' is given twice"),
         (changed('    body:', '    body.length: 0.9\n    body:'), 'body.length is given twice'),
-        *((_length(text), '') for text in (
-            '2001-99-99', '!!int x', '!!bool x', '!!timestamp x', '[' * 3000, '9' * 400, '&a [*a]',
-            '"\0"',
-        )),
+        *(
+            (_length(text), '')
+            for text in (
+                '2001-99-99',
+                '!!int x',
+                '!!bool x',
+                '!!timestamp x',
+                '[' * 3000,
+                '9' * 400,
+                '&a [*a]',
+                '"\0"',
+            )
+        ),
         # Keys are texts.
         ('1: {a: 2}\n1.0: {a: 3}\n', 'ros__parameters found below no node name'),
         ('1: {a: 2}\n1: {a: 3}\n', "line 2: not valid YAML, '1' is given twice"),
@@ -257,15 +286,18 @@ def _length(text: str) -> str:
         ('# ' * 600_000, 'arm.yaml: larger than 1048576 bytes'),
         ('a: ' + '9' * 5000, 'is no integer'),
         # What ROS reads as a text is no number.
-        *((_length(text), f"is '{text}', expected double") for text in (
-            '1:30', '1_000', '0b1', '2026-01-01', '190:20:30.15', '6_8.0',
-        )),
+        *(
+            (_length(text), f"is '{text}', expected double")
+            for text in ('1:30', '1_000', '0b1', '2026-01-01', '190:20:30.15', '6_8.0')
+        ),
         (_length('!!float 1:30'), 'is no number'),
-        *((changed('base_frame: arm_base', f'base_frame: {text}'), f'base_frame is {value}, exp')
-          for text, value in (('y', True), ('N', False), ('on', True), ('True', True))),
+        *(
+            (changed('base_frame: arm_base', f'base_frame: {text}'), f'base_frame is {value}, exp')
+            for text, value in (('y', True), ('N', False), ('on', True), ('True', True))
+        ),
     ],
     ids=lambda text: text[-24:],
-)  # fmt: skip
+)
 def test_text_that_is_no_parameter_file_is_refused_in_a_line_that_names_it(
     tmp_path, text, message
 ):
@@ -280,9 +312,11 @@ def test_what_is_no_file_of_text_is_refused(tmp_path):
     (tmp_path / 'folder').mkdir()
     os.mkfifo(tmp_path / 'pipe')  # which is not waited for
     for name, reason in {
-        'nowhere.yaml': 'No such file or directory', 'folder': 'Is a directory',
-        'bytes': 'not a text file', 'pipe': 'not a regular file',
-    }.items():  # fmt: skip
+        'nowhere.yaml': 'No such file or directory',
+        'folder': 'Is a directory',
+        'bytes': 'not a text file',
+        'pipe': 'not a regular file',
+    }.items():
         with pytest.raises(ConfigError, match=f'{name}: {reason}$'):
             load_config(tmp_path / name)
 

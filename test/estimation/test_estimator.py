@@ -46,9 +46,11 @@ def test_it_is_the_filter_by_seconds_from_the_first_stamp():
 def test_late_ones_are_put_in_place_within_the_window_and_refused_beyond():
     in_order, late = (Estimator({'tip': rubber(FORCE_AT_TIP)}, window=0.3) for _ in range(2))
     messages = [
-        (0, Tensions(TENSIONS, 0.01)), (1, TipPosition(tip(), 1e-3)),
-        (2, Tensions(TENSIONS, 0.01)), (3, TipPosition(tip(), 1e-3)),
-    ]  # fmt: skip
+        (0, Tensions(TENSIONS, 0.01)),
+        (1, TipPosition(tip(), 1e-3)),
+        (2, Tensions(TENSIONS, 0.01)),
+        (3, TipPosition(tip(), 1e-3)),
+    ]
     for estimator, order in ((in_order, (0, 1, 2, 3)), (late, (0, 2, 3, 1))):
         for number in order:
             step, one = messages[number]
@@ -223,9 +225,10 @@ def models() -> dict[str, object]:
     return {'free': rubber(UNKNOWNS), **found}
 
 
-@pytest.mark.parametrize('place', [
-    0.13, None, *(pytest.param(place, marks=pytest.mark.endurance) for place in (0.07, 0.19))
-])  # fmt: skip
+@pytest.mark.parametrize(
+    'place',
+    [0.13, None, *(pytest.param(place, marks=pytest.mark.endurance) for place in (0.07, 0.19))],
+)
 def test_the_place_is_found(place):
     rng = np.random.default_rng(7)
     given = models()

@@ -70,21 +70,27 @@ def test_a_first_reading_of_a_slack_tendon_may_be_negative():
 
 
 _ARM = {
-    'material.youngs_modulus': 1.1e5, 'material.density': 1080.0, 'body.length': 0.27,
-    'body.radius_base': 0.015, 'body.radius_tip': 0.0074, 'sections.anchorage': [0.27],
-    'sections.offset_base': [0.005], 'sections.offset_anchorage': [0.0025],
-}  # fmt: skip
+    'material.youngs_modulus': 1.1e5,
+    'material.density': 1080.0,
+    'body.length': 0.27,
+    'body.radius_base': 0.015,
+    'body.radius_tip': 0.0074,
+    'sections.anchorage': [0.27],
+    'sections.offset_base': [0.005],
+    'sections.offset_anchorage': [0.0025],
+}
 _DESCRIBED = {
     'base': {'base.position': [0.1, -0.2, 0.3], 'base.quaternion': [1.0, 0.0, 0.0, 0.0]},
     'weight': {'loads.gravity': [0.0, 0.0, -9.81], 'loads.fluid_density': 1000.0},
     'forces': {
-        'loads.tip_force': [0.0, 0.002, 0.0], 'loads.point_s': [0.1],
+        'loads.tip_force': [0.0, 0.002, 0.0],
+        'loads.point_s': [0.1],
         'loads.point_force': [0.0, 0.0, 0.02],
     },
     'law': {'material.law': 'linear', 'material.shear': True},
     'stations': {'stations': 17, 'base.quaternion': [0.5, 0.5, 0.5, 0.5]},
     'load cells': {'tension_scale': [2.0, 0.5, 1.0, 4.0], 'tension_offset': [0.1, 0.0, -0.2, 0.3]},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize('what', _DESCRIBED)
@@ -101,9 +107,9 @@ def test_the_arm_of_a_file_is_estimated_as_it_is_described(what):
     np.testing.assert_allclose(found.tip_wrench[:3], known, atol=2e-5)
     np.testing.assert_allclose(found.backbone.position, shape.position, atol=1e-5)
     # Of the arm alone the tip is elsewhere, which no force explains, and that is told.
-    bare = Filter(ArmModel(config.arm, unknowns)).add(0.0, [tensions, TipPosition(
-        shape.tip + [0.24, 0.0, 0.0], 1e-4
-    )])  # fmt: skip
+    bare = Filter(ArmModel(config.arm, unknowns)).add(
+        0.0, [tensions, TipPosition(shape.tip + [0.24, 0.0, 0.0], 1e-4)]
+    )
     assert bare.refused == ('tip position',)
 
 
@@ -162,8 +168,10 @@ def test_a_force_on_a_robot_of_discs_is_found():
     mass = 1080.0 * np.pi * 0.0075**2 * 0.2 + 5 * 0.002
     assert wrench[2] == pytest.approx(-0.008 - 9.81 * mass, rel=1e-6)
     measured = [
-        Tensions(0.5 * TENSIONS, 1e-6), TipPosition(at.solved.tip, 1e-7), BaseWrench(wrench, 1e-5)
-    ]  # fmt: skip
+        Tensions(0.5 * TENSIONS, 1e-6),
+        TipPosition(at.solved.tip, 1e-7),
+        BaseWrench(wrench, 1e-5),
+    ]
     found = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, measured)
     np.testing.assert_allclose(found.tip_wrench[:3], [0.004, 0.012, -0.008], atol=1e-5)
 
@@ -226,8 +234,10 @@ def simulated(seed: int, steps: int) -> list[tuple[Estimate, np.ndarray, Predict
         drawn_in = model.solver.rest_lengths.ravel() - at.tendon_lengths
         drawn_in = drawn_in + 2e-4 * rng.normal(size=4)
         measured = [
-            Tensions(read, 2e-3), TipPosition(moved, 5e-4), TendonDisplacements(drawn_in, 2e-4),
-        ]  # fmt: skip
+            Tensions(read, 2e-3),
+            TipPosition(moved, 5e-4),
+            TendonDisplacements(drawn_in, 2e-4),
+        ]
         found.append((own.add(0.1 * step, measured), x.copy(), at))
     return found
 

@@ -142,9 +142,9 @@ def test_the_base_wrench_is_the_sum_of_all_loads():
     forces[np.searchsorted(shape.s, 0.12 - 1e-9)] += x[fine.state.point_forces]
     wrench = fine.tip_wrench(x)
     forces[-1] += wrench[:3]
-    expected = np.concatenate([
-        forces.sum(axis=0), np.cross(shape.position, forces).sum(axis=0) + wrench[3:]
-    ])  # fmt: skip
+    expected = np.concatenate(
+        [forces.sum(axis=0), np.cross(shape.position, forces).sum(axis=0) + wrench[3:]]
+    )
     scale = np.repeat([np.abs(expected[:3]).max(), np.abs(expected[3:]).max()], 3)
     np.testing.assert_allclose(found / scale, expected / scale, atol=5e-5)
 

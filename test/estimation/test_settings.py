@@ -41,10 +41,15 @@ def test_without_a_word_it_is_a_force_on_the_tip_of_the_size_that_bends_the_arm(
 
 
 def test_what_the_arm_and_the_recording_say_comes_first():
-    known = Config.from_parameters({
-        **VALUES, 'model': 'exact', 'tension_stddev': 0.03, 'model_error_stddev': 0.01,
-        'material.youngs_modulus_stddev': 0.1,
-    })  # fmt: skip
+    known = Config.from_parameters(
+        {
+            **VALUES,
+            'model': 'exact',
+            'tension_stddev': 0.03,
+            'model_error_stddev': 0.01,
+            'material.youngs_modulus_stddev': 0.1,
+        }
+    )
     recorded = TensionStatistics(0.007, 0.2)
     found = EstimatorSettings.from_parameters({}, known, recorded)
     assert found.noise.tension == 0.03
@@ -61,12 +66,18 @@ def test_what_the_arm_and_the_recording_say_comes_first():
 @pytest.mark.parametrize(
     ('recorded', 'given', 'words'),
     [
-        (TensionStatistics(0.01, 3e33), {'estimator.tension_rate': 0.5},
-         r'tensions change by 3e\+33 N in a second as recorded, .* give estimator.tension_rate'),
-        (TensionStatistics(2e30, 0.2), {'tension_stddev': 0.02},
-         r'tensions vary by 2e\+30 N as recorded, expected at most 1e\+30: give tension_stddev'),
+        (
+            TensionStatistics(0.01, 3e33),
+            {'estimator.tension_rate': 0.5},
+            r'tensions change by 3e\+33 N in a second as recorded, .* give estimator.tension_rate',
+        ),
+        (
+            TensionStatistics(2e30, 0.2),
+            {'tension_stddev': 0.02},
+            r'tensions vary by 2e\+30 N as recorded, expected at most 1e\+30: give tension_stddev',
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_a_recording_says_is_within_the_range_of_the_parameter_or_not_needed(
     recorded, given, words
 ):
@@ -85,10 +96,12 @@ def test_what_a_recording_says_is_within_the_range_of_the_parameter_or_not_neede
         ({'contact': 'none'}, {'none': 0}),
         ({'contact': 'at', 'contact_s': [0.1, 0.2]}, {'at': 2}),
         ({'contact': 'somewhere', 'contact_s': [0.1]}, {'none': 0, '0.1 m': 1}),
-        ({'contact': 'somewhere'},
-         {'none': 0, **{f'{part * LENGTH:.4g} m': 1 for part in (0.2, 0.4, 0.6, 0.8, 1.0)}}),
+        (
+            {'contact': 'somewhere'},
+            {'none': 0, **{f'{part * LENGTH:.4g} m': 1 for part in (0.2, 0.4, 0.6, 0.8, 1.0)}},
+        ),
     ],
-)  # fmt: skip
+)
 def test_places_of_contact(values, expected):
     found = settings(**values).unknowns
     assert {name: len(one.point_forces) for name, one in found.items()} == expected
@@ -120,10 +133,16 @@ def test_a_current_presses_as_hard_as_the_force():
 
 
 def test_models_are_those_of_the_file_solved_by_the_model_exact():
-    loaded = Config.from_parameters({
-        **VALUES, 'model': 'exact', 'stations': 41, 'material.density': 1080.0,
-        'loads.gravity': [0.0, 0.0, -9.81], 'base.position': [0.1, 0.0, 0.2],
-    })  # fmt: skip
+    loaded = Config.from_parameters(
+        {
+            **VALUES,
+            'model': 'exact',
+            'stations': 41,
+            'material.density': 1080.0,
+            'loads.gravity': [0.0, 0.0, -9.81],
+            'base.position': [0.1, 0.0, 0.2],
+        }
+    )
     (model,) = settings(loaded).models(loaded, compiled=False).values()
     solver = model.solver
     assert (solver.model, solver.grid.s.size) == ('exact', 41)

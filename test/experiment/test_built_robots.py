@@ -52,10 +52,25 @@ def test_a_trunk_of_motors_that_reel_two_tendons_tells_the_radius_of_its_spools(
     guess = [f'{0.9 * way * SPOOL:.5f}' for way in WAYS]
     options = [
         '--json',
-        '--config', str(config), '--displacements', '/motors:angle', '--motors', *OF_TENDON,
-        '--spools', *guess, '--midlines', '/mocap:markers', '--marker-names', *MARKERS,
-        '--marker-s', *map(str, MARKER_S), '--model', 'exact', '--steady', '1e-4',
-    ]  # fmt: skip
+        '--config',
+        str(config),
+        '--displacements',
+        '/motors:angle',
+        '--motors',
+        *OF_TENDON,
+        '--spools',
+        *guess,
+        '--midlines',
+        '/mocap:markers',
+        '--marker-names',
+        *MARKERS,
+        '--marker-s',
+        *map(str, MARKER_S),
+        '--model',
+        'exact',
+        '--steady',
+        '1e-4',
+    ]
     out = '--out', tmp_path / 'fitted.yaml'
     fitted = cli.json('identify', bag, *options, '--fit', 'displacement_scale', *out)
     assert fitted['estimates']['displacement_scale']['value'] == pytest.approx(SPOOL, rel=5e-3)
@@ -77,11 +92,27 @@ def test_counts_of_servos_and_a_table_of_motive_tell_radius_and_zero(tmp_path, c
     config.write_text(parameters_as_yaml({**PARAMETERS, **known}))
     options = [
         '--json',
-        '--config', str(config), '--displacement-csv', str(ticks), '--midline-csv', str(motive),
-        '--columns', 'displacement:time=when', 'displacement_tendon_1_1=servo 1',
-        'x=Tip_x', 'y=Tip_y', 'z=Tip_z', '--poses', '--align', 'none', '--model', 'exact',
-        '--fit', 'displacement_scale', 'displacement_offset',
-    ]  # fmt: skip
+        '--config',
+        str(config),
+        '--displacement-csv',
+        str(ticks),
+        '--midline-csv',
+        str(motive),
+        '--columns',
+        'displacement:time=when',
+        'displacement_tendon_1_1=servo 1',
+        'x=Tip_x',
+        'y=Tip_y',
+        'z=Tip_z',
+        '--poses',
+        '--align',
+        'none',
+        '--model',
+        'exact',
+        '--fit',
+        'displacement_scale',
+        'displacement_offset',
+    ]
     fitted = cli.json('identify', *options)['estimates']
     assert fitted['displacement_scale']['value'] == pytest.approx(PER_COUNT, rel=0.02)
 
@@ -89,10 +120,12 @@ def test_counts_of_servos_and_a_table_of_motive_tell_radius_and_zero(tmp_path, c
 def test_a_table_of_poses_without_time_or_header_is_compared_and_replayed(tmp_path, cli, poses):
     _, tips = poses
     table = tmp_path / 'poses.csv'
-    table.write_text(''.join(
-        f'{pull / 9.80665e-3:.6f};{1e3 * x:.4f};{1e3 * y:.4f};{1e3 * z:.4f}\n'
-        for pull, (x, y, z) in zip(PULLS, tips)
-    ))  # fmt: skip
+    table.write_text(
+        ''.join(
+            f'{pull / 9.80665e-3:.6f};{1e3 * x:.4f};{1e3 * y:.4f};{1e3 * z:.4f}\n'
+            for pull, (x, y, z) in zip(PULLS, tips)
+        )
+    )
     config = tmp_path / 'arm.yaml'
     config.write_text(parameters_as_yaml({**PARAMETERS, 'tension_scale': [9.80665e-3] * 4}))
     slack = [f'tendon_1_{number}=0' for number in (2, 3, 4)]
@@ -115,9 +148,20 @@ def test_a_table_of_a_tube_of_nitinol_tells_how_it_is_bent_at_rest(tmp_path, cli
     loads = [f'tendon_1_{number}=weight {number} [g]' for number in (1, 2, 3)]
     places = [f'{axis}{number}=S{number} {axis} (mm)' for number in range(1, 6) for axis in 'xyz']
     options = [
-        '--config', str(config), '--pose-csv', str(table), '--columns', *loads, *places,
-        '--marker-s', *map(str, TUBE_S), '--align', 'none', '--model', 'exact',
-    ]  # fmt: skip
+        '--config',
+        str(config),
+        '--pose-csv',
+        str(table),
+        '--columns',
+        *loads,
+        *places,
+        '--marker-s',
+        *map(str, TUBE_S),
+        '--align',
+        'none',
+        '--model',
+        'exact',
+    ]
     fits = ['--fit', 'bending_stiffness', 'rest_curvature', '--loss', 'linear']
     out = ['--out', str(tmp_path / 'fitted.yaml')]
     fitted = cli.json('identify', '--json', *options, *fits, *out)
@@ -138,10 +182,18 @@ def test_a_table_of_a_robot_of_discs_tells_its_modulus_and_friction(tmp_path, cl
     config = tmp_path / 'discs.yaml'
     config.write_text(parameters_as_yaml(disc_parameters()))
     options = [
-        '--config', str(config), '--pose-csv', str(table), '--columns',
+        '--config',
+        str(config),
+        '--pose-csv',
+        str(table),
+        '--columns',
         *(f'tendon_1_{number}=F{number} (N)' for number in (1, 2, 3)),
-        *(f'{axis}=tip {axis} (mm)' for axis in 'xyz'), '--align', 'none', '--model', 'exact',
-    ]  # fmt: skip
+        *(f'{axis}=tip {axis} (mm)' for axis in 'xyz'),
+        '--align',
+        'none',
+        '--model',
+        'exact',
+    ]
     fits = ['--fit', 'youngs_modulus', 'friction', '--loss', 'linear']
     out = ['--out', str(tmp_path / 'fitted.yaml')]
     fitted = cli.json('identify', '--json', *options, *fits, *out)
@@ -162,18 +214,26 @@ def test_a_table_of_a_robot_of_discs_tells_its_modulus_and_friction(tmp_path, cl
 @pytest.mark.parametrize(
     ('changes', 'fit', 'message'),
     [
-        ({'body.radius_tip': 9e-4}, 'bending_stiffness',
-         'bending_stiffness cannot be fitted: E J is'),
-        ({'rest.table_s': [0.0, 0.25], 'rest.table_torsion': [1.0, 2.0]}, 'rest_torsion',
-         'rest_torsion cannot be fitted: the config has a table of it'),
-        ({'stiffness.table_s': [0.0, 0.25], 'stiffness.table_bending_n': [1e-2, 1e-2]},
-         'bending_stiffness', 'bending_stiffness cannot be fitted: the config has a table of it'),
+        (
+            {'body.radius_tip': 9e-4},
+            'bending_stiffness',
+            'bending_stiffness cannot be fitted: E J is',
+        ),
+        (
+            {'rest.table_s': [0.0, 0.25], 'rest.table_torsion': [1.0, 2.0]},
+            'rest_torsion',
+            'rest_torsion cannot be fitted: the config has a table of it',
+        ),
+        (
+            {'stiffness.table_s': [0.0, 0.25], 'stiffness.table_bending_n': [1e-2, 1e-2]},
+            'bending_stiffness',
+            'bending_stiffness cannot be fitted: the config has a table of it',
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_varies_along_the_arm_is_not_fitted_as_one_number(
-    changes, fit, message, tmp_path,
-    cli,
-):  # fmt: skip
+    changes, fit, message, tmp_path, cli
+):
     table, config = tmp_path / 'poses.csv', tmp_path / 'tube.yaml'
     table.write_text('tendon_1_1,tendon_1_2,tendon_1_3,x,y,z\n1,0,0,0.2,0.1,0\n')
     config.write_text(parameters_as_yaml({**tube_parameters(), **changes}))
@@ -234,9 +294,15 @@ def test_a_cloud_of_points_is_markers_by_their_numbers(tmp_path):
     ]
     data = np.column_stack([PLACES[::-1], np.zeros(3)]).astype('<f4')
     cloud = {
-        'height': 1, 'width': 3, 'fields': fields, 'is_bigendian': False, 'point_step': 16,
-        'row_step': 48, 'data': data.view(np.uint8).ravel(), 'is_dense': True,
-    }  # fmt: skip
+        'height': 1,
+        'width': 3,
+        'fields': fields,
+        'is_bigendian': False,
+        'point_step': 16,
+        'row_step': 48,
+        'data': data.view(np.uint8).ravel(),
+        'is_dense': True,
+    }
     samples = tension_samples(np.arange(3.0), np.ones(3))
     for number, changes in enumerate(({}, {'width': 3000}, {'fields': fields[:2]})):
         stamp = nanoseconds(float(number))
@@ -259,10 +325,22 @@ def test_an_estimator_takes_motors_and_markers_of_foreign_messages(tmp_path, cli
     config.write_text(parameters_as_yaml({**trunk_parameters(), **own}))
     # What a motor lets out is slack: its reading is not the tendon's length, by up to 4 mm here.
     words = [
-        '--json', '--config', str(config), '--markers', '/mocap:markers', '--marker-s',
-        *map(str, MARKER_S), '--marker-stddev', '1e-3', '--displacement-stddev', '4e-3',
-        '--tendon-displacements', '/motors:angle', '--contact', 'none',
-    ]  # fmt: skip
+        '--json',
+        '--config',
+        str(config),
+        '--markers',
+        '/mocap:markers',
+        '--marker-s',
+        *map(str, MARKER_S),
+        '--marker-stddev',
+        '1e-3',
+        '--displacement-stddev',
+        '4e-3',
+        '--tendon-displacements',
+        '/motors:angle',
+        '--contact',
+        'none',
+    ]
     found = cli.json('estimate', bag, *words, '--marker-names', *MARKERS)
     found = found['innovations']
     assert found['markers']['accepted'] == 60

@@ -191,8 +191,11 @@ def test_an_arm_that_is_only_seen_at_rest_does_not_move_the_clock():
     assert offset_of(seen, at_rest) == 0.0
     noise = 1e-3 * np.random.default_rng(0).standard_normal((len(seen.frames), 1, 3))
     still = dataclasses.replace(experiments.recording(held=(2.0, 2.0)), frames=tuple(noise))
-    still = dataclasses.replace(still, frame_time=still.frame_time[: len(noise)],
-                                frames=still.frames[: len(still.frame_time)])  # fmt: skip
+    still = dataclasses.replace(
+        still,
+        frame_time=still.frame_time[: len(noise)],
+        frames=still.frames[: len(still.frame_time)],
+    )
     assert offset_of(still) is None
 
 
@@ -327,7 +330,7 @@ def test_stamps_that_run_backwards_are_sorted_and_said(tmp_path):
     swapped = [
         sample._replace(data=other.data)
         for sample, other in zip(frames, frames[::-1], strict=True)
-    ]  # fmt: skip
+    ]
     others = [sample for sample in samples if sample.topic != '/camera/midline']
     seen = read_recording(bag_of(tmp_path / 'bag', [description(), *others, *swapped]))
     assert (np.diff(seen.frame_time) > 0.0).all()
@@ -515,8 +518,9 @@ def test_before_and_after_its_stamps_a_transform_is_unknown(tmp_path, cli):
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS[: len(errors)], abs=0.03)
     assert 0 < len(errors) < len(TIP_ERRORS)
-    assert any("the transform from 'camera' to 'mount' is not known at" in note
-               for note in said['notes'])  # fmt: skip
+    assert any(
+        "the transform from 'camera' to 'mount' is not known at" in note for note in said['notes']
+    )
 
 
 @pytest.mark.parametrize(

@@ -104,8 +104,17 @@ def test_displaced_tendons_and_poissons_ratio_are_found():
     true = move_tendons({**start, 'material.poisson_ratio': 0.3}, arm, moved)
     assert 'sections.offset_base' not in true
     solver = Config.from_parameters({**true, 'model': 'exact'}).solver()
-    pulls = [np.array(pull) for pull in ((2, 0, 0, 0), (4, 0, 0, 0), (0, 2, 0, 0), (0, 4, 0, 0),
-                                         (3, 2, 0, 0), (1, 4, 0, 0))]  # fmt: skip
+    pulls = [
+        np.array(pull)
+        for pull in (
+            (2, 0, 0, 0),
+            (4, 0, 0, 0),
+            (0, 2, 0, 0),
+            (0, 4, 0, 0),
+            (3, 2, 0, 0),
+            (1, 4, 0, 0),
+        )
+    ]
     lines = [solver.solve([pull]).position for pull in pulls]
     found = fitted(shapes(lines, pulls), 'poisson_ratio', 'tendon_offsets', start=start)
     # The other tendons are not pulled, so they have no unknown.
@@ -134,9 +143,14 @@ def test_modulus_and_sheath_are_told_apart_by_tensions_of_many_sizes():
 
 
 def winches(
-    pulls: Sequence[np.ndarray] = HALF, model: str = 'exact', noise: float = 2e-4,
-    backlash: float = 2e-5, seed: int = 0, zeros: np.ndarray = ZEROS, **changes: Any,
-) -> list[MeasuredShape]:  # fmt: skip
+    pulls: Sequence[np.ndarray] = HALF,
+    model: str = 'exact',
+    noise: float = 2e-4,
+    backlash: float = 2e-5,
+    seed: int = 0,
+    zeros: np.ndarray = ZEROS,
+    **changes: Any,
+) -> list[MeasuredShape]:
     """Steps with load cells, and encoders whose readings scatter by ``backlash`` [m].
 
     Winches of slack tendons have paid out 3 mm too much.
@@ -232,8 +246,10 @@ def test_friction_and_stiffness_are_found_together(model):
         assert_holds(found, name, true, 0.02)
     assert found.parameters['tendons.friction'] == [values(found)['friction']]
     # A comparison follows the steps as well.
-    left = [compare(loop, start, model, Alignment.none()).percent('tip').max()
-            for start in (ROUGH, STIFF)]  # fmt: skip
+    left = [
+        compare(loop, start, model, Alignment.none()).percent('tip').max()
+        for start in (ROUGH, STIFF)
+    ]
     assert left[0] < 0.2 and left[1] > 1.0
 
 
@@ -262,15 +278,21 @@ def test_friction_and_the_stretch_of_tendons_are_found(has_cells):
         ('renda2012', ['friction'], {}, 'the model renda2012 has no friction'),
         ('closed_form', ['tendon_offsets'], {}, 'no derivative by tendon_offsets: choose --mode'),
         ('exact', ['mass'], {}, "cannot fit 'mass', expected one of youngs_modulus"),
-        ('exact', ['axial_stiffness'], {'displacements': None},
-         'shows in encoder readings of tendons under tension'),
+        (
+            'exact',
+            ['axial_stiffness'],
+            {'displacements': None},
+            'shows in encoder readings of tendons under tension',
+        ),
         ('exact', ['tension_scale'], {'is_driven': True}, 'tension_scale is of load cells, and'),
         ('closed_form', ['youngs_modulus'], {'is_driven': True}, 'closed_form does not know'),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_fitted_is_refused(model, fits, changes, message):
-    steps = [dataclasses.replace(step, window=dataclasses.replace(step.window, **changes))
-             for step in winches(LESS)]  # fmt: skip
+    steps = [
+        dataclasses.replace(step, window=dataclasses.replace(step.window, **changes))
+        for step in winches(LESS)
+    ]
     with pytest.raises(ConfigError, match=message):
         fitted(steps, *fits, model=model)
 

@@ -312,15 +312,17 @@ def test_a_camera_somewhere_else_is_aligned_by_markers(tmp_path, cli):
     ('options', 'message'),
     [
         (['--marker-s', '0', '0.1', '0.1', '0.2'], '--marker-s has 0.1 after 0.1, expected incr'),
-        (['--marker-s', '0', '90', '180', '270'], '--marker-s has 90, expected arc coordinates '
-         'from 0 to 0.27 m: in metres?'),
+        (
+            ['--marker-s', '0', '90', '180', '270'],
+            '--marker-s has 90, expected arc coordinates from 0 to 0.27 m: in metres?',
+        ),
         (['--marker-s', '0', '0.27'], 'it has 4 point(s), expected 2, one for each of --marker-s'),
         (['--marker-s', 'nan'], '--marker-s has nan'),
         (['--marker-s', *map(str, np.linspace(0.0, 0.27, 1001))], 'at most 1000'),
         ([*S, '--midlines', '/mocap/markers', '/tf'], '--midlines names 2, --marker-s has 4'),
         ([*S, '--marker-frames', 'm0'], '--marker-frames names 1, --marker-s has 4'),
     ],
-)  # fmt: skip
+)
 def test_markers_that_cannot_be_are_refused_in_one_line(options, message, tmp_path, cli):
     bag = str(marker_bag(tmp_path / 'bag', held=TENSIONS[:2]))
     assert message in cli.refused('compare', bag, *options)
@@ -336,9 +338,10 @@ EPOCH = 1_700_000_000.0
 
 
 def loads_csv(
-    path: Path, header: str = 'time [s],tendon_1_1 [N],tendon_1_2 [N],tendon_1_3 [N],tendon_1_4',
+    path: Path,
+    header: str = 'time [s],tendon_1_1 [N],tendon_1_2 [N],tendon_1_3 [N],tendon_1_4',
     row: Callable[[float, float], str] = lambda at, pull: f'{EPOCH + at:.4f},{pull!r},0,0,0',
-) -> Path:  # fmt: skip
+) -> Path:
     time, pulled, _ = staircase_of()
     rows = [row(at, pull) for at, pull in zip(time.tolist(), pulled.tolist())]
     path.write_text('\n'.join([header, *rows]) + '\n')
@@ -390,11 +393,21 @@ def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(tmp_path, cli)
 @pytest.mark.parametrize('is_yaml', [False, True])
 def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(is_yaml, tmp_path, cli):
     loads = loads_csv(
-        tmp_path / 'loads.csv', 'Zeit\tLC 1 [mN]\tnote',
+        tmp_path / 'loads.csv',
+        'Zeit\tLC 1 [mN]\tnote',
         lambda at, pull: f'{EPOCH + at:.4f}\t{1e3 * pull!r}\tfine',
-    )  # fmt: skip
-    columns = {'time': 'Zeit', 'tendon_1_1': 'LC 1', 'tendon_1_2': '0', 'tendon_1_3': '0',
-               'tendon_1_4': '0', 'z1': '0', 'z2': '0', 'z3': '0', 'z4': '0'}  # fmt: skip
+    )
+    columns = {
+        'time': 'Zeit',
+        'tendon_1_1': 'LC 1',
+        'tendon_1_2': '0',
+        'tendon_1_3': '0',
+        'tendon_1_4': '0',
+        'z1': '0',
+        'z2': '0',
+        'z3': '0',
+        'z4': '0',
+    }
     told = [f'{name}={column}' for name, column in columns.items()]
     if is_yaml:
         told = [str(tmp_path / 'columns.yaml')]
@@ -436,16 +449,16 @@ TRACK = 'time,x,y,z\n0,0,0,0\n'
         (LOADS, '', 'track.csv: no rows'),
         (b'\xff\xfe', TRACK, 'loads.csv'),
         ('0,1,0,0,0\n1,1,0,0,0\n', TRACK, 'no column time; it has #1, #2, #3, #4, #5; say --col'),
-        ('Trial,1\n\ntime,tendon_1_1,b\n0,1,2\n', TRACK,
-         'line 4: 3 values, expected 2 as in the header; expected lines of headers, or none'),
+        (
+            'Trial,1\n\ntime,tendon_1_1,b\n0,1,2\n',
+            TRACK,
+            'line 4: 3 values, expected 2 as in the header; expected lines of headers, or none',
+        ),
         ('Trial,1\ntime,tendon_1_1\n0,1\n', TRACK, 'it has Trial time, 1 tendon_1_1'),
         ('Trial\n', TRACK, 'no rows, expected a header and rows below it'),
     ],
-)  # fmt: skip
-def test_files_that_are_wrong_are_refused_by_line(
-    loads, track, message, tmp_path,
-    cli,
-):  # fmt: skip
+)
+def test_files_that_are_wrong_are_refused_by_line(loads, track, message, tmp_path, cli):
     data = loads if isinstance(loads, bytes) else loads.encode()
     (tmp_path / 'loads.csv').write_bytes(data)
     (tmp_path / 'track.csv').write_text(track)
@@ -484,13 +497,15 @@ def test_what_is_read_has_bounds(tmp_path, cli, monkeypatch):
         (['bag', '--tension-csv', 'a', '--midline-csv', 'b'], 'a bag, bag and --tension-csv and'),
         (['bag', '--tension-csv', 'a', '--tensions', 't'], '--tensions and --tension-csv are'),
         (['bag', '--midline-csv', 'a', '--midlines', 't'], '--midlines and --midline-csv are'),
-        (['bag', '--midline-csv', 'a', '--marker-frames', 'm', '--marker-s', '0'],
-         '--marker-frames and --midline-csv are given, expected one or the other'),
+        (
+            ['bag', '--midline-csv', 'a', '--marker-frames', 'm', '--marker-s', '0'],
+            '--marker-frames and --midline-csv are given, expected one or the other',
+        ),
         (['bag', '--columns', 'time'], "--columns has 'time', expected name=COLUMN or a YAML"),
         (['bag', '--columns', 'no.yaml'], 'no.yaml'),
         (['bag', '--columns', 'time=t'], '--columns is given, and no CSV file'),
     ],
-)  # fmt: skip
+)
 def test_what_is_not_said_is_asked_for(words, message, cli):
     assert message in cli.refused('compare', *words)
 
@@ -505,7 +520,7 @@ def test_what_is_not_said_is_asked_for(words, message, cli):
         (['z=0', 'z=z'], "--columns names 'z' twice, expected once"),
         (['z='], "--columns has 'z=', expected name=COLUMN"),
     ],
-)  # fmt: skip
+)
 def test_columns_that_are_not_read_are_refused(told, message, tmp_path, cli):
     files = ['--tension-csv', str(loads_csv(tmp_path / 'loads.csv'))]
     files += ['--midline-csv', str(tidy_csv(tmp_path / 'track.csv')), '--columns', *told]

@@ -25,9 +25,10 @@ def read(path: Path, start: float = -np.inf, stop: float = np.inf, **sources: An
     with BagReader(path) as reader:
         recorded = read_recorded(reader, Sources(**sources))
     some = [
-        group for group in recorded.groups
+        group
+        for group in recorded.groups
         if start < 1e-9 * (group[0].stamp_ns - recorded.origin_ns) < stop
-    ]  # fmt: skip
+    ]
     return dataclasses.replace(recorded, groups=some)
 
 

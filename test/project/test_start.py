@@ -101,9 +101,11 @@ def forking(modules: str, before: str = '') -> Iterator[Run]:
             program: str, *arguments: str, before: str = '', **environment: str | None
         ) -> subprocess.CompletedProcess[str]:
             case = {
-                'program': program, 'arguments': arguments, 'before': before,
+                'program': program,
+                'arguments': arguments,
+                'before': before,
                 'environment': environment,
-            }  # fmt: skip
+            }
             given.write(json.dumps(case) + '\n')
             given.flush()
             return subprocess.CompletedProcess(arguments, *json.loads(answers.readline()))

@@ -32,10 +32,14 @@ def file(tmp_path_factory):
 def test_the_page_has_every_section_figure_table_and_claim_in_order(file):
     root = ElementTree.fromstring(file.read_text(encoding='utf-8'))
     assert [''.join(element.itertext()) for element in root.iter('h2')] == [
-        'What the text claims', 'The arms', '5.1 Analytical versus FEM model',
-        '5.2 Analytical model versus real prototype', '6.1 Bending', '6.2 Fetching',
+        'What the text claims',
+        'The arms',
+        '5.1 Analytical versus FEM model',
+        '5.2 Analytical model versus real prototype',
+        '6.1 Bending',
+        '6.2 Fetching',
         'What the paper does not give',
-    ]  # fmt: skip
+    ]
     assert [element.get('alt') for element in root.iter('img')] == FIGURES
     assert len(list(root.iter('table'))) == 6
     said = [e.text for e in root.iter('span') if e.get('class') == 'says']

@@ -68,44 +68,55 @@ class Case(NamedTuple):
         """The arm with E and nu changed, and each tendon's offset, friction and sheath."""
         arm, more, moves = self.arm, 1.0 + np.ravel(young).item(), iter(np.ravel(farther))
         sections = tuple(
-            RoutedSection(one.anchorage, tuple(
-                Tendon(Linear(one.offset_base + move, one.offset_anchorage + move, one.anchorage),
-                       tendon.angle)
-                for tendon, move in zip(one.tendons, moves)
-            ))
+            RoutedSection(
+                one.anchorage,
+                tuple(
+                    Tendon(
+                        Linear(one.offset_base + move, one.offset_anchorage + move, one.anchorage),
+                        tendon.angle,
+                    )
+                    for tendon, move in zip(one.tendons, moves)
+                ),
+            )
             for one in arm.sections
-        )  # fmt: skip
+        )
         changed = dataclasses.replace(
             arm,
             material=dataclasses.replace(
-                arm.material, youngs_modulus=arm.material.youngs_modulus * more,
+                arm.material,
+                youngs_modulus=arm.material.youngs_modulus * more,
                 poisson_ratio=arm.material.poisson_ratio + np.ravel(poisson).item(),
             ),
             sections=sections,
-            stiffness=GivenStiffness(**{
-                name: one.level * more for name, one in arm.stiffness.profiles.items()
-            }),
+            stiffness=GivenStiffness(
+                **{name: one.level * more for name, one in arm.stiffness.profiles.items()}
+            ),
             friction=tuple(arm.friction + np.asarray(rougher)) if arm.friction else (),
             sheath_stiffness=tuple(np.add(arm.sheath_stiffness, stiffer))
-            if arm.sheath_stiffness else (),
-        )  # fmt: skip
+            if arm.sheath_stiffness
+            else (),
+        )
         return Solver(changed, 'exact', 41, material=self.law, shear=self.shear, loads=self.loads)
 
 
 THREADS = Arm(RUBBER, CONE, STRAIGHT)
 WOUND = helical_arm(RUBBER)
-ROD = Case(METAL, ((3.0, 0.0, 1.0), (0.0, 4.0, 0.5)), 'linear',
-           loads=Loads(tip_force=(0.0, 0.05, 0.1)))  # fmt: skip
+ROD = Case(
+    METAL, ((3.0, 0.0, 1.0), (0.0, 4.0, 0.5)), 'linear', loads=Loads(tip_force=(0.0, 0.05, 0.1))
+)
 # One is rigid.
 IN_SHEATHS = dataclasses.replace(WOUND, sheath_stiffness=(3e5, 0.0, 1e6, 4e5, 5e5, 6e5))
 BENT_STRIP = dataclasses.replace(
-    IN_SHEATHS, body=RectangularBody(0.4, 0.024, Linear(0.022, 0.016, 0.4)),
+    IN_SHEATHS,
+    body=RectangularBody(0.4, 0.024, Linear(0.022, 0.016, 0.4)),
     rest=RestShape(5.0, -3.0, 4.0),
-)  # fmt: skip
+)
 BENT_TUBE = dataclasses.replace(
-    WOUND, body=Body(0.4, 0.015, 0.01, 0.0, 0.005), rest=RestShape(-4.0, 6.0, 3.0),
+    WOUND,
+    body=Body(0.4, 0.015, 0.01, 0.0, 0.005),
+    rest=RestShape(-4.0, 6.0, 3.0),
     stiffness=GivenStiffness(bending_n=2e-3, torsion=3e-3),
-)  # fmt: skip
+)
 THICK = dataclasses.replace(
     METAL, discs=Discs.evenly(5, 0.4, 0.005), rest=RestShape(2.0, -1.0, 1.0)
 )
@@ -122,23 +133,36 @@ CASES = {
     'bent strip': Case(BENT_STRIP, HELICAL_TENSIONS, 'neo_hookean', loads=EVERYTHING),
     'bent tube with shear': Case(BENT_TUBE, HELICAL_TENSIONS, 'linear', True, EVERYTHING),
     'between discs': Case(
-        dataclasses.replace(WOUND, discs=Discs.evenly(16, 0.4)), HELICAL_TENSIONS, 'neo_hookean',
+        dataclasses.replace(WOUND, discs=Discs.evenly(16, 0.4)),
+        HELICAL_TENSIONS,
+        'neo_hookean',
         loads=EVERYTHING,
     ),
     'between thick discs': ROD._replace(arm=THICK, shear=True),
-}  # fmt: skip
+}
 
 
 # With friction, whose equations derive from no energy.
 SMOOTH = np.random.default_rng(3).uniform(0.05, 0.4, 8)
 SLIDING = {
-    f'sliding {name}': CASES[name]._replace(arm=dataclasses.replace(
-        CASES[name].arm, friction=tuple(SMOOTH[: np.size(CASES[name].tensions)].tolist())
-    ))
-    for name in ('rubber', 'helical rubber', 'helical with shear', 'loaded helical rubber',
-                 'loaded with shear', 'loaded rod', 'in sheaths', 'bent strip',
-                 'between discs', 'between thick discs')
-}  # fmt: skip
+    f'sliding {name}': CASES[name]._replace(
+        arm=dataclasses.replace(
+            CASES[name].arm, friction=tuple(SMOOTH[: np.size(CASES[name].tensions)].tolist())
+        )
+    )
+    for name in (
+        'rubber',
+        'helical rubber',
+        'helical with shear',
+        'loaded helical rubber',
+        'loaded with shear',
+        'loaded rod',
+        'in sheaths',
+        'bent strip',
+        'between discs',
+        'between thick discs',
+    )
+}
 
 
 class Solved(NamedTuple):

@@ -99,9 +99,10 @@ def thin_round_a_post(young: float) -> tuple[Arm, Cylinder, float]:
     """An arm of 2 mm below a post, which a force on its tip pulls up round it: 30 E J / r^2."""
     radius, post = 2e-3, 0.04
     arm = Arm(
-        Material(young, 0.5, 1000.0), Body(LENGTH, radius, radius),
+        Material(young, 0.5, 1000.0),
+        Body(LENGTH, radius, radius),
         (Section(LENGTH, 1e-3, 1e-3, angles=(0.0, math.pi)),),
-    )  # fmt: skip
+    )
     force = 30.0 * young * 0.25 * math.pi * radius**4 / (post + radius) ** 2
     return arm, Cylinder((0.2, post + radius, 0.0), (0.0, 0.0, 1.0), post, stiffness=1e7), force
 
@@ -150,9 +151,11 @@ def test_the_jacobian_is_the_derivative_of_the_imbalance(name):
 
 
 LEANING = solver_of(
-    floor(0.02, 2e6), Sphere((0.3, 0.13, -0.015), 0.04, stiffness=2e6),
-    loads=Loads(gravity=(0.0, 0.1, -0.6)), stations=5,
-)  # fmt: skip
+    floor(0.02, 2e6),
+    Sphere((0.3, 0.13, -0.015), 0.04, stiffness=2e6),
+    loads=Loads(gravity=(0.0, 0.1, -0.6)),
+    stations=5,
+)
 PULL = np.array([[0.05, 0.02]])
 
 
@@ -205,9 +208,7 @@ def test_the_base_may_be_anywhere():
     gravity, normal = turn @ GRAVITY, turn @ [0.0, 0.0, 1.0]
     point = turn @ [0.0, 0.0, -RADIUS - 1e-3] + moved.position
     loads = Loads(tuple(gravity), obstacles=(Plane(tuple(point), tuple(normal), stiffness=1e6),))
-    other = Solver(
-        ROD, 'exact', 901, moved, material='linear', loads=loads, accuracy=1e-6
-    )  # fmt: skip
+    other = Solver(ROD, 'exact', 901, moved, material='linear', loads=loads, accuracy=1e-6)
     again = other.solve(SLACK)
     assert again.position == pytest.approx(found.position @ turn.T + moved.position, abs=1e-9)
     force = other.contacts(again).force[0]

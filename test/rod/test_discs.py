@@ -192,9 +192,12 @@ def test_one_tendon_with_friction_between_two_discs_by_hand():
     # The far piece bends by T_2, the near one by T_1: T_2 = T_1 exp(-mu phi).
     stiff = Material(40e9, 0.3)
     arm = Arm(
-        stiff, Body(0.2, 0.001, 0.001, 0.02), (Section(0.2, 0.02, 0.02, (0.0,)),),
-        friction=(0.4,), discs=Discs.evenly(2, 0.2),
-    )  # fmt: skip
+        stiff,
+        Body(0.2, 0.001, 0.001, 0.02),
+        (Section(0.2, 0.02, 0.02, (0.0,)),),
+        friction=(0.4,),
+        discs=Discs.evenly(2, 0.2),
+    )
     one = solver(arm, stations=41)
     shape = one.solve([[1.0]])
     unit = chords_of(one, shape, 0)

@@ -93,11 +93,13 @@ def test_a_wound_tendon_meets_its_length_beside_others_held_by_tension(solver):
         ('rao2021', {'axial_stiffness': ()}, {'tendon_2_1': 0.9}, 0.0),
         ('renda2012_prototype', {'axial_stiffness': (800.0,)}, {'tendon_1_1': 30.0}, 0.6387),
         (
-            'renda2012_prototype', {'axial_stiffness': (800.0,), 'free_length': (0.5,)},
-            {'tendon_1_1': 30.0}, 1.8214,
+            'renda2012_prototype',
+            {'axial_stiffness': (800.0,), 'free_length': (0.5,)},
+            {'tendon_1_1': 30.0},
+            1.8214,
         ),
     ],
-)  # fmt: skip
+)
 def test_a_displacement_longer_than_what_there_is_to_reel_in_is_told_as_that(
     name, changes, asked, stretch
 ):
@@ -275,10 +277,13 @@ def test_a_tendon_stretches_by_its_tension_at_every_station():
     young, radius, length, offset, mu, pull = 1e5, 0.01, 0.4, 0.006, 0.3, 3.0
     stretching, free = 200.0, 0.5
     arm = Arm(
-        Material(young, 0.5), Body(length, radius, radius),
-        (Section(length, offset, offset, angles=(0.0,)),), friction=(mu,),
-        axial_stiffness=(stretching,), free_length=(free,),
-    )  # fmt: skip
+        Material(young, 0.5),
+        Body(length, radius, radius),
+        (Section(length, offset, offset, angles=(0.0,)),),
+        friction=(mu,),
+        axial_stiffness=(stretching,),
+        free_length=(free,),
+    )
     solver = Solver(arm, 'exact', material='linear')
     backbone = solver.solve([[pull]])
     # T = 1 / (1 / T_0 + rate s), and the arm bends by T y / (E J) and is compressed by T / (E A).

@@ -119,12 +119,14 @@ def test_a_helical_tendon_twists_and_bends_by_four_equations():
             twist, about_out, about_around, stretch = x
             u = np.array([stretch - y * about_around, 0.0, y * (twist + rate)])
             unit = u / np.linalg.norm(u)
-            return np.array([
-                torsion * twist + pull * y * unit[2],
-                bending * about_out,
-                bending * about_around - pull * y * unit[0],
-                axial * (stretch - 1.0) + pull * unit[0],
-            ])  # fmt: skip
+            return np.array(
+                [
+                    torsion * twist + pull * y * unit[2],
+                    bending * about_out,
+                    bending * about_around - pull * y * unit[0],
+                    axial * (stretch - 1.0) + pull * unit[0],
+                ]
+            )
 
         found = root(left, [0.0, 0.0, 0.0, 1.0], tol=1e-14).x
         n, b = found[1] * out + found[2] * around

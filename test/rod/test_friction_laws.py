@@ -239,8 +239,9 @@ def test_a_batch_is_its_arms_one_by_one():
         assert batch.tendon_tensions.shape == (3, batch.s.size, 6)
         for number, tensions in enumerate(several):
             for found, one in (
-                (batch, solver.solve(tensions)), (followed, solver.follow(tensions, last))
-            ):  # fmt: skip
+                (batch, solver.solve(tensions)),
+                (followed, solver.follow(tensions, last)),
+            ):
                 assert_allclose(found.position[number], one.position, atol=1e-10)
                 assert_allclose(found.tendon_tensions[number], one.tendon_tensions, atol=1e-9)
 

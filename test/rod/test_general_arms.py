@@ -67,17 +67,29 @@ def test_the_same_arm_said_in_other_words_has_the_same_shape(model):
     tabulated = Arm(
         Material(Table(s, 61 * (1.5e5,)), Constant(0.4)),
         ProfiledBody(0.3, Table(s, tuple(CONE.radius(s).tolist()))),
-        (RoutedSection(0.3, tuple(
-            Tendon(Table((0.0, 0.3), (0.008, 0.004)), Constant(angle)) for angle in quarters
-        )),),
-    )  # fmt: skip
+        (
+            RoutedSection(
+                0.3,
+                tuple(
+                    Tendon(Table((0.0, 0.3), (0.008, 0.004)), Constant(angle))
+                    for angle in quarters
+                ),
+            ),
+        ),
+    )
     functions = Arm(
         Material(Function(lambda s: 1.5e5 + 0 * s, 0.3), 0.4),
         ProfiledBody(0.3, Function(CONE.radius, 0.3)),
-        (RoutedSection(0.3, tuple(
-            Tendon(Function(lambda s: 0.008 - s / 75, 0.3), Constant(angle)) for angle in quarters
-        )),),
-    )  # fmt: skip
+        (
+            RoutedSection(
+                0.3,
+                tuple(
+                    Tendon(Function(lambda s: 0.008 - s / 75, 0.3), Constant(angle))
+                    for angle in quarters
+                ),
+            ),
+        ),
+    )
     pulls = [[0.5, 0.2, 0.0, 0.0]]
     expected = Solver(plain, model).solve(pulls)
     for arm in (tabulated, functions):
@@ -214,9 +226,11 @@ def fibres(shape: str) -> tuple[FloatArray, FloatArray, Arm]:
     radius = 0.008 + 0.002 * points
     parts = np.outer(weights * radius, np.ones(64))
     place = np.outer(radius, np.cos(angle))
-    return place.ravel(), (parts / parts.sum()).ravel(), Arm(
-        soft, Body(LENGTH, 0.01, 0.01, 0.0, 0.006), section
-    )  # fmt: skip
+    return (
+        place.ravel(),
+        (parts / parts.sum()).ravel(),
+        Arm(soft, Body(LENGTH, 0.01, 0.01, 0.0, 0.006), section),
+    )
 
 
 @pytest.mark.parametrize(('shape', 'error'), [('strip', 0.12), ('tube', 0.25)])
@@ -336,8 +350,12 @@ def test_chords_between_discs_of_a_bent_rod_are_those_of_its_arc():
 def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring():
     # A force along the chord of a short arc: sections under no moment curve by 1 / w, to first
     # order, as all fibres of a ring are stretched in proportion.
-    soft = Arm(Material(1e5, 0.5), Body(0.02, 0.004, 0.004), (Section(0.02, 0.0, 0.0),),
-               rest=RestShape(curvature_b=1.0))  # fmt: skip
+    soft = Arm(
+        Material(1e5, 0.5),
+        Body(0.02, 0.004, 0.004),
+        (Section(0.02, 0.0, 0.0),),
+        rest=RestShape(curvature_b=1.0),
+    )
     pull = 4.0 * 1e5 / 3.0 * math.pi * 0.004**2 * (1.2 - 1.0 / 1.2**2) / 4.0
     base = Solver(soft, 'exact', loads=Loads(tip_force=(pull, 0.01 * pull, 0.0)))
     found = base.solve(np.zeros((1, 4)))
@@ -374,40 +392,67 @@ def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm, what):
     ('build', 'message'),
     [
         (lambda: Arm(SOFT, ProfiledBody(0.3, Constant(-1.0)), ()), 'sections is ()'),
-        (lambda: Arm(SOFT, ProfiledBody(0.3, Linear(0.01, -0.001, 0.3)), (Section(0.3, 0, 0),)),
-         'body.radius at s = '),
+        (
+            lambda: Arm(SOFT, ProfiledBody(0.3, Linear(0.01, -0.001, 0.3)), (Section(0.3, 0, 0),)),
+            'body.radius at s = ',
+        ),
         (lambda: ProfiledBody(0.3, Table((0.0, 0.2), (0.01, 0.01))), 'last s of body.profile is'),
-        (lambda: Arm(Material(Constant(0.0)), CONE, (Section(0.3, 0, 0),)),
-         'material.youngs_modulus at s = 0 m is 0.0, expected a finite number > 0 [Pa]'),
-        (lambda: Arm(Material(1e5, Constant(0.6)), CONE, (Section(0.3, 0, 0),)),
-         'material.poisson_ratio at s = 0 m is 0.6, expected a finite number in (-1, 0.5]'),
+        (
+            lambda: Arm(Material(Constant(0.0)), CONE, (Section(0.3, 0, 0),)),
+            'material.youngs_modulus at s = 0 m is 0.0, expected a finite number > 0 [Pa]',
+        ),
+        (
+            lambda: Arm(Material(1e5, Constant(0.6)), CONE, (Section(0.3, 0, 0),)),
+            'material.poisson_ratio at s = 0 m is 0.6, expected a finite number in (-1, 0.5]',
+        ),
         (lambda: Material.from_moduli(3e5, 5e4), 'material.shear_modulus is 50000.0'),
         (lambda: Section(0.3, 0.0, 0.0, angles=()), 'section.angles is (), expected at least one'),
         (lambda: Section(0.3, 0.0, 0.0, twist=(1.0,)), 'section.twist is (1.0,), expected 4'),
         (lambda: Section(0.3, 0.0, 0.0, angles=(math.nan,)), 'section.angles is nan, expected'),
         (lambda: RoutedSection(0.3, ()), 'section.tendons is (), expected at least one tendon'),
-        (lambda: RoutedSection(0.3, (Tendon(Table((0.0, 0.2), (0.0, 0.0)), Constant(0.0)),)),
-         'last s of section.tendons[1].offset is 0.2, expected at least 0.3 [m]'),
-        (lambda: Arm(SOFT, CONE, (RoutedSection(0.3, (Tendon(Constant(0.007), Constant(0.0)),)),)),
-         'sections[1].tendons[1].offset is 0.007, expected at most the radius of the bod'),
-        (lambda: Arm(SOFT, Body(0.3, 0.01, 0.01, 0.02), (Section(0.3, 0.021, 0.0),)),
-         'sections[1].offset_base is 0.021, expected at most the radius of the discs'),
-        (lambda: dataclasses.replace(TUBE, body=Body(LENGTH, 1e-3, 5e-4, 0.01, 8e-4)),
-         'body.inner_radius at s = 0.0804688 m is 0.0008, expected less than the radius'),
+        (
+            lambda: RoutedSection(0.3, (Tendon(Table((0.0, 0.2), (0.0, 0.0)), Constant(0.0)),)),
+            'last s of section.tendons[1].offset is 0.2, expected at least 0.3 [m]',
+        ),
+        (
+            lambda: Arm(
+                SOFT, CONE, (RoutedSection(0.3, (Tendon(Constant(0.007), Constant(0.0)),)),)
+            ),
+            'sections[1].tendons[1].offset is 0.007, expected at most the radius of the bod',
+        ),
+        (
+            lambda: Arm(SOFT, Body(0.3, 0.01, 0.01, 0.02), (Section(0.3, 0.021, 0.0),)),
+            'sections[1].offset_base is 0.021, expected at most the radius of the discs',
+        ),
+        (
+            lambda: dataclasses.replace(TUBE, body=Body(LENGTH, 1e-3, 5e-4, 0.01, 8e-4)),
+            'body.inner_radius at s = 0.0804688 m is 0.0008, expected less than the radius',
+        ),
         (lambda: RectangularBody(LENGTH, 0.0, 1e-3), 'body.width is 0.0, expected a finite num'),
-        (lambda: dataclasses.replace(STRIP, body=RectangularBody(LENGTH, 0.1, 0.01)),
-         'sections[1].tendons[2].offset is 0.008, expected such that the tendon is within the b'),
+        (
+            lambda: dataclasses.replace(STRIP, body=RectangularBody(LENGTH, 0.1, 0.01)),
+            'sections[1].tendons[2].offset is 0.008, expected such that the tendon is within the',
+        ),
         (lambda: GivenStiffness(axial=-1.0), 'stiffness.axial is -1.0, expected a finite stiffn'),
-        (lambda: dataclasses.replace(TUBE, stiffness=GivenStiffness(bending_n=Linear(1, -1, 0.2))),
-         'stiffness.bending_n at s = 0.1 m is 0.0, expected a finite number > 0'),
-        (lambda: dataclasses.replace(TUBE, rest=RestShape(curvature_n=130.0)),
-         'rest_curvature at s = 0 m is 130.0, expected less than 1 over the distance of what is'),
+        (
+            lambda: dataclasses.replace(
+                TUBE, stiffness=GivenStiffness(bending_n=Linear(1, -1, 0.2))
+            ),
+            'stiffness.bending_n at s = 0.1 m is 0.0, expected a finite number > 0',
+        ),
+        (
+            lambda: dataclasses.replace(TUBE, rest=RestShape(curvature_n=130.0)),
+            'rest_curvature at s = 0 m is 130.0, expected less than 1 over the distance of what',
+        ),
         (lambda: RestShape(torsion=math.nan), 'rest_torsion is nan, expected a finite number'),
-        (lambda: Dynamics(Solver(STRIP, 'exact', material='linear'),
-                          MotionProperties(normal_drag=1.0)),
-         'motion.normal_drag is 1.0, expected 0 of a rectangular body'),
+        (
+            lambda: Dynamics(
+                Solver(STRIP, 'exact', material='linear'), MotionProperties(normal_drag=1.0)
+            ),
+            'motion.normal_drag is 1.0, expected 0 of a rectangular body',
+        ),
     ],
-)  # fmt: skip
+)
 def test_impossible_arms_name_field_value_and_expectation(build, message):
     with pytest.raises(ArmDefinitionError) as refusal:
         build()
@@ -417,36 +462,46 @@ def test_impossible_arms_name_field_value_and_expectation(build, message):
 # In a file --------------------------------------------------------------------------------------
 
 THIN = {
-    'model': 'exact', 'material.youngs_modulus': YOUNG, 'material.law': 'linear',
-    'body.length': LENGTH, 'body.disc_radius': 0.01, 'sections.anchorage': [LENGTH],
-    'sections.offset_base': [OFFSET], 'sections.offset_anchorage': [OFFSET],
-}  # fmt: skip
+    'model': 'exact',
+    'material.youngs_modulus': YOUNG,
+    'material.law': 'linear',
+    'body.length': LENGTH,
+    'body.disc_radius': 0.01,
+    'sections.anchorage': [LENGTH],
+    'sections.offset_base': [OFFSET],
+    'sections.offset_anchorage': [OFFSET],
+}
 ROUND = {'body.radius_base': 1e-3, 'body.radius_tip': 1e-3}
 S = [0.0, 0.1, LENGTH]
 
 
 def test_a_file_says_all_of_it():
     values = THIN | {
-        'body.table_s': S, 'body.table_width': [3e-3, 2e-3, 1e-3],
-        'body.table_height': [1e-3, 1e-3, 2e-3], 'stiffness.bending': [0.02], 'rest_torsion': 2.0,
-        'stiffness.table_s': S, 'stiffness.table_axial': [9e4, 8e4, 7e4],
-        'rest.table_s': [0.0, LENGTH], 'rest.table_curvature_b': [1.0, 3.0],
-    }  # fmt: skip
+        'body.table_s': S,
+        'body.table_width': [3e-3, 2e-3, 1e-3],
+        'body.table_height': [1e-3, 1e-3, 2e-3],
+        'stiffness.bending': [0.02],
+        'rest_torsion': 2.0,
+        'stiffness.table_s': S,
+        'stiffness.table_axial': [9e4, 8e4, 7e4],
+        'rest.table_s': [0.0, LENGTH],
+        'rest.table_curvature_b': [1.0, 3.0],
+    }
     arm = Config.from_parameters(values).arm
     assert arm == dataclasses.replace(
         STRIP,
         material=Material(YOUNG),
         body=RectangularBody(
-            LENGTH, Table(tuple(S), (3e-3, 2e-3, 1e-3), 'body.table_width'),
-            Table(tuple(S), (1e-3, 1e-3, 2e-3), 'body.table_height'), 0.01,
+            LENGTH,
+            Table(tuple(S), (3e-3, 2e-3, 1e-3), 'body.table_width'),
+            Table(tuple(S), (1e-3, 1e-3, 2e-3), 'body.table_height'),
+            0.01,
         ),
         stiffness=GivenStiffness(
             Table(tuple(S), (9e4, 8e4, 7e4), 'stiffness.table_axial'), 0.02, 0.02
         ),
-        rest=RestShape(
-            0.0, Table((0.0, LENGTH), (1.0, 3.0), 'rest.table_curvature_b'), 2.0
-        ),
-    )  # fmt: skip
+        rest=RestShape(0.0, Table((0.0, LENGTH), (1.0, 3.0), 'rest.table_curvature_b'), 2.0),
+    )
     tube = THIN | ROUND | {'body.inner_radius': 8e-4, 'rest_curvature': [3.0, 6.0]}
     arm = Config.from_parameters(tube).arm
     assert (arm.body, arm.rest) == (TUBE.body, RestShape(3.0, 6.0))
@@ -460,15 +515,23 @@ def test_a_file_says_all_of_it():
         ({'body.width': 1e-3}, 'body.height is 0.0, expected a finite number > 0'),
         (ROUND | {'rest_curvature': [1.0]}, 'rest_curvature has 1 values, expected 2, about n an'),
         (ROUND | {'stiffness.bending': [1.0] * 3}, 'stiffness.bending has 3 values, expected 2'),
-        (ROUND | {'rest_torsion': 1.0, 'rest.table_s': [0.0, LENGTH],
-                  'rest.table_torsion': [1.0, 2.0]},
-         'rest.table_torsion and the same for all s are given, expected one of both'),
+        (
+            ROUND
+            | {
+                'rest_torsion': 1.0,
+                'rest.table_s': [0.0, LENGTH],
+                'rest.table_torsion': [1.0, 2.0],
+            },
+            'rest.table_torsion and the same for all s are given, expected one of both',
+        ),
         (ROUND | {'stiffness.table_s': [0.0, LENGTH]}, 'stiffness.table_s has no effect without'),
-        ({'body.width': 1e-3, 'body.height': 1e-3, 'body.table_s': [0.0, LENGTH]},
-         'body.table_s has no effect without'),
+        (
+            {'body.width': 1e-3, 'body.height': 1e-3, 'body.table_s': [0.0, LENGTH]},
+            'body.table_s has no effect without',
+        ),
         (ROUND | {'rest.table_torsion': [1.0]}, 'rest.table_torsion has 1 values, expected 0'),
     ],
-)  # fmt: skip
+)
 def test_what_does_not_fit_together_is_named(changes, message):
     with pytest.raises(OctoArmError) as refusal:
         Config.from_parameters(THIN | changes)

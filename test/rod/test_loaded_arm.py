@@ -373,8 +373,12 @@ def test_the_metal_rod_is_that_of_a_boundary_value_solver():
     assert_allclose(found.position, expected.position, atol=1e-6 * 0.4)
     rotation = Rotation.from_quat(found.quaternion).as_matrix()
     assert_allclose(rotation, expected.rotation, atol=1e-5)
-    assert np.linalg.norm(found.tip - Solver(METAL, 'exact', material='linear').solve(
-        ROD_TENSIONS).tip) > 0.05  # fmt: skip
+    assert (
+        np.linalg.norm(
+            found.tip - Solver(METAL, 'exact', material='linear').solve(ROD_TENSIONS).tip
+        )
+        > 0.05
+    )
 
 
 def test_so_is_a_helical_arm_under_every_load():
@@ -537,7 +541,8 @@ def test_a_slender_arm_that_coils_is_resolved_however_even_its_curvature(turns):
     assert error < 2e-7 * METAL.length
     expected = jacobian(
         lambda first: unloaded.solve([[first[0], 0.0, 0.0], [0.0, 0.0, 0.0]]).tip,
-        [tensions[0, 0]], step,
-    )  # fmt: skip
+        [tensions[0, 0]],
+        step,
+    )
     by_tension = solver.sensitivity(solver.solve(tensions)).by_tension.pose[-1, :3, :1]
     assert_allclose(by_tension, expected, rtol=0.0, atol=2e-5 * abs(expected).max())

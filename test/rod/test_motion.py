@@ -228,9 +228,10 @@ def test_a_rod_that_rotates_is_stretched_by_its_own_inertia():
     found = dynamics.backbone(state)
     np.testing.assert_allclose(np.linalg.norm(found.tip), math.tan(k * 0.45) / k, rtol=1e-5)
     np.testing.assert_allclose(
-        found.tip, np.linalg.norm(found.tip) * np.array([math.cos(angle), math.sin(angle), 0.0]),
+        found.tip,
+        np.linalg.norm(found.tip) * np.array([math.cos(angle), math.sin(angle), 0.0]),
         atol=2e-4,
-    )  # fmt: skip
+    )
     speed = np.linalg.norm(dynamics.velocities(state), axis=1)
     expected = omega * np.linalg.norm(found.position, axis=1)
     np.testing.assert_allclose(speed, expected, rtol=1e-3, atol=1e-6)

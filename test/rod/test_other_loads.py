@@ -154,10 +154,12 @@ def with_magnitudes(magnitudes: np.ndarray) -> Loads:
     return Loads(
         gravity=tuple(gravity),
         points=(*ACTING.points, points),
-        distributed=(DistributedLoad(spread.s, tuple(
-            tuple(distributed * np.array(force)) for force in spread.force
-        )),),
-    )  # fmt: skip
+        distributed=(
+            DistributedLoad(
+                spread.s, tuple(tuple(distributed * np.array(force)) for force in spread.force)
+            ),
+        ),
+    )
 
 
 @pytest.mark.parametrize(('law', 'shear'), [('neo_hookean', False), ('linear', True)])
@@ -176,9 +178,9 @@ def test_by_differences(law, shear):
 
     own = solver(np.zeros(3))
     change = own.sensitivity_to_loads(own.solve(GIVEN), EACH)
-    found = np.concatenate([
-        change.pose[:, :3].reshape(-1, 3), change.strain.reshape(-1, 3), change.tendon_length
-    ])  # fmt: skip
+    found = np.concatenate(
+        [change.pose[:, :3].reshape(-1, 3), change.strain.reshape(-1, 3), change.tendon_length]
+    )
     expected = jacobian(outcome, np.zeros(3), 0.05)
     positions = 3 * 41
     parts = slice(0, positions), slice(positions, 7 * 41), slice(7 * 41, None)

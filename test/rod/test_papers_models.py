@@ -164,9 +164,9 @@ TENSIONS = np.array(FETCHING_IN_SPACE) + [[0.05], [0.3], [1.0]]
 def test_derivatives_by_tensions_are_those_of_differences(table4, papers_model):
     solver = Solver(table4.arm, papers_model)
     change = solver.sensitivity(solver.solve(TENSIONS)).by_tension
-    got = np.concatenate([
-        change.tip[:3], *change.strain[::10].transpose(1, 0, 2), change.tendon_length
-    ])  # fmt: skip
+    got = np.concatenate(
+        [change.tip[:3], *change.strain[::10].transpose(1, 0, 2), change.tendon_length]
+    )
 
     def outcome(tensions):
         shape = solver.solve(tensions.reshape(3, 4))
@@ -222,11 +222,13 @@ def test_the_error_of_the_model_is_added_to_the_covariance(table4, papers_model)
     solver = Solver(table4.arm, papers_model, 31)
     backbone = solver.solve(TENSIONS)
     without = solver.tip_covariance(backbone, Uncertainty(0.01))
-    known = Config.from_parameters({
-        **load_parameters('renda2012_table4'),
-        'tension_stddev': 0.01,
-        'model_error_stddev': 0.014,
-    }).uncertainty  # fmt: skip
+    known = Config.from_parameters(
+        {
+            **load_parameters('renda2012_table4'),
+            'tension_stddev': 0.01,
+            'model_error_stddev': 0.014,
+        }
+    ).uncertainty
     added = solver.tip_covariance(backbone, known) - without
     position, rotation = (0.014 * table4.arm.length) ** 2, (2.0 * 0.014) ** 2
     assert_allclose(added, np.diag(3 * [position] + 3 * [rotation]), atol=1e-12)

@@ -74,10 +74,11 @@ def test_four_equal_tendons_shorten_the_arm_and_keep_it_straight(preset, papers_
     # Each section alone: N = -4 T, so the arm shortens by the integral of 4 T / EA.
     body, young = preset.arm.body, preset.arm.material.youngs_modulus
     shorter = sum(
-        0.2 * section.anchorage
+        0.2
+        * section.anchorage
         / (young * math.pi * body.radius_base * float(body.radius(section.anchorage)))
         for section in preset.arm.sections
-    )  # fmt: skip
+    )
     assert preset.arm.length - backbone.tip[0] == pytest.approx(shorter, rel=1e-6)
 
 
@@ -233,17 +234,33 @@ NO_ROWS = r'numbers in rows of equal length.*\(\.\.\., 3, 4\)'
 @pytest.mark.parametrize(
     ('given', 'message'),
     [
-        *(([[0] * 4, [0, 0, bad, 0], [0] * 4],
-           f'^tension of tendon_2_3 is {bad!r} N, expected a finite number >= 0$')
-          for bad in (-1.0, -1e-300, math.nan, math.inf, -math.inf)),
-        *((np.zeros(shape), rf'^tensions have shape {re.escape(str(shape))}, {SHAPES}')
-          for shape in ((), (4,), (12,), (4, 3), (2, 4), (3, 3), (3, 4, 1))),
-        *((bad, NO_ROWS) for bad in (
-            [[1, 2, 3, 4], [1, 2]], 'four', [[1, 2, 3, 'x']] * 3, {'a': 1}, [[True, 2, 3, 4]] * 3,
-            [[1, 2, 3, np.True_]] * 3, np.ones((3, 4), bool), [[None] * 4] * 3, [[True] * 4] * 3,
-        )),
+        *(
+            (
+                [[0] * 4, [0, 0, bad, 0], [0] * 4],
+                f'^tension of tendon_2_3 is {bad!r} N, expected a finite number >= 0$',
+            )
+            for bad in (-1.0, -1e-300, math.nan, math.inf, -math.inf)
+        ),
+        *(
+            (np.zeros(shape), rf'^tensions have shape {re.escape(str(shape))}, {SHAPES}')
+            for shape in ((), (4,), (12,), (4, 3), (2, 4), (3, 3), (3, 4, 1))
+        ),
+        *(
+            (bad, NO_ROWS)
+            for bad in (
+                [[1, 2, 3, 4], [1, 2]],
+                'four',
+                [[1, 2, 3, 'x']] * 3,
+                {'a': 1},
+                [[True, 2, 3, 4]] * 3,
+                [[1, 2, 3, np.True_]] * 3,
+                np.ones((3, 4), bool),
+                [[None] * 4] * 3,
+                [[True] * 4] * 3,
+            )
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_set_of_tensions_is_refused_by_name(table4, given, message):
     with pytest.raises(TensionError, match=message):
         table4.solver('closed_form').solve(given)

@@ -89,8 +89,9 @@ def refusal(arm: Arm, tensions: list[float], is_loaded: bool, law: str) -> str:
 
 @LOADS
 def test_rubber_is_not_compressed_to_nothing(is_loaded):
-    part = [refusal(COLUMN, 4 * [pull * AXIAL], is_loaded, 'neo_hookean')
-            for pull in (150.0, 250.0)]  # fmt: skip
+    part = [
+        refusal(COLUMN, 4 * [pull * AXIAL], is_loaded, 'neo_hookean') for pull in (150.0, 250.0)
+    ]
     assert not part[0]
     says = 'tensions compress a fibre of the arm to nothing at s = '
     assert part[1].startswith(says) and part[1].endswith('of its length, must be > 0.02)')
@@ -166,8 +167,11 @@ def refused(rod: Rod, family: Iterator[FloatArray], wrench: FloatArray = NOTHING
 
 
 @LAWS
-@pytest.mark.parametrize('direction', [(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)],
-                         ids=['level', 'hanging', 'upright'])  # fmt: skip
+@pytest.mark.parametrize(
+    'direction',
+    [(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)],
+    ids=['level', 'hanging', 'upright'],
+)
 @pytest.mark.parametrize('sets', [8, pytest.param(1525, marks=pytest.mark.endurance)])
 def test_arms_in_air_are_balanced_from_nothing(table4, law, direction, sets):
     x, y, z = direction

@@ -39,13 +39,18 @@ def rerouted(arm: Arm, at: float, width: float, part: float) -> Arm:
     """Likewise with tendons nearer to the midline."""
     s = np.array([0.0, at - 0.5 * width, at, at + 0.5 * width, arm.length])
     sections = tuple(
-        RoutedSection(section.anchorage, tuple(
-            Tendon(Table(tuple(s), tuple(tendon.offset.value(s) * [1.0, 1.0, part, 1.0, 1.0])),
-                   tendon.angle)
-            for tendon in section.tendons
-        ))
+        RoutedSection(
+            section.anchorage,
+            tuple(
+                Tendon(
+                    Table(tuple(s), tuple(tendon.offset.value(s) * [1.0, 1.0, part, 1.0, 1.0])),
+                    tendon.angle,
+                )
+                for tendon in section.tendons
+            ),
+        )
         for section in arm.sections
-    )  # fmt: skip
+    )
     return dataclasses.replace(arm, sections=sections)
 
 

@@ -148,8 +148,13 @@ def test_without_rviz_that_is_logged_and_the_nodes_are_started(name, monkeypatch
 
 
 def test_controllers_drive_the_tendons_of_an_arm_that_moves():
-    nodes = started('ros2_control', namespace='left', interface='position',
-                    params_file='renda2012_prototype', controllers_file='mine.yaml')  # fmt: skip
+    nodes = started(
+        'ros2_control',
+        namespace='left',
+        interface='position',
+        params_file='renda2012_prototype',
+        controllers_file='mine.yaml',
+    )
     assert nodes['octo_arm_sim', '/left']['dynamics'] is True
     assert nodes['ros2_control_node', '/left']['file'] == 'mine.yaml'
     assert '/left/tendon_states' in nodes['robot_state_publisher', '/left']['robot_description']

@@ -122,10 +122,12 @@ def test_integers_are_taken_where_numbers_are_wanted(client):
 def test_a_description_that_nobody_could_read_is_refused(client):
     small, long = 1.0000000000000002e-20, -1.0000000000000002e-100
     done, why = client.change(
-        tendons__table_offset=[long] * 20_000, tendons__table_angle=[long] * 20_000,
+        tendons__table_offset=[long] * 20_000,
+        tendons__table_angle=[long] * 20_000,
         material__table_youngs_modulus=[small] * 1000,
-        material__table_poisson_ratio=[small] * 1000, body__table_radius=[small] * 1000,
-    )  # fmt: skip
+        material__table_poisson_ratio=[small] * 1000,
+        body__table_radius=[small] * 1000,
+    )
     assert not done and 'bytes, expected at most 1048576' in why
 
 
@@ -134,7 +136,9 @@ def test_a_description_that_nobody_could_read_is_refused(client):
     [
         ('set_parameters', SetParameters, 'parameters', ParameterMessage(name='stations')),
         (
-            'set_parameters_atomically', SetParametersAtomically, 'parameters',
+            'set_parameters_atomically',
+            SetParametersAtomically,
+            'parameters',
             ParameterMessage(name='stations'),
         ),
         ('get_parameters', GetParameters, 'names', 'stations'),
@@ -142,7 +146,7 @@ def test_a_description_that_nobody_could_read_is_refused(client):
         ('describe_parameters', DescribeParameters, 'names', 'stations'),
         ('list_parameters', ListParameters, 'prefixes', 'body'),
     ],
-)  # fmt: skip
+)
 def test_a_request_is_of_no_more_parameters_than_there_are(client, service, kind, field, element):
     declared = len(client.parameter_names())
     request = kind.Request(**{field: [element] * 10 * declared})
@@ -186,10 +190,13 @@ def test_a_change_that_makes_no_arm_is_refused_as_a_whole(client, values, reason
 
 
 @pytest.mark.parametrize('kind', [SetParameters, SetParametersAtomically])
-@pytest.mark.parametrize(('given', 'type_number', 'reason'), [
-    ('stations', 77, 'stations is of type 77, expected 0 to 9'),
-    ('statoins', 2, "'statoins' is no parameter of this node"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('given', 'type_number', 'reason'),
+    [
+        ('stations', 77, 'stations is of type 77, expected 0 to 9'),
+        ('statoins', 2, "'statoins' is no parameter of this node"),
+    ],
+)
 def test_a_parameter_of_no_known_type_or_name_is_refused(client, kind, given, type_number, reason):
     is_plain = kind is SetParameters
     good = Parameter('stations', value=51).to_parameter_msg()

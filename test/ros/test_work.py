@@ -90,9 +90,12 @@ def test_a_signal_ends_the_node_in_the_middle_of_a_solve(what, name):
     domain = live_nodes.new_domain()
     program = PROGRAM.format(patch=PATCHES[what], signal=name, config=str(live_nodes.CONFIG_FILE))
     process = subprocess.Popen(
-        [sys.executable, '-c', program], env=live_nodes.environment(domain),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [sys.executable, '-c', program],
+        env=live_nodes.environment(domain),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     try:
         with contextlib.closing(live_nodes.NodeClient(domain)) as client:
             service = client.node.create_client(FindTensions, 'find_tensions')
@@ -130,8 +133,9 @@ def test_a_type_that_is_not_installed_runs_nothing_of_its_package(tmp_path, monk
 
 def test_rviz_shows_what_the_nodes_publish():
     for name, frame, prefixes in (
-        ('octo_arm', 'arm_base', ['']), ('octopus', 'octopus', [f'arm_{n}/' for n in range(1, 9)]),
-    ):  # fmt: skip
+        ('octo_arm', 'arm_base', ['']),
+        ('octopus', 'octopus', [f'arm_{n}/' for n in range(1, 9)]),
+    ):
         manager = yaml.safe_load((ROOT / 'rviz' / f'{name}.rviz').read_text())
         manager = manager['Visualization Manager']
         topics = [one['Topic']['Value'] for one in manager['Displays'] if 'Topic' in one]
@@ -146,9 +150,11 @@ def test_rviz_shows_what_the_nodes_publish():
 
 EXTREMES = (1e300, 1e160, 1e-160, 1e-300)
 LOADED = {
-    **load_parameters('renda2012_prototype'), 'stations': 11, 'model': 'exact',
+    **load_parameters('renda2012_prototype'),
+    'stations': 11,
+    'model': 'exact',
     'loads.gravity': [0.0, 0.0, -9.81],
-}  # fmt: skip
+}
 
 
 def with_extreme(parameter: Parameter, value: float) -> dict[str, Any]:

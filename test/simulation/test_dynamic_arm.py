@@ -34,9 +34,13 @@ from octo_arm_model.simulation.simulator import SimulatorConfig, TendonDrive, in
 
 PLAIN = load_config('renda2012_table4')
 CONFIG = dataclasses.replace(
-    PLAIN, model='exact', arm=PLAIN.arm.with_density(1080.0), stations=101,
-    loads=Loads((0.0, 0.0, -9.81), 1022.0), motion=MotionProperties(damping_time=0.3),
-)  # fmt: skip
+    PLAIN,
+    model='exact',
+    arm=PLAIN.arm.with_density(1080.0),
+    stations=101,
+    loads=Loads((0.0, 0.0, -9.81), 1022.0),
+    motion=MotionProperties(damping_time=0.3),
+)
 SENSORS = Sensors(marker_s=(0.1, 0.3), markers_rate=1.0)
 TENSIONS, NONE = np.repeat([0.02, 0.1, 0.3], 4) * np.tile([1.0, 0.0, 0.0, 0.5], 3), np.zeros(3)
 
@@ -155,9 +159,13 @@ TO_SIDES = np.array([1.0, 1.0, -1.0, -1.0])
 def drive(**more: Any) -> tuple[TendonDrive, SimulatorConfig]:
     """Winches of an arm that moves, strongly damped, with elastic tendons."""
     values = load_parameters('renda2012_prototype') | {
-        'dynamics': True, 'model': 'exact', 'material.density': 1080.0, 'stations': 21,
-        'motion.damping_time': 0.3, 'tendons.axial_stiffness': 4 * [500.0],
-    }  # fmt: skip
+        'dynamics': True,
+        'model': 'exact',
+        'material.density': 1080.0,
+        'stations': 21,
+        'motion.damping_time': 0.3,
+        'tendons.axial_stiffness': 4 * [500.0],
+    }
     values |= {name.replace('__', '.'): value for name, value in more.items()}
     config = SimulatorConfig.from_parameters(values)
     return TendonDrive(config), config

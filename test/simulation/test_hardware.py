@@ -65,9 +65,13 @@ def test_lag_is_stable_and_never_overshoots_however_long_a_step(given_commands, 
 
 
 @given(
-    commands, st.floats(0.1, 100.0), st.floats(1e-3, 1.0), st.floats(0.0, 1.0),
-    st.floats(0.0, 5.0), st.floats(5.0, 20.0),
-)  # fmt: skip
+    commands,
+    st.floats(0.1, 100.0),
+    st.floats(1e-3, 1.0),
+    st.floats(0.0, 1.0),
+    st.floats(0.0, 5.0),
+    st.floats(5.0, 20.0),
+)
 def test_limits_of_rate_and_force_are_kept(given_commands, rate, dt, lag, floor, limit):
     go, before = winches(rate_limit=rate, lag=lag), np.zeros(3)
     bounded = winches(slack_floor=floor, force_limit=limit)
@@ -165,8 +169,10 @@ def test_a_seed_draws_the_same_again_and_another_something_else():
 
 
 WRONG = {
-    '>= 0': (-1.0, np.nan, np.inf), '> 0': (0.0, -1.0, np.nan, np.inf), 'in [0, 1]': (1.5, np.nan),
-}  # fmt: skip
+    '>= 0': (-1.0, np.nan, np.inf),
+    '> 0': (0.0, -1.0, np.nan, np.inf),
+    'in [0, 1]': (1.5, np.nan),
+}
 
 
 @pytest.mark.parametrize(
@@ -175,8 +181,12 @@ WRONG = {
     ids=lambda one: one.name,
 )
 def test_a_number_outside_its_range_is_refused_by_name(parameter):
-    of_obstacles = {'obstacles.type': ['sphere'], 'obstacles.position': [0.0, 0.0, 1.0],
-                    'obstacles.radius': [0.1], 'obstacles.stiffness': [1e5]}  # fmt: skip
+    of_obstacles = {
+        'obstacles.type': ['sphere'],
+        'obstacles.position': [0.0, 0.0, 1.0],
+        'obstacles.radius': [0.1],
+        'obstacles.stiffness': [1e5],
+    }
     for wrong in WRONG[parameter.range]:
         given = {parameter.name: [wrong] if parameter.is_array else wrong}
         with pytest.raises(ArmDefinitionError) as caught:
@@ -204,10 +214,12 @@ def test_a_number_outside_its_range_is_refused_by_name(parameter):
         ({'elbow': 1.0}, 'elbow is no parameter of the simulator or the arm; known are rate'),
         ({'winches.lag': 'long'}, "winches.lag is 'long', expected double"),
         ({'profile.loop': 1}, 'profile.loop is 1, expected bool'),
-        ({'dynamics': True, 'material.density': 1080.0, 'rate': 0.5},
-         'rate is 0.5, expected a finite number within [1, 1000] [Hz]'),
+        (
+            {'dynamics': True, 'material.density': 1080.0, 'rate': 0.5},
+            'rate is 0.5, expected a finite number within [1, 1000] [Hz]',
+        ),
     ],
-)  # fmt: skip
+)
 def test_parameters_that_cannot_be_are_refused_by_name(values, complaint):
     with pytest.raises((ArmDefinitionError, ConfigError)) as caught:
         SimulatorConfig.from_parameters({**ARM, **values})

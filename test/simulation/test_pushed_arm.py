@@ -47,9 +47,13 @@ def test_the_shape_is_that_of_the_arm_under_the_force(s):
 
 def test_the_noise_is_as_large_as_it_is_said_to_be():
     sensors = Sensors(
-        tip_position_stddev=1e-3, tip_rotation_stddev=0.02, marker_s=PLACES, marker_stddev=2e-3,
-        base_force_stddev=3e-3, base_moment_stddev=4e-4,
-    )  # fmt: skip
+        tip_position_stddev=1e-3,
+        tip_rotation_stddev=0.02,
+        marker_s=PLACES,
+        marker_stddev=2e-3,
+        base_force_stddev=3e-3,
+        base_moment_stddev=4e-4,
+    )
     arm, exact = (PushedArm(CONFIG, Push(), own) for own in (sensors, EXACT))
     for one in (arm, exact):
         one.advance(TENSIONS, np.zeros(3))
@@ -163,11 +167,14 @@ def test_the_force_that_pushes_the_arm_is_found(name):
         arm.advance(tensions, force)
         pose = arm.tip_pose()
         read = tensions + settings.noise.tension * random.standard_normal(tensions.size)
-        tracked = tracker.add(step * 10**8, [
-            Tensions(read, settings.noise.tension),
-            TipPosition(pose.position, sensors.tip_position_stddev),
-            Markers(sensors.marker_s, arm.markers(), sensors.marker_stddev),
-        ])  # fmt: skip
+        tracked = tracker.add(
+            step * 10**8,
+            [
+                Tensions(read, settings.noise.tension),
+                TipPosition(pose.position, sensors.tip_position_stddev),
+                Markers(sensors.marker_s, arm.markers(), sensors.marker_stddev),
+            ],
+        )
         contact = contact_of(tracked.estimate, config.arm)
         away, known = contact.wrench[:3] - force, contact.covariance[:3, :3]
         errors.append(away @ np.linalg.solve(known, away))
@@ -196,11 +203,14 @@ def test_the_estimate_of_an_arm_that_swings_is_as_exact_as_it_says(name):
         # From shortly before the push begins.
         arm.advance(tensions, simulated.push.at(0.5 * PERIOD - 0.2 + 0.04 * step), 0.04)
         read = tensions + settings.noise.tension * random.standard_normal(tensions.size)
-        tracked = tracker.add(40_000_000 * step, [
-            Tensions(np.maximum(read, 0.0), settings.noise.tension),
-            TipPosition(arm.tip_pose().position, sensors.tip_position_stddev),
-            Markers(sensors.marker_s, arm.markers(), sensors.marker_stddev),
-        ])  # fmt: skip
+        tracked = tracker.add(
+            40_000_000 * step,
+            [
+                Tensions(np.maximum(read, 0.0), settings.noise.tension),
+                TipPosition(arm.tip_pose().position, sensors.tip_position_stddev),
+                Markers(sensors.marker_s, arm.markers(), sensors.marker_stddev),
+            ],
+        )
         refused += len(tracked.estimate.refused)
         away = tracked.estimate.backbone.position - arm.backbone.position
         bend.append(arm.backbone.tip)

@@ -155,13 +155,24 @@ def read_cases() -> list[Case]:
         arm = content['arms'].get(case['arm'], {}) | case['changes']
         # None takes a parameter out.
         parameters = {name: value for name, value in arm.items() if value is not None}
-        expected = {name: np.array(values, dtype=float)
-                    for name, values in case.get('expected', {}).items()}  # fmt: skip
-        found.append(Case(
-            case['name'], case['kind'], parameters, case['steps'], np.array(case.get('s', [])),
-            expected, case.get('error', {}), case.get('today', {}), case.get('refused'),
-            case.get('fault', ''),
-        ))  # fmt: skip
+        expected = {
+            name: np.array(values, dtype=float)
+            for name, values in case.get('expected', {}).items()
+        }
+        found.append(
+            Case(
+                case['name'],
+                case['kind'],
+                parameters,
+                case['steps'],
+                np.array(case.get('s', [])),
+                expected,
+                case.get('error', {}),
+                case.get('today', {}),
+                case.get('refused'),
+                case.get('fault', ''),
+            )
+        )
     return found
 
 

@@ -117,8 +117,14 @@ IN_CURRENT = dataclasses.replace(
     load_config(FILE), motion=MotionProperties(current=(0.0, 0.2, 0.0))
 )
 LENGTH = IN_CURRENT.arm.length
-MOVING = {'dynamics': True, 'model': 'exact', 'material.density': 1080.0, 'rate': 20.0,
-          'motion.damping_time': 0.3, 'stations': 21}  # fmt: skip
+MOVING = {
+    'dynamics': True,
+    'model': 'exact',
+    'material.density': 1080.0,
+    'rate': 20.0,
+    'motion.damping_time': 0.3,
+    'stations': 21,
+}
 
 
 class Page:
@@ -144,8 +150,14 @@ class Page:
 
 
 def test_the_mouse_pulls_the_tip_until_it_lets_go_and_buttons_stop_and_step(server):
-    with hosting(SimulatorNode, *parameter_arguments(MOVING), files=[FILE], client=RosClient,
-                 node='octo_arm_sim', domain=new_domain()) as client:  # fmt: skip
+    with hosting(
+        SimulatorNode,
+        *parameter_arguments(MOVING),
+        files=[FILE],
+        client=RosClient,
+        node='octo_arm_sim',
+        domain=new_domain(),
+    ) as client:
         tips = client.hear(PoseWithCovarianceStamped, 'ground_truth/tip_pose')
         page = Page(server, SimulatorClient(client.node))
 

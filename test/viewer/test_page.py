@@ -72,9 +72,14 @@ def test_what_a_node_says_cannot_become_part_of_the_page():
     client = SimpleNamespace(
         shape=PublishedShape(backbone.position, backbone.quaternion, 0.0, 0.0),
         strains=PublishedStrains('<script>alert(1)</script>', *strains),
-        tip_deviation=np.zeros(3), force=None, covariance=None, latency=0.0, problem='<b>',
-        rate=lambda: 1.0, age=lambda: 0.0,
-    )  # fmt: skip
+        tip_deviation=np.zeros(3),
+        force=None,
+        covariance=None,
+        latency=0.0,
+        problem='<b>',
+        rate=lambda: 1.0,
+        age=lambda: 0.0,
+    )
     text = numbers.live(client)
     assert '<script>' not in text and '&lt;script&gt;' in text and '<b>' not in text
 
@@ -103,9 +108,7 @@ def test_sliders_reach_what_the_arm_bears_and_every_figure(name):
     for tensions in figures(arm).values():
         assert (tensions <= highest + 1e-12).all()
     find_profile(movement_of(arm), arm)
-    expected = {
-        'renda2012_table2': ['11 A', '11 B', '11 C'], 'renda2012_table4': ['14', '15'],
-    }  # fmt: skip
+    expected = {'renda2012_table2': ['11 A', '11 B', '11 C'], 'renda2012_table4': ['14', '15']}
     assert list(figures(arm)) == expected.get(name, [])
 
 
@@ -204,12 +207,17 @@ def test_the_page_is_for_this_machine_alone_and_named(server):
     [
         (viewer, ('--port', '99999'), 'port is 99999, expected 1 to 65535'),
         (octopus, ('--port', '99999'), 'port is 99999, expected 1 to 65535'),
-        (viewer, ('--allow-origin', 'arm.lab'),
-         "origin is 'arm.lab', expected one such as http://arm.lab:8080"),
-        *((viewer, ('--namespace', name), f'namespace is {name!r}, expected one such as arm_3')
-          for name in ('a b', 'arm_3/', '3')),
+        (
+            viewer,
+            ('--allow-origin', 'arm.lab'),
+            "origin is 'arm.lab', expected one such as http://arm.lab:8080",
+        ),
+        *(
+            (viewer, ('--namespace', name), f'namespace is {name!r}, expected one such as arm_3')
+            for name in ('a b', 'arm_3/', '3')
+        ),
     ],
-)  # fmt: skip
+)
 def test_wrong_input_is_one_clear_line(program, arguments, words, capsys):
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

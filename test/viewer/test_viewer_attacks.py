@@ -26,14 +26,24 @@ NAMES = CONFIG.arm.tendon_names
 EVIL = 'http://evil.example'
 NAN, INF = math.nan, math.inf
 CAMERA = {
-    'type': 'ViewerCameraMessage', 'wxyz': [1.0, 0.0, 0.0, 0.0], 'position': [1.0, 1.0, 1.0],
-    'fov': 0.7, 'near': 0.01, 'far': 100, 'image_height': 600, 'image_width': 800,
-    'look_at': [0, 0, 0], 'up_direction': [0, 0, 1],
-}  # fmt: skip
+    'type': 'ViewerCameraMessage',
+    'wxyz': [1.0, 0.0, 0.0, 0.0],
+    'position': [1.0, 1.0, 1.0],
+    'fov': 0.7,
+    'near': 0.01,
+    'far': 100,
+    'image_height': 600,
+    'image_width': 800,
+    'look_at': [0, 0, 0],
+    'up_direction': [0, 0, 1],
+}
 DRAG = {
-    'type': 'TransformControlsUpdateMessage', 'name': '/target', 'wxyz': [1.0, 0.0, 0.0, 0.0],
-    'position': [0.3, 0.1, 0.0], 'owner': '',
-}  # fmt: skip
+    'type': 'TransformControlsUpdateMessage',
+    'name': '/target',
+    'wxyz': [1.0, 0.0, 0.0, 0.0],
+    'position': [0.3, 0.1, 0.0],
+    'owner': '',
+}
 
 
 class Page:
@@ -213,8 +223,12 @@ def test_the_page_alone_is_served_under_its_own_names_and_connects_nowhere_else(
 
 
 def test_what_is_no_request_and_connections_that_say_nothing_are_survived(viewer):
-    for data in (b'\x16\x03\x01\x02\x00', b'GET\r\n\r\n', 70000 * b'x',
-                 b'POST / HTTP/1.1\r\n\r\n'):  # fmt: skip
+    for data in (
+        b'\x16\x03\x01\x02\x00',
+        b'GET\r\n\r\n',
+        70000 * b'x',
+        b'POST / HTTP/1.1\r\n\r\n',
+    ):
         with socket.create_connection(('127.0.0.1', viewer.number), timeout=DEADLINE) as raw:
             with contextlib.suppress(ConnectionError):  # may end before all is sent
                 raw.sendall(data)
@@ -244,9 +258,14 @@ def test_many_pages_are_as_many_as_can_be_served(viewer):
 
 LABELS = 'Speed', NAMES[4], 'Movement', 'Let all go slack', 'Loop'
 MORE = (
-    {'update_cb': []}, {'sync_cb': None}, {'removed': True}, {'is_button': True},
-    {'nothing_of_that_name': 1}, {'value': 1.0, 'update_cb': []}, {},
-)  # fmt: skip
+    {'update_cb': []},
+    {'sync_cb': None},
+    {'removed': True},
+    {'is_button': True},
+    {'nothing_of_that_name': 1},
+    {'value': 1.0, 'update_cb': []},
+    {},
+)
 SPEEDS = 0, 0.05, -1.0, NAN, INF, 1e300, 'x'
 PROFILES = '/etc/passwd', '/etc/passwd.csv', '../x.yaml', '', 1, None
 TENSIONS = 1e6, 4.1, -5, -1e-3, NAN, INF, -INF, True, None, 'x', [], {}, 2**63
@@ -274,27 +293,62 @@ def test_controls_are_set_within_their_bounds_alone(viewer, updates):
 
 
 MESSAGES = [
-    *({**DRAG, **change} for change in (
-        *({'position': [x, 0.0, 0.0]} for x in (NAN, INF, 1e300)), {'position': [0.0, 0.0]},
-        {'position': 'x'}, {'wxyz': [NAN, 0.0, 0.0, 0.0]}, {'name': '/arm'},
-        {'name': '/nothing'}, {'owner': 'x'}, {'more': 1},
-    )),
-    *({**CAMERA, **change} for change in (
-        {'fov': NAN}, {'position': [NAN, 0.0, 0.0]}, {'look_at': [1e300, 0.0, 0.0]},
-        {'wxyz': [1.0]}, {'image_width': 10**9}, {'more': 1},
-    )),
+    *(
+        {**DRAG, **change}
+        for change in (
+            *({'position': [x, 0.0, 0.0]} for x in (NAN, INF, 1e300)),
+            {'position': [0.0, 0.0]},
+            {'position': 'x'},
+            {'wxyz': [NAN, 0.0, 0.0, 0.0]},
+            {'name': '/arm'},
+            {'name': '/nothing'},
+            {'owner': 'x'},
+            {'more': 1},
+        )
+    ),
+    *(
+        {**CAMERA, **change}
+        for change in (
+            {'fov': NAN},
+            {'position': [NAN, 0.0, 0.0]},
+            {'look_at': [1e300, 0.0, 0.0]},
+            {'wxyz': [1.0]},
+            {'image_width': 10**9},
+            {'more': 1},
+        )
+    ),
     {'type': 'ShareUrlRequest'},
     {'type': 'RunJavascriptMessage', 'source': 'alert(1)'},
     {'type': 'GuiFormDirtyMessage', 'uuid': 'a'},
     {'type': 'GuiFormSubmitMessage', 'uuid': 'a'},
     {'type': 'CommandTriggerMessage', 'uuid': 'a'},
-    {'type': 'FileTransferStartUpload', 'source_component_uuid': 'SLIDER', 'transfer_uuid': 'a',
-     'filename': '/etc/x', 'mime_type': 'x', 'part_count': 0, 'size_bytes': 0},
-    {'type': 'FileTransferPart', 'source_component_uuid': 'SLIDER', 'transfer_uuid': 'a',
-     'part_index': 0, 'content': 1000 * b'x'},
-    {'type': 'NoSuchMessage'}, {'type': 5}, {}, [], 5, b'', b'\xc1', 30_000 * b'\x91',
-    b'\xdf\xff\xff\xff\xff', 'text',
-]  # fmt: skip
+    {
+        'type': 'FileTransferStartUpload',
+        'source_component_uuid': 'SLIDER',
+        'transfer_uuid': 'a',
+        'filename': '/etc/x',
+        'mime_type': 'x',
+        'part_count': 0,
+        'size_bytes': 0,
+    },
+    {
+        'type': 'FileTransferPart',
+        'source_component_uuid': 'SLIDER',
+        'transfer_uuid': 'a',
+        'part_index': 0,
+        'content': 1000 * b'x',
+    },
+    {'type': 'NoSuchMessage'},
+    {'type': 5},
+    {},
+    [],
+    5,
+    b'',
+    b'\xc1',
+    30_000 * b'\x91',
+    b'\xdf\xff\xff\xff\xff',
+    'text',
+]
 
 
 def test_what_no_page_here_asks_for_is_passed_over(viewer):

@@ -22,9 +22,11 @@ from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS, MeasuredArm, te
 from octo_arm_model.wire.tensions import JOINT_STATE, FieldMessage
 
 PARAMETERS = {
-    **load_parameters('renda2012_prototype'), 'base.position': [0.1, -0.2, 0.3],
-    'model': 'exact', 'stations': 41,
-}  # fmt: skip
+    **load_parameters('renda2012_prototype'),
+    'base.position': [0.1, -0.2, 0.3],
+    'model': 'exact',
+    'stations': 41,
+}
 CONFIG = Config.from_parameters(PARAMETERS)
 FRAME = CONFIG.base_frame
 MARKERS = (0.0675, 0.135, 0.27)
@@ -33,9 +35,10 @@ TURN = Rotation.from_rotvec([0.4, -1.1, 0.7])
 SHIFT = np.array([0.5, -0.3, 0.2])
 STAMP = 1_700_000_000 * 10**9 + 5
 VALUES = {
-    'estimator.marker_s': list(MARKERS), 'estimator.base_force_stddev': 0.02,
+    'estimator.marker_s': list(MARKERS),
+    'estimator.base_force_stddev': 0.02,
     'estimator.base_moment_stddev': 0.003,
-}  # fmt: skip
+}
 
 
 def arm(values: dict[str, Any] = VALUES, pose_of: Any = None, **changes: Any) -> MeasuredArm:
@@ -57,9 +60,10 @@ def truth():
 
 def tip_pose(at: FloatArray, turned: FloatArray, covariance: FloatArray, frame: str) -> Any:
     with_covariance = make(
-        'geometry_msgs/msg/PoseWithCovariance', pose=pose(at, turned),
+        'geometry_msgs/msg/PoseWithCovariance',
+        pose=pose(at, turned),
         covariance=covariance.ravel(),
-    )  # fmt: skip
+    )
     name = 'geometry_msgs/msg/PoseWithCovarianceStamped'
     return make(name, header=header(STAMP, frame), pose=with_covariance)
 
@@ -88,14 +92,12 @@ def messages(truth: Prediction, frame: str) -> dict[str, Any]:
     force = WRENCH[:3]
     moment = WRENCH[3:] + np.cross(shape.tip - shift, force)  # about the origin of the frame
     return {
-        'measured/tip_pose': tip_pose(
-            back.apply(shape.tip - shift), turned, covariance, frame
-        ),
+        'measured/tip_pose': tip_pose(back.apply(shape.tip - shift), turned, covariance, frame),
         'measured/markers': markers(back.apply(shape.position[at] - shift), frame),
         'measured/base_wrench': base_wrench(
             np.concatenate([back.apply(force), back.apply(moment)]), frame
         ),
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize('frame', [FRAME, '', 'camera'])
@@ -199,42 +201,89 @@ def test_displacements_are_of_the_tendons_named(truth):
 @pytest.mark.parametrize(
     ('name', 'message', 'values', 'words'),
     [
-        ('measured/markers', markers(np.zeros((2, 3)), FRAME), VALUES,
-         r'2 marker\(s\), expected 3'),
+        (
+            'measured/markers',
+            markers(np.zeros((2, 3)), FRAME),
+            VALUES,
+            r'2 marker\(s\), expected 3',
+        ),
         ('measured/markers', markers(np.zeros((3, 3)), FRAME), {}, 'marker_s is empty'),
-        ('measured/markers', markers(np.zeros((3, 3)), 'camera'), VALUES,
-         "its frame is 'camera', expected 'arm_base'"),
+        (
+            'measured/markers',
+            markers(np.zeros((3, 3)), 'camera'),
+            VALUES,
+            "its frame is 'camera', expected 'arm_base'",
+        ),
         ('measured/markers', markers(np.full((3, 3), np.inf), FRAME), VALUES, 'is infinite'),
-        ('measured/base_wrench', base_wrench(np.zeros(6), FRAME), {},
-         'base_moment_stddev is 0: its noise is not known'),
-        ('measured/tip_pose',
-         tip_pose(np.zeros(3), np.array([0.0, 0, 0, 2]), np.eye(6), FRAME), {},
-         'quaternion .* expected length 1'),
-        ('measured/tip_pose',
-         tip_pose(np.zeros(3), np.zeros(4), np.eye(6), FRAME), {}, 'expected length 1'),
-        ('measured/tip_pose',
-         tip_pose(np.zeros(3), np.array([0.0, 0, 0, 1e-320]), np.eye(6), FRAME), {},
-         'expected length 1'),
-        ('measured/tip_pose',
-         tip_pose(np.zeros(3), np.array([1e200, 0, 0, 1.0]), np.eye(6), FRAME), {}, 'expected'),
-        ('measured/tip_pose',
-         tip_pose(np.zeros(3), np.array([0.0, 0, 0, 1]), -np.eye(6), FRAME), {},
-         'its covariance is -1 at 0, 0, expected a positive definite one$'),
-        ('measured/tip_pose',
-         tip_pose(np.zeros(3), np.array([0.0, 0, 0, 1]), np.diag([1.0, 1, 0, 1, 1, 1]), FRAME),
-         {}, 'tip pose: the variance of number 3 of 6 is 0, expected a positive definite covar'),
-        ('measured/tip_pose',
-         tip_pose(np.zeros(3), np.array([0.0, 0, 0, 1]), np.ones((6, 6)) + np.eye(6) - 2.0 * (
-             np.eye(6, k=1) + np.eye(6, k=-1)), FRAME),
-         {}, 'tip pose: some combination of its 6 numbers has a variance of -'),
-        ('measured/tip_pose',
-         tip_pose(np.zeros(3), np.array([0.0, 0, 0, 1]), np.eye(6) + 0.5 * np.eye(6, k=1), FRAME),
-         {}, 'covariance is 0.5 at 0, 1 and 0 at 1, 0, expected a symmetric one'),
-        ('measured/tip_pose',
-         tip_pose(np.full(3, np.nan), np.array([0.0, 0, 0, 1]), np.eye(6), FRAME), {},
-         'expected finite numbers'),
+        (
+            'measured/base_wrench',
+            base_wrench(np.zeros(6), FRAME),
+            {},
+            'base_moment_stddev is 0: its noise is not known',
+        ),
+        (
+            'measured/tip_pose',
+            tip_pose(np.zeros(3), np.array([0.0, 0, 0, 2]), np.eye(6), FRAME),
+            {},
+            'quaternion .* expected length 1',
+        ),
+        (
+            'measured/tip_pose',
+            tip_pose(np.zeros(3), np.zeros(4), np.eye(6), FRAME),
+            {},
+            'expected length 1',
+        ),
+        (
+            'measured/tip_pose',
+            tip_pose(np.zeros(3), np.array([0.0, 0, 0, 1e-320]), np.eye(6), FRAME),
+            {},
+            'expected length 1',
+        ),
+        (
+            'measured/tip_pose',
+            tip_pose(np.zeros(3), np.array([1e200, 0, 0, 1.0]), np.eye(6), FRAME),
+            {},
+            'expected',
+        ),
+        (
+            'measured/tip_pose',
+            tip_pose(np.zeros(3), np.array([0.0, 0, 0, 1]), -np.eye(6), FRAME),
+            {},
+            'its covariance is -1 at 0, 0, expected a positive definite one$',
+        ),
+        (
+            'measured/tip_pose',
+            tip_pose(np.zeros(3), np.array([0.0, 0, 0, 1]), np.diag([1.0, 1, 0, 1, 1, 1]), FRAME),
+            {},
+            'tip pose: the variance of number 3 of 6 is 0, expected a positive definite covar',
+        ),
+        (
+            'measured/tip_pose',
+            tip_pose(
+                np.zeros(3),
+                np.array([0.0, 0, 0, 1]),
+                np.ones((6, 6)) + np.eye(6) - 2.0 * (np.eye(6, k=1) + np.eye(6, k=-1)),
+                FRAME,
+            ),
+            {},
+            'tip pose: some combination of its 6 numbers has a variance of -',
+        ),
+        (
+            'measured/tip_pose',
+            tip_pose(
+                np.zeros(3), np.array([0.0, 0, 0, 1]), np.eye(6) + 0.5 * np.eye(6, k=1), FRAME
+            ),
+            {},
+            'covariance is 0.5 at 0, 1 and 0 at 1, 0, expected a symmetric one',
+        ),
+        (
+            'measured/tip_pose',
+            tip_pose(np.full(3, np.nan), np.array([0.0, 0, 0, 1]), np.eye(6), FRAME),
+            {},
+            'expected finite numbers',
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_measurement_is_refused_in_a_line(name, message, values, words):
     with pytest.raises(OctoArmError, match=words) as refused:
         MEASUREMENT_TOPICS[name].read(message, arm(values))
@@ -252,13 +301,22 @@ def test_what_is_no_number_is_refused_as_it_came(frame, value):
     points[1, 0] = value
     shown = re.escape(f'{value:g}')
     for name, message, words in (
-        ('measured/tip_pose', tip_pose(place, turned, np.eye(6), frame),
-         rf'tip pose: position is \[0.1, {re.escape(repr(value))}, 0.2\], expected '),
-        ('measured/tip_pose', tip_pose(np.zeros(3), turned, covariance, frame),
-         rf'its covariance is {shown} at 4, 4, expected finite numbers of at most 1e\+60'),
-        ('measured/base_wrench', base_wrench(wrench, frame),
-         rf'base wrench: value is \[0.1, 0.2, 0.3, {re.escape(repr(value))}, 0.0, 0.0\]'),
-    ):  # fmt: skip
+        (
+            'measured/tip_pose',
+            tip_pose(place, turned, np.eye(6), frame),
+            rf'tip pose: position is \[0.1, {re.escape(repr(value))}, 0.2\], expected ',
+        ),
+        (
+            'measured/tip_pose',
+            tip_pose(np.zeros(3), turned, covariance, frame),
+            rf'its covariance is {shown} at 4, 4, expected finite numbers of at most 1e\+60',
+        ),
+        (
+            'measured/base_wrench',
+            base_wrench(wrench, frame),
+            rf'base wrench: value is \[0.1, 0.2, 0.3, {re.escape(repr(value))}, 0.0, 0.0\]',
+        ),
+    ):
         with pytest.raises(MeasurementError, match=words):
             MEASUREMENT_TOPICS[name].read(message, seen)
     if not np.isnan(value):  # which is a marker that is hidden

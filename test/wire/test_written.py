@@ -61,12 +61,20 @@ def made_up(stations, model='closed_form', seed=0):
         return values
 
     return Backbone(
-        model=model, s=np.linspace(0.0, 0.45, stations), section=random.integers(0, 4, stations),
-        position=numbers(stations, 3), quaternion=numbers(stations, 4), tau=numbers(stations),
-        xi=numbers(stations), k=numbers(stations), q=numbers(stations),
-        tensions=numbers(*CONFIG.arm.tension_shape), tip_wrench=np.zeros(6),
-        residual=np.array(0.0), iterations=np.array(0),
-    )  # fmt: skip
+        model=model,
+        s=np.linspace(0.0, 0.45, stations),
+        section=random.integers(0, 4, stations),
+        position=numbers(stations, 3),
+        quaternion=numbers(stations, 4),
+        tau=numbers(stations),
+        xi=numbers(stations),
+        k=numbers(stations),
+        q=numbers(stations),
+        tensions=numbers(*CONFIG.arm.tension_shape),
+        tip_wrench=np.zeros(6),
+        residual=np.array(0.0),
+        iterations=np.array(0),
+    )
 
 
 def writer_for(backbone, frame='arm_base', names=()):

@@ -217,9 +217,13 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._take(topic, stamp_of(message), measurement)
 
     def _take(
-        self, topic: str, stamp: Stamp | None, measurement: Measurement, *,
+        self,
+        topic: str,
+        stamp: Stamp | None,
+        measurement: Measurement,
+        *,
         is_tensions: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Correct the estimate by a ``measurement`` and publish it; OctoArmError if refused."""
         estimator = self._estimator
         assert estimator is not None

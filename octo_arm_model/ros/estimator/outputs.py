@@ -161,9 +161,12 @@ class EstimatePublishers(BackbonePublishers):
 
         def markers() -> bytes:
             return self._tube.write(
-                backbone.position, backbone.quaternion, estimate.pose_covariance[:, :3, :3],
-                (known.s, known.wrench[:3], known.covariance[:3, :3]), *stamp,
-            )  # fmt: skip
+                backbone.position,
+                backbone.quaternion,
+                estimate.pose_covariance[:, :3, :3],
+                (known.s, known.wrench[:3], known.covariance[:3, :3]),
+                *stamp,
+            )
 
         of_tip = estimate.pose_covariance[-1] if self.is_tip_heard else None
         self.publish(backbone, of_tip, stamp, markers)

@@ -84,9 +84,12 @@ def _spoiled(part, change):
     stations = len(backbone.s)
     covariance = DETAILS[COVARIANCE](s=backbone.s, pose=np.zeros(36 * stations))
     messages = {
-        'backbone/poses': poses, 'strains': strains, 'tip_pose': DETAILS['tip_pose'](),
-        COVARIANCE: covariance, CONTACT: DETAILS[CONTACT](),
-    }  # fmt: skip
+        'backbone/poses': poses,
+        'strains': strains,
+        'tip_pose': DETAILS['tip_pose'](),
+        COVARIANCE: covariance,
+        CONTACT: DETAILS[CONTACT](),
+    }
     change(messages[part])
     return messages[part]
 
@@ -126,10 +129,11 @@ def test_problems_are_bounded():
         client = ros.reader
         publisher = ros.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         status = [
-            DiagnosticStatus(name=f'a: {number}', level=b'\x02', message='x' * 2000,
-                             hardware_id='/arm')
+            DiagnosticStatus(
+                name=f'a: {number}', level=b'\x02', message='x' * 2000, hardware_id='/arm'
+            )
             for number in range(1000)
-        ]  # fmt: skip
+        ]
         ros.wait(publisher.get_subscription_count, 'a subscription')
         publisher.publish(DiagnosticArray(status=status))
         ros.wait(lambda: client.poll() or client.problem, 'problems')

@@ -37,9 +37,12 @@ def client(shared):
     shared.tensions, shared.force, shared.scale = TENSIONS, np.zeros(3), 1.0
     # Another gate each time, nearly the same one, makes the estimate begin anew.
     usual = {
-        'contact': 'tip', 'contact_s': [], 'tension_bias_stddev': 0.0,
-        'displacement_stddev': 2e-4, 'gate': 0.9999 + 1e-9 * next(GATES),
-    }  # fmt: skip
+        'contact': 'tip',
+        'contact_s': [],
+        'tension_bias_stddev': 0.0,
+        'displacement_stddev': 2e-4,
+        'gate': 0.9999 + 1e-9 * next(GATES),
+    }
     given = {f'estimator__{name}': value for name, value in usual.items()}
     assert shared.change(**given) == (True, '')
     return shared

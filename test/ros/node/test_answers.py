@@ -59,9 +59,12 @@ def stamped(sec, nanosec):
 
 
 NO_MESSAGES = {
-    'before 1970': stamped(-5, 0), 'of 4 s in nanoseconds': stamped(1, 4 * 10**9),
-    'two bytes': b'\x00\x01', 'bytes': bytes(range(80)), 'ones': b'\xff' * 200,
-}  # fmt: skip
+    'before 1970': stamped(-5, 0),
+    'of 4 s in nanoseconds': stamped(1, 4 * 10**9),
+    'two bytes': b'\x00\x01',
+    'bytes': bytes(range(80)),
+    'ones': b'\xff' * 200,
+}
 
 
 @pytest.mark.parametrize('given', NO_MESSAGES.values(), ids=NO_MESSAGES)

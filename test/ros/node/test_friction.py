@@ -72,10 +72,12 @@ def test_a_loop_has_two_shapes_and_a_gap_ends_the_memory():
 def profiles_of(message):
     """Every field of every point of a PointCloud2 as a column, (points, fields)."""
     assert message.height == 1 and not message.is_bigendian
-    names, kinds, offsets = zip(*(
-        (field.name, {7: '<f4', 8: '<f8'}[field.datatype], field.offset)
-        for field in message.fields
-    ))  # fmt: skip
+    names, kinds, offsets = zip(
+        *(
+            (field.name, {7: '<f4', 8: '<f8'}[field.datatype], field.offset)
+            for field in message.fields
+        )
+    )
     layout = {'names': names, 'formats': kinds, 'offsets': offsets, 'itemsize': message.point_step}
     points = np.frombuffer(bytes(message.data), np.dtype(layout))
     return np.stack([points[name].astype(float) for name in names], axis=1)

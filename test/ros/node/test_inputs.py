@@ -52,8 +52,16 @@ def wait_for_answer(client, publisher, message, expected=EXPECTED.tip, atol=1e-9
 
 def test_any_field_of_any_type_is_taken_and_may_change_while_the_node_runs():
     numbers = '[' + ','.join(f'"{n}"' for n in range(1, 13)) + ']'
-    given = ('-p', 'tension_type:=sensor_msgs/msg/LaserScan', '-p', 'tension_field:=ranges',
-             '-p', f'tension_names:={numbers}', '-r', 'tendon_tensions/field:=/daq')  # fmt: skip
+    given = (
+        '-p',
+        'tension_type:=sensor_msgs/msg/LaserScan',
+        '-p',
+        'tension_field:=ranges',
+        '-p',
+        f'tension_names:={numbers}',
+        '-r',
+        'tendon_tensions/field:=/daq',
+    )
     with hosting(OctoArmNode, *given, node='daq') as client:
         scans = client.node.create_publisher(LaserScan, '/daq', 10)
         wait_for_answer(client, scans, scan())
@@ -123,9 +131,13 @@ def test_readings_around_zero_are_answered_within_the_deadband_and_counted_beyon
 
 WOUND = 0.5 * np.array(FETCHING_IN_SPACE)
 OPTIONS = (
-    '-p', 'model:=exact', '-p', 'tendons.axial_stiffness:=[800.0]', '-p',
+    '-p',
+    'model:=exact',
+    '-p',
+    'tendons.axial_stiffness:=[800.0]',
+    '-p',
     'material.youngs_modulus_stddev:=0.05',
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope='module')
@@ -139,9 +151,10 @@ def wound():
         client.wait(client.winches.get_subscription_count, 'a subscription')
         assert list(client.dump()['tendons.axial_stiffness']) == [800.0]
         changed = {
-            'model': 'exact', 'tendons.axial_stiffness': [800.0],
+            'model': 'exact',
+            'tendons.axial_stiffness': [800.0],
             'material.youngs_modulus_stddev': 0.05,
-        }  # fmt: skip
+        }
         config = Config.from_parameters(load_parameters(path) | changed)
         client.solver = config.solver(compiled=None)
         yield client
@@ -215,7 +228,7 @@ def test_winches_and_load_cells_drive_different_tendons_together(wound):
         (['tendon_1_1'], [float('nan')], 'displacement of tendon_1_1 is nan m'),
         (['tendon_1_1', 'tendon_2_2'], [0.01, 15.0], 'displacement of tendon_2_2 is 15 m, expect'),
     ],
-)  # fmt: skip
+)
 def test_displacements_that_are_none_are_refused_with_a_warning(wound, name, position, problem):
     def refused():
         wound.winches.publish(JointState(name=name, position=position))
@@ -250,9 +263,12 @@ def test_motors_in_a_field_of_any_message_reel_as_their_spools_say():
     ways = [1.0, 1.0, -1.0, -1.0] * 3
     scale, offset = ([size * way for way in ways] for size in (RADIUS, -ZERO * RADIUS))
     given = {
-        'displacement_type': 'sensor_msgs/msg/JointState', 'displacement_field': 'velocity',
-        'displacement_names': MOTORS, 'displacement_scale': scale, 'displacement_offset': offset,
-    }  # fmt: skip
+        'displacement_type': 'sensor_msgs/msg/JointState',
+        'displacement_field': 'velocity',
+        'displacement_names': MOTORS,
+        'displacement_scale': scale,
+        'displacement_offset': offset,
+    }
     turns = dict(zip(dict.fromkeys(MOTORS), (0.9, 0.5, 0.3, 0.8, 0.5, 0.1), strict=True))
     lengths = {
         name: way * RADIUS * (turns[motor] - ZERO)

@@ -57,9 +57,13 @@ node.LONGEST_END = 0.2
 node.run('stuck', Stuck)
 """
     done = subprocess.run(
-        [sys.executable, '-c', program], env=live_nodes.environment(live_nodes.new_domain()),
-        capture_output=True, text=True, timeout=live_nodes.DEADLINE, check=False,
-    )  # fmt: skip
+        [sys.executable, '-c', program],
+        env=live_nodes.environment(live_nodes.new_domain()),
+        capture_output=True,
+        text=True,
+        timeout=live_nodes.DEADLINE,
+        check=False,
+    )
     assert done.returncode == 1 and 'in destroy_node' in done.stderr
 
 
@@ -177,9 +181,11 @@ def test_fast_dds_takes_our_profiles_unless_it_is_set_up_otherwise(tmp_path):
     assert '<historyMemoryPolicy>DYNAMIC<' in PROFILES.read_text(encoding='utf-8')
     # A child of such a process finds it done; what the user has set up stays.
     names = (
-        'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE',
-        'RMW_FASTRTPS_USE_QOS_FROM_XML', 'RMW_FASTRTPS_PUBLICATION_MODE',
-    )  # fmt: skip
+        'FASTDDS_DEFAULT_PROFILES_FILE',
+        'FASTRTPS_DEFAULT_PROFILES_FILE',
+        'RMW_FASTRTPS_USE_QOS_FROM_XML',
+        'RMW_FASTRTPS_PUBLICATION_MODE',
+    )
     for decided in (environment, *({name: 'mine'} for name in names)):
         before = dict(decided)
         assert not bound_memory(decided, tmp_path)
@@ -227,10 +233,11 @@ def test_a_managed_node_that_does_not_answer_says_so(managed):
     for impossible in (Transition.TRANSITION_ACTIVATE, live_nodes.NO_TRANSITION):
         assert not managed.transition(impossible)
     for transition, words in (
-        (Transition.TRANSITION_CONFIGURE, 'inactive'), (Transition.TRANSITION_ACTIVATE, 'waiting'),
+        (Transition.TRANSITION_CONFIGURE, 'inactive'),
+        (Transition.TRANSITION_ACTIVATE, 'waiting'),
         (Transition.TRANSITION_DEACTIVATE, 'inactive'),
         (Transition.TRANSITION_CLEANUP, 'unconfigured'),
-    ):  # fmt: skip
+    ):
         assert managed.transition(transition)
         managed.wait(lambda words=words: says(words), f'the diagnosis of a node that is {words}')
 
@@ -247,12 +254,22 @@ def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
 @pytest.mark.parametrize(
     ('name', 'make_node', 'topic', 'heard', 'first'),
     [
-        ('octo_arm', ManagedOctoArmNode, 'markers', 'tendon_tensions/joint_state',
-         'tendon_tensions'),
-        ('octo_arm_estimator', ManagedEstimatorNode, 'tension_bias', 'measured/markers',
-         'measured/tip_pose'),
+        (
+            'octo_arm',
+            ManagedOctoArmNode,
+            'markers',
+            'tendon_tensions/joint_state',
+            'tendon_tensions',
+        ),
+        (
+            'octo_arm_estimator',
+            ManagedEstimatorNode,
+            'tension_bias',
+            'measured/markers',
+            'measured/tip_pose',
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_managed_node_that_cannot_publish_or_subscribe_leaves_nothing_behind(
     name, make_node, topic, heard, first
 ):

@@ -58,9 +58,14 @@ def test_markers_come_at_their_rate_and_the_last_shape_is_always_drawn(client, d
 
 def test_frames_lead_from_the_base_to_the_tip():
     with hosting(
-        OctoArmNode, '-p', 'base.position:=[0.1, -0.2, 0.3]', '-p', 'base_frame:=robot',
-        '-p', 'frame_prefix:=left_',
-    ) as client:  # fmt: skip
+        OctoArmNode,
+        '-p',
+        'base.position:=[0.1, -0.2, 0.3]',
+        '-p',
+        'base_frame:=robot',
+        '-p',
+        'frame_prefix:=left_',
+    ) as client:
         heard = client.hear(TFMessage, '/tf')
         client.connect()
 

@@ -74,8 +74,7 @@ def seconds(message):
 
 
 def simulating(*arguments, files=(CONFIG_FILE,)):
-    return hosting(SimulatorNode, *arguments, files=files, client=Controller,
-                   node='octo_arm_sim')  # fmt: skip
+    return hosting(SimulatorNode, *arguments, files=files, client=Controller, node='octo_arm_sim')
 
 
 # No reading is replaced by a newer one before a busy reader takes it.
@@ -165,8 +164,12 @@ def test_winches_reel_in_lengths_and_their_encoders_read_them():
 
 def test_encoders_read_an_arm_that_a_new_budget_suffices_for():
     """Also where the arm was solved, or tried to be, within another budget before."""
-    options = ('model:=exact', 'winches.encoders:=true', 'loads.tip_force:=[0.0, 0.0, 0.01]',
-               'solve_budget.iterations:=1')  # fmt: skip
+    options = (
+        'model:=exact',
+        'winches.encoders:=true',
+        'loads.tip_force:=[0.0, 0.0, 0.01]',
+        'solve_budget.iterations:=1',
+    )
     with simulating(*(word for one in options for word in ('-p', one))) as controller:
         encoders = controller.hear(JointState, 'tendon_displacements')
         controller.reach(SPACE)
@@ -276,13 +279,16 @@ def test_the_simulator_plays_a_profile_until_a_command_comes(controller):
         # In a single round a busy machine may miss the peak.
         controller.measured.clear()
         controller.wait(
-            lambda: controller.measured
-            and np.allclose(
-                np.max([m.tension for m in controller.measured], axis=0),
-                expected.tensions.max(axis=0), rtol=0.05,
+            lambda: (
+                controller.measured
+                and np.allclose(
+                    np.max([m.tension for m in controller.measured], axis=0),
+                    expected.tensions.max(axis=0),
+                    rtol=0.05,
+                )
             ),
             'another round',
-        )  # fmt: skip
+        )
     assert controller.change(profile__loop=False) == (True, '')
     controller.wait(lambda: not any(controller.measured[-1].tension), 'the end of the profile')
     assert controller.change(profile__name='fetching', profile__loop=True) == (True, '')
@@ -311,9 +317,16 @@ def test_a_profile_is_played_from_the_command_line(controller, monkeypatch, capf
 def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller, how):
     heard = controller.hear(TendonTensions, 'tendon_commands')
     process = start(
-        'cli.main', 'play', 'fetching_in_plane', '--loop', '--speed', '9', '--wait', DEADLINE,
+        'cli.main',
+        'play',
+        'fetching_in_plane',
+        '--loop',
+        '--speed',
+        '9',
+        '--wait',
+        DEADLINE,
         domain=controller.domain,
-    )  # fmt: skip
+    )
     controller.wait(lambda: heard and heard[-1].tension[10] > 6.0, 'a pull')
     process.send_signal(how)
     controller.wait(lambda: process.poll() is not None, 'the release')

@@ -35,11 +35,22 @@ PULL = np.array([0.5, 0.0, 0.0, 0.0])
 
 def moving(**more):
     """The simulator of an arm that moves, strongly damped, and a client."""
-    given = {'dynamics': True, 'material.density': 1080.0, 'motion.damping_time': 0.3,
-             'stations': 21, 'rate': 50.0}  # fmt: skip
+    given = {
+        'dynamics': True,
+        'material.density': 1080.0,
+        'motion.damping_time': 0.3,
+        'stations': 21,
+        'rate': 50.0,
+    }
     given |= {name.replace('__', '.'): value for name, value in more.items()}
-    return hosting(SimulatorNode, *parameter_arguments(given), files=[FILE], client=MovingArm,
-                   node='octo_arm_sim', domain=new_domain())  # fmt: skip
+    return hosting(
+        SimulatorNode,
+        *parameter_arguments(given),
+        files=[FILE],
+        client=MovingArm,
+        node='octo_arm_sim',
+        domain=new_domain(),
+    )
 
 
 class MovingArm(RosClient):
@@ -96,8 +107,10 @@ def test_the_moving_arm_is_published_paused_stepped_and_reset():
         assert_allclose(joints[-1].effort, PULL, atol=1e-9)
         assert joints[-1].position[0] > 0.0
         # It took its time: shapes in between were published.
-        away = [np.linalg.norm([p.x - straight[0], p.y, p.z])
-                for p in (one.pose.pose.position for one in client.tips)]  # fmt: skip
+        away = [
+            np.linalg.norm([p.x - straight[0], p.y, p.z])
+            for p in (one.pose.pose.position for one in client.tips)
+        ]
         whole = np.linalg.norm(expected - straight)
         assert any(0.1 * whole < one < 0.9 * whole for one in away)
         assert not client.trigger('step')[0]
@@ -218,8 +231,10 @@ def test_the_simulators_own_time_goes_on_by_a_period_each_step(factor):
     with moving(publish_clock=True, real_time_factor=factor) as client:
         client.wait(lambda: len(client.tips) > 20 and len(client.clock) > 20, 'time')
         period = 20_000_000  # [ns]
-        for times in ([ns(one.clock) for one in client.clock],
-                      [ns(one.header.stamp) for one in client.tips]):  # fmt: skip
+        for times in (
+            [ns(one.clock) for one in client.clock],
+            [ns(one.header.stamp) for one in client.tips],
+        ):
             assert set(np.diff(times)) <= {period * count for count in range(1, 1000)}
             assert times[0] % period == 0
         _, values = client.status('simulator')
@@ -266,11 +281,13 @@ def test_an_arm_that_is_crushed_stays_as_it_was_and_is_not_published():
 
 def test_what_is_not_finite_is_refused_in_a_sentence_and_the_arm_goes_on():
     with moving() as client:
-        for name, value in (('motion__current', [0.0, float('nan'), 0.0]),
-                            ('motion__viscosity', float('inf')),
-                            ('loads__gravity', [float('nan')] * 3),
-                            ('base__position', [0.0, 0.0, float('inf')]),
-                            ('push__force', [float('nan')] * 3)):  # fmt: skip
+        for name, value in (
+            ('motion__current', [0.0, float('nan'), 0.0]),
+            ('motion__viscosity', float('inf')),
+            ('loads__gravity', [float('nan')] * 3),
+            ('base__position', [0.0, 0.0, float('inf')]),
+            ('push__force', [float('nan')] * 3),
+        ):
             is_taken, why = client.change(**{name: value})
             assert not is_taken and name.replace('__', '.') in why and 'finite' in why, why
         client.tips.clear()
@@ -320,8 +337,12 @@ def test_the_base_and_the_water_move_as_messages_tell(tmp_path):
             (current, fast, 'expected three finite numbers [m/s]'),
             (push, strong, 'force on the tip is 1e+300 N, expected'),
         ):
-            told(publisher, message, lambda reason=reason: any(reason in log.msg
-                 for log in client.logs), reason)  # fmt: skip
+            told(
+                publisher,
+                message,
+                lambda reason=reason: any(reason in log.msg for log in client.logs),
+                reason,
+            )
         assert client.trigger('reset')[0]
         client.tips.clear()
         client.wait(lambda: client.tips and abs(client.tip()[2]) < 1e-9, 'the arm at first')
@@ -359,13 +380,17 @@ def test_commanders_that_contradict_each_other_are_named():
         apart = 'commanders contradict each other: /tendon_commands of /client, /lab/second'
         following(apart, one, (same, 'tendon_commands', 0.5))
         following(quiet, one)
-        following(f'{apart}; /tendon_commands/array of /lab/second',
-                  one, (array, 'tendon_commands/array', 0.5))  # fmt: skip
+        following(
+            f'{apart}; /tendon_commands/array of /lab/second',
+            one,
+            (array, 'tendon_commands/array', 0.5),
+        )
         following(quiet, one)
         # Several that agree are no contradiction.
         for _ in range(3):
-            agree = following(quiet, one, (same, 'tendon_commands', 1.0),
-                              (array, 'tendon_commands/array', 1.0))  # fmt: skip
+            agree = following(
+                quiet, one, (same, 'tendon_commands', 1.0), (array, 'tendon_commands/array', 1.0)
+            )
         assert set(agree) == {quiet}
         other.destroy_node()
 
@@ -375,8 +400,14 @@ def test_a_reset_forgets_commands_pushes_and_the_history_of_friction(is_moving):
     # At rest the tip follows the tensions at once, and is measured.
     more = {} if is_moving else {'sensors__tip_pose_rate': 20.0}
     topic = 'ground_truth/tip_pose' if is_moving else 'measured/tip_pose'
-    with moving(dynamics=is_moving, model='exact', rate=20.0, publish_clock=True,
-                tendons__friction=[0.3] * 4, **more) as client:  # fmt: skip
+    with moving(
+        dynamics=is_moving,
+        model='exact',
+        rate=20.0,
+        publish_clock=True,
+        tendons__friction=[0.3] * 4,
+        **more,
+    ) as client:
         tips = client.hear(PoseWithCovarianceStamped, topic)
         commands = client.node.create_publisher(TendonTensions, 'tendon_commands', 10)
         names = list(CONFIG.arm.tendon_names)
@@ -425,15 +456,23 @@ KINDS = {
 def simulating(domain, **more):
     """The simulator of an arm that is pushed all the time, and a client."""
     given = {'stations': 21, **OF_SIMULATOR, 'push.period': 0.0, 'rate': 20.0, **more}
-    return hosting(SimulatorNode, *parameter_arguments(given), files=[FILE], client=RosClient,
-                   node='octo_arm_sim', domain=domain)  # fmt: skip
+    return hosting(
+        SimulatorNode,
+        *parameter_arguments(given),
+        files=[FILE],
+        client=RosClient,
+        node='octo_arm_sim',
+        domain=domain,
+    )
 
 
 def test_sensors_measure_the_arm_that_is_pushed():
     exact = {
-        'sensors.tip_position_stddev': 0.0, 'sensors.tip_rotation_stddev': 0.0,
-        'sensors.marker_stddev': 0.0, 'sensors.base_wrench_rate': 10.0,
-    }  # fmt: skip
+        'sensors.tip_position_stddev': 0.0,
+        'sensors.tip_rotation_stddev': 0.0,
+        'sensors.marker_stddev': 0.0,
+        'sensors.base_wrench_rate': 10.0,
+    }
     with simulating(new_domain(), **exact) as client:
         heard = {topic: client.hear(kind, topic) for topic, kind in KINDS.items()}
         client.wait(lambda: all(heard.values()), 'measurements')
@@ -443,8 +482,9 @@ def test_sensors_measure_the_arm_that_is_pushed():
         place = tip.pose.pose.position
         assert_allclose([place.x, place.y, place.z], shape.tip, atol=1e-6)
         assert tip.header.frame_id == 'arm_base'
-        places = [np.interp(OF_SIMULATOR['sensors.marker_s'], shape.s, one)
-                  for one in shape.position.T]  # fmt: skip
+        places = [
+            np.interp(OF_SIMULATOR['sensors.marker_s'], shape.s, one) for one in shape.position.T
+        ]
         seen = [pose.position for pose in heard['measured/markers'][-1].poses]
         assert_allclose([(p.x, p.y, p.z) for p in seen], np.transpose(places), atol=1e-5)
         wrench = heard['measured/base_wrench'][-1].wrench

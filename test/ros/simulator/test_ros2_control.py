@@ -20,8 +20,14 @@ from octo_arm_model.simulation.simulator import COMMANDS, STATES, robot_descript
 FILE = preset_path('renda2012_prototype')
 CONFIG = load_config(FILE)
 NAMES = list(CONFIG.arm.tendon_names)
-MOVING = {'dynamics': True, 'model': 'exact', 'material.density': 1080.0,
-          'motion.damping_time': 0.3, 'stations': 21, 'rate': 20.0}  # fmt: skip
+MOVING = {
+    'dynamics': True,
+    'model': 'exact',
+    'material.density': 1080.0,
+    'motion.damping_time': 0.3,
+    'stations': 21,
+    'rate': 20.0,
+}
 THRESHOLD = 1e-5  # trigger_joint_command_threshold, by default
 
 
@@ -59,8 +65,14 @@ class TopicSystem(RosClient):
 @pytest.fixture(scope='module')
 def system():
     words = parameter_arguments(MOVING)
-    with hosting(SimulatorNode, *words, files=[FILE], client=TopicSystem, node='octo_arm_sim',
-                 domain=new_domain()) as found:  # fmt: skip
+    with hosting(
+        SimulatorNode,
+        *words,
+        files=[FILE],
+        client=TopicSystem,
+        node='octo_arm_sim',
+        domain=new_domain(),
+    ) as found:
         yield found
 
 
@@ -72,8 +84,10 @@ def test_the_description_names_the_tendons_and_the_topics_of_the_simulator():
         'joint_state_topic_hardware_interface/JointStateTopicSystem'
     )
     topics = {param.get('name'): param.text for param in hardware.findall('param')}
-    assert topics == {'joint_commands_topic': '/left/tendon_commands/joint_state',
-                      'joint_states_topic': '/left/tendon_states'}  # fmt: skip
+    assert topics == {
+        'joint_commands_topic': '/left/tendon_commands/joint_state',
+        'joint_states_topic': '/left/tendon_states',
+    }
     assert [joint.get('name') for joint in control.findall('joint')] == NAMES
     for joint in control.findall('joint'):
         assert [one.get('name') for one in joint.findall('command_interface')] == ['effort']
@@ -82,8 +96,11 @@ def test_the_description_names_the_tendons_and_the_topics_of_the_simulator():
     # Every joint that is controlled is one of the robot, between links that are there.
     assert [joint.get('name') for joint in robot.findall('joint')] == NAMES
     links = {link.get('name') for link in robot.findall('link')}
-    ends = {joint.find(end).get('link') for joint in robot.findall('joint')
-            for end in ('parent', 'child')}  # fmt: skip
+    ends = {
+        joint.find(end).get('link')
+        for joint in robot.findall('joint')
+        for end in ('parent', 'child')
+    }
     assert ends == links
     with pytest.raises(ConfigError, match="interface is 'velocity', expected effort or position"):
         robot_description(CONFIG, 'velocity')
@@ -99,8 +116,9 @@ def test_the_controllers_are_of_the_tendons_and_of_interfaces_that_are_described
     }
     manager = given.pop('controller_manager')
     assert {name for name, value in manager.items() if isinstance(value, dict)} == {
-        'joint_state_broadcaster', *given
-    }  # fmt: skip
+        'joint_state_broadcaster',
+        *given,
+    }
     for controller in given.values():
         assert controller['joints'] == list(load_config('renda2012_table4').arm.tendon_names)
     assert given['tendon_effort_controller']['interface_name'] == 'effort'
@@ -121,9 +139,10 @@ def test_commands_by_effort_and_by_position_reach_their_states_and_then_end(syst
         system.write('position', np.array(list(lengths.values())))
         last = system.states[-1]
         return np.allclose(last.effort, expected.backbone.tensions.ravel(), atol=1e-6) and (
-            np.allclose(np.array(last.position)[pulled], np.array([*lengths.values()])[pulled],
-                        atol=1e-5)
-        )  # fmt: skip
+            np.allclose(
+                np.array(last.position)[pulled], np.array([*lengths.values()])[pulled], atol=1e-5
+            )
+        )
 
     system.wait(is_there, 'lengths')
     # The newest command of a tendon counts, whatever its interface; others stay as they are.
@@ -142,7 +161,8 @@ def test_commands_by_effort_and_by_position_reach_their_states_and_then_end(syst
 NAN = float('nan')
 REFUSED = {
     'of both interfaces': (
-        NAMES, {'position': [0.0] * 4, 'effort': [0.1] * 4},
+        NAMES,
+        {'position': [0.0] * 4, 'effort': [0.1] * 4},
         'a command of position and effort, expected either effort [N] or position [m]',
     ),
     'by velocity': (NAMES, {'velocity': [0.0] * 4}, 'a command of velocity, expected either'),
@@ -150,15 +170,21 @@ REFUSED = {
     'short effort': (NAMES, {'effort': [0.1] * 3}, 'name has 4 entries but effort has 3'),
     'short position': (NAMES, {'position': [0.0]}, 'name has 4 entries but position has 1'),
     'no effort': (NAMES, {'effort': [NAN] * 4}, 'tension of tendon_1_1 is nan N, expected'),
-    'no position': (NAMES, {'position': [0.0, NAN, 0.0, 0.0]},
-                    'displacement of tendon_1_2 is nan m, expected a finite number'),
+    'no position': (
+        NAMES,
+        {'position': [0.0, NAN, 0.0, 0.0]},
+        'displacement of tendon_1_2 is nan m, expected a finite number',
+    ),
     'an unknown effort': (['elbow'], {'effort': [0.1]}, 'unknown tendon elbow'),
     'an unknown position': (['elbow'], {'position': [0.1]}, 'unknown tendon elbow'),
     'twice': (['tendon_1_1'] * 2, {'effort': [0.1] * 2}, 'named more than once: tendon_1_1'),
-    'too long': (NAMES[:1], {'position': [2.0]},
-                 'displacement of tendon_1_1 is 2 m, expected less than there is to reel in'),
+    'too long': (
+        NAMES[:1],
+        {'position': [2.0]},
+        'displacement of tendon_1_1 is 2 m, expected less than there is to reel in',
+    ),
     'too high': (NAMES, {'effort': [1e3] * 4}, 'expected at most its limit'),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize('case', REFUSED)
@@ -171,8 +197,11 @@ def test_other_commands_are_refused_counted_and_the_one_before_is_kept(system, c
     def is_told():
         system.publisher.publish(JointState(name=names, **arrays))
         logged = [log.msg for log in system.logs]
-        told = [{value.key: value.value for value in status.values}
-                for message in system.diagnostics for status in message.status]  # fmt: skip
+        told = [
+            {value.key: value.value for value in status.values}
+            for message in system.diagnostics
+            for status in message.status
+        ]
         return any(f'/{COMMANDS} refused: ' in words and reason in words for words in logged) and (
             any(reason in one['last refusal'] and int(one['refused']) for one in told)
         )

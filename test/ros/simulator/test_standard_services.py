@@ -25,8 +25,9 @@ PERIOD = 10_000_000  # [ns]
 
 def test_states_steps_and_resets_are_those_of_the_standard():
     options = '-p', 'publish_clock:=true'
-    with hosting(SimulatorNode, *options, client=RosClient, node='octo_arm_sim',
-                 domain=new_domain()) as client:  # fmt: skip
+    with hosting(
+        SimulatorNode, *options, client=RosClient, node='octo_arm_sim', domain=new_domain()
+    ) as client:
         clock = client.hear(Clock, '/clock')
         readings = client.hear(TendonTensions, 'tendon_tensions')
 
