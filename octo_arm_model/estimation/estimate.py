@@ -32,9 +32,10 @@ class Estimate:
         innovations: of the measurements of this time.
         normalised_square: of all measurements of this time that were accepted, and of how many
             numbers; see `Innovation`.
-        log_likelihood: of all of them, a refused one as if it were at the gate.
+        log_likelihood: of all of them, one not used as if it were at the gate.
         elapsed: since the first time of all [s].
-        doubted: names of the sensors that are not believed, see `Rules`.
+        doubted: names of the sensors that lie more probably than not, see `Rules`.
+        suspects: where there are none, of the fewest of which one more probably lies than not.
     """
 
     time: float
@@ -46,6 +47,7 @@ class Estimate:
     log_likelihood: float
     elapsed: float
     doubted: frozenset[str]
+    suspects: tuple[str, ...]
     _at: Prediction = field(repr=False)
 
     @functools.cached_property
@@ -79,7 +81,7 @@ class Estimate:
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Names of the measurements of this time that were not used: they contradict the rest."""
+        """Names of the measurements of this time that are refused: they contradict the rest."""
         return tuple(one.name for one in self.innovations if not one.is_accepted)
 
     @property
@@ -137,6 +139,7 @@ def estimate_at(step: Step, first: float, known: Gaussian, at: Prediction) -> Es
         step.log_likelihood,
         step.time - first,
         step.doubted,
+        step.suspects,
         at,
     )
 

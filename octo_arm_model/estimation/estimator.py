@@ -169,7 +169,7 @@ class Estimator:
         refused = {one.name for one in step.innovations if not one.is_accepted}
         for name in refused:
             self.refused_since.setdefault(name, stamp_ns)
-        heard = {name for rows in step.accepted for name in rows.channels(step.at)}
+        heard = {name for one in step.measurements for name in one.channels(step.at)}
         heard |= {one.name for one in step.innovations}
         for name in (heard - refused) & self.refused_since.keys():
             del self.refused_since[name]

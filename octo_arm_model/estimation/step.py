@@ -34,7 +34,7 @@ class Together(NamedTuple):
 
     A load cell and a camera that are wrong by what goes together cannot be told from an arm that
     moved, by nothing that is measured. So where the motion of the tip changes more than it has
-    lately, and that of a tension does too or a sensor begins to contradict it, the covariance
+    lately, and that of a tension does too or a sensor begins not to be used, the covariance
     holds for some seconds where the arm was, too.
 
     Attributes:
@@ -108,10 +108,11 @@ class Step:
         bank: all hypotheses after.
         known: the mean of the leader, and a covariance that holds what others think possible.
         at: a prediction nearly of this mean.
-        innovations: of every measurement, in their order, then of every load cell refused.
+        innovations: of every measurement, in their order, then of every load cell refused; none
+            of what the leader does not use though it may be right.
         accepted: what was used, linear measurements first.
         normalised_square: of all that was used together, and of how many numbers.
-        log_likelihood: of all measurements; of a refused one as if it were at the gate.
+        log_likelihood: of all measurements; of one not used as if it were at the gate.
         doubted: names of the sensors that lie more probably than not.
         suspects: where there are none, names of the fewest of which one more probably lies.
         contradicted_since: since when even the leader is contradicted [s]; None if it is not.
@@ -170,7 +171,7 @@ def next_step(
     """From the ``last`` one, or from nothing but the prior, to ``time`` [s].
 
     The state is looked for from that of the last one, or of a step ``near``. What is measured
-    takes no more than ``work``.
+    takes no more than ``work``, or of the first step than three times as much.
 
     Raises:
         SolveError: if the arm has no trustworthy shape, or numbers do not resolve what is known.
@@ -179,7 +180,7 @@ def next_step(
     work = work or Work(EVALUATIONS, ITERATIONS)
     is_anew = last is not None and last.is_lost(time, rules.recover_after)
     if last is None:
-        work = Work(_FIRST * work.evaluations, _FIRST * work.iterations)
+        work = Work(_FIRST * work.evaluations, _FIRST * work.iterations, work)
     update = _Update(model, time, measurements, rules, work)
     try:
         with np.errstate(all='ignore'):  # what overflows is not finite in the end
@@ -260,17 +261,19 @@ class _Update:
         square = sum(float(judged.square[leader]) for _, judged in parts)
         volume = sum(float(judged.volume[leader]) for _, judged in parts)
         accepted = [rows.only(np.flatnonzero(is_used)) for rows, is_used in used]
-        innovations = self._innovations(parts, bank, doubted, at)
-        refused = [one.value.size for one in innovations if not one.is_accepted]
-        volume += sum(chi_square_limit(self._rules.gate, size) for size in refused)
+        every = self._innovations(parts, leader, at)
+        unused = [one.value.size for one in every if not one.is_accepted]
+        volume += sum(chi_square_limit(self._rules.gate, size) for size in unused)
+        unsure = bank.doubts[leader] - doubted
+        innovations = [one for one in every if one.is_accepted or one.name not in unsure]
         bank = judge.followed(bank)
         known, together = judge.mixture(bank), Together()
         if last is not None and self._rules.doubts_any:
             expected = last.together.after(model, last.bank.leading, self._time - last.time)
             each = [n for rows, some in used for n in zip(rows.channels(at), some, strict=True)]
-            unused = frozenset(name for name, is_used in each if not is_used)
+            not_used = frozenset(name for name, is_used in each if not is_used)
             others = frozenset(name for name, _ in each if not name.startswith(LOAD_CELL))
-            together = expected.with_jump(known, at, others, unused)
+            together = expected.with_jump(known, at, others, not_used)
             known = together.held(known)
         return Step(
             self._time,
@@ -292,15 +295,14 @@ class _Update:
         )
 
     def _innovations(
-        self, parts: Sequence[tuple[Rows, Judged]], bank: Bank, refused: Doubts, at: Prediction
+        self, parts: Sequence[tuple[Rows, Judged]], leader: int, at: Prediction
     ) -> list[Innovation]:
-        """Of every measurement, and of every load cell that was ``refused`` by itself."""
-        whole, cells, leader = {}, [], bank.leader
-        unsure = bank.doubts[leader] - refused
+        """Of every measurement, and by itself of every load cell that was not used."""
+        whole, cells = {}, []
         for rows, judged in parts:
             names, first = rows.channels(at), 0
-            value, covariance = judged.innovation[leader], judged.expected[leader]
-            used = judged.is_used[leader] | np.array([name in unsure for name in names])
+            used, value = judged.is_used[leader], judged.innovation[leader]
+            covariance = judged.expected[leader]
             for one in rows.measurements:
                 own = range(first, first + one.value.size)
                 first = own.stop

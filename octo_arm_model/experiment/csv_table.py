@@ -279,8 +279,9 @@ def check_columns(columns: Iterable[str], tables: Mapping[str, CsvTable]) -> Non
     of_one = {f'{kind}:{name}' for kind, table in tables.items() for name in table.wanted if kind}
     if unread := [name for name in columns if name not in wanted | of_one]:
         more = f', of one file as {", ".join(f"{kind}:NAME" for kind in KINDS)}' if of_one else ''
+        where = f'{tables[""].path}: ' if '' in tables else ''
         raise MeasurementError(
-            f'--columns names {listed(unread)}, which is not read here; expected names of '
+            f'{where}--columns names {listed(unread)}, which is not read here; expected names of '
             f'{listed(sorted(wanted))}{more}'
         )
 

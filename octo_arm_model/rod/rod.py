@@ -102,7 +102,7 @@ class Rod:
             lambda level: Finer(self.problem(level), self.problem(level, self.added))
         )
         self.has_friction, self.has_obstacles = any(arm.friction), bool(loads.obstacles)
-        self.is_loaded = bool(arm.discs.s) or (loads.any and self._has_loads(loads))
+        self.is_loaded = (loads.any and self._has_loads(loads)) or bool(arm.discs.s)
 
     def _has_loads(self, loads: Loads) -> bool:
         """Whether ``loads`` act, which may be zero; refuses those that are too large."""

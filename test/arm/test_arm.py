@@ -11,6 +11,7 @@ from octo_arm_model import (
     ArmDefinitionError,
     Body,
     Constant,
+    DistributedLoad,
     Function,
     Linear,
     Loads,
@@ -31,6 +32,7 @@ from octo_arm_model.wire.tensions import values_by_name
 
 MATERIAL = Material(1.1e5)
 BODY = Body(0.4, 0.02, 0.01)
+Z = (0.0, 0.0, 1.0)
 
 
 def arm_of(*sections: tuple[float, float, float], names: tuple[str, ...] = ()) -> Arm:
@@ -260,6 +262,19 @@ def test_a_table_has_a_bound_and_holds_numbers():
         (lambda: Table((0.0, 0.2), (1.0, math.nan)), 'table.values is (1.0, nan), expected'),
         (lambda: Table((0.0, 'x'), (1.0, 2.0)), "table.s is (0.0, 'x'), expected finite numbers"),
         (lambda: Table((0.0, 0.2), (1.0, 2.0), 'E').cover('E', 0.3), 'last s of E is 0.2, exp'),
+        (lambda: Arm(MATERIAL, BODY, (0.4,)), 'sections is (0.4,), expected a sequence of'),
+        (lambda: Loads(points=Z), 'loads.points is (0.0, 0.0, 1.0), expected a list of PointLoad'),
+        (
+            lambda: Loads(distributed=[Z]),
+            'loads.distributed is [(0.0, 0.0, 1.0)], expected a list',
+        ),
+        (lambda: Loads(others=[Z]), 'loads.others is [(0.0, 0.0, 1.0)], expected a list of Load'),
+        (lambda: Loads(scaled=[Loads()]), 'loads.scaled is [Loads('),
+        (lambda: DistributedLoad(0.1, Z), 'loads.distributed is 0.1, expected lists of s and of'),
+        (
+            lambda: DistributedLoad((0.0, 0.1), 1.0),
+            'loads.distributed is 1.0, expected lists of s and of',
+        ),
         (lambda: WAVY.cover('radius', 0.5), 'last s of radius is 0.4, expected at least 0.5 [m]'),
     ],
 )

@@ -348,6 +348,10 @@ def test_metadata_of_another_type_is_refused_by_name(tmp_path, step):
     ('old', 'new', 'expected'),
     [
         ('custom_data: null', 'custom_data: [1]', 'custom_data is list, expected a map'),
+        ('custom_data: null', 'custom_data: {x: [1]}', 'custom_data.x is list, expected text'),
+        ('message_count: 50', 'message_count: many', "message_count is 'many', expected an int"),
+        ('relative_file_paths', 'paths', 'relative_file_paths is missing'),
+        ("compression_mode: ''", 'compression_mode: zip', "compression_mode is 'zip', expected o"),
         ('message_count: 50', 'message_count: -1', 'message_count is -1, expected 0 to 92233'),
         ('type: std_msgs/msg/String', 'type: 5', 'topic_metadata.type is 5, expected text'),
         (

@@ -86,7 +86,7 @@ def test_of_several_nodes_the_parameters_are_those_that_ros_gives_to_octo_arm(tm
 def test_a_preset_is_read_by_its_name_from_anywhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     named = load_config('renda2012_prototype')
-    assert named == load_config('renda2012_prototype')
+    assert named == load_config(preset_path('renda2012_prototype'))
     # A file without suffix goes before a preset of its name.
     softer = preset_path('renda2012_prototype').read_text().replace('110000.0', '90000')
     (tmp_path / 'renda2012_prototype').write_text(softer)

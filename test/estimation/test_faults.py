@@ -10,6 +10,9 @@ sys.path.insert(0, str(ROOT / 'benchmarks'))
 
 from faults import Bench, Case
 
+from octo_arm_model.estimation.estimator import Estimator
+from octo_arm_model.estimation.settings import EstimatorSettings
+
 ARM = 'renda2012_table4'
 bench_of = functools.cache(Bench)
 
@@ -56,3 +59,20 @@ def test_what_others_cannot_tell_is_within_the_covariance(case):
     row = bench_of(case.arm).run(case)
     assert row.beyond <= 0.02 and row.published == 1.0
     assert row.honest_refused <= 1.0 or 'tip and' in case.fault
+
+
+def test_the_place_of_a_force_is_found_beside_a_sensor_that_lies():
+    bench = bench_of('renda2012_prototype')
+    length = bench.config.arm.length
+    values = {'contact': 'somewhere', 'contact_s': [0.5 * length, length], 'tension_rate': 1.0}
+    settings = EstimatorSettings.from_parameters(
+        {f'estimator.{name}': value for name, value in values.items()}, bench.config
+    )
+    own, found = Estimator.from_settings(settings, settings.models(bench.config), 0.2), 0
+    case = Case('renda2012_prototype', 'tip 5 mm off', 0, 'tip', 10.0)
+    for number, (_, made) in enumerate(bench.measured(case)):
+        for one in made:
+            last = own.add(10**8 * number, [one])
+        found += last.hypothesis == list(last.probabilities)[-1]
+    # Where what is not used cost nothing, the place whose bank doubts most was found instead.
+    assert found > 20

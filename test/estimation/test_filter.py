@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from estimation_arms import LIKELY, RUBBER, TENSIONS, WEIGHT, rubber
+from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 
 from octo_arm_model import (
@@ -380,3 +381,30 @@ def test_what_pushes_the_arm_is_found_in_newtons(kind):
     # What is learnt of the force along the arm is little.
     assert (np.abs(contact.wrench[:3] - FORCE) < 3.0 * deviation + 1e-4).all()
     assert deviation.min() < 0.1 * LIKELY.stddev
+
+
+def test_a_backbone_is_moved_to_first_order():
+    model = rubber(Unknowns(Walk(0.3), tip_force=LIKELY), loads=WEIGHT)
+    at = Prediction(model, np.append(TENSIONS, [0.004, -0.003, 0.006]), None)
+    off = []
+    for size in (1.0, 0.5):
+        by = size * 1e-2 * at.x
+        found = at.change.moved(at.solved, by, model.acting(at.x + by))
+        expected = Prediction(model, at.x + by, at.solved).solved
+        turned = (
+            Rotation.from_quat(found.quaternion) * Rotation.from_quat(expected.quaternion).inv()
+        )
+        off.append(
+            [
+                np.abs(found.position - expected.position).max(),
+                turned.magnitude().max(),
+                np.abs(found.k - expected.k).max(),
+                np.abs(found.q - expected.q).max(),
+            ]
+        )
+        np.testing.assert_allclose(np.linalg.norm(found.quaternion, axis=1), 1.0)
+        np.testing.assert_allclose(found.tensions.ravel(), (at.x + by)[:4])
+        np.testing.assert_allclose(found.tip_wrench[:3], (at.x + by)[4:] + WEIGHT.tip_force)
+    # What is left is of second order.
+    np.testing.assert_array_less(off[1], 0.3 * np.array(off[0]))
+    assert off[0][0] < 1e-4

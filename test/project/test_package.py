@@ -31,10 +31,13 @@ SOLVE = (
 )
 
 
+COMMANDS = 'import octo_arm_model.cli.play, octo_arm_model.simulation.simulator'
+
+
 @pytest.mark.parametrize(
     'statement',
-    ['import octo_arm_model', f'import {", ".join(CORE)}', SOLVE],
-    ids=['package', 'all', 'solve'],
+    ['import octo_arm_model', f'import {", ".join(CORE)}', SOLVE, COMMANDS],
+    ids=['package', 'all', 'solve', 'commands'],
 )
 def test_the_core_needs_neither_ros_nor_an_extra(statement):
     code = f'{statement}; import sys; print(*sys.modules)'

@@ -23,6 +23,7 @@ from octo_arm_model import (
     Loads,
     Material,
     MotionProperties,
+    PointLoad,
     Section,
     SolveError,
     Solver,
@@ -275,6 +276,22 @@ def test_random_robots_have_shapes_unless_tensions_fold_them_between_discs():
         assert solver(arm).solve(tensions, wrench).residual < 1e-8
     with pytest.raises(SolveError, match=r'tensions fold between discs that are 0\.1'):
         solver(robot(Discs.evenly(2, LENGTH))).solve(4.0 * PULL)
+
+
+@pytest.mark.parametrize('changes', [{}, {'discs': Discs()}])
+@pytest.mark.parametrize(
+    ('loads', 'what'),
+    [
+        (Loads(tip_force=(1e12, 0.0, 0.0)), 'loads.tip_force'),
+        (Loads(tip_moment=(0.0, 1e12, 0.0)), 'loads.tip_moment'),
+        (Loads(points=(PointLoad(0.1, WRENCH[:3], (0.0, 1e12, 0.0)),)), 'loads.point.moment'),
+        (Loads(points=(PointLoad(0.1, (0.0, 1e12, 0.0)),)), 'force of all loads'),
+    ],
+)
+def test_loads_beyond_what_any_material_bears_are_refused(loads, what, changes):
+    arm = dataclasses.replace(robot(Discs.evenly(9, LENGTH)), **changes)
+    with pytest.raises(ArmDefinitionError, match=rf'^{what}.*expected at most .* N'):
+        Solver(arm, 'exact', loads=loads)
 
 
 @pytest.mark.parametrize('model', ['renda2012', 'closed_form'])

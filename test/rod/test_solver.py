@@ -266,6 +266,12 @@ def test_what_is_no_set_of_tensions_is_refused_by_name(table4, given, message):
         table4.solver('closed_form').solve(given)
 
 
+def test_a_batch_is_no_single_solution(table4):
+    solver = table4.solver('exact')
+    with pytest.raises(ConfigError, match='that of a batch, expected a single solution'):
+        solver.sensitivity(solver.solve(np.zeros((2, 3, 4))))
+
+
 def test_an_arm_compressed_to_nothing_is_an_error_that_says_where(prototype, papers_model):
     # Four equal tensions: q = -4 T / EA, largest at the tip, where EA = 18.92 N.
     axial = 1.1e5 * math.pi * 0.0074**2
