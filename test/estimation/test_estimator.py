@@ -278,6 +278,30 @@ def test_a_truth_that_changes_is_followed():
         Estimator(given, change_time=0.0)
 
 
+def test_late_measurements_count_as_in_time():
+    """In any order within the window: the same probabilities and the same states."""
+    given = {name: model for name, model in models().items() if name in ('free', '0.19 m')}
+    model, s = given['0.19 m'], np.array([0.1, 0.2])
+    x = np.concatenate([TENSIONS, [0.0, 0.004, 0.0]])
+    positions = -Markers(s, np.zeros((2, 3)), 1e-3).innovation(Prediction(model, x, None))
+    seen = Markers(s, positions.reshape(2, 3), 3e-3)
+    measured = [[Tensions(TENSIONS, 0.01)], [seen], [Tensions(TENSIONS, 0.01)], [seen]]
+    results = []
+    for order in ((0, 1, 2, 3), (0, 2, 3, 1)):
+        bank = Estimator(given, change_time=1.0, window=1.0)
+        for step in order:
+            found = bank.add(step * SECOND // 10, measured[step])
+            assert [one.name for one in found.innovations] == [measured[step][0].name]
+        results.append(found)
+    one, other = results
+    assert one.hypothesis == other.hypothesis
+    for name, probability in one.probabilities.items():
+        assert 1e-3 < probability < 0.999
+        assert probability == pytest.approx(other.probabilities[name], rel=1e-2)
+    assert one.estimate.time == other.estimate.time == pytest.approx(0.3)
+    np.testing.assert_allclose(one.estimate.mean, other.estimate.mean, atol=5e-3)
+
+
 # Lost and found again ----------------------------------------------------------------------------
 
 

@@ -27,7 +27,13 @@ from numpy.testing import assert_allclose
 from recordings import Sample
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError, SolveError
+from octo_arm_model.arm.errors import (
+    ArmDefinitionError,
+    BagError,
+    ConfigError,
+    MeasurementError,
+    SolveError,
+)
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment import bag_recording
 from octo_arm_model.experiment.camera import Alignment, clock_offset, undetermined
@@ -354,6 +360,12 @@ NOISE = np.random.default_rng(3).standard_normal(TIME.size)
 
 def windows_of(time: np.ndarray, pulled: np.ndarray, **rule: float) -> list[Window]:
     return steady_windows(time, pulled[:, np.newaxis], SteadyRule(**rule))
+
+
+@pytest.mark.parametrize('rule', [{'tolerance': 0.0}, {'duration': -1.0}, {'settle': np.nan}])
+def test_rules_that_make_no_sense_are_refused(rule):
+    with pytest.raises(ArmDefinitionError):
+        SteadyRule(**rule)
 
 
 def test_every_held_tension_is_a_window_and_no_way_between_is():

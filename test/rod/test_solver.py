@@ -17,7 +17,11 @@ from octo_arm_model import (
     Body,
     Config,
     ConfigError,
+    LoadError,
+    Loads,
     Material,
+    OctoArmError,
+    PointLoad,
     Pose,
     Section,
     SolveError,
@@ -25,6 +29,8 @@ from octo_arm_model import (
     TensionError,
     solve,
 )
+from octo_arm_model.analysis.inverse import find_tensions
+from octo_arm_model.analysis.targets import Stiffness, TipPosition
 from octo_arm_model.arm.limits import MAX_STATIONS
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_SPACE
 
@@ -294,6 +300,25 @@ def test_an_unknown_model_is_refused_with_those_there_are(table4):
 
 
 # Sizes and booleans ----------------------------------------------------------------------------
+
+
+def test_booleans_are_no_numbers(table4):
+    solver = table4.solver('exact', 11)
+    tensions = np.zeros((3, 4))
+    for wrench in ([True, 0, 0, 0, 0, 0], [0.0, 0, 0, 0, 0, np.True_], np.ones(6, bool)):
+        with pytest.raises(LoadError, match=r'tip_wrench is .*, expected force and moment'):
+            solver.solve(tensions, wrench)
+    for build in (
+        lambda: Pose((True, 0.0, 0.0)),
+        lambda: Loads(gravity=(0.0, False, 0.0)),
+        lambda: PointLoad(0.1, (True, 0.0, 0.0)),
+        lambda: TipPosition([0.1, True, 0.0]),
+        lambda: Stiffness(np.array([1.0, 0.0, 0.0]), True),
+        lambda: Stiffness([True, 0.0, 0.0], 1.0),
+        lambda: find_tensions(solver, TipPosition([0.4, 0.0, 0.0]), True),
+    ):
+        with pytest.raises(OctoArmError, match=r'is .*True|is .*False'):
+            build()
 
 
 def test_the_most_stations_are_solved(table4, model):
