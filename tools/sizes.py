@@ -31,7 +31,7 @@ MOST = {
     'octo_arm_model/simulation': 2_370,
     'octo_arm_model/viewer': 2_280,
     'octo_arm_model/wire': 1_500,
-    'test': 25_140,
+    'test': 25_150,
 }
 
 

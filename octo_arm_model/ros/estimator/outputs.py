@@ -91,7 +91,7 @@ class EstimateStatus:
             seconds = 1e-9 * (self._newest_ns - since)
             problems.append(f'{name} is refused since {1e-9 * since:.3f} s, for {seconds:.1f} s')
         if estimator.suspects:
-            problems.append(f'one of these sensors lies: {", ".join(estimator.suspects)}')
+            problems.append(f'one of these sensors may lie: {", ".join(estimator.suspects)}')
         if (lately := estimator.late - self._late) > 0:
             problems.append(f'{lately} came too late')
         if (lately := estimator.restarts - self._restarts) > 0:
