@@ -257,23 +257,22 @@ class _Update:
         if bank.contradiction[leader] >= CONTRADICTED:
             before = None if earlier is None else earlier.contradicted_since
             since = self._time if before is None else before
-        used = [(rows, judged.is_used[leader]) for rows, judged in parts]
         square = sum(float(judged.square[leader]) for _, judged in parts)
         volume = sum(float(judged.volume[leader]) for _, judged in parts)
-        accepted = [rows.only(np.flatnonzero(is_used)) for rows, is_used in used]
+        accepted = [rows.only(np.flatnonzero(one.is_used[leader])) for rows, one in parts]
         every = self._innovations(parts, leader, at)
-        unused = [one.value.size for one in every if not one.is_accepted]
-        volume += sum(chi_square_limit(self._rules.gate, size) for size in unused)
+        unused = [one for one in every if not one.is_accepted]
+        volume += sum(chi_square_limit(self._rules.gate, one.value.size) for one in unused)
         unsure = bank.doubts[leader] - doubted
         innovations = [one for one in every if one.is_accepted or one.name not in unsure]
         bank = judge.followed(bank)
         known, together = judge.mixture(bank), Together()
         if last is not None and self._rules.doubts_any:
             expected = last.together.after(model, last.bank.leading, self._time - last.time)
-            each = [n for rows, some in used for n in zip(rows.channels(at), some, strict=True)]
-            not_used = frozenset(name for name, is_used in each if not is_used)
-            others = frozenset(name for name, _ in each if not name.startswith(LOAD_CELL))
-            together = expected.with_jump(known, at, others, not_used)
+            heard = frozenset(name for rows, _ in parts for name in rows.channels(at))
+            others = frozenset(name for name in heard if not name.startswith(LOAD_CELL))
+            of_unused = frozenset(one.name for one in unused)
+            together = expected.with_jump(known, at, others, of_unused)
             known = together.held(known)
         return Step(
             self._time,
@@ -285,10 +284,10 @@ class _Update:
             tuple(one for one in accepted if len(one)),
             (square, sum(len(one) for one in accepted)),
             -0.5 * (square + volume),
-            # Each time that it begins anew in vain it takes twice as long to the next.
             doubted,
             suspects,
             since,
+            # Each time that it begins anew in vain it takes twice as long to the next.
             (1 + is_anew) * (1 if last is None else last.patience),
             together,
             is_anew,

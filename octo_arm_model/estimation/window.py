@@ -75,9 +75,8 @@ class Window(Generic[S]):
             raise MeasurementError(f'time is {time}, expected a finite number [s]')
         steps, taken = self._steps, tuple(measurements)
         index = bisect.bisect_right([step.time for step in steps], time)
-        # Of two sensors the one measured first may be heard second.
-        may_be_first = not self._is_cut and steps and time >= steps[-1].time - self._length
-        if steps and not index and not may_be_first:
+        # Of two sensors the one measured first may be heard second: it begins the window then.
+        if steps and not index and (self._is_cut or time < steps[-1].time - self._length):
             self.late += 1
             raise MeasurementError(
                 f'measured at {time:.6g} s, before the window, which begins at '

@@ -102,19 +102,21 @@ class Rod:
             lambda level: Finer(self.problem(level), self.problem(level, self.added))
         )
         self.has_friction, self.has_obstacles = any(arm.friction), bool(loads.obstacles)
-        self.is_loaded = (loads.any and self._has_loads(loads)) or bool(arm.discs.s)
+        self.is_loaded = bool(arm.discs.s or loads.others or loads.scaled or loads.obstacles)
+        if loads.any:
+            self.is_loaded |= bool(self._straight_resultants(loads).any())
 
-    def _has_loads(self, loads: Loads) -> bool:
-        """Whether ``loads`` act, which may be zero; refuses those that are too large."""
+    def _straight_resultants(self, loads: Loads) -> FloatArray:
+        """Force and free moment of ``loads`` on the straight rod, unless they are too large."""
         own = self.problem(0)
         with np.errstate(over='ignore', invalid='ignore'):
             straight = own.straight_resultants()
         places = np.concatenate([own.elements.edges, own.elements.s])
         LoadLimits(self.arm, places).check_loads(loads, straight)
-        return bool(straight.any() or loads.others or loads.scaled or loads.obstacles)
+        return straight
 
     @functools.cached_property
-    def _gives_way(self) -> tuple[float, float, FloatArray]:
+    def _flexibility(self) -> tuple[float, float, FloatArray]:
         """How far the arm turns by a force on it and by a pull between discs, at most [1/N].
 
         And the part of its bending stiffness that each sheath takes per square of the tension.
@@ -302,7 +304,7 @@ class Rod:
         """Whether ``state`` is stable as surely as what was ``judged`` stable by a margin."""
         if problem.contact is not None or not problem.has_energy(state.acting.condition):
             return False  # A contact that opens holds the arm no more.
-        by_force, by_pull, by_square = self._gives_way
+        by_force, by_pull, by_square = self._flexibility
         if float(state.acting.tensions.max(axis=0) ** 2 @ by_square) > _SOFT:
             return False
         change = state.acting.force - judged.acting.force
