@@ -25,7 +25,7 @@ MOST = {
     'octo_arm_model/config': 2_100,
     'octo_arm_model/estimation': 4_040,
     'octo_arm_model/experiment': 6_390,
-    'octo_arm_model/reproduce': 1_170,
+    'octo_arm_model/reproduce': 1_080,
     'octo_arm_model/rod': 11_350,
     'octo_arm_model/ros': 5_140,
     'octo_arm_model/simulation': 2_370,

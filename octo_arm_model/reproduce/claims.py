@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -56,11 +56,6 @@ CLAIMS: list[Claim] = []  # in the order of the paper
 def _claim(says: str, where: str, check: str) -> Callable[[Callable[[str], Finding]], None]:
     """Add a claim, judged by the function that this decorates."""
     return lambda judge: CLAIMS.append(Claim(says, where, check, judge))
-
-
-def held(claims: Sequence[Claim], model: str) -> int:
-    """How many of ``claims`` hold for ``model``."""
-    return sum(claim.findings[model][1] for claim in claims)
 
 
 def _below(value: float, digits: int) -> str:

@@ -10,11 +10,11 @@ import re
 from collections.abc import Callable, Sequence
 
 import matplotlib
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import Figure
 
 from octo_arm_model import __version__
 from octo_arm_model.reproduce import figures, tables
-from octo_arm_model.reproduce.claims import Claim, held
+from octo_arm_model.reproduce.claims import Claim
 from octo_arm_model.reproduce.tables import DataTable
 from octo_arm_model.rod.solver import MODELS
 
@@ -80,7 +80,7 @@ _MISSING = (
     'Sections 1 and 7: how fast is fast enough.',
 )
 # Name, caption, height [in], and what draws it.
-_FIGURES: dict[str, tuple[str, float, Callable[[FigureBase], None]]] = {
+_FIGURES: dict[str, tuple[str, float, Callable[[Figure], None]]] = {
     'Figure 8': (
         'Arm of section 5.1, one cable; the body is true to scale, the tensions above '
         'the panels are ours.',
@@ -132,7 +132,8 @@ _SECTIONS: dict[str, tuple[str | Callable[[], DataTable], ...]] = {
 
 def summary(claims: Sequence[Claim]) -> str:
     """How many ``claims`` hold, by model, in a sentence."""
-    counts = (f'{model} {held(claims, model)} of {len(claims)}' for model in MODELS)
+    held = {model: sum(claim.findings[model][1] for claim in claims) for model in MODELS}
+    counts = (f'{model} {count} of {len(claims)}' for model, count in held.items())
     return f'Claims that hold: {", ".join(counts)}.'
 
 
