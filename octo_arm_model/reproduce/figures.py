@@ -70,7 +70,7 @@ def _draw(
         points = view(shape)
         axes.plot(*points.T, **LINES[model], label=model)
         if anchorages:
-            dots = {'color': LINES[model]['color'], 'markersize': 2.6}
+            dots: dict[str, Any] = {'color': LINES[model]['color'], 'markersize': 2.6}
             at = points[tables.anchorages(shape)]
             axes.plot(*at.T, 'o', **dots, label='anchorages and tip')
     axes.plot(*points[[0]].T, 's', color='black', markersize=3)
@@ -93,7 +93,7 @@ def _draw_body(axes: Any, preset: str, tensions: Tensions) -> None:
     across *= (radius / np.linalg.norm(across, axis=1))[:, np.newaxis]
     one, other = (1e3 * (shape.position[:, :2] + side * across) for side in (1.0, -1.0))
     faces = np.stack([one[:-1], one[1:], other[1:], other[:-1]], axis=1)
-    look = {'facecolor': _BODY, 'edgecolor': _BODY, 'linewidth': 0.3}
+    look: dict[str, Any] = {'facecolor': _BODY, 'edgecolor': _BODY, 'linewidth': 0.3}
     axes.add_collection(PolyCollection(list(faces), **look, label='body (renda2012)'))
     _draw(axes, preset, tensions, _in_plane, anchorages=True)
     axes.set_aspect('equal')
@@ -128,7 +128,7 @@ def _add_legend(figure: Figure) -> None:
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles[label] = handle
-    look = {'borderaxespad': 0.1, 'handlelength': 2.2, 'columnspacing': 1.8}
+    look: dict[str, Any] = {'borderaxespad': 0.1, 'handlelength': 2.2, 'columnspacing': 1.8}
     figure.legend(handles.values(), handles.keys(), loc='upper center', ncols=len(handles), **look)
 
 
@@ -152,8 +152,8 @@ def figure_9(figure: Figure) -> None:
         _draw(right, 'prototype', pulled, _in_plane)
         tips = np.array([tables.solve('prototype', model, pulled).tip[:2] for model in MODELS])
         place = 1e3 * tips[:, 0].mean(), 1e3 * tips[:, 1].min() - 4.0
-        look = {'ha': 'center', 'va': 'top', 'rotation': 90, 'fontsize': 7}
-        right.text(*place, f'{tension:.2f}', **look)
+        look: dict[str, Any] = {'ha': 'center', 'va': 'top', 'rotation': 90, 'fontsize': 7}
+        right.text(place[0], place[1], f'{tension:.2f}', **look)
     right.set(title='Table 1: $T_{11}$ [N] at the tip', aspect='equal')
     for axes in (left, right):
         axes.set(xlabel='x [mm]', xlim=(-12.0, 292.0), ylim=(-178.0, 25.0))
@@ -171,8 +171,8 @@ def figure_10(figure: Figure) -> None:
     for plane in PLANES:
         angle = np.deg2rad(plane)
         place = np.array([1.4, 1.33]) * reach * (np.cos(angle), np.sin(angle))
-        look = {'ha': 'center', 'va': 'center', 'fontsize': 7, 'linespacing': 1.2}
-        axes.text(*place, f'${plane}$°\n{_ratio_of(plane)}', **look)
+        look: dict[str, Any] = {'ha': 'center', 'va': 'center', 'fontsize': 7, 'linespacing': 1.2}
+        axes.text(place[0], place[1], f'${plane}$°\n{_ratio_of(plane)}', **look)
     ticks = range(-100, 101, 50)
     axes.set(xlabel='along $b$ [mm]', xlim=(-1.68 * reach, 1.68 * reach), xticks=ticks)
     axes.set(ylabel='along $-n$ [mm]', ylim=(-1.5 * reach, 1.5 * reach), yticks=ticks)
