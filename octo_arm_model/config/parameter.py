@@ -184,7 +184,7 @@ class ParameterGroup:
     """Base of the dataclasses of one group of parameters, each a field that is `stated`.
 
     Attributes:
-        GROUP: what their names begin with, before a dot.
+        GROUP: what their names begin with, before a dot; '' for nothing.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
@@ -201,7 +201,9 @@ class ParameterGroup:
     def table(cls) -> tuple[Parameter, ...]:
         """The parameters, in the order of the fields."""
         return tuple(
-            dataclasses.replace(field.metadata['stated'], name=f'{cls.GROUP}.{field.name}')
+            dataclasses.replace(
+                field.metadata['stated'], name='.'.join(filter(None, (cls.GROUP, field.name)))
+            )
             for field in dataclasses.fields(cls)
         )
 

@@ -21,15 +21,13 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.motion import base_of
 from octo_arm_model.rod.motion_state import Inputs, MotionState
-from octo_arm_model.rod.stations import interpolated
-from octo_arm_model.simulation.pushed_arm import Noise, Push, Sensors
+from octo_arm_model.simulation.pushed_arm import Push, Sensors, SimulatedArm
 
 # Time constant of each of the two lags with which both follow what is told [s]: poses come in
 # steps, and an arm whose base jumped to a velocity would whip.
 LAG = 0.05
 FARTHEST, MOST_TURN = 0.1, 0.3  # of the pose that is told from where the base is [m], [rad]
 FASTEST = 10.0  # current [m/s]
-SHAPE = 3, 10
 _BASE, _CURRENT = slice(0, 7), slice(7, 10)
 
 
@@ -38,7 +36,7 @@ class Surroundings:
 
     Attributes:
         values: both now, their rates, and what they go to: position [m], quaternion w, x, y, z
-            and velocity of the water [m/s], of `SHAPE`.
+            and velocity of the water [m/s], (3, 10).
         is_told: whether anything else than at the beginning was told.
     """
 
@@ -138,12 +136,13 @@ class Reeled(NamedTuple):
     keeps_taut: bool
 
 
-class DynamicArm:
-    """The motion of an arm under tensions, winches and a push, and what sensors read of it."""
+class DynamicArm(SimulatedArm):
+    """The motion of an arm under tensions, winches and a push."""
 
     def __init__(self, config: Config, push: Push, sensors: Sensors) -> None:
         """Of the arm of ``config``, by the model exact; OctoArmError if the arm has no density."""
-        self._at_tip, self._sensors = push.is_at_tip(config.arm.length), sensors
+        super().__init__(sensors)
+        self._at_tip = push.is_at_tip(config.arm.length)
         self._push: ScaledLoads | None = None
         if not self._at_tip:
             axes = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
@@ -156,15 +155,13 @@ class DynamicArm:
         self._shape_of = functools.lru_cache(1)(self._dynamics.backbone)
         self._names = np.array(config.arm.tendon_names)
         self._held = self._none = np.full(self._names.size, np.nan)
-        self._noise = Noise(sensors)
         self._state: MotionState | None = None
         self.surroundings = Surroundings(config.base, config.motion.current)
 
-    def go_on_from(self, before: 'DynamicArm') -> bool:
-        """Move as the same arm ``before``; another begins at rest.
-
-        Returns whether tendons with friction are therefore pulled anew.
-        """
+    def go_on_from(self, before: SimulatedArm) -> bool:
+        """As `SimulatedArm.go_on_from`; another arm begins at rest."""
+        if not isinstance(before, DynamicArm):
+            return False
         configs = [
             dataclasses.replace(config, loads=dataclasses.replace(config.loads, scaled=None))
             for config in (self._config, before._config)
@@ -332,26 +329,9 @@ class DynamicArm:
         return np.where(np.isnan(self._held), taut, self._held)
 
     @property
-    def base_position(self) -> FloatArray:
-        """In base_frame [m], (3,)."""
-        return self.state.base[:3]
-
-    def tip_pose(self) -> Pose:
-        """Pose of the tip, as it is measured."""
-        return self._noise.pose(self.backbone)
-
-    def markers(self) -> FloatArray:
-        """Positions of the markers, as they are measured (markers, 3) [m]."""
-        shape = self.backbone
-        places = np.array(self._sensors.marker_s)
-        return self._noise.markers(interpolated(places, shape.s, shape.position))
-
-    def base_wrench(self) -> FloatArray:
-        """Force and moment of all loads about the base, as measured (6,) [N, N m].
-
-        Inertia and water are among the loads.
-        """
-        return self._noise.base_wrench(self.state.base_wrench)
+    def true_base_wrench(self) -> FloatArray:
+        """Force and moment of all loads about the base, (6,) [N, N m]."""
+        return self.state.base_wrench
 
 
 def _array(path: Path, name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:

@@ -7,10 +7,9 @@ import csv
 import functools
 import io
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import TextIO, TypeAlias
 
 import numpy as np
 import yaml
@@ -68,7 +67,13 @@ class CommandProfile:
             raise ProfileError(f'{len(times)} rows, expected at most {MAX_PROFILE_ROWS}')
         if len(times) < 2:
             raise ProfileError(f'{len(times)} row(s), expected at least two')
-        _check_times(times.tolist())
+        late = ~np.isfinite(times)
+        late[1:] |= times[1:] <= times[:-1]
+        if late.any():
+            row = int(np.argmax(late))
+            time, before = float(times[row]), float(times[row - 1])
+            expected = f'more than {before}' if math.isfinite(time) else 'a finite number'
+            raise ProfileError(f'time is {time}, expected {expected} [s]', row)
         wrong = ~(np.isfinite(tensions) & (tensions >= 0.0))
         if wrong.any():
             row, tendon = np.argwhere(wrong)[0].tolist()
@@ -110,15 +115,6 @@ class CommandProfile:
         return PchipInterpolator(times, rows, axis=0)
 
 
-def _check_times(times: list[float]) -> None:
-    for row, time in enumerate(times):
-        if not math.isfinite(time):
-            raise ProfileError(f'time is {time}, expected a finite number [s]', row)
-        if row and time <= times[row - 1]:
-            expected = f'expected more than {times[row - 1]} [s]'
-            raise ProfileError(f'time is {time}, {expected}', row)
-
-
 def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> CommandProfile:
     """A smooth profile from tensions ``start`` to ``stop`` [N], (tendons,) or `Arm.tension_shape`.
 
@@ -129,13 +125,9 @@ def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> CommandPro
     return CommandProfile(np.array([0.0, duration]), rows)
 
 
-class _Row(NamedTuple):
-    """The texts of one row, and their line numbers."""
-
-    time_line: int
-    time: str
-    line: int
-    tensions: Sequence[str]
+# A number as it is written, and its line; and the time and the tensions of a row.
+_Cell: TypeAlias = tuple[int, str]
+_Row: TypeAlias = list[_Cell]
 
 
 class _LineError(Exception):
@@ -168,7 +160,8 @@ def _read(path: str | Path, arm: Arm) -> CommandProfile:
         rows, interpolation = _read_csv(text, arm) if is_csv else _read_yaml(text, arm)
         if not rows:
             raise ProfileError('no rows, expected at least two')
-        numbers = np.array([_numbers(row, arm) for row in rows])
+        names, least = ('time', *arm.tendon_names), (-math.inf, *np.zeros(len(arm.tendons)))
+        numbers = np.array([[*map(_number, row, names, least)] for row in rows])
         return CommandProfile(numbers[:, 0], numbers[:, 1:], interpolation)
     except csv.Error as error:
         raise ProfileError(f'{path}: not what its suffix says, {error}') from error
@@ -176,39 +169,27 @@ def _read(path: str | Path, arm: Arm) -> CommandProfile:
         raise ProfileError(f'{path}, {error}') from None
     except ProfileError as error:
         # Tensions were checked before, so the error of a row is in its time.
-        where = '' if error.row is None else f', line {rows[error.row].time_line}'
+        where = '' if error.row is None else f', line {rows[error.row][0][0]}'
         raise ProfileError(f'{path}{where}: {error}') from None
 
 
-def _numbers(row: _Row, arm: Arm) -> list[float]:
-    """Time and tensions of a row."""
-    time = _number(row.time_line, 'time', row.time, -math.inf, 'a finite number [s]')
-    tensions = (
-        _number(row.line, name, text, 0.0, 'a finite number >= 0 [N]')
-        for name, text in zip(arm.tendon_names, row.tensions, strict=True)
-    )
-    return [time, *tensions]
-
-
-def _number(line: int, name: str, text: str, least: float, expected: str) -> float:
+def _number(cell: _Cell, name: str, least: float) -> float:
+    line, text = cell
     number = float(text) if NUMBER.match(text) else math.nan
     if not (math.isfinite(number) and number >= least):
+        expected = 'a finite number >= 0 [N]' if least == 0.0 else 'a finite number [s]'
         raise _LineError(line, f'{name} is {shown(text)}, expected {expected}')
     return number
 
 
 def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
     reader = csv.reader(io.StringIO(text), skipinitialspace=True)
-    header: list[str] | None = None
-    rows: list[_Row] = []
-    for cells in reader:
-        if not any(cells):
-            continue
+    names, header, rows = ('time', *arm.tendon_names), list[str](), list[_Row]()
+    for cells in filter(any, reader):
         line = reader.line_num
-        if header is None:
+        if not header:
             plain = (cell.strip() for cell in cells)
             header = ['time' if one == 'time [s]' else one.removesuffix(' [N]') for one in plain]
-            names = ('time', *arm.tendon_names)
             # A tendon may be called time as well.
             if sorted(header) != sorted(names) or len(set(names)) < len(names):
                 expected = ', '.join(names)
@@ -218,7 +199,7 @@ def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
             raise _LineError(line, f'{len(cells)} values, expected {len(header)} as in the header')
         _check_rows(len(rows) + 1, line)
         value = dict(zip(header, cells))
-        rows.append(_Row(line, value['time'], line, [value[name] for name in arm.tendon_names]))
+        rows.append([(line, value[name]) for name in names])
     return rows, 'smooth'
 
 
@@ -231,29 +212,29 @@ def _read_yaml(text: str, arm: Arm) -> tuple[list[_Row], str]:
     for key, node in document.value:
         if key.value not in ('times', 'tensions', 'interpolation') or key.value in found:
             raise _LineError(
-                key.start_mark.line + 1,
+                _line(key),
                 f'{shown(key.value)} is unknown or given twice, expected times, tensions and '
                 'maybe interpolation',
             )
         found[key.value] = node
-    times = _items(found.get('times'), 'times')
-    tensions = _items(found.get('tensions'), 'tensions')
+    times, tensions = (_items(found.get(name), name) for name in ('times', 'tensions'))
     _check_rows(len(times), 1)
     if len(times) != len(tensions):
         raise _LineError(
-            found['tensions'].start_mark.line + 1,
+            _line(found['tensions']),
             f'{len(tensions)} rows of tensions, expected {len(times)}, one for each of times',
         )
     rows = []
     for time, row in zip(times, tensions):
-        line, cells = row.start_mark.line + 1, _items(row, 'a row of tensions')
+        cells = _items(row, 'a row of tensions')
         if len(cells) != len(arm.tendons):
             names = ', '.join(arm.tendon_names)
-            raise _LineError(line, f'{len(cells)} values, expected {len(arm.tendons)}: {names}')
-        time_line = time.start_mark.line + 1
-        rows.append(_Row(time_line, _scalar(time), line, [_scalar(cell) for cell in cells]))
+            raise _LineError(
+                _line(row), f'{len(cells)} values, expected {len(arm.tendons)}: {names}'
+            )
+        rows.append([_scalar(time), *((_line(row), _scalar(cell)[1]) for cell in cells)])
     interpolation = found.get('interpolation')
-    return rows, 'smooth' if interpolation is None else _scalar(interpolation)
+    return rows, 'smooth' if interpolation is None else _scalar(interpolation)[1]
 
 
 def _check_rows(count: int, line: int) -> None:
@@ -261,17 +242,20 @@ def _check_rows(count: int, line: int) -> None:
         raise _LineError(line, f'more than {MAX_PROFILE_ROWS} rows')
 
 
+def _line(node: yaml.Node | None) -> int:
+    return 1 if node is None else int(node.start_mark.line) + 1
+
+
 def _items(node: yaml.Node | None, name: str) -> list[yaml.Node]:
     if not isinstance(node, yaml.SequenceNode):
-        line = 1 if node is None else node.start_mark.line + 1
-        raise _LineError(line, f'{name} is no list')
+        raise _LineError(_line(node), f'{name} is no list')
     return node.value
 
 
-def _scalar(node: yaml.Node) -> str:
+def _scalar(node: yaml.Node) -> _Cell:
     if not isinstance(node, yaml.ScalarNode):
-        raise _LineError(node.start_mark.line + 1, 'a list where one value was expected')
-    return node.value
+        raise _LineError(_line(node), 'a list where one value was expected')
+    return _line(node), node.value
 
 
 def write_csv(file: TextIO, times: FloatArray, tensions: FloatArray, arm: Arm) -> None:

@@ -1,10 +1,12 @@
-"""A simulated arm that is pushed, and what sensors besides load cells read of it."""
+"""Simulated arms: what pushes them, what sensors besides load cells read; the one at rest."""
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.errors import ArmDefinitionError
@@ -16,7 +18,6 @@ from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import ParameterGroup, stated
 from octo_arm_model.estimation.base_wrench import BaseWrench
-from octo_arm_model.estimation.measurements import Markers, Measurement
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.settings import MAX_MARKERS
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
@@ -104,36 +105,64 @@ class Sensors(ParameterGroup):
         return self.tip_pose_rate, self.markers_rate, self.base_wrench_rate
 
 
-class Noise:
-    """What the sensors read of true values."""
+class SimulatedArm(ABC):
+    """An arm under tensions and a push, and what sensors besides load cells read of it."""
 
     def __init__(self, sensors: Sensors) -> None:
-        """Of ``sensors``, by their seed."""
-        self._own, self._random = sensors, np.random.default_rng(sensors.seed)
+        """Read it with ``sensors``, whose noise follows from their seed."""
+        self._sensors, self._random = sensors, np.random.default_rng(sensors.seed)
 
-    def pose(self, shape: Backbone) -> Pose:
-        """The pose of the tip of ``shape``."""
-        position = shape.tip + self._own.tip_position_stddev * self._random.standard_normal(3)
-        turn = self._own.tip_rotation_stddev * self._random.standard_normal(3)
+    @abstractmethod
+    def go_on_from(self, before: 'SimulatedArm') -> bool:
+        """Be as the same arm ``before`` is; of another one nothing is known.
+
+        Returns whether tendons with friction are therefore pulled anew.
+        """
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Forget the shape, and with it the history of tendons with friction."""
+
+    @property
+    @abstractmethod
+    def backbone(self) -> Backbone:
+        """The shape now; there is one after `advance`."""
+
+    @property
+    @abstractmethod
+    def true_base_wrench(self) -> FloatArray:
+        """Force and moment of all loads about the base, (6,) [N, N m]."""
+
+    def tip_pose(self) -> Pose:
+        """Pose of the tip, as it is measured."""
+        shape, own, random = self.backbone, self._sensors, self._random
+        position = shape.tip + own.tip_position_stddev * random.standard_normal(3)
+        turn = own.tip_rotation_stddev * random.standard_normal(3)
         turned = Rotation.from_rotvec(turn) * Rotation.from_quat(np.array(shape.quaternion[-1]))
         return Pose(tuple(position.tolist()), tuple(turned.as_quat().tolist()))
 
-    def markers(self, position: FloatArray) -> FloatArray:
-        """Markers at a ``position`` (markers, 3) [m]."""
+    def markers(self) -> FloatArray:
+        """Positions of the markers, as they are measured (markers, 3) [m]."""
+        shape, places = self.backbone, np.array(self._sensors.marker_s)
+        position = CubicSpline(shape.s, shape.position)(places)
         noise = self._random.standard_normal(position.shape)
-        return np.asarray(position + self._own.marker_stddev * noise)
+        return np.asarray(position + self._sensors.marker_stddev * noise)
 
-    def base_wrench(self, wrench: FloatArray) -> FloatArray:
-        """The ``wrench`` of all loads about the base, (6,) [N, N m]."""
-        stddev = np.repeat([self._own.base_force_stddev, self._own.base_moment_stddev], 3)
-        return np.asarray(wrench + stddev * self._random.standard_normal(6))
+    def base_wrench(self) -> FloatArray:
+        """Force and moment of all loads about the base, as measured (6,) [N, N m].
+
+        Inertia and water of an arm that moves are among the loads.
+        """
+        stddev = [self._sensors.base_force_stddev, self._sensors.base_moment_stddev]
+        noise = np.repeat(stddev, 3) * self._random.standard_normal(6)
+        return np.asarray(self.true_base_wrench + noise)
 
 
 _ANY = Walk(1.0)  # the state of a simulation is known; its prior is not used
 
 
-class PushedArm:
-    """The shape of an arm under tensions and a push, and what sensors read of it."""
+class PushedArm(SimulatedArm):
+    """An arm at rest under any tensions and push, as soon as they act."""
 
     def __init__(self, config: Config, push: Push, sensors: Sensors) -> None:
         """Of the arm of ``config``.
@@ -141,9 +170,9 @@ class PushedArm:
         Raises:
             OctoArmError: if the model has no loads, or does not cover the arm.
         """
+        super().__init__(sensors)
         at = push.s or config.arm.length
         points = (PointForce(at, _ANY),) if any(push.force) else ()
-        self._sensors = sensors
         self._model = ArmModel.of(
             config,
             Unknowns(_ANY, point_forces=points),
@@ -151,31 +180,26 @@ class PushedArm:
             has_history=True,
             budget=Budget(config.solve_budget.iterations),
         )
-        self._noise = Noise(sensors)
         self._config = config
         self._at: Prediction | None = None
 
-    def go_on_from(self, before: 'PushedArm') -> bool:
-        """Be in the shape, and with the history of the tendons, of the same arm ``before``.
-
-        Of another arm, or one that is pushed elsewhere than at the tip, nothing is known. Returns
-        whether tendons with friction are therefore pulled anew.
-        """
+    def go_on_from(self, before: SimulatedArm) -> bool:
+        """As `SimulatedArm.go_on_from`, also where one is pushed elsewhere than at the tip."""
+        if not isinstance(before, PushedArm):
+            return False
         # A push at the tip, or none, leaves the points of the arm as they are.
         mine, theirs = (one._model.solver.grid.s for one in (self, before))
         if np.array_equal(mine, theirs) and self._config.has_balance_of(before._config):
             self._at = before._at
             return False
-        return before._at is not None and before.at.solved.point_tensions is not None
+        return before._at is not None and before.backbone.point_tensions is not None
 
     def reset(self) -> None:
-        """Forget the shape, and with it the history of tendons with friction."""
+        """As `SimulatedArm.reset`."""
         self._at = None
 
-    def advance(self, tensions: FloatArray, force: FloatArray, elapsed: float = 0.0) -> None:
+    def advance(self, tensions: FloatArray, force: FloatArray) -> None:
         """Be in the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].
-
-        Whatever time has ``elapsed``.
 
         Raises:
             SolveError: if there is no such shape; the last one stays.
@@ -190,33 +214,19 @@ class PushedArm:
         self._at = at
 
     @property
-    def at(self) -> Prediction:
-        """The shape now; there is one after `advance`."""
+    def _prediction(self) -> Prediction:
         assert self._at is not None
         return self._at
 
     @property
-    def base_position(self) -> FloatArray:
-        """In base_frame [m], (3,)."""
-        return np.array(self._config.base.position)
+    def backbone(self) -> Backbone:
+        """The shape now; there is one after `advance`."""
+        return self._prediction.solved
 
-    def tip_pose(self) -> Pose:
-        """Pose of the tip, as it is measured."""
-        return self._noise.pose(self.at.solved)
-
-    def markers(self) -> FloatArray:
-        """Positions of the markers, as they are measured (markers, 3) [m]."""
-        count = len(self._sensors.marker_s)
-        seen = Markers(self._sensors.marker_s, np.zeros((count, 3)), 1.0)
-        return self._noise.markers(self._predicted(seen).reshape(-1, 3))
-
-    def base_wrench(self) -> FloatArray:
-        """Force and moment of all loads about the base, as measured (6,) [N, N m]."""
-        return self._noise.base_wrench(self._predicted(BaseWrench(np.zeros(6), 1.0)))
-
-    def _predicted(self, zero: Measurement) -> FloatArray:
-        """The value of a measurement without noise; ``zero`` is that measurement with value 0."""
-        return -zero.innovation(self.at)
+    @property
+    def true_base_wrench(self) -> FloatArray:
+        """Force and moment of all loads about the base, (6,) [N, N m]."""
+        return -BaseWrench(np.zeros(6), 1.0).innovation(self._prediction)
 
 
 PERIOD = 6.0  # [s] of the push, which lasts half of it

@@ -18,9 +18,9 @@ from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MIN_RATE
 from octo_arm_model.arm.material import MotionProperties
-from octo_arm_model.arm.validation import positive, within
+from octo_arm_model.arm.validation import within
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter import Parameter, refuse_unknown
+from octo_arm_model.config.parameter import ParameterGroup, refuse_unknown, stated
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import Wound, displacements_of, solve_displacements
@@ -40,7 +40,7 @@ from octo_arm_model.simulation.movements import (
     tendon_limits,
 )
 from octo_arm_model.simulation.profiles import CommandProfile
-from octo_arm_model.simulation.pushed_arm import Push, PushedArm, Sensors
+from octo_arm_model.simulation.pushed_arm import Push, PushedArm, Sensors, SimulatedArm
 
 HIGHEST_RATE = 1000.0  # [Hz]
 # Parameters of the arm that say what its load cells read.
@@ -50,57 +50,78 @@ _SLOWEST, _FASTEST = 1e-3, 1000.0
 _MOVING_RATE = 1.0  # [Hz] at least: a period of a moving arm is many steps
 _ON_FAILURE = ('go_on', 'pause')
 
-PARAMETERS = (
-    Parameter(
-        'rate',
+
+@dataclass(frozen=True)
+class Course(ParameterGroup):
+    """How time goes on in the simulator, and what of it is kept."""
+
+    GROUP = ''
+
+    rate: float = stated(
         'how often tensions are measured and published [Hz]',
         100.0,
-        range=f'{MIN_RATE:g} to {HIGHEST_RATE:g}, from {_MOVING_RATE:g} on with dynamics',
-    ),
-    *Winches.table(),
-    *LoadCells.table(),
-    *Relaxation.table(),
-    Parameter(
-        'dynamics',
+        f'{MIN_RATE:g} to {HIGHEST_RATE:g}, from {_MOVING_RATE:g} on with dynamics',
+    )
+    dynamics: bool = stated(
         'whether the arm moves with inertia and water, see motion.*, or follows its '
         'tensions at once',
         False,
-    ),
-    Parameter(
-        'publish_clock',
+    )
+    publish_clock: bool = stated(
         'whether time is that of the simulator, from 0 on, which goes on by a period each '
         'step and is published on /clock',
         False,
-    ),
-    Parameter(
-        'real_time_factor',
+    )
+    real_time_factor: float = stated(
         'how many times as fast as the wall clock that time goes [-]; 0 for as fast as it can',
         1.0,
-        range=f'0, or {_SLOWEST:g} to {_FASTEST:g}; 1 without publish_clock',
-    ),
-    Parameter(
-        'on_failure',
+        f'0, or {_SLOWEST:g} to {_FASTEST:g}; 1 without publish_clock',
+    )
+    on_failure: str = stated(
         'what follows where no step of the arm succeeds, as of one that is crushed: go_on '
         'from the last state, or pause',
         'go_on',
-        range=' or '.join(_ON_FAILURE),
-    ),
-    Parameter(
-        'state_file',
+        ' or '.join(_ON_FAILURE),
+    )
+    state_file: str = stated(
         'file of the services save_state and restore_state, whose name ends with '
         f'{SUFFIX}; empty for none; later one in the same folder alone',
         '',
-    ),
-    Parameter(
-        'profile.name',
-        'movement, or CSV or YAML file, that the simulator plays; empty for none',
-        '',
-    ),
-    Parameter('profile.speed', 'factor of the speed it is played at [-]', 1.0, range='> 0'),
-    Parameter('profile.loop', 'whether it is repeated', False),
-    *Push.table(),
-    *Sensors.table(),
-)
+    )
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        lowest = _MOVING_RATE if self.dynamics else MIN_RATE
+        within('rate', self.rate, lowest, HIGHEST_RATE, 'Hz')
+        if self.real_time_factor:
+            within('real_time_factor', self.real_time_factor, _SLOWEST, _FASTEST, '-')
+        if self.real_time_factor != 1.0 and not self.publish_clock:
+            raise ArmDefinitionError(
+                'real_time_factor', self.real_time_factor, '1 without publish_clock'
+            )
+        if self.on_failure not in _ON_FAILURE:
+            raise ConfigError(f'on_failure is {shown(self.on_failure)}, expected go_on or pause')
+        if self.state_file and not self.state_file.endswith(SUFFIX):
+            raise ConfigError(
+                f'state_file is {shown(self.state_file)}, expected a name that ends with {SUFFIX}'
+            )
+
+
+@dataclass(frozen=True)
+class Playing(ParameterGroup):
+    """What the simulator plays by itself."""
+
+    GROUP = 'profile'
+
+    name: str = stated(
+        'movement, or CSV or YAML file, that the simulator plays; empty for none', ''
+    )
+    speed: float = stated('factor of the speed it is played at [-]', 1.0, '> 0')
+    loop: bool = stated('whether it is repeated', False)
+
+
+_GROUPS = Course, Winches, LoadCells, Relaxation, Playing, Push, Sensors
+PARAMETERS = tuple(parameter for group in _GROUPS for parameter in group.table())
 _NAMES = [parameter.name for parameter in PARAMETERS]
 
 
@@ -109,40 +130,38 @@ class SimulatorConfig:
     """The parameters of the simulator, checked.
 
     Attributes:
-        arm: the arm whose tendons are pulled.
-        limits: limits of the commanded tensions (tendons,) [N].
-        base_frame: name of its frame.
-        rate: how often tensions are measured [Hz].
+        model: what the arm's file says.
+        course: how time goes on.
+        playing: what is played.
         hardware: winches, load cells and relaxation.
-        profile: profile that the simulator plays; None for none.
-        speed: factor of the speed it is played at [-].
-        loop: whether it is repeated.
-        model: what the arm's file says of how it is solved.
         push: what pushes the arm.
         sensors: those besides load cells and encoders.
-        dynamics: whether the arm moves.
-        publish_clock: whether time is the simulator's own.
-        real_time_factor: how many times as fast as the wall clock that goes [-]; 0 for any.
-        pauses: whether a step that fails is followed by none.
-        state_file: of the services that save and restore; empty for none.
     """
 
-    arm: Arm
-    limits: FloatArray
-    base_frame: str
-    rate: float
-    hardware: Hardware
-    profile: CommandProfile | None
-    speed: float
-    loop: bool
     model: Config
+    course: Course
+    playing: Playing
+    hardware: Hardware
     push: Push
     sensors: Sensors
-    dynamics: bool = False
-    publish_clock: bool = False
-    real_time_factor: float = 1.0
-    pauses: bool = False
-    state_file: str = ''
+
+    @functools.cached_property
+    def limits(self) -> FloatArray:
+        """Limits of the commanded tensions (tendons,) [N]."""
+        return tendon_limits(self.model)
+
+    @functools.cached_property
+    def profile(self) -> CommandProfile | None:
+        """Profile that the simulator plays; None for none.
+
+        Raises:
+            ProfileError: if it is invalid, not for this arm, or beyond the limit of a tendon.
+        """
+        if not self.playing.name:
+            return None
+        found = find_profile(self.playing.name, self.model.arm)
+        check_profile(found, self.model.arm, self.limits)
+        return found
 
     @functools.cached_property
     def solver(self) -> Solver:
@@ -150,9 +169,13 @@ class SimulatorConfig:
         return self.model.node_solver()
 
     @functools.cached_property
-    def pushed_arm(self) -> PushedArm | DynamicArm | None:
-        """The arm that moves, is pushed or seen; None where it does nothing of that."""
-        if self.dynamics:
+    def pushed_arm(self) -> SimulatedArm | None:
+        """The arm that moves, is pushed or seen; None where it does nothing of that.
+
+        Raises:
+            OctoArmError: if it cannot be pushed, or seen by the sensors.
+        """
+        if self.course.dynamics:
             return DynamicArm(self.model, self.push, self.sensors)
         if not any(self.push.force) and not any(self.sensors.rates):
             return None
@@ -165,69 +188,26 @@ class SimulatorConfig:
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
             ArmDefinitionError: if a value is outside its range.
-            OctoArmError: if the arm cannot be pushed, or seen by the sensors.
-            ProfileError: if the profile is invalid, not for this arm, or beyond the limit of a
-                tendon.
+            OctoArmError: as `profile` and `pushed_arm`.
         """
         known = [*_NAMES, *(parameter.name for parameter in ARM_PARAMETERS)]
         refuse_unknown(values, known, 'the simulator or the arm')
         config = Config.from_parameters({k: v for k, v in values.items() if k not in _NAMES})
         own = {p.name: p.convert(values.get(p.name, p.default)) for p in PARAMETERS}
-        lowest = _MOVING_RATE if own['dynamics'] else MIN_RATE
-        within('rate', own['rate'], lowest, HIGHEST_RATE, 'Hz')
-        positive('profile.speed', own['profile.speed'], '-')
-        _check_time(own)
-        for name, given in (
-            ('push.s', (own['push.s'],)),
-            ('sensors.marker_s', own['sensors.marker_s']),
-        ):
-            for s in given:
+        for name in ('push.s', 'sensors.marker_s'):
+            for s in np.atleast_1d(own[name]).tolist():
                 within(name, s, 0.0, config.arm.length, 'm')
         if not config.encoders.is_identity:
             raise ConfigError(
                 'displacement_names, displacement_scale and displacement_offset are of real '
                 'encoders, and those of a simulator read lengths by name: leave them out'
             )
-        limits = tendon_limits(config)
-        name = own['profile.name']
-        profile = find_profile(name, config.arm) if name else None
-        if profile is not None:
-            check_profile(profile, config.arm, limits)
-        found = cls(
-            arm=config.arm,
-            limits=limits,
-            base_frame=config.base_frame,
-            rate=own['rate'],
-            hardware=Hardware(
-                Winches.of(own), LoadCells.of(own), Relaxation.of(own), config.load_cells
-            ),
-            profile=profile,
-            speed=own['profile.speed'],
-            loop=own['profile.loop'],
-            model=config,
-            push=Push.of(own),
-            sensors=Sensors.of(own),
-            dynamics=own['dynamics'],
-            publish_clock=own['publish_clock'],
-            real_time_factor=own['real_time_factor'],
-            pauses=own['on_failure'] == 'pause',
-            state_file=own['state_file'],
-        )
-        found.pushed_arm  # noqa: B018 - what it refuses is refused here
+        winches, cells, relaxation = Winches.of(own), LoadCells.of(own), Relaxation.of(own)
+        hardware = Hardware(winches, cells, relaxation, config.load_cells)
+        push, sensors = Push.of(own), Sensors.of(own)
+        found = cls(config, Course.of(own), Playing.of(own), hardware, push, sensors)
+        found.profile, found.pushed_arm  # noqa: B018 - what they refuse is refused here
         return found
-
-
-def _check_time(own: Mapping[str, Any]) -> None:
-    """Check how time goes on, and what follows where it does not."""
-    factor, failure = own['real_time_factor'], own['on_failure']
-    if factor:
-        within('real_time_factor', factor, _SLOWEST, _FASTEST, '-')
-    if factor != 1.0 and not own['publish_clock']:
-        raise ArmDefinitionError('real_time_factor', factor, '1 without publish_clock')
-    if failure not in _ON_FAILURE:
-        raise ConfigError(f'on_failure is {shown(failure)}, expected go_on or pause')
-    if (file := own['state_file']) and not file.endswith(SUFFIX):
-        raise ConfigError(f'state_file is {shown(file)}, expected a name that ends with {SUFFIX}')
 
 
 def for_arm_node(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -274,7 +254,7 @@ class TendonDrive:
     def __init__(self, config: SimulatorConfig) -> None:
         """Begin with slack tendons."""
         self._config = config
-        self.hardware = SimulatedHardware(config.hardware, len(config.arm.tendons))
+        self.hardware = SimulatedHardware(config.hardware, len(config.model.arm.tendons))
         self.held: dict[str, float] = {}
         self._wound: Wound | None = None
         self._shape: Backbone | None = None
@@ -283,12 +263,12 @@ class TendonDrive:
         """Use other parameters from now on; returns what is lost thereby, for a warning."""
         before, self._config, lost = self._config, config, []
         arm, last = config.pushed_arm, before.pushed_arm
-        if arm and last and _goes_on(arm, last):
+        if arm and last and arm.go_on_from(last):
             lost.append('friction history forgotten: another arm, or pushed at another s')
-        if config.arm.tendon_names == before.arm.tendon_names:
+        if config.model.arm.tendon_names == before.model.arm.tendon_names:
             self.hardware.change(config.hardware)
         else:
-            self.hardware = SimulatedHardware(config.hardware, len(config.arm.tendons))
+            self.hardware = SimulatedHardware(config.hardware, len(config.model.arm.tendons))
         is_same = config.model.has_balance_of(before.model)
         if not (is_same and (config.limits == before.limits).all()):
             if self.held:
@@ -310,7 +290,7 @@ class TendonDrive:
             config.pushed_arm.check_lengths(lengths)
         elif lengths:
             wound = self._at_rest(lengths, tensions)
-            check_command(config.arm, wound.backbone.tensions, config.limits)
+            check_command(config.model.arm, wound.backbone.tensions, config.limits)
             self._wound = wound
         self.held = dict(lengths)
 
@@ -322,7 +302,7 @@ class TendonDrive:
         Raises:
             OctoArmError: as `solve_displacements`.
         """
-        if not self.held or self._config.dynamics:
+        if not self.held or self._config.course.dynamics:
             return tensions
         self._wound = self._at_rest(self.held, tensions)
         return np.minimum(self._wound.backbone.tensions.ravel(), self._config.limits)
@@ -340,9 +320,9 @@ class TendonDrive:
             SolveError: if no step succeeds; the arm stays as it was.
         """
         arm, hardware = self._config.pushed_arm, self.hardware
+        if isinstance(arm, PushedArm):
+            arm.advance(tensions, force)
         if not isinstance(arm, DynamicArm):
-            if arm is not None:
-                arm.advance(tensions, force, elapsed)
             return tensions
         arm.advance(tensions, force, elapsed, self._reeled(elapsed))
         hardware.hold(arm.state.tensions, arm.reeled_in(), elapsed, self._is_held())
@@ -357,13 +337,13 @@ class TendonDrive:
         config = self._config
         if isinstance(config.pushed_arm, DynamicArm):
             return config.pushed_arm.reeled_in()
-        pulled = tensions.reshape(config.arm.tension_shape)
+        pulled = tensions.reshape(config.model.arm.tension_shape)
         self._shape = config.solver.follow(pulled, self._shape)
         return displacements_of(config.solver, self._shape).ravel()
 
     def _is_held(self) -> NDArray[np.bool_]:
         """Of which tendons of an arm that moves winches hold the lengths, (tendons,)."""
-        arm, is_moving = self._config.arm, self._config.dynamics
+        arm, is_moving = self._config.model.arm, self._config.course.dynamics
         return np.array([is_moving and name in self.held for name in arm.tendon_names])
 
     def _reeled(self, elapsed: float) -> Reeled | None:
@@ -371,7 +351,7 @@ class TendonDrive:
             return None
         config, (tension, _, crept, now) = self._config, self.hardware.state
         winches, relaxation = config.hardware.winches, config.hardware.relaxation
-        goal = np.array([self.held.get(name, np.nan) for name in config.arm.tendon_names])
+        goal = np.array([self.held.get(name, np.nan) for name in config.model.arm.tendon_names])
         most = np.minimum(config.limits, winches.force_limit or np.inf)
         bounds = np.array([np.full(most.size, winches.slack_floor), most])
         effective = relaxation.effective(relaxation.step(crept, bounds, elapsed), bounds)
@@ -383,20 +363,13 @@ class TendonDrive:
         return Reeled(winches.reel(now, goal, elapsed), effective, direction, at, taut)
 
     def _at_rest(self, lengths: Mapping[str, float], tensions: FloatArray) -> Wound:
-        names = self._config.arm.tendon_names
+        names = self._config.model.arm.tendon_names
         given = {
             name: float(tension)
             for name, tension in zip(names, tensions, strict=True)
             if name not in lengths
         }
         return solve_displacements(self._config.solver, lengths, given, self._wound)
-
-
-def _goes_on(arm: PushedArm | DynamicArm, before: PushedArm | DynamicArm) -> bool:
-    """Let ``arm`` go on from one ``before``; whether a history of friction is lost."""
-    if isinstance(arm, DynamicArm):
-        return isinstance(before, DynamicArm) and arm.go_on_from(before)
-    return isinstance(before, PushedArm) and arm.go_on_from(before)
 
 
 PLUGIN = 'joint_state_topic_hardware_interface/JointStateTopicSystem'

@@ -53,7 +53,7 @@ def test_sensors_end_with_what_they_read_of_the_arm_at_rest(s):
     began = arm.tip_pose()
     for _ in range(110):
         arm.advance(TENSIONS, force, 0.1)
-    still.advance(TENSIONS, force, 0.1)
+    still.advance(TENSIONS, force)
     tip, expected = np.array(arm.tip_pose().position), np.array(still.tip_pose().position)
     assert np.linalg.norm(tip - began.position) > 0.05
     np.testing.assert_allclose(tip, expected, atol=2e-5)

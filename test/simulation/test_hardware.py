@@ -234,7 +234,7 @@ def test_everything_is_off_by_default_and_every_parameter_arrives():
     own |= {'winches.lag': 0.1, 'load_cells.seed': 3, 'relaxation.ratio': 0.2, 'rate': 20.0}
     config = SimulatorConfig.from_parameters({**ARM, **own, 'profile.name': 'ramps'})
     expected = Hardware(Winches(lag=0.1), LoadCells(seed=3), Relaxation(ratio=0.2))
-    assert (config.hardware, config.rate) == (expected, 20.0)
+    assert (config.hardware, config.course.rate) == (expected, 20.0)
     assert config.profile is not None and config.profile.duration > 0.0
 
 

@@ -22,6 +22,7 @@ from octo_arm_msgs.msg import TendonTensions
 from rclpy.clock import Clock, ClockType
 from rclpy.time import Time as RosTime
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
 from octo_arm_model.arm.errors import ConfigError, LoadError, OctoArmError, in_short, shown
 from octo_arm_model.arm.hints import FloatArray
@@ -36,7 +37,7 @@ from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.simulator import publishers, services
 from octo_arm_model.ros.start import CheckedNode
 from octo_arm_model.ros.work import until_shutdown
-from octo_arm_model.simulation.dynamic_arm import SHAPE, DynamicArm, check_values
+from octo_arm_model.simulation.dynamic_arm import DynamicArm, check_values
 from octo_arm_model.simulation.movements import TOPIC, check_command
 from octo_arm_model.simulation.simulator import COMMANDS as JOINT_COMMANDS
 from octo_arm_model.simulation.simulator import PARAMETERS, SimulatorConfig, TendonDrive
@@ -77,7 +78,7 @@ class SimulatorNode(CheckedNode):
         self._push = services.PushService(self, lambda: self._config.push)
         self._live = LiveParameters(self, table, self._prepare, self._use)
         self._live.begin()
-        services.offer_services(self, self._time, self._reset, self._save, self._restore)
+        services.SimulationServices(self, self._time, self._reset, self._save, self._restore)
         inputs = Inputs(self, self._diagnostics.refuse, self._diagnostics.count)
         for topic, message in TENSION_TOPICS.items():
             command = topic.replace('tendon_tensions', TOPIC, 1)
@@ -101,7 +102,7 @@ class SimulatorNode(CheckedNode):
             OctoArmError: as `SimulatorConfig.from_parameters`.
         """
         config = SimulatorConfig.from_parameters(values)
-        file = config.state_file
+        file = config.course.state_file
         if self._configured is None:
             self._folder = Path(file).parent if file else None
         elif file and Path(file).parent != self._folder:
@@ -116,13 +117,13 @@ class SimulatorNode(CheckedNode):
         before, self._configured = self._configured, config
         if any(name.startswith('push.') for name in names):
             self._push.forget()
-        tendons = config.arm.tendon_names
+        tendons = config.model.arm.tendon_names
         if before is None:
             self._drive = TendonDrive(config)
         else:
             for lost in self._drive.go_on_with(config):
                 self.get_logger().warning(lost)
-        if before is None or tendons != before.arm.tendon_names:
+        if before is None or tendons != before.model.arm.tendon_names:
             self._command: FloatArray = np.zeros(len(tendons))
         elif (self._command > config.limits).any():
             self._command = np.minimum(self._command, config.limits)
@@ -132,7 +133,7 @@ class SimulatorNode(CheckedNode):
             if self._is_playing and self._drive.held:
                 driven = ' '.join(self._drive.held)
                 self.get_logger().warning(f'the profile leaves out, as driven by length: {driven}')
-        self._time.use(config.rate, config.publish_clock, config.real_time_factor)
+        self._time.use(config.course)
 
     @property
     def _config(self) -> SimulatorConfig:
@@ -142,7 +143,7 @@ class SimulatorNode(CheckedNode):
 
     def _on_command(self, kind: TensionMessage, topic: str, message: Any) -> None:
         """Follow a command from now on, and no longer the profile."""
-        arm = self._config.arm
+        arm = self._config.model.arm
         command = check_command(arm, kind.read(message, arm), self._config.limits)
         self._follow(topic, command, dict(zip(arm.tendon_names, command)), {})
 
@@ -161,7 +162,7 @@ class SimulatorNode(CheckedNode):
 
     def _on_joints(self, topic: str, message: JointState) -> None:
         """Pull, or reel in, the tendons that are named from now on; others go on as they do."""
-        arm = self._config.arm
+        arm = self._config.model.arm
         tensions, lengths = read_joint_commands(message, arm)
         wanted = [tensions.get(*named) for named in zip(arm.tendon_names, self._command)]
         command = check_command(arm, np.array(wanted), self._config.limits)
@@ -172,7 +173,7 @@ class SimulatorNode(CheckedNode):
 
     def _on_lengths(self, topic: str, message: JointState) -> None:
         """Reel in the tendons that are named from now on; all others follow tensions."""
-        found = read_displacements(message, self._config.arm)
+        found = read_displacements(message, self._config.model.arm)
         self._drive.hold(found, self._command)
         self._follow(topic, self._command, {}, found)
 
@@ -204,7 +205,7 @@ class SimulatorNode(CheckedNode):
     def _reset(self) -> None:
         """Begin anew: slack tendons, no commands, the arm at rest and without history."""
         config = self._config
-        self._drive, self._command = TendonDrive(config), np.zeros(len(config.arm.tendons))
+        self._drive, self._command = TendonDrive(config), np.zeros(len(config.model.arm.tendons))
         if config.pushed_arm is not None:
             config.pushed_arm.reset()
         self._is_playing, self._played = config.profile is not None, 0.0
@@ -213,52 +214,40 @@ class SimulatorNode(CheckedNode):
 
     def _stored(self) -> tuple[DynamicArm, Path]:
         """The arm whose state is saved and restored, and the file of it."""
-        arm, file = self._config.pushed_arm, self._config.state_file
+        arm, file = self._config.pushed_arm, self._config.course.state_file
         if not isinstance(arm, DynamicArm):
             raise ConfigError('dynamics is false, expected true to save or restore a state')
         if not file:
             raise ConfigError("state_file is '', expected the name of a file of a state")
         return arm, Path(file)
 
+    def _state(self) -> dict[str, FloatArray]:
+        """What pulls the arm, and for how long it has."""
+        held, names = self._drive.held, self._config.model.arm.tendon_names
+        return {
+            'hardware': self._drive.hardware.state,
+            'command': self._command,
+            'lengths': np.array([held.get(name, 0.0) for name in names]),
+            'driven': np.array([float(name in held) for name in names]),
+            'played': np.array(self._played),
+            'time': np.array(self._sensors.time),
+            'playing': np.array(float(self._is_playing)),
+            'surroundings': self._moving_arm().surroundings.values,
+        }
+
     def _save(self) -> None:
         """Write the state of arm, winches and commands to the file of the parameters."""
         arm, path = self._stored()
-        held, names = self._drive.held, self._config.arm.tendon_names
-        arm.save(
-            path,
-            {
-                'hardware': self._drive.hardware.state,
-                'command': self._command,
-                'lengths': np.array([held.get(name, 0.0) for name in names]),
-                'driven': np.array([name in held for name in names], dtype=np.float64),
-                'played': self._played,
-                'time': self._sensors.time,
-                'surroundings': arm.surroundings.values,
-                'playing': float(self._is_playing),
-            },
-        )
+        arm.save(path, self._state())
 
     def _restore(self) -> None:
         """Go on from that state, with its commands; noise goes on as it is."""
         arm, path = self._stored()
-        config, names = self._config, self._config.arm.tendon_names
-        each = (len(names),)
-        state, values = arm.read(
-            path,
-            {
-                'hardware': (4, *each),
-                'command': each,
-                'lengths': each,
-                'driven': each,
-                'played': (),
-                'time': (),
-                'playing': (),
-                'surroundings': SHAPE,
-            },
-        )
+        config, names = self._config, self._config.model.arm.tendon_names
+        state, values = arm.read(path, {name: one.shape for name, one in self._state().items()})
         check_values(values['surroundings'], state.base)
         for tensions in (values['command'], *values['hardware'][:-1]):
-            check_command(config.arm, tensions, config.limits)
+            check_command(config.model.arm, tensions, config.limits)
         lengths = zip(names, values['lengths'].tolist(), values['driven'], strict=True)
         held = {name: length for name, length, is_driven in lengths if is_driven}
         arm.check_lengths(held)
@@ -274,19 +263,19 @@ class SimulatorNode(CheckedNode):
         """Advance winches, load cells and arm by ``elapsed`` [s], to the time ``now``."""
         config = self._config
         if self._is_playing and config.profile is not None:
-            self._command = config.profile.at(self._played, loop=config.loop)
-            self._played += config.speed * elapsed
-        arm, frame, stamp = config.arm, config.base_frame, now.to_msg()
+            self._command = config.profile.at(self._played, loop=config.playing.loop)
+            self._played += config.playing.speed * elapsed
+        model, course, stamp = config.model, config.course, now.to_msg()
         try:
             self._set_point = self._drive.set_points(self._command)
         except OctoArmError as error:
             # Winches stay where they are.
-            self._diagnostics.warn(self._lengths.topic, error)
+            self._diagnostics.log.warn(self._lengths.topic, error)
         effective = self._drive.advance(self._set_point, elapsed)
         pushed = self._push.at(self._sensors.time + elapsed)
         is_moved = config.pushed_arm is not None
         # Where a call comes more than a period late, the arm is slower than a clock that goes on.
-        most = 2.0 / config.rate if is_moved and not config.publish_clock else math.inf
+        most = 2.0 / course.rate if is_moved and not course.publish_clock else math.inf
         of_arm = min(elapsed, most)
         self._diagnostics.counts['simulated'] += of_arm
         try:
@@ -295,7 +284,9 @@ class SimulatorNode(CheckedNode):
             self._fail(error)
             is_moved = False
             self._sensors.time += elapsed
-        self._effective.publish(topics.tensions_message(effective, arm, stamp, frame))
+        self._effective.publish(
+            topics.tensions_message(effective, model.arm, stamp, model.base_frame)
+        )
         measured = self._drive.hardware.read()
         if measured is None:
             self._diagnostics.counts['lost'] += 1
@@ -307,31 +298,32 @@ class SimulatorNode(CheckedNode):
         if is_moved:
             self._sensors.publish(config, pushed, elapsed, stamp)
             if isinstance(config.pushed_arm, DynamicArm):
-                self._motion.publish(config.model, config.pushed_arm, stamp)
+                self._motion.publish(model, config.pushed_arm, stamp)
 
     def _fail(self, error: OctoArmError) -> None:
         """Say why the arm does not move, and pause if the parameters say so."""
         self._diagnostics.fail(error)
-        if self._config.pauses and not self._time.is_paused:
+        if self._config.course.on_failure == 'pause' and not self._time.is_paused:
             self._time.is_paused = True
             self.get_logger().error(f'paused, as no step succeeds: {in_short(error)}')
 
     def _publish_encoders(self, tensions: FloatArray, stamp: Time) -> None:
         """Publish what encoders read of the arm under ``tensions`` (tendons,) [N]."""
+        model = self._config.model
         try:
             reeled_in = self._drive.encoders(tensions)
         except OctoArmError as error:
-            self._diagnostics.warn(self._encoders.topic_name, error)
+            self._diagnostics.log.warn(self._encoders.topic_name, error)
             return
-        message = JointState(name=list(self._config.arm.tendon_names), position=reeled_in)
-        message.header.stamp, message.header.frame_id = stamp, self._config.base_frame
-        self._encoders.publish(message)
+        header = Header(stamp=stamp, frame_id=model.base_frame)
+        names = list(model.arm.tendon_names)
+        self._encoders.publish(JointState(header=header, name=names, position=reeled_in))
 
     def _readings_message(self, readings: FloatArray, stamp: Time) -> TendonTensions:
         """Message of the ``readings`` of load cells (tendons,) [N]."""
-        config = self._config
-        message = topics.tensions_message(readings, config.arm, stamp, config.base_frame)
-        if names := config.hardware.calibration.names:
+        model = self._config.model
+        message = topics.tensions_message(readings, model.arm, stamp, model.base_frame)
+        if names := model.load_cells.names:
             # Under the names that the node expects, and of the tendons that have a load cell.
             cells = [number for number, name in enumerate(names) if name != NONE]
             message.name = [names[number] for number in cells]

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 
 import numpy as np
@@ -63,8 +63,8 @@ class SensorPublishers:
         arm, sensors = config.pushed_arm, config.sensors
         assert arm is not None
         before, self.time = self.time, self.time + elapsed
-        header = Header(stamp=stamp, frame_id=config.base_frame)
-        if config.push.is_at_tip(config.arm.length):
+        header = Header(stamp=stamp, frame_id=config.model.base_frame)
+        if config.push.is_at_tip(config.model.arm.length):
             # What a node of the true shape needs beside the true tensions.
             self._truth.publish(_wrench(header, np.append(pushed, np.zeros(3))))
         pose_due, markers_due, wrench_due = (
@@ -85,7 +85,7 @@ class SensorPublishers:
         if wrench_due:
             measured = arm.base_wrench()
             # About the origin of base_frame, as its header says.
-            measured[3:] += np.cross(arm.base_position, measured[:3])
+            measured[3:] += np.cross(arm.backbone.position[0], measured[:3])
             self._wrench.publish(_wrench(header, measured))
 
 
@@ -202,18 +202,17 @@ class SimulatorDiagnostics:
     """Counts what a simulator is commanded and publishes.
 
     Attributes:
-        counts: of commands, those refused, readings published, readings lost and failed steps, and
-            by how much time the arm went on [s].
+        counts: of 'commands', those 'refused', readings 'published' and 'lost', steps 'failed',
+            and the time by which the arm went on, 'simulated' [s].
+        log: of what is refused.
     """
 
     def __init__(self, node: Node) -> None:
         """Publish and warn by ``node``."""
-        self._node = node
-        names = 'commands', 'refused', 'published', 'lost', 'failed', 'simulated'
-        self.counts: dict[str, float] = dict.fromkeys(names, 0)
-        self._reported = self.counts | {'time': time.monotonic()}
+        self._node, self.log = node, RefusalLog(node)
+        self.counts = defaultdict[str, float](float)
+        self._reported = {'time': time.monotonic()}
         self._reason = self._failure = ''
-        self._refusal_log = RefusalLog(node)
         self._publisher = create_publisher(
             node, DiagnosticArray, diagnostics.TOPIC, diagnostics.QOS
         )
@@ -226,46 +225,45 @@ class SimulatorDiagnostics:
         """Count a command on ``topic`` as refused, and say why."""
         self.counts['refused'] += 1
         self._reason = f'{topic}: {in_short(error)}'
-        self.warn(topic, error)
-
-    def warn(self, topic: str, error: OctoArmError) -> None:
-        """Warn of what a message on ``topic`` led to, at most once a second."""
-        self._refusal_log.warn(topic, error)
+        self.log.warn(topic, error)
 
     def fail(self, error: OctoArmError) -> None:
         """Count a step of the arm as failed, and say why."""
         self.counts['failed'] += 1
         self._failure = in_short(error)
-        self._refusal_log.say('the arm stays as it was', self._failure)
+        self.log.say('the arm stays as it was', self._failure)
 
     def publish(self, source: str, problem: str) -> None:
         """Publish the counts since the last time.
 
         ``source`` is what the simulator follows, and ``problem`` what else is wrong.
         """
-        now = self.counts | {'time': time.monotonic()}
-        lately, self._reported = {name: now[name] - self._reported[name] for name in now}, now
+        counts, before = self.counts, self._reported
+        counts['time'] = time.monotonic()
+        lately = defaultdict(
+            float, {name: n - before.get(name, 0.0) for name, n in counts.items()}
+        )
+        self._reported = dict(counts)
         period = lately['time']  # a step may take longer than a usual one
         problems = [problem] if problem else []
         if refused := lately['refused']:
-            problems.append(f'{refused} refused: {self._reason}')
+            problems.append(f'{refused:.0f} refused: {self._reason}')
         if failed := lately['failed']:
-            problems.append(f'{failed} steps failed: {self._failure}')
-        fine, warn = f'following {source}', DiagnosticStatus.WARN
+            problems.append(f'{failed:.0f} steps failed: {self._failure}')
         status = diagnostics.make_status(
             'simulator',
-            warn,
+            DiagnosticStatus.WARN,
             '; '.join(problems),
-            fine,
+            f'following {source}',
             {
                 'source': source,
                 'commands [Hz]': f'{lately["commands"] / period:.1f}',
-                'refused': self.counts['refused'],
+                'refused': int(counts['refused']),
                 'last refusal': self._reason,
                 'readings [Hz]': f'{lately["published"] / period:.1f}',
-                'readings lost': self.counts['lost'],
+                'readings lost': int(counts['lost']),
                 'real time factor': f'{lately["simulated"] / period:.2f}',
-                'failed steps': self.counts['failed'],
+                'failed steps': int(counts['failed']),
                 'last failure': self._failure,
             },
         )

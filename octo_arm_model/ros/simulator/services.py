@@ -4,8 +4,10 @@ As those of `simulation_interfaces` too, where that package is installed.
 """
 
 import importlib
+import re
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,7 +28,7 @@ from octo_arm_model.ros.topics import create_publisher
 from octo_arm_model.ros.work import SLICE, until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.pushed_arm import Push
-from octo_arm_model.simulation.simulator import SimulatorConfig
+from octo_arm_model.simulation.simulator import Course, SimulatorConfig
 
 TOPIC = '/clock'
 _AGAIN = 1e-3  # [s] between slices of steps, in which others are answered
@@ -47,19 +49,18 @@ class SimulationClock:
         self.is_paused = False
         self.period, self._is_own, self._slice = 0.0, False, 0.0
         self._timer: Timer | None = None
-        self._pace: tuple[float, ...] = ()
+        self._course: Course | None = None
         self._last, self._time_ns = 0, 0
         self._publisher: Publisher | None = None
 
-    def use(self, rate: float, is_own: bool, factor: float) -> None:
-        """Step at ``rate`` [Hz] of the node's clock, or of an own one.
-
-        That goes ``factor`` times as fast as the wall clock; 0 for as fast as it goes.
-        """
-        pace, self._pace = self._pace, (rate, is_own, factor)
-        if pace == self._pace:
+    def use(self, course: Course) -> None:
+        """Step as ``course`` says from now on."""
+        before, self._course = self._course, course
+        is_own, factor = course.publish_clock, course.real_time_factor
+        pace = course.rate, is_own, factor
+        if before and pace == (before.rate, before.publish_clock, before.real_time_factor):
             return
-        self.period, self._is_own = 1.0 / rate, is_own
+        self.period, self._is_own = 1.0 / course.rate, is_own
         self._slice = 0.0 if factor else SLICE
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
@@ -116,55 +117,67 @@ MOST_STEPS, LONGEST = 1000, 10.0  # of one request, which all others wait for; [
 NOT_PAUSED = 'is not paused, expected pause before step'
 
 
-def offer_services(
-    node: Node,
-    clock: SimulationClock,
-    reset: Callable[[], None],
-    save: Callable[[], None],
-    restore: Callable[[], None],
-) -> None:
-    """Offer the services on ``node``.
+_FEATURES = (
+    'SIMULATION_RESET',
+    'SIMULATION_RESET_TIME',
+    'SIMULATION_RESET_STATE',
+    'SIMULATION_STATE_GETTING',
+    'SIMULATION_STATE_SETTING',
+    'SIMULATION_STATE_PAUSE',
+    'STEP_SIMULATION_SINGLE',
+    'STEP_SIMULATION_MULTIPLE',
+)
 
-    ``reset`` begins anew, at rest with slack tendons; ``save`` writes the state to a file, and
-    ``restore`` goes on from it. Each may raise an `OctoArmError`.
-    """
 
-    def pause(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        clock.is_paused, response.success = bool(request.data), True
+class SimulationServices:
+    """The services on a node, besides that which pushes the arm."""
+
+    def __init__(
+        self,
+        node: Node,
+        clock: SimulationClock,
+        reset: Callable[[], None],
+        save: Callable[[], None],
+        restore: Callable[[], None],
+    ) -> None:
+        """Offer the services on ``node``.
+
+        ``reset`` begins anew, at rest with slack tendons; ``save`` writes the state to a file, and
+        ``restore`` goes on from it. Each may raise an `OctoArmError`.
+        """
+        self._clock, self._reset, self._is_stopped = clock, reset, False
+        node.create_service(SetBool, 'pause', self._pause)
+        for name, act, done in (
+            ('step', self._step_once, 'went on by one period'),
+            ('reset', self._begin_anew, 'at rest, tendons slack'),
+            ('save_state', save, 'saved'),
+            ('restore_state', restore, 'restored'),
+        ):
+            node.create_service(Trigger, name, partial(self._trigger, act, done))
+        try:
+            self._kinds: Any = importlib.import_module('simulation_interfaces.srv')
+            self._messages: Any = importlib.import_module('simulation_interfaces.msg')
+        except ImportError:
+            return
+        for name, answer in (
+            ('GetSimulatorFeatures', self._features),
+            ('GetSimulationState', self._get),
+            ('SetSimulationState', self._set),
+            ('ResetSimulation', self._on_reset),
+            ('StepSimulation', self._steps),
+        ):
+            service = re.sub('(?<!^)(?=[A-Z])', '_', name).lower()
+            node.create_service(getattr(self._kinds, name), service, answer)
+
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._clock.is_paused, response.success = bool(request.data), True
         response.message = 'paused' if request.data else 'goes on'
         return response
 
-    def step() -> None:
-        if not clock.is_paused:
-            raise OctoArmError(NOT_PAUSED)
-        clock.step()
-
-    def begin_anew() -> None:
-        reset()
-        clock.reset()
-
-    node.create_service(SetBool, 'pause', pause)
-    for name, act, done in (
-        ('step', step, 'went on by one period'),
-        ('reset', begin_anew, 'at rest, tendons slack'),
-        ('save_state', save, 'saved'),
-        ('restore_state', restore, 'restored'),
-    ):
-        node.create_service(Trigger, name, _answer(act, done))
-    try:
-        kinds = importlib.import_module('simulation_interfaces.srv')
-        messages = importlib.import_module('simulation_interfaces.msg')
-    except ImportError:
-        return
-    StandardServices(node, clock, reset, kinds, messages)
-
-
-def _answer(
-    act: Callable[[], None], done: str
-) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-    """Answers a request by what ``act`` does, and ``done`` where it is."""
-
-    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _trigger(
+        self, act: Callable[[], None], done: str, _: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        """Answer a request by what ``act`` does, and ``done`` where it is."""
         try:
             act()
             response.success, response.message = True, done
@@ -172,35 +185,14 @@ def _answer(
             response.message = str(error)
         return response
 
-    return answer
+    def _step_once(self) -> None:
+        if not self._clock.is_paused:
+            raise OctoArmError(NOT_PAUSED)
+        self._clock.step()
 
-
-class StandardServices:
-    """The same in the fields of `simulation_interfaces`.
-
-    Its modules of services and messages are given, as they may not be installed.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        clock: SimulationClock,
-        reset: Callable[[], None],
-        kinds: Any,
-        messages: Any,
-    ) -> None:
-        """Offer them on ``node``."""
-        self._clock, self._reset = clock, reset
-        self._is_stopped = False
-        self._kinds, self._messages = kinds, messages
-        for name, kind, answer in (
-            ('get_simulator_features', kinds.GetSimulatorFeatures, self._features),
-            ('get_simulation_state', kinds.GetSimulationState, self._get),
-            ('set_simulation_state', kinds.SetSimulationState, self._set),
-            ('reset_simulation', kinds.ResetSimulation, self._on_reset),
-            ('step_simulation', kinds.StepSimulation, self._step),
-        ):
-            node.create_service(kind, name, answer)
+    def _begin_anew(self) -> None:
+        self._reset()
+        self._clock.reset()
 
     @property
     def _state(self) -> int:
@@ -211,16 +203,7 @@ class StandardServices:
 
     def _features(self, _: Any, response: Any) -> Any:
         known = self._messages.SimulatorFeatures
-        response.features.features = [
-            known.SIMULATION_RESET,
-            known.SIMULATION_RESET_TIME,
-            known.SIMULATION_RESET_STATE,
-            known.SIMULATION_STATE_GETTING,
-            known.SIMULATION_STATE_SETTING,
-            known.SIMULATION_STATE_PAUSE,
-            known.STEP_SIMULATION_SINGLE,
-            known.STEP_SIMULATION_MULTIPLE,
-        ]
+        response.features.features = [getattr(known, name) for name in _FEATURES]
         return response
 
     def _get(self, _: Any, response: Any) -> Any:
@@ -236,15 +219,13 @@ class StandardServices:
                 f'state is {wanted}, expected stopped, playing or paused',
             )
         if wanted == self._state:
-            response.result.result = (
-                self._kinds.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
-            )
+            already = self._kinds.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
+            response.result.result = already
             return response
         self._is_stopped = wanted == known.STATE_STOPPED
         self._clock.is_paused = wanted != known.STATE_PLAYING
         if self._is_stopped:
-            self._reset()
-            self._clock.reset()
+            self._begin_anew()
         return self._result(response, 'RESULT_OK')
 
     def _on_reset(self, request: Any, response: Any) -> Any:
@@ -258,7 +239,7 @@ class StandardServices:
             self._clock.reset()
         return self._result(response, 'RESULT_OK')
 
-    def _step(self, request: Any, response: Any) -> Any:
+    def _steps(self, request: Any, response: Any) -> Any:
         problem = ''
         if not self._clock.is_paused:
             problem = NOT_PAUSED
@@ -286,9 +267,9 @@ def check_frame(header: Header, config: SimulatorConfig, what: str) -> None:
     Raises:
         LoadError: if it is.
     """
-    if header.frame_id not in ('', config.base_frame):
+    if header.frame_id not in ('', config.model.base_frame):
         given = shown(header.frame_id)
-        raise LoadError(f'the {what} is in frame {given}, expected {config.base_frame!r}')
+        raise LoadError(f'the {what} is in frame {given}, expected {config.model.base_frame!r}')
 
 
 _HOLD = 0.5  # [s] for which a force of a message acts, unless another comes
