@@ -45,11 +45,19 @@ class BackboneWriter:
         frame = cdr.text_field('frame_id', frame_id)
         self._poses = cdr.Template(pose_array(frame, s.size))
         self._path = cdr.Template(path(frame, s.size))
-        self._strains = cdr.Template(
-            _section_strains(frame, cdr.text_field('model', model), s, section)
-        )
+        strains = cdr.Layout(frame)
+        strains.constants(cdr.text_field('model', model))
+        for values in (s.astype('<f8'), section.astype('<i4')):
+            strains.count(s.size)
+            strains.constants(values)
+        for _ in ('tau', 'xi', 'k', 'q'):
+            strains.sequence(s.size)
+        self._strains = cdr.Template(strains)
         self._tip = cdr.Template(pose_with_covariance(frame))
-        self._lengths = cdr.Template(_joint_state(frame, tendon_names))
+        lengths = tendon_tensions(frame, tendon_names)  # but that the numbers are positions
+        lengths.count(0)  # no velocities
+        lengths.sequence(len(tendon_names))
+        self._lengths = cdr.Template(lengths)
         self._tensions = cdr.Template(tendon_tensions(frame, tendon_names))
 
     def poses(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
@@ -108,16 +116,6 @@ def path(frame: bytes, stations: int) -> cdr.Layout:
     return layout
 
 
-def _section_strains(frame: bytes, model: bytes, s: FloatArray, section: IntArray) -> cdr.Layout:
-    layout = cdr.Layout(frame)
-    layout.string(model)
-    layout.constant_sequence(s.astype('<f8'))
-    layout.constant_sequence(section.astype('<i4'))
-    for _ in ('tau', 'xi', 'k', 'q'):
-        layout.sequence(s.size)
-    return layout
-
-
 def pose_with_covariance(frame: bytes) -> cdr.Layout:
     """Layout of a geometry_msgs/PoseWithCovarianceStamped."""
     layout = cdr.Layout(frame)
@@ -129,14 +127,8 @@ def pose_with_covariance(frame: bytes) -> cdr.Layout:
 def tendon_tensions(frame: bytes, names: Sequence[str]) -> cdr.Layout:
     """Layout of an octo_arm_msgs/TendonTensions of the tendons ``names``."""
     layout = cdr.Layout(frame)
-    layout.strings([cdr.text_field('tendon name', name) for name in names])
-    layout.sequence(len(names))
-    return layout
-
-
-def _joint_state(frame: bytes, names: Sequence[str]) -> cdr.Layout:
-    layout = tendon_tensions(frame, names)  # but that the numbers are positions
-    layout.count(0)  # no velocities
+    layout.count(len(names))
+    layout.constants(*(cdr.text_field('tendon name', name) for name in names))
     layout.sequence(len(names))
     return layout
 
@@ -193,15 +185,15 @@ class TensionProfilesWriter:
         layout.count(s.size)  # width
         layout.count(len(fields))
         for name, offset, kind in fields:
-            layout.string(cdr.text_field('tendon name', name))
+            layout.constants(cdr.text_field('tendon name', name))
             layout.count(offset)
-            layout.constants(np.array([kind], np.uint8))
+            layout.constants(np.array([kind], '<u1'))
             layout.count(1)  # numbers of this name
-        layout.zeros(1, 1)  # is_bigendian
+        layout.constants(np.array([0], '<u1'))  # is_bigendian
         layout.count(points.strides[0])  # bytes of a point
         layout.count(points.nbytes)  # and of the row that all are in
         layout.sequence(points.nbytes, kind='|u1')
-        layout.constants(np.array([1], np.uint8))  # is_dense: no number is missing
+        layout.constants(np.array([1], '<u1'))  # is_dense: no number is missing
         self._template = cdr.Template(layout)
 
     def write(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:

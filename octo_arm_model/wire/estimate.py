@@ -82,7 +82,8 @@ class EstimateWriter:
         """
         frame = text_field('frame_id', frame_id)
         covariance, wrench = Layout(frame), Layout(frame)
-        covariance.constant_sequence(s.astype('<f8'))
+        covariance.count(s.size)
+        covariance.constants(s.astype('<f8'))
         covariance.sequence(s.size * _PARTS**2)
         covariance.numbers(1)
         covariance.numbers(_PARTS, _PARTS)

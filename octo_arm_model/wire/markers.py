@@ -39,18 +39,16 @@ class MarkersWriter:
         frame = text_field('frame_id', frame_id)
         layout = Layout()
         layout.count(1 + own.disc_count + len(own.tendon_points))
-        add_triangles(layout, frame, b'body', BODY_COLOUR, self._corners.size)
+        _add_triangles(layout, frame, b'body', BODY_COLOUR, self._corners.size)
         for index in range(own.disc_count):
             _begin_marker(layout, frame, b'anchorages', index + 1, _CYLINDER)
             layout.poses(1)
             layout.numbers(2)
-            layout.constants(np.array([own.disc_thickness], '<f8'))
-            layout.constants(np.array(DISC_COLOUR, '<f4'))
+            layout.constants(np.array([own.disc_thickness], '<f8'), np.array(DISC_COLOUR, '<f4'))
             _finish_marker(layout, 0)
         for index, points in enumerate(own.tendon_points):
             _begin_marker(layout, frame, b'tendons', index + 1, _LINE_STRIP)
-            layout.constants(_ORIGIN)
-            layout.constants(np.array([own.line_width, 0.0, 0.0], '<f8'))
+            layout.constants(_ORIGIN, np.array([own.line_width, 0.0, 0.0], '<f8'))
             layout.numbers(4, kind='<f4')
             _finish_marker(layout, points)
         self._template = Template(layout)
@@ -103,7 +101,7 @@ class FramesWriter:
         layout.count(len(names))
         for name in names:
             layout.header(parent)
-            layout.string(text_field('frame_prefix', prefix + name))
+            layout.constants(text_field('frame_prefix', prefix + name))
             layout.poses(1)
         self._template = Template(layout)
 
@@ -115,19 +113,16 @@ class FramesWriter:
         return self._template.write(sec, nanosec, *values)
 
 
-def add_triangles(
-    layout: Layout,
-    frame: bytes,
-    namespace: bytes,
-    colour: tuple[float, float, float, float],
-    corners: int,
-    action: int = ADD,
+Colour: TypeAlias = tuple[float, float, float, float]
+
+
+def _add_triangles(
+    layout: Layout, frame: bytes, namespace: bytes, colour: Colour, corners: int, action: int = ADD
 ) -> None:
     """A Marker of triangles, number 0 of its ``namespace``, whose ``corners`` vary."""
     _begin_marker(layout, frame, namespace, 0, _TRIANGLE_LIST, action)
-    layout.constants(_ORIGIN)
-    layout.constants(np.ones(3, '<f8'))  # RViz multiplies the points by the scale
-    layout.constants(np.array(colour, '<f4'))
+    # RViz multiplies the points by the scale.
+    layout.constants(_ORIGIN, np.ones(3, '<f8'), np.array(colour, '<f4'))
     _finish_marker(layout, corners)
 
 
@@ -136,35 +131,29 @@ def _begin_marker(
 ) -> None:
     """The first fields of a Marker: its pose, scale and colour follow."""
     layout.header(frame)
-    layout.string(namespace)
-    layout.constants(np.array([number, kind, action], '<i4'))
+    layout.constants(namespace, np.array([number, kind, action], '<i4'))
 
 
 def _finish_marker(layout: Layout, points: int) -> None:
     """The last fields of a Marker from its lifetime on: it stays until the next of its name."""
-    layout.zeros(4, 2)  # lifetime
-    layout.zeros(1, 1)  # frame_locked
+    layout.constants(np.zeros(2, '<u4'), np.zeros(1, '<u1'))  # lifetime, frame_locked
     layout.count(points)
     if points:
         layout.numbers(points, 3)
     layout.count(0)  # colors
-    layout.string(b'')  # texture_resource
-    layout.zeros(4, 2)  # stamp of the texture, which is none
-    layout.string(b'')  # its frame
-    layout.string(b'')  # its format
+    layout.constants(b'', np.zeros(2, '<u4'), b'', b'')  # no texture: resource, header, format
     layout.count(0)  # its data
     layout.count(0)  # uv_coordinates
-    for _ in ('text', 'mesh_resource', 'mesh_file.filename'):
-        layout.string(b'')
+    layout.constants(b'', b'', b'')  # text, mesh_resource, mesh_file.filename
     layout.count(0)  # mesh_file.data
-    layout.zeros(1, 1)  # mesh_use_embedded_materials
+    layout.constants(np.zeros(1, '<u1'))  # mesh_use_embedded_materials
 
 
 _DELETE = 2  # of visualization_msgs/Marker
 
 
 # A marker: its namespace, colour and triangles.
-_Part: TypeAlias = tuple[bytes, tuple[float, float, float, float], IntArray]
+_Part: TypeAlias = tuple[bytes, Colour, IntArray]
 
 
 class UncertaintyMarkersWriter:
@@ -223,5 +212,5 @@ def _template(frame: bytes, parts: Sequence[_Part], shown: int) -> Template:
     layout.count(len(parts))
     for number, (name, colour, triangles) in enumerate(parts):
         corners, action = (triangles.size, ADD) if number < shown else (0, _DELETE)
-        add_triangles(layout, frame, name, colour, corners, action)
+        _add_triangles(layout, frame, name, colour, corners, action)
     return Template(layout)
