@@ -1,6 +1,7 @@
 """The client of an arm's node: its newest shape, strains and problems, and tension commands."""
 
 import collections
+import contextlib
 import functools
 import time
 from collections.abc import Mapping
@@ -18,7 +19,6 @@ from rclpy.validate_namespace import validate_namespace
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, MessageError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import LARGEST
@@ -123,23 +123,6 @@ class PublishedStrains(NamedTuple):
     q: FloatArray
 
 
-def shape_of(data: bytes, received: float) -> PublishedShape | None:
-    """Shape in the serialised poses ``data``, which arrived at ``received`` [s].
-
-    None where it is one pose at most, which is no backbone.
-
-    Raises:
-        MessageError: if a number is not finite, or a quaternion not of length 1.
-    """
-    stamp, poses = read_poses(data)
-    if len(poses) < 2:
-        return None
-    _finite('poses', poses)
-    if np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1.0).max() > _UNIT:
-        raise MessageError('poses have quaternions that are not of length 1')
-    return PublishedShape(poses[:, :3], poses[:, 3:], stamp, received)
-
-
 def strains_of(message: Any) -> PublishedStrains:
     """Strains in an ``octo_arm_msgs/msg/SectionStrains``.
 
@@ -152,33 +135,6 @@ def strains_of(message: Any) -> PublishedStrains:
     if (strains.q <= -1.0).any():
         raise MessageError('q compresses the arm to nothing')
     return strains
-
-
-def covariance_of(message: Any) -> estimate.BackboneCovariance:
-    """Covariance in an ``octo_arm_msgs/msg/BackboneCovariance``.
-
-    Raises:
-        MessageError: if it cannot be one.
-    """
-    found = estimate.read_covariance(message)
-    _variances('pose', _finite('pose', found.pose))
-    _variances('contact', _finite('contact', found.contact))
-    # NaN is that of what acts all along.
-    if np.isinf(found.contact_s):
-        raise MessageError('contact_s is infinite')
-    return found
-
-
-def tip_deviation_of(message: Any) -> FloatArray:
-    """Standard deviation of the position of a ``geometry_msgs/msg/PoseWithCovarianceStamped``.
-
-    Along x, y and z [m], (3,).
-
-    Raises:
-        MessageError: if it has none.
-    """
-    covariance = _finite('covariance', message.pose.covariance).reshape(6, 6)
-    return np.sqrt(_variances('covariance', covariance)[:3])
 
 
 def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
@@ -195,9 +151,13 @@ def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
     return array
 
 
-def _variances(name: str, covariance: FloatArray) -> FloatArray:
-    """Diagonals (..., n) of a ``covariance`` (..., n, n); MessageError if one is below zero."""
-    found = np.diagonal(covariance, axis1=-2, axis2=-1)
+def _variances(name: str, covariance: Any) -> FloatArray:
+    """Diagonals (..., n) of the ``covariance`` (..., n, n) of a message.
+
+    Raises:
+        MessageError: if a number is not finite, or a variance below zero.
+    """
+    found = np.diagonal(_finite(name, covariance), axis1=-2, axis2=-1)
     if (found < 0.0).any():
         raise MessageError(f'{name} has variances below zero')
     return found
@@ -292,7 +252,12 @@ class ArmClient:
             OctoArmError: if the description of the arm or diagnostics are invalid.
         """
         for message in self._description.take():
-            self._describe(message.data)
+            if message.data != self._text:
+                self._text, self.config = message.data, None
+                self._forget()
+                config = Config.from_parameters(parse_parameters(self._text, 'arm_description'))
+                self._commands.use(config)
+                self.config = config
         for message in self._diagnostics.take():
             self._read_status(message)
         before = self.shape
@@ -315,15 +280,38 @@ class ArmClient:
         if name == 'strains':
             self.strains = strains_of(message)
         elif name == TENDON_LENGTHS:
-            self._read_tensions(message, self.config.arm)
+            self.tensions = None
+            with contextlib.suppress(OctoArmError):  # of another arm, whose description is to come
+                self.tensions = JOINT_STATE.read(message, self.config.arm).ravel()
         elif name == estimate.COVARIANCE:
             self.covariance = None
-            self.covariance = covariance_of(message)
+            found = estimate.read_covariance(message)
+            _variances('pose', found.pose)
+            _variances('contact', found.contact)
+            # NaN is that of what acts all along.
+            if np.isinf(found.contact_s):
+                raise MessageError('contact_s is infinite')
+            self.covariance = found
         elif name in (estimate.TIP_WRENCH, estimate.CONTACT):
             force = message.wrench.force
             self.force = _finite('force', [force.x, force.y, force.z])
         else:
-            self.tip_deviation = tip_deviation_of(message)
+            variances = _variances('covariance', np.reshape(message.pose.covariance, (6, 6)))
+            self.tip_deviation = np.sqrt(variances[:3])
+
+    def _read_shape(self, data: bytes, info: dict[str, Any]) -> None:
+        received = 1e-9 * (info.get('received_timestamp') or time.time_ns())
+        stamp, poses = read_poses(data)
+        if len(poses) < 2:
+            return  # no backbone
+        _finite('poses', poses)
+        if np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1.0).max() > _UNIT:
+            raise MessageError('poses have quaternions that are not of length 1')
+        self.shape = PublishedShape(poses[:, :3], poses[:, 3:], stamp, received)
+        # The publisher's sequence number counts skipped shapes as well; some middleware has none.
+        self._counted += 1
+        number = info.get('publication_sequence_number') or self._counted
+        self._meter.count(received, number)
 
     @property
     def problem(self) -> str:
@@ -365,15 +353,6 @@ class ArmClient:
         assert self.config is not None
         self._commands.publish(tensions, self._node.get_clock().now().to_msg())
 
-    def _describe(self, text: str) -> None:
-        if text == self._text:
-            return
-        self._text, self.config = text, None
-        self._forget()
-        config = Config.from_parameters(parse_parameters(text, 'arm_description'))
-        self._commands.use(config)
-        self.config = config
-
     def _read_status(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.hardware_id.rpartition('/')[0] != self._namespace:
@@ -387,20 +366,3 @@ class ArmClient:
             # The output warns of skipped tensions, which are expected at high rates.
             if status.level != DiagnosticStatus.OK and what != 'output':
                 self._problems[status.name] = f'{what}: {status.message}'[:_LONGEST_PROBLEM]
-
-    def _read_tensions(self, message: JointState, arm: Arm) -> None:
-        try:
-            self.tensions = JOINT_STATE.read(message, arm).ravel()
-        except OctoArmError:
-            self.tensions = None  # of another arm, whose description has not arrived yet
-
-    def _read_shape(self, data: bytes, info: dict[str, Any]) -> None:
-        received = 1e-9 * (info.get('received_timestamp') or time.time_ns())
-        shape = shape_of(data, received)
-        if shape is None:
-            return
-        self.shape = shape
-        # The publisher's sequence number counts skipped shapes as well; some middleware has none.
-        self._counted += 1
-        number = info.get('publication_sequence_number') or self._counted
-        self._meter.count(received, number)

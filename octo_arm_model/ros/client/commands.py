@@ -106,23 +106,18 @@ def play(  # noqa: PLR0913 - options by keyword
     check_profile(profile, config.arm, tendon_limits(config))
     received: list[int] = []  # signals, which would otherwise leave the tendons tensioned
     with on_signals(received.append, _SAME_SIGNAL), client_node('octo_arm_player') as node:
-        commands = _open(node, topic, config)
-        publisher = commands.publisher
-        player = _Player(commands, config, rate, received)
-        if _find_listener(publisher, timeout, received, report):
-            player.play(profile, speed, loop, partial(report, 'playing'))
-            if release:
-                player.release(partial(report, 'releasing'))
+        try:
+            commands = CommandPublisher(node, topic, config)
+        except InvalidTopicNameException as error:
+            raise ConfigError(f'topic is {topic!r}, expected a name such as {TOPIC}') from error
+        publish = partial(_publish, commands, received, rate)
+        if _find_listener(commands.publisher, timeout, received, report):
+            last = publish(profile, partial(report, 'playing'), speed, loop)
+            if release and last.any():
+                ramp = transition(last, np.zeros_like(last), RELEASE_TIME)
+                publish(ramp, partial(report, 'releasing'))
         # The process must not end before the last command has arrived.
-        publisher.wait_for_all_acked(Duration(seconds=_FLUSH_TIMEOUT))
-
-
-def _open(node: Node, topic: str, config: Config) -> CommandPublisher:
-    """Publisher of commands; ConfigError if ``topic`` is no name."""
-    try:
-        return CommandPublisher(node, topic, config)
-    except InvalidTopicNameException as error:
-        raise ConfigError(f'topic is {topic!r}, expected a name such as {TOPIC}') from error
+        commands.publisher.wait_for_all_acked(Duration(seconds=_FLUSH_TIMEOUT))
 
 
 def _find_listener(
@@ -144,48 +139,30 @@ def _find_listener(
     return True
 
 
-class _Player:
-    """Publishes profiles in real time."""
-
-    def __init__(
-        self, commands: CommandPublisher, config: Config, rate: float, received: Sequence[int]
-    ) -> None:
-        self._commands, self._rate = commands, rate
-        self._received = received
-        self._newest: FloatArray = np.zeros(len(config.arm.tendons))
-        self._clock = Clock(clock_type=ClockType.SYSTEM_TIME)
-
-    def play(
-        self,
-        profile: CommandProfile,
-        speed: float,
-        loop: bool,
-        report: Callable[[float, float], None],
-    ) -> None:
-        """Publish ``profile`` up to its last row, or until the next interruption."""
-        allowed = len(self._received)
-        duration = profile.duration / speed
-        began = time.monotonic()
-        sent = 0
-        while len(self._received) <= allowed:
-            played = time.monotonic() - began
-            self._send(profile.at(speed * played, loop=loop))
-            report(played if loop else min(played, duration), duration)
-            if played >= duration and not loop:
-                return
-            # Commands that are late are skipped.
-            sent = max(sent + 1, int(played * self._rate))
-            time.sleep(max(0.0, began + sent / self._rate - time.monotonic()))
-
-    def release(self, report: Callable[[float, float], None]) -> None:
-        """Bring the tensions smoothly to zero."""
-        if self._newest.any():
-            ramp = transition(self._newest, np.zeros_like(self._newest), RELEASE_TIME)
-            self.play(ramp, 1.0, False, report)
-
-    def _send(self, tensions: FloatArray) -> None:
-        self._newest = tensions
-        self._commands.publish(tensions, self._clock.now().to_msg())
+def _publish(
+    commands: CommandPublisher,
+    received: Sequence[int],
+    rate: float,
+    profile: CommandProfile,
+    report: Callable[[float, float], None],
+    speed: float = 1.0,
+    loop: bool = False,
+) -> FloatArray:
+    """Publish ``profile`` up to its last row, or until the next signal; returns what came last."""
+    clock, allowed = Clock(clock_type=ClockType.SYSTEM_TIME), len(received)
+    duration, began, sent = profile.duration / speed, time.monotonic(), 0
+    while True:
+        played = time.monotonic() - began
+        tensions = profile.at(speed * played, loop=loop)
+        commands.publish(tensions, clock.now().to_msg())
+        report(played if loop else min(played, duration), duration)
+        # Commands that are late are skipped.
+        sent = max(sent + 1, int(played * rate))
+        if played >= duration and not loop:
+            return tensions
+        time.sleep(max(0.0, began + sent / rate - time.monotonic()))
+        if len(received) > allowed:
+            return tensions
 
 
 _QUESTIONS = 2  # requests sent before a node counts as one that does not answer
@@ -210,40 +187,30 @@ def swap_arm(
             is of the wrong type, or the node refuses.
     """
     with client_node('octo_arm_load') as node:
-        _swap(node, values, others, node_name, timeout)
-
-
-def _swap(
-    node: Node,
-    values: Mapping[str, Any],
-    others: Sequence[Parameter],
-    node_name: str,
-    timeout: float,
-) -> None:
-    try:
-        client = AsyncParameterClient(node, node_name)
-    except NameValidationException as error:
-        expected = 'expected the name of a node, such as /octo_arm'
-        raise ConfigError(f'--node is {node_name!r}, {expected}') from error
-    if not client.wait_for_services(timeout):
-        raise ConfigError(
-            f'no node {node_name} within {timeout} s: `ros2 node list` names those that run'
+        try:
+            client = AsyncParameterClient(node, node_name)
+        except NameValidationException as error:
+            expected = 'expected the name of a node, such as /octo_arm'
+            raise ConfigError(f'--node is {node_name!r}, {expected}') from error
+        if not client.wait_for_services(timeout):
+            raise ConfigError(
+                f'no node {node_name} within {timeout} s: `ros2 node list` names those that run'
+            )
+        listed: ListParameters.Response = _ask(node, client.list_parameters, node_name, timeout)
+        names = set(listed.result.names)
+        arm = {parameter.name: parameter for parameter in PARAMETERS}
+        if not names >= arm.keys():
+            raise ConfigError(f'{node_name} has no arm, expected an octo_arm_node or octo_arm_sim')
+        known = arm | {p.name: p for p in others if p.name in names}
+        refuse_unknown(values, list(known), node_name)
+        wanted = {name: parameter.default_or_none_given for name, parameter in arm.items()}
+        wanted.update(values)
+        changes = [ros_parameter(known[name], value) for name, value in wanted.items()]
+        answer: SetParametersAtomically.Response = _ask(
+            node, lambda: client.set_parameters_atomically(changes), node_name, timeout
         )
-    listed: ListParameters.Response = _ask(node, client.list_parameters, node_name, timeout)
-    names = set(listed.result.names)
-    arm = {parameter.name: parameter for parameter in PARAMETERS}
-    if not names >= arm.keys():
-        raise ConfigError(f'{node_name} has no arm, expected an octo_arm_node or octo_arm_sim')
-    known = arm | {p.name: p for p in others if p.name in names}
-    refuse_unknown(values, list(known), node_name)
-    wanted = {name: parameter.default_or_none_given for name, parameter in arm.items()}
-    wanted.update(values)
-    changes = [ros_parameter(known[name], value) for name, value in wanted.items()]
-    answer: SetParametersAtomically.Response = _ask(
-        node, lambda: client.set_parameters_atomically(changes), node_name, timeout
-    )
-    if not answer.result.successful:
-        raise ConfigError(f'{node_name} stays as it is: {answer.result.reason}')
+        if not answer.result.successful:
+            raise ConfigError(f'{node_name} stays as it is: {answer.result.reason}')
 
 
 def _ask(node: Node, ask: Callable[[], Future], node_name: str, timeout: float) -> Any:
