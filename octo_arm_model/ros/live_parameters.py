@@ -42,7 +42,10 @@ class LiveParameters(Generic[Prepared]):
         self._candidate: tuple[dict[str, Any], Prepared] | None = None
         self._names = {parameter.name for parameter in table} | set(self._values)
         self._is_used = False
-        node.add_pre_set_parameters_callback(lambda given: _typed(given, table))
+        known = {parameter.name: parameter for parameter in table}
+        node.add_pre_set_parameters_callback(
+            lambda given: [_typed(change, known.get(change.name)) for change in given]
+        )
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._swap)
 
@@ -138,27 +141,17 @@ def _ros_type(parameter: Parameter) -> RosParameter.Type:
     return RosParameter.Type[parameter.type_name.upper().replace('[]', '_ARRAY')]
 
 
-def _typed(changes: Sequence[RosParameter], table: Sequence[Parameter]) -> list[RosParameter]:
-    """The ``changes``, integers and empty lists with the declared types of their parameters.
+def _typed(change: RosParameter, parameter: Parameter | None) -> RosParameter:
+    """The ``change`` of a ``parameter``, an integer or an empty list with its declared type.
 
     `ros2 param` takes 1 for an integer, and an empty list of a file for one of booleans.
     """
-    known = {parameter.name: parameter for parameter in table}
-    return [
-        _with_type(change, known[change.name]) if change.name in known else change
-        for change in changes
-    ]
-
-
-def _with_type(change: RosParameter, parameter: Parameter) -> RosParameter:
-    """``change`` as a value of the type of ``parameter``, where it stands for one."""
     kind, is_list = change.type_, change.type_.name.endswith('_ARRAY')
-    if parameter.is_array and is_list and not len(change.value):
-        return RosParameter(change.name, _ros_type(parameter), [])
-    if parameter.kind is not float or parameter.is_array != is_list:
+    if parameter is None or parameter.is_array != is_list:
         return change
-    if kind == RosParameter.Type.INTEGER:
-        return RosParameter(change.name, _ros_type(parameter), float(change.value))
-    if kind == RosParameter.Type.INTEGER_ARRAY:
-        return RosParameter(change.name, _ros_type(parameter), [*map(float, change.value)])
+    if is_list and not len(change.value):
+        return RosParameter(change.name, _ros_type(parameter), [])
+    if parameter.kind is float and kind.name.startswith('INTEGER'):
+        value = [*map(float, change.value)] if is_list else float(change.value)
+        return RosParameter(change.name, _ros_type(parameter), value)
     return change

@@ -27,7 +27,7 @@ from rosgraph_msgs.msg import Clock
 from octo_arm_model.arm.errors import ConfigError, OctoArmError, in_short, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.config import parameter_files
-from octo_arm_model.config.files import dump_numbers, load_yaml, read_text
+from octo_arm_model.config.files import load_yaml, read_text
 from octo_arm_model.ros.work import interruptible
 
 # What to do about an error of rcl, by a part of its text.
@@ -58,84 +58,50 @@ def start_ros(
 def read_here(arguments: Sequence[str]) -> Iterator[list[str]]:
     """ROS ``arguments`` with the parameters that the command line reads in the same files.
 
-    Files may be presets. They are read by `parameter_files` and written anew for rcl, which must
-    read them within the block.
+    Files may be presets. All that files and -p set is written to one file for rcl, which must read
+    it within the block; of several values of a parameter the last counts.
 
     Raises:
         ConfigError: if a file is no parameter file, or none can be written.
     """
-    given, read = list(arguments), dict[int, parameter_files.Nodes]()
-    for number in range(1, len(given)):
-        option, text = given[number - 1 : number + 1]
-        if option == '--params-file':
-            path = parameter_files.find_path(text)
-            with parameter_files.naming(path):
-                read[number] = parameter_files.nodes_of(read_text(path, MAX_YAML_BYTES))
-        elif option in ('-p', '--param'):
-            read[number] = _assignment(text)
-    _unify([node for nodes in read.values() for node in nodes])
+    given, merged = list(arguments), dict[str, dict[str, Any]]()
+    left, place = list[str](), 0
+    while given:
+        option, *given = given
+        nodes = _parameters_of(option, given[0]) if given else None
+        if nodes is None:
+            left.append(option)
+            continue
+        given, place = given[1:], place or len(left)
+        for node, parameters in nodes:
+            merged.setdefault(node, {}).update(parameters)
+    if not merged:
+        yield left
+        return
     with contextlib.ExitStack() as stack:
-        for number, nodes in read.items():
-            if given[number - 1] == '--params-file':
-                given[number] = _file_of(nodes, stack)
-            else:
-                given[number] = _argument_of(nodes, given[number])
-        yield given
+        try:
+            path = Path(stack.enter_context(tempfile.TemporaryDirectory())) / 'parameters.yaml'
+            text = parameter_files.text_of_nodes(list(merged.items()))
+            path.write_text(text, encoding='utf-8')
+        except OSError as error:
+            raise ConfigError(f'parameters cannot be handed to ROS: {error}') from error
+        yield [*left[:place], '--params-file', str(path), *left[place:]]
 
 
-def _assignment(text: str) -> parameter_files.Nodes:
-    """What ``text``, NAME:=VALUE or NODE:NAME:=VALUE, sets; nothing where it has no value."""
-    target, _, value = text.partition(':=')
-    node, _, name = target.rpartition(':')
+def _parameters_of(option: str, text: str) -> parameter_files.Nodes | None:
+    """What an ``option`` of ROS with its value ``text`` sets; None where rcl is to read it."""
+    if option == '--params-file':
+        path = parameter_files.find_path(text)
+        with parameter_files.naming(path):
+            return parameter_files.nodes_of(read_text(path, MAX_YAML_BYTES))
+    name, _, value = text.partition(':=')
+    if option not in ('-p', '--param') or ':' in name:  # of one node
+        return None
     with parameter_files.naming(text):
         found = load_yaml(value)
         if found is None or isinstance(found, dict):
-            return []
-        return [(node or '/**', {name: parameter_files.value_of_one_type(name, found)})]
-
-
-def _argument_of(nodes: parameter_files.Nodes, text: str) -> str:
-    """The argument that sets what it did as ``text``, numbers as they are in ``nodes`` now."""
-    for _, parameters in nodes:
-        for value in parameters.values():
-            if isinstance(value, float):
-                return f'{text.partition(":=")[0]}:={dump_numbers([value])[1:-1]}'
-            if isinstance(value, list) and {*map(type, value)} == {float}:
-                return f'{text.partition(":=")[0]}:={dump_numbers(value)}'
-    return text
-
-
-def _unify(nodes: parameter_files.Nodes) -> None:
-    """Give the numbers of one parameter one type: of two, rcl takes the integer, which is first.
-
-    Raises:
-        ConfigError: if other values of one parameter have several types, of which rcl takes one.
-    """
-    kinds: dict[tuple[str, str], set[Any]] = {}
-    for node, parameters in nodes:
-        for name, value in parameters.items():
-            kind = (list, *{*map(type, value)}) if isinstance(value, list) else (type(value),)
-            kinds.setdefault((node, name), set()).add(kind)
-    for node, parameters in nodes:
-        for name, value in parameters.items():
-            found = kinds[node, name] - {(list,)}  # an empty list is of every type
-            if len(found) < 2:
-                continue
-            if found not in ({(int,), (float,)}, {(list, int), (list, float)}):
-                raise ConfigError(f'{name} is {shown(value)} and a value of another type as well')
-            is_list = isinstance(value, list)
-            parameters[name] = [*map(float, value)] if is_list else float(value)
-
-
-def _file_of(nodes: parameter_files.Nodes, stack: contextlib.ExitStack) -> str:
-    """Path of a file from which rcl reads ``nodes``, until the ``stack`` ends."""
-    try:
-        folder = stack.enter_context(tempfile.TemporaryDirectory())
-        path = Path(folder) / 'parameters.yaml'
-        path.write_text(parameter_files.text_of_nodes(nodes), encoding='utf-8')
-    except OSError as error:
-        raise ConfigError(f'parameters cannot be handed to ROS: {error}') from error
-    return str(path)
+            return None
+        return [('/**', {name: parameter_files.value_of_one_type(name, found)})]
 
 
 @contextlib.contextmanager
@@ -266,12 +232,15 @@ class CheckedNode(Node):
         reason = next(filter(None, problems))
         self.get_logger().warning(f'refused: {reason}', throttle_duration_sec=WARNING_PERIOD)
         if isinstance(response, SetParametersAtomically.Response):
-            response.result = _refusal(reason)
+            response.result = SetParametersResult(successful=False, reason=reason)
         elif isinstance(response, SetParameters.Response):
             # Each by itself: what has no problem is set.
             request.parameters = [one for one, problem in zip(given, problems) if not problem]
             done = iter(answer(request, response).results)
-            response.results = [_refusal(one) if one else next(done) for one in problems]
+            response.results = [
+                SetParametersResult(successful=False, reason=one) if one else next(done)
+                for one in problems
+            ]
         return response
 
     def _problem(self, one: Any) -> str:
@@ -283,7 +252,3 @@ class CheckedNode(Node):
         if one.value.type > _HIGHEST_TYPE:
             return f'{one.name} is of type {one.value.type}, expected 0 to {_HIGHEST_TYPE}'
         return ''
-
-
-def _refusal(reason: str) -> SetParametersResult:
-    return SetParametersResult(successful=False, reason=reason)

@@ -1,10 +1,11 @@
 """Publishers and subscriptions whose QoS are parameters, and messages from and to arrays."""
 
+import contextlib
 import copy
 import importlib
 import importlib.machinery
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -43,25 +44,18 @@ def message_class(type_name: str) -> Any:
     Raises:
         ConfigError: if it is not installed.
     """
-    match, found = _TYPE.fullmatch(type_name), None
-    if match is not None and _has_messages(match[1]):
-        module = importlib.import_module(f'{match[1]}.msg')
-        found = getattr(module, match[2], None)
+    match, found, finder = _TYPE.fullmatch(type_name), None, importlib.machinery.PathFinder
+    package = finder.find_spec(match[1]) if match else None
+    folders = package.submodule_search_locations if package else None
+    # Nothing of a package without messages is run to know that.
+    if match and folders is not None and finder.find_spec(f'{match[1]}.msg', folders):
+        found = getattr(importlib.import_module(f'{match[1]}.msg'), match[2], None)
     if not hasattr(found, 'get_fields_and_field_types'):
         raise ConfigError(
             f'no messages of type {shown(type_name)} are installed, expected one such as '
             'sensor_msgs/msg/JointState'
         )
     return found
-
-
-def _has_messages(package: str) -> bool:
-    """Whether a Python ``package`` has a subpackage msg: nothing of it is run to know that."""
-    spec = importlib.machinery.PathFinder.find_spec(package)
-    folders = None if spec is None else spec.submodule_search_locations
-    if folders is None:
-        return False
-    return importlib.machinery.PathFinder.find_spec(f'{package}.msg', folders) is not None
 
 
 def wrench_values(message: Wrench) -> FloatArray:
@@ -109,13 +103,9 @@ def create_publisher(node: Node, kind: Any, topic: str, qos: QoSProfile) -> Publ
     Raises:
         ConfigError: if such a parameter has a value that its policy cannot have.
     """
-    return _create(
-        node,
-        'publisher',
-        topic,
-        qos,
-        lambda *given, **options: node.create_publisher(kind, *given, **options),
-    )
+    with _overriding(node, 'publisher', topic) as options:
+        # A copy: rclpy writes the overrides into the profile that it is given.
+        return node.create_publisher(kind, topic, copy.copy(qos), qos_overriding_options=options)
 
 
 def create_subscription(
@@ -132,15 +122,10 @@ def create_subscription(
     Raises:
         ConfigError: if such a parameter has a value that its policy cannot have.
     """
-    return _create(
-        node,
-        'subscription',
-        topic,
-        qos,
-        lambda topic, qos, **options: node.create_subscription(
-            kind, topic, callback, qos, raw=raw, **options
-        ),
-    )
+    with _overriding(node, 'subscription', topic) as options:
+        return node.create_subscription(
+            kind, topic, callback, copy.copy(qos), raw=raw, qos_overriding_options=options
+        )
 
 
 def is_overridden(node: Node, entity: str, topic: str) -> bool:
@@ -165,9 +150,9 @@ def check_overrides(node: Node) -> None:
             )
 
 
-def _create(
-    node: Node, entity: str, topic: str, qos: QoSProfile, create: Callable[..., Any]
-) -> Any:
+@contextlib.contextmanager
+def _overriding(node: Node, entity: str, topic: str) -> Iterator[QoSOverridingOptions]:
+    """Options with which an ``entity`` of ``topic`` is created; ConfigError of what cannot be."""
     prefix = _prefix(node, entity, topic)
     for policy in POLICIES:
         # Declared by the node itself it would not be read-only: a later change would be accepted
@@ -175,10 +160,8 @@ def _create(
         name = prefix + policy.name.lower()
         if node.has_parameter(name) and not _is_read_only(node, name):
             node.undeclare_parameter(name)
-    options = QoSOverridingOptions(POLICIES, callback=_check)
     try:
-        # A copy: rclpy writes the overrides into the profile that it is given.
-        return create(topic, copy.copy(qos), qos_overriding_options=options)
+        yield QoSOverridingOptions(POLICIES, callback=_check)
     except _REFUSALS as error:
         raise ConfigError(f'{prefix}*: {error}') from error
 

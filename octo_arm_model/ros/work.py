@@ -1,4 +1,4 @@
-"""What nodes compute, in turns and slices that requests and signals may come between.
+"""What nodes compute, in turns that requests and signals may come between.
 
 A signal ends a callback: the solver may be seconds away from its result. Python runs signal
 handlers between its instructions, so an exception raised by the handler ends a solve after the
@@ -10,11 +10,9 @@ LLVM calls Python back and loses what that raises: the signal then comes again.
 import collections
 import contextlib
 import functools
-import math
-import queue
 import signal
 import threading
-import time
+import traceback
 from collections.abc import Callable, Generator, Iterator
 from concurrent import futures
 from types import FrameType
@@ -54,21 +52,15 @@ def ignore_signals() -> None:
 
 def _on_signal(number: int, frame: FrameType | None) -> None:
     _State.has_come = True
-    if _State.is_running and _is_called_by_llvm(frame):
-        signal.setitimer(signal.ITIMER_REAL, _AGAIN)
-    elif _State.is_running:
-        _State.is_running = False  # raised once: a second signal must not interrupt the clean-up
-        raise _Interruption
-
-
-def _is_called_by_llvm(frame: FrameType | None) -> bool:
+    if not _State.is_running:
+        return
     module, functions = _CALLED_BY_LLVM
-    while frame is not None:
-        is_theirs = frame.f_globals.get('__name__') == module
-        if is_theirs and frame.f_code.co_name.startswith(functions):
-            return True
-        frame = frame.f_back
-    return False
+    for one, _ in traceback.walk_stack(frame):
+        if one.f_globals.get('__name__') == module and one.f_code.co_name.startswith(functions):
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN)
+            return
+    _State.is_running = False  # raised once: a second signal must not interrupt the clean-up
+    raise _Interruption
 
 
 def interruptible(callback: Callable[..., Any]) -> Callable[..., Any]:
@@ -102,7 +94,7 @@ def until_shutdown(context: Context) -> Iterator[None]:
             raise
 
 
-Piece = Callable[[], bool]
+Piece = Callable[[], bool | None]
 
 
 class WorkQueue:
@@ -149,76 +141,49 @@ class WorkQueue:
 
 
 Result = TypeVar('Result')
-SLICE = 0.02  # [s] of a long call between two looks at what else is to be done
-LONGEST_WAIT = 0.5  # [s] for a signal that came just before a wait
+SLICE = 0.02  # [s] of waiting for a long call between two looks at what else is to be done
+LONGEST_WAIT = 0.5  # [s] for a call that is abandoned to end
 
 
 class _Abandoned(BaseException):
-    """Raised in a suspended function whose result is no longer needed."""
+    """Raised in a function whose result is no longer needed."""
 
 
-def sliced(  # noqa: C901 - with what runs on its thread
+def sliced(
     function: Callable[[Callable[[], None]], Result], seconds: float
 ) -> Generator[None, None, Result]:
-    """Run ``function(pause)``, which calls ``pause`` now and then, in slices of ``seconds`` [s].
+    """Wait in slices of ``seconds`` [s] for ``function(pause)``, which runs on its own thread.
 
-    Searches cannot return in the middle of their work. The function therefore runs on a thread of
-    its own, but only while this generator waits for it: never beside the caller, but after a
-    signal. The generator yields between slices, and returns or raises what the function does.
-    Where it is closed, or a signal ends a slice, the function is ended at its next ``pause``.
+    It therefore has to have its own solver. The generator yields between slices, and returns or
+    raises what the function does. Where it is closed, or a signal ends a slice, the function is
+    ended at its next call of ``pause``.
     """
-    resume: queue.SimpleQueue[bool] = queue.SimpleQueue()
-    suspended: queue.SimpleQueue[bool] = queue.SimpleQueue()
     outcome: futures.Future[Result] = futures.Future()
-    until = 0.0
-
-    def wait() -> None:
-        if not resume.get():
-            raise _Abandoned
+    is_abandoned = threading.Event()
 
     def pause() -> None:
-        if time.monotonic() >= until:
-            suspended.put(False)
-            wait()
+        if is_abandoned.is_set():
+            raise _Abandoned
 
     def run() -> None:
         try:
-            wait()
             outcome.set_result(function(pause))
-        except _Abandoned:
-            return
         except BaseException as error:
             outcome.set_exception(error)
-        suspended.put(True)
 
     # As a daemon it does not keep a process that a signal ends.
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     try:
-        while True:
-            until = time.monotonic() + seconds
-            resume.put(True)
-            if _next_of(suspended):
-                return outcome.result()
+        while not futures.wait([outcome], seconds).done:
             yield
-    except BaseException:
-        until = -math.inf
-        resume.put(False)
-        # So that what it worked with is free again; bounded, as the pause may be far.
+        return outcome.result()
+    finally:
+        is_abandoned.set()
         thread.join(LONGEST_WAIT)
-        raise
 
 
-def _next_of(suspended: queue.SimpleQueue[bool]) -> bool:
-    """Whether the function has ended, once it has or is suspended."""
-    while True:
-        # A signal wakes a thread that waits, not one that is about to: an endless wait would keep
-        # its handler from running.
-        with contextlib.suppress(queue.Empty):
-            return suspended.get(timeout=LONGEST_WAIT)
-
-
-MOST_WAITING = 100  # requests of one service
+MOST_WAITING = 100  # requests of one service besides the one that is being answered
 
 # Fills in the response to a request; suspended at every yield.
 Steps = Generator[None, None, None]
@@ -238,8 +203,9 @@ class QueuedService:
         ``answer`` fills in a response, in pieces of ``work`` that end where it yields.
         """
         self._node, self._answer, self._work = node, answer, work
+        # A request, its response and its header; the first is being answered.
         self._waiting: collections.deque[tuple[Any, Any, Any]] = collections.deque()
-        self._under_way: tuple[Steps, Any, Any] | None = None
+        self._steps: Steps | None = None
         self._request: Any = None
         self._service = node.create_service(kind, name, self._keep)
         # `send_response` gets the header that identifies the request, the callback does not; nor
@@ -249,15 +215,11 @@ class QueuedService:
 
     def close(self) -> None:
         """Destroy the service; what waits is answered with that."""
-        waiting = [(response, header) for _, response, header in self._waiting]
-        self._waiting.clear()
-        if self._under_way is not None:
-            steps, response, header = self._under_way
-            steps.close()
-            self._under_way = None
-            waiting.insert(0, (response, header))
-        for response, header in waiting:
+        if self._steps is not None:
+            self._steps.close()
+        for _, response, header in self._waiting:
             self._refuse(response, header, 'the node stops answering')
+        self._waiting.clear()
         self._node.destroy_service(self._service)
 
     def _refuse(self, response: Any, header: Any, reason: str) -> None:
@@ -269,25 +231,20 @@ class QueuedService:
         return response
 
     def _add(self, response: Any, header: Any) -> None:
-        if len(self._waiting) >= MOST_WAITING:
+        if len(self._waiting) > MOST_WAITING:
             reason = f'{MOST_WAITING} requests are waiting, expected fewer at a time'
             self._refuse(response, header, reason)
             return
         self._waiting.append((self._request, response, header))
-        if self._under_way is None and len(self._waiting) == 1:
-            self._work.add(self._go_on)
+        if self._steps is None:
+            steps = self._steps = self._answer_all()
+            self._work.add(lambda: next(steps, self) is None)
 
-    def _go_on(self) -> bool:
-        """Advance the oldest request by one step; returns whether any is unanswered."""
-        if self._under_way is None:
-            if not self._waiting:
-                return False
-            request, response, header = self._waiting.popleft()
-            self._under_way = self._answer(request, response), response, header
-        steps, response, header = self._under_way
-        try:
-            next(steps)
-        except StopIteration:
-            self._under_way = None
+    def _answer_all(self) -> Steps:
+        while self._waiting:
+            request, response, header = self._waiting[0]
+            yield from self._answer(request, response)
+            self._waiting.popleft()
             self._send(response, header)
-        return self._under_way is not None or bool(self._waiting)
+            yield
+        self._steps = None

@@ -1,12 +1,12 @@
 """Answers tensions with the shape of the arm under a wrench on its tip, and requests."""
 
+import copy
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains
@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from octo_arm_model.analysis.driven_arm import DrivenArm
-from octo_arm_model.analysis.inverse import Inverse, find_tensions
+from octo_arm_model.analysis.inverse import find_tensions
 from octo_arm_model.analysis.targets import Bending, Stiffness, Target, TipPose, TipPosition
 from octo_arm_model.arm.errors import LoadError, OctoArmError, TargetError, in_short
 from octo_arm_model.arm.hints import FloatArray
@@ -119,59 +119,6 @@ class TipWrench:
         if is_following:
             turned[1] += np.cross(np.array(pose.position), turned[0])
         return turned.ravel(), is_following
-
-
-def answer_solve(
-    request: Solve.Request, response: Solve.Response, solver: Solver, frame_id: str
-) -> Steps:
-    """Fill in ``response`` for the tensions and the tip's wrench of ``request``."""
-    yield from ()  # a single solve, which has a budget
-    try:
-        tensions = TENDON_TENSIONS.read(request.tensions, solver.arm)
-        wrench = wrench_values(request.tip_wrench)
-        backbone = solver.solve(tensions, wrench if wrench.any() else None)
-        lengths = solver.tendon_lengths(backbone)
-    except OctoArmError as error:
-        response.success, response.message = False, str(error)
-        return
-    response.success = True
-    stamp = request.tensions.header.stamp
-    grid = solver.grid
-    writer = BackboneWriter(frame_id, backbone.model, grid.s, grid.section)
-    response.path = decoded(writer.path(backbone, *Stamp.of(stamp)), Path)
-    response.strains = decoded(writer.strains(backbone, *Stamp.of(stamp)), SectionStrains)
-    response.tendon_length = lengths.ravel().tolist()
-    response.residual = float(backbone.residual)
-    response.iterations = int(backbone.iterations)
-
-
-def answer_find_tensions(
-    request: FindTensions.Request,
-    response: FindTensions.Response,
-    solver: Solver,
-    frame_id: str,
-    now: Time,
-) -> Steps:
-    """Fill in ``response`` for the target of ``request``; yields in the midst of long searches."""
-    try:
-        stiffness = None
-        if request.stiffness != 0.0:
-            along = request.stiffness_direction
-            stiffness = Stiffness(np.array([along.x, along.y, along.z]), request.stiffness)
-        highest = _highest(request, solver)
-        target = _target(request)
-
-        def search(pause: Callable[[], None]) -> Inverse:
-            return find_tensions(solver, target, highest, stiffness=stiffness, pause=pause)
-
-        found = yield from sliced(search, SLICE)
-    except OctoArmError as error:
-        response.success, response.message = False, str(error)
-        return
-    response.success, response.reached, response.error = True, found.reached, found.error
-    response.message = '' if found.reached else 'out of reach; this is as near as was found'
-    response.tensions = tensions_message(found.backbone.tensions, solver.arm, now, frame_id)
-    response.tip = pose_message(found.backbone.position[-1], found.backbone.quaternion[-1])
 
 
 def _highest(request: FindTensions.Request, solver: Solver) -> FloatArray:
@@ -304,11 +251,46 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         self._publish_shape(topic, stamp_of(message), displacements=found)
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:
-        return answer_solve(request, response, self._arm.solver, self._arm.config.base_frame)
+        """Fill in ``response`` for the tensions and the tip's wrench of ``request``."""
+        yield from ()  # a single solve, which has a budget
+        solver, frame = self._arm.solver, self._arm.config.base_frame
+        try:
+            tensions = TENDON_TENSIONS.read(request.tensions, solver.arm)
+            wrench = wrench_values(request.tip_wrench)
+            backbone = solver.solve(tensions, wrench if wrench.any() else None)
+            lengths = solver.tendon_lengths(backbone)
+        except OctoArmError as error:
+            response.success, response.message = False, str(error)
+            return
+        response.success = True
+        stamp = Stamp.of(request.tensions.header.stamp)
+        writer = BackboneWriter(frame, backbone.model, solver.grid.s, solver.grid.section)
+        response.path = decoded(writer.path(backbone, *stamp), Path)
+        response.strains = decoded(writer.strains(backbone, *stamp), SectionStrains)
+        response.tendon_length = lengths.ravel().tolist()
+        response.residual = float(backbone.residual)
+        response.iterations = int(backbone.iterations)
 
     def _on_find_tensions(
         self, request: FindTensions.Request, response: FindTensions.Response
     ) -> Steps:
+        """Fill in ``response`` for the target of ``request``; yields in the midst of searches."""
+        # A copy, as the solver of the node goes on meanwhile.
+        solver, frame = copy.copy(self._arm.solver), self._arm.config.base_frame
         now = self._node.get_clock().now().to_msg()
-        frame = self._arm.config.base_frame
-        return answer_find_tensions(request, response, self._arm.solver, frame, now)
+        try:
+            along, stiffness = request.stiffness_direction, None
+            if request.stiffness != 0.0:
+                stiffness = Stiffness(np.array([along.x, along.y, along.z]), request.stiffness)
+            given = _target(request), _highest(request, solver)
+            found = yield from sliced(
+                lambda pause: find_tensions(solver, *given, stiffness=stiffness, pause=pause),
+                SLICE,
+            )
+        except OctoArmError as error:
+            response.success, response.message = False, str(error)
+            return
+        response.success, response.reached, response.error = True, found.reached, found.error
+        response.message = '' if found.reached else 'out of reach; this is as near as was found'
+        response.tensions = tensions_message(found.backbone.tensions, solver.arm, now, frame)
+        response.tip = pose_message(found.backbone.position[-1], found.backbone.quaternion[-1])

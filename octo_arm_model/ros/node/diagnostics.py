@@ -89,7 +89,7 @@ class Diagnostics:
     def __init__(self, node: Node, inputs: Inputs) -> None:
         """Report as part of ``node``, whose ``inputs`` are given."""
         self._node, self._inputs = node, inputs
-        self._model, self._is_compiled = '', False
+        self._solver: Solver | None = None
         self._limits = DiagnosticLimits(0.0, 0.0, 0.0)
         self._idle = ''
         self.is_used: Callable[[str], bool] = lambda topic: True
@@ -98,13 +98,12 @@ class Diagnostics:
         # Of messages, by what became of them: of all, and of those since the last report.
         self._totals, self._lately = Counter[str](), Counter[str]()
         self._topics = set[tuple[str, bool]]()
-        self._received = 0
         self._newest: dict[str, float] = {}
         self._last: float | None = None
         self._reason = self._failure = self._unknown = ''
         self._refusals = Refusals()
-        self._residual, self._iterations, self._busy = 0.0, 0, 0.0
-        self._has_history = False
+        self._backbone: Backbone | None = None
+        self._busy = 0.0
         self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
         self.clock = SteppedClock(node)
         self._reported, self._period = time.monotonic(), PERIOD
@@ -114,7 +113,7 @@ class Diagnostics:
 
     def describe(self, solver: Solver, limits: DiagnosticLimits) -> None:
         """Report of ``solver`` from now on, and warn beyond ``limits``."""
-        self._model, self._is_compiled, self._limits = solver.model, solver.is_compiled, limits
+        self._solver, self._limits = solver, limits
 
     def begin(self) -> None:
         """The node is subscribed to its inputs from now on."""
@@ -134,7 +133,7 @@ class Diagnostics:
 
         Of tensions only one topic should come.
         """
-        self._received += 1
+        self._count('received')
         self._topics.add((topic, is_tensions))
         if stamp is None or not any(stamp):
             self._count('unstamped')
@@ -159,9 +158,7 @@ class Diagnostics:
         """Count a solved backbone and the ``duration`` of solving [s]."""
         self._count('answered')
         self._busy += duration
-        self._residual = float(backbone.residual)
-        self._iterations = int(backbone.iterations)
-        self._has_history = backbone.point_tensions is not None
+        self._backbone = backbone
 
     def tip_unknown(self, error: OctoArmError) -> None:
         """Count a backbone whose tip has no covariance because of ``error``."""
@@ -184,41 +181,43 @@ class Diagnostics:
         before, self._reported = self._reported, time.monotonic()
         self._period = self._reported - before
         more = (part(self._idle) for part in self.parts)
-        statuses = self._solver(), self._input(), self._output(), *more
+        statuses = self._of_solver(), self._of_input(), self._of_output(), *more
         with until_shutdown(self._node.context):
             self._publisher.publish(diagnostics_message(self._node, *statuses))
         self._lately.clear()
         self._topics.clear()
-        self._received, self._busy = 0, 0.0
+        self._busy = 0.0
 
-    def _solver(self) -> DiagnosticStatus:
+    def _of_solver(self) -> DiagnosticStatus:
         failed, answered = self._lately['failed'], self._lately['answered']
         unknown = self._lately['tip unknown']
         problem = self._idle or (f'no answer to {failed}: {self._failure}' if failed else '')
         if unknown and not problem:
             problem = f'no covariance, and so no tip_pose, for {unknown}: {self._unknown}'
         level = DiagnosticStatus.ERROR if failed and not answered else DiagnosticStatus.WARN
+        solver, backbone = self._solver, self._backbone
+        has_history = backbone is not None and backbone.point_tensions is not None
         return make_status(
             'solver',
             level,
             problem,
             'solving' if answered else 'waiting',
             {
-                'model': self._model,
-                'compiled': self._is_compiled,
-                'residual': f'{self._residual:.3e}',
-                'iterations': self._iterations,
+                'model': solver.model if solver else '',
+                'compiled': solver is not None and solver.is_compiled,
+                'residual': f'{float(backbone.residual) if backbone else 0.0:.3e}',
+                'iterations': int(backbone.iterations) if backbone else 0,
                 'time per solve [ms]': f'{1e3 * self._busy / answered:.3f}' if answered else '',
                 'failures': self._totals['failed'],
                 'beyond solve_budget': self._totals['unaffordable'],
                 'last failure': self._failure,
                 'shapes without tip_pose': self._totals['tip unknown'],
-                'friction history kept': self._has_history,
+                'friction history kept': has_history,
                 'friction history forgotten after a gap': self.arm.forgotten if self.arm else 0,
             },
         )
 
-    def _input(self) -> DiagnosticStatus:
+    def _of_input(self) -> DiagnosticStatus:
         lately = self._lately
         if self._idle:
             problems = [self._idle]
@@ -245,18 +244,16 @@ class Diagnostics:
         ):
             if lately[what]:
                 problems.append(f'{lately[what]} {words}')
-        age = ''
-        if self._last is not None:
-            age = f'{now - self._last:.3f}'
-        fine = 'receiving' if self._received else 'waiting'
         return make_status(
             'input',
             DiagnosticStatus.WARN,
             '; '.join(problems),
-            fine,
+            'receiving' if lately['received'] else 'waiting',
             {
-                'rate [Hz]': f'{self._received / self._period:.1f}',
-                'age of the newest stamp [s]': age,
+                'rate [Hz]': f'{lately["received"] / self._period:.1f}',
+                'age of the newest stamp [s]': (
+                    '' if self._last is None else f'{now - self._last:.3f}'
+                ),
                 'source': ', '.join(topics),
                 'publishers': sum(publishers.values()),
                 'refused': self._totals['refused'],
@@ -269,15 +266,14 @@ class Diagnostics:
             },
         )
 
-    def _output(self) -> DiagnosticStatus:
+    def _of_output(self) -> DiagnosticStatus:
         skipped, answered = self._lately['skipped'], self._lately['answered']
         problem = self._idle or (f'{skipped} skipped for newer ones' if skipped else '')
-        fine = 'publishing' if answered else 'waiting'
         return make_status(
             'output',
             DiagnosticStatus.WARN,
             problem,
-            fine,
+            'publishing' if answered else 'waiting',
             {
                 'rate [Hz]': f'{answered / self._period:.1f}',
                 'answered': self._totals['answered'],

@@ -217,8 +217,7 @@ class LatestSubscription:
         self._inputs, self._node, self._kind, self._read = inputs, node, kind, read
         self.is_apart, self.is_answered, self.heard_at = is_apart, is_answered, 0.0
         self._latest: bytes | None = None
-        self._older = 0
-        self._is_due, self._is_open = False, True
+        self._older, self._is_open = 0, True
         self._subscription = create_subscription(
             node, kind, topic, self._keep, INPUT_QOS, raw=True
         )
@@ -234,16 +233,11 @@ class LatestSubscription:
         return int(self._subscription.get_publisher_count())
 
     def _keep(self, message: bytes) -> None:
-        self._older += self._latest is not None
+        if self._latest is None:
+            self._inputs.work.add(self.answer_latest)
+        else:
+            self._older += 1
         self._latest = message
-        if not self._is_due:
-            self._is_due = True
-            self._inputs.work.add(self._answer_due)
-
-    def _answer_due(self) -> bool:
-        self._is_due = False
-        self.answer_latest()
-        return False
 
     def answer_latest(self) -> None:
         """Answer the latest message, if it is not answered yet."""
