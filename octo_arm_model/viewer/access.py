@@ -11,7 +11,7 @@ control, sharing over the internet, notifications of other pages.
 
 import ipaddress
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
@@ -36,12 +36,15 @@ class Access:
         self._origins = {_origin_of(origin) for origin in origins}
         self._names = {*_THIS_MACHINE, host.lower(), *(name for _, name, _ in self._origins)}
         # Addresses cannot be rebound. A loopback host needs no other address.
-        self._takes_addresses = not _is_loopback(host)
+        is_loopback = _is_address(host) and ipaddress.ip_address(host).is_loopback
+        self._takes_addresses = not (is_loopback or host == 'localhost')
 
     def objection(self, hosts: Sequence[str], origins: Sequence[str]) -> str:
         """Why a request with these headers Host and Origin is refused; empty if it is not."""
         host = _split(f'//{hosts[0]}') if len(hosts) == 1 else None
-        if host is None or not self._is_ours(host.hostname or ''):
+        name = host.hostname or '' if host else ''
+        is_address = self._takes_addresses and _is_address(name)
+        if host is None or not (name in self._names or is_address):
             return f'host {shown(", ".join(hosts))} is not one that this page is served as'
         if not origins:
             return ''  # no browser, which would always send one
@@ -53,9 +56,6 @@ class Access:
         if is_same or (page.scheme, page.hostname, page.port or default) in self._origins:
             return ''
         return f'origin {shown(", ".join(origins))} is not allowed'
-
-    def _is_ours(self, name: str) -> bool:
-        return name in self._names or (self._takes_addresses and _is_address(name))
 
 
 def _origin_of(text: str) -> tuple[str, str, int]:
@@ -75,10 +75,6 @@ def _split(text: str) -> SplitResult | None:
         return None
     has_more = parts.query or parts.fragment or '@' in parts.netloc or not parts.netloc
     return None if has_more or text != text.strip() else parts
-
-
-def _is_loopback(host: str) -> bool:
-    return host == 'localhost' or (_is_address(host) and ipaddress.ip_address(host).is_loopback)
 
 
 def _is_address(name: str) -> bool:
@@ -169,28 +165,24 @@ class Requests:
             return f'no request of this page: {in_short(error)}'
         if isinstance(request, _Camera):
             return request.objection()
-        if isinstance(request, _Value):
-            return self._value_objection(request)
-        return self._drag_objection(request)
-
-    def _value_objection(self, request: _Value) -> str:
+        if not isinstance(request, _Value):
+            return self._drag_objection(request)
         if list(request.updates) != ['value']:
             return f'{shown(list(request.updates))} of a control, expected its value alone'
         control = self._control(request.uuid)
-        if control is None:
-            return ''  # removed since, as for another arm; viser ignores it
-        return value_objection(control, request.updates['value'])
+        # None of one that is removed since, as for another arm; viser ignores it.
+        return '' if control is None else _value_objection(control, request.updates['value'])
 
     def _control(self, uuid: str) -> object | None:
         if self._server is None:
             return None
         clients = self._server.get_clients().values()
-        for gui in (self._server.gui, *(client.gui for client in clients)):
-            # viser has no public lookup of a control by its uuid.
-            control: object | None = gui._gui_input_handle_from_uuid.get(uuid)
-            if control is not None:
-                return control
-        return None
+        # viser has no public lookup of a control by its uuid.
+        controls = (
+            gui._gui_input_handle_from_uuid
+            for gui in (self._server.gui, *(c.gui for c in clients))
+        )
+        return next((known[uuid] for known in controls if uuid in known), None)
 
     def _drag_objection(self, request: _Drag | _DragStart | _DragEnd) -> str:
         handle = self._server and self._server.scene.get_handle_by_name(request.name)
@@ -203,39 +195,25 @@ class Requests:
         return ''
 
 
-def value_objection(control: object, value: object) -> str:
+def _value_objection(control: Any, value: Any) -> str:
     """Why ``value`` is refused for ``control``; empty if it is not."""
-    for kind, expected_of in _EXPECTED.items():
-        if isinstance(control, kind):
-            expected = expected_of(control, value)
-            label = getattr(control, 'label', 'control')
-            return expected and f'{label!r} set to {shown(value)}, expected {expected}'
-    return f'a value for a {type(control).__name__}, which takes none from a page'
-
-
-# For each type of control: the expected value, in words; empty if ``value`` is as expected.
-
-
-def _of_slider(control: Any, value: object) -> str:
-    margin = _ROUNDING * (control.max - control.min)
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        if control.min - margin <= value <= control.max + margin:
-            return ''
-    return f'a number from {control.min} to {control.max}'
-
-
-def _of_choice(control: Any, value: object) -> str:
-    is_one = isinstance(value, str) and value in control.options
-    return '' if is_one else f'one of {", ".join(control.options)}'
-
-
-_EXPECTED: dict[type, Callable[[Any, object], str]] = {
-    viser.GuiSliderHandle: _of_slider,
-    viser.GuiDropdownHandle: _of_choice,
-    viser.GuiButtonGroupHandle: _of_choice,
-    viser.GuiCheckboxHandle: lambda _, value: '' if isinstance(value, bool) else 'true or false',
-    viser.GuiButtonHandle: lambda _, value: '' if value is True else 'true',
-}
+    if isinstance(control, viser.GuiSliderHandle):
+        margin = _ROUNDING * (control.max - control.min)
+        is_fine = isinstance(value, (int, float)) and not isinstance(value, bool)
+        is_fine = is_fine and control.min - margin <= value <= control.max + margin
+        expected = f'a number from {control.min} to {control.max}'
+    elif isinstance(control, (viser.GuiDropdownHandle, viser.GuiButtonGroupHandle)):
+        is_fine = isinstance(value, str) and value in control.options
+        expected = f'one of {", ".join(control.options)}'
+    elif isinstance(control, viser.GuiCheckboxHandle):
+        is_fine, expected = isinstance(value, bool), 'true or false'
+    elif isinstance(control, viser.GuiButtonHandle):
+        is_fine, expected = value is True, 'true'
+    else:
+        return f'a value for a {type(control).__name__}, which takes none from a page'
+    if is_fine:
+        return ''
+    return f'{getattr(control, "label", "control")!r} set to {shown(value)}, expected {expected}'
 
 
 def _are_bounded(values: Iterable[float], most: float) -> bool:

@@ -1,11 +1,12 @@
 """The commanded tensions over time: set by sliders, in transition, from a profile or a search."""
 
+import contextlib
 import math
 import os
-import queue
 import shlex
 import threading
 from collections.abc import Callable
+from concurrent import futures
 
 import numpy as np
 import yaml
@@ -124,58 +125,48 @@ def as_shell_line(arm: Arm, tensions: FloatArray, topic: str) -> str:
 
 
 Answer = Inverse | OctoArmError
-Request = tuple[FloatArray, FloatArray]  # tip [m] and tensions to begin from [N]
+
+
+class _Superseded(Exception):
+    """There is a newer target, or none is searched for any more."""
 
 
 class TargetSearch:
-    """Finds tensions for the newest of the requested targets; older ones are dropped.
-
-    Attributes:
-        thread: the thread of the search, a daemon.
-    """
+    """Finds tensions for the newest of the requested targets; older ones are dropped."""
 
     def __init__(
         self, solver: Solver, highest: FloatArray, deliver: Callable[[Answer], None]
     ) -> None:
-        """Search with ``solver`` up to ``highest`` [N]; ``deliver`` is called in that thread."""
-        self._solver = solver
+        """Search with ``solver`` up to ``highest`` [N]; ``deliver`` is called in its thread."""
+        self._solver, self._deliver = solver, deliver
         self._highest = highest.reshape(solver.arm.tension_shape)
-        self._deliver = deliver
-        self._last: Request | None = None
-        self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
-        self.thread = threading.Thread(target=self._work, name='search', daemon=True)
-        self.thread.start()
+        self._pool = futures.ThreadPoolExecutor(1, 'search')
+        self._last: object = None
 
     def request(self, tip: FloatArray, start: FloatArray) -> None:
         """Search tensions for the tip at ``tip`` (3,) [m], from ``start`` (tendons,) [N]."""
-        self._last = np.array(tip), np.array(start)
-        self._requests.put(self._last)
+        self._last = one = object()
+        start = np.clip(start.reshape(self._highest.shape), 0.0, self._highest)
+        self._pool.submit(self._search, one, np.array(tip), start)
 
     def close(self) -> None:
-        """End the thread after the last request."""
-        self._requests.put(None)
+        """Search no more."""
+        self._last = None
+        self._pool.shutdown(wait=False)
 
-    def _work(self) -> None:
-        while (request := self._newest()) is not None:
-            tip, start = request
-            shape = self._solver.arm.tension_shape
-            start = np.clip(start.reshape(shape), 0.0, self._highest)
+    def _search(self, one: object, tip: FloatArray, start: FloatArray) -> None:
+        def check() -> None:
+            # The end of a program does not wait for a search.
+            if one is not self._last or not threading.main_thread().is_alive():
+                raise _Superseded
+
+        with contextlib.suppress(_Superseded):
+            check()
             try:
                 answer: Answer = find_tensions(
-                    self._solver, TipPosition(tip), self._highest, start=start
+                    self._solver, TipPosition(tip), self._highest, start=start, pause=check
                 )
             except OctoArmError as error:
                 answer = error
-            # Drop the result if there is a newer target.
-            if request is self._last:
-                self._deliver(answer)
-
-    def _newest(self) -> Request | None:
-        request = self._requests.get()
-        while request is not None and not self._requests.empty():
-            following = self._requests.get()
-            if following is None:
-                self._requests.put(None)
-                break
-            request = following
-        return request
+            check()
+            self._deliver(answer)

@@ -1,6 +1,7 @@
 """The controls of the page: sliders, profiles, copies, other models; of arms that move too."""
 
 import html
+import itertools
 import threading
 import time
 from collections import deque
@@ -71,28 +72,26 @@ class Controls:
         It is done where viser takes what browsers set: else it could come between a value and its
         callback, and that value would be lost.
         """
-        self._loop.call_soon_threadsafe(self.follow_at_once)
+        self._loop.call_soon_threadsafe(self._follow)
 
     def close(self) -> None:
         """Set the controls no more, as they will be removed."""
         with self._lock:
             self._is_closed = True
 
-    def follow_at_once(self) -> None:
+    def _follow(self) -> None:
         """Set the sliders to the commanded tensions, but for those whose command is due."""
         with self._lock:
-            if not self._is_closed:
-                self._set()
-
-    def _set(self) -> None:
-        tensions = self._commander.tensions.tolist()
-        for slider, moved, tension in zip(self._sliders, self._moved, tensions, strict=True):
-            # One that a browser moves farther meanwhile would jump back.
-            if not moved and round(tension, 4) != round(slider.value, 4):
-                # Rounding may exceed the maximum of the slider. mypy misses the setter.
-                slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]
-        is_playing = self._commander.profile is not None
-        self._play.visible, self._stop.visible = not is_playing, is_playing
+            if self._is_closed:
+                return
+            tensions = self._commander.tensions.tolist()
+            for slider, moved, tension in zip(self._sliders, self._moved, tensions, strict=True):
+                # One that a browser moves farther meanwhile would jump back.
+                if not moved and round(tension, 4) != round(slider.value, 4):
+                    # Rounding may exceed the maximum of the slider. mypy misses the setter.
+                    slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]
+            is_playing = self._commander.profile is not None
+            self._play.visible, self._stop.visible = not is_playing, is_playing
 
     def complain(self, problem: object) -> None:
         """Show ``problem`` until the next command."""
@@ -118,14 +117,12 @@ class Controls:
         self._later(move)
 
     def _add_sliders(self) -> None:
-        tendon = 0
-        count = len(self._arm.sections)
+        tendons, count = itertools.count(), len(self._arm.sections)
         for number, section in enumerate(self._arm.sections, start=1):
             where = ' (tip)' if number == 1 < count else ' (base)' if number == count > 1 else ''
             with self._gui.add_folder(f'Section {number}{where}: tension [N]'):
                 for _ in section.tendons:
-                    self._add_slider(tendon)
-                    tendon += 1
+                    self._add_slider(next(tendons))
 
     def _add_slider(self, tendon: int) -> None:
         name, highest = self._arm.tendon_names[tendon], float(self.highest[tendon])
@@ -142,7 +139,8 @@ class Controls:
         self._moved.append(moved)
 
         def pull() -> None:
-            self._pull(tendon, moved[0])
+            self._problem.content = ''
+            self._commander.pull(tendon, moved[0])
             moved.popleft()  # no earlier, as the slider follows what is commanded from then on
 
         def moved_by(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
@@ -151,10 +149,6 @@ class Controls:
                 self._later(pull)
 
         slider.on_update(_in_order(moved_by))
-
-    def _pull(self, tendon: int, tension: float) -> None:
-        self._problem.content = ''
-        self._commander.pull(tendon, tension)
 
     def add_profiles(self) -> None:
         """Add the controls that play movements, within the current container."""
@@ -195,8 +189,12 @@ class Controls:
             text = as_yaml(self._arm, tensions)
             if event.target.value != 'YAML':
                 text = as_shell_line(self._arm, tensions, self._topic)
-            if event.client is not None:
-                _show_copy(event.client.gui, text)
+            if event.client is None:
+                return
+            gui = event.client.gui  # a window of this browser alone
+            with (modal := gui.add_modal('Commanded tensions [N]')):
+                gui.add_html(_COPY.format(text=html.escape(text)))
+                gui.add_button('Close').on_click(lambda event: modal.close())
 
 
 def _in_order(act: Callable[[Any], None]) -> Callable[[Any], Coroutine[Any, Any, None]]:
@@ -206,14 +204,6 @@ def _in_order(act: Callable[[Any], None]) -> Callable[[Any], Coroutine[Any, Any,
         act(event)
 
     return call
-
-
-def _show_copy(gui: viser.GuiApi, text: str) -> None:
-    """Show ``text`` to be copied, in a window of one browser."""
-    modal = gui.add_modal('Commanded tensions [N]')
-    with modal:
-        gui.add_html(_COPY.format(text=html.escape(text)))
-        gui.add_button('Close').on_click(lambda event: modal.close())
 
 
 NONE = 'none'

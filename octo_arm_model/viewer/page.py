@@ -31,7 +31,7 @@ from octo_arm_model.viewer.options import TITLE
 from octo_arm_model.viewer.scene import Cameras, framing, reached, tangent_of
 from octo_arm_model.viewer.server import RefusalLog
 
-_LABELS = (
+_PLOTS = (
     ('torsion τ [1/m]', 'tau', 1.0),
     ('curvature ξ about n [1/m]', 'xi', 1.0),
     ('curvature k about b [1/m]', 'k', 1.0),
@@ -81,12 +81,12 @@ class StrainPlots:
                 # Until there is a shape: zeros are the strains of a straight arm.
                 visible=False,
             )
-            for label, _, _ in _LABELS
+            for label, _, _ in _PLOTS
         ]
 
     def show(self, node: PublishedStrains, other: Backbone | None) -> None:
         """Plot the strains of the node, and those of another model if given."""
-        for plot, (_, name, scale) in zip(self._plots, _LABELS, strict=True):
+        for plot, (_, name, scale) in zip(self._plots, _PLOTS, strict=True):
             # Without another model its curve coincides with that of the node, which hides it.
             below = other or node
             plot.data = (self._s, scale * getattr(below, name), scale * getattr(node, name))
@@ -219,12 +219,10 @@ class Page:
         if now - self._plotted > _PLOTTING:
             self._plotted = now
             self._plots.show(strains, self._comparison.backbone)
-            found = deepest_overlap(strains.s, shape.position, self._radius(strains.q))
+            radius = self._config.arm.body.radius(self._solver.grid.s)
+            radius = radius * widening(self._solver.law.number, 1.0 + strains.q)[0]
+            found = deepest_overlap(strains.s, shape.position, radius)
             self._overlap.content = numbers.overlapping(found)
-
-    def _radius(self, q: FloatArray) -> FloatArray:
-        radius = self._config.arm.body.radius(self._solver.grid.s)
-        return radius * widening(self._solver.law.number, 1.0 + q)[0]
 
     def _add_ghost(self) -> None:
         rest = np.zeros(self._solver.arm.tension_shape)
@@ -248,7 +246,11 @@ class Page:
         self._found = gui.add_html(
             numbers.note('Drag it: tensions that bring the tip there are searched in this viewer.')
         )
-        self._search = TargetSearch(self._solver, self._controls.highest, self._deliver)
+        self._search = TargetSearch(
+            config.solver(),  # its own, for its thread
+            self._controls.highest,
+            lambda answer: self._later(partial(self._take, answer)),
+        )
         target = self._server.scene.add_transform_controls(
             '/target',
             scale=0.18 * config.arm.length,
@@ -271,9 +273,6 @@ class Page:
         @target.on_update
         def _(event: viser.TransformControlsEvent) -> None:
             self._later(look)
-
-    def _deliver(self, answer: Answer) -> None:
-        self._later(lambda: self._take(answer))
 
     def _take(self, answer: Answer) -> None:
         if isinstance(answer, Inverse):
@@ -318,7 +317,9 @@ class Viewer:
         self._clear()
         server.gui.add_html(numbers.waiting(client.command_topic))
         # Draw at once for a new browser.
-        server.on_client_connect(lambda client: self._todo.put(self._refresh))
+        server.on_client_connect(
+            lambda client: self._todo.put(lambda: self._page.draw() if self._page else None)
+        )
 
     def step(self) -> None:
         """Handle requests of the page until the next picture is due; then draw it."""
@@ -355,10 +356,6 @@ class Viewer:
     @property
     def _is_watched(self) -> bool:
         return bool(self._server.get_clients())
-
-    def _refresh(self) -> None:
-        if self._page is not None:
-            self._page.draw()
 
     def _listen(self) -> bool:
         """Poll the client, build a page for a new arm; returns whether there is a new shape."""

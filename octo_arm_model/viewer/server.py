@@ -8,6 +8,7 @@ a server starts. A viser that does not call it is refused.
 import asyncio
 import contextlib
 import errno
+import functools
 import gzip
 import html
 import http
@@ -15,7 +16,7 @@ import io
 import logging
 import socket
 import time
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import viser
@@ -47,32 +48,13 @@ _LAYOUT = """
 """
 
 
-class Document:
-    """Changes the document of viser as it is served."""
-
-    def __init__(self, title: str) -> None:
-        """Show ``title`` on the browser's tab."""
-        self._title = f'<title>{html.escape(title)}</title>'.encode()
-        self._served: dict[bytes, bytes] = {}  # by what viser serves: plain and compressed
-
-    def change(self, response: Response) -> None:
-        """Set title and layout in ``response``, if it is the document."""
-        headers = response.headers
-        if not headers.get('Content-Type', '').startswith('text/html') or not response.body:
-            return
-        source = bytes(response.body)
-        if source not in self._served:
-            is_compressed = headers.get('Content-Encoding') == 'gzip'
-            text = self._changed(gzip.decompress(source) if is_compressed else source)
-            self._served[source] = gzip.compress(text) if is_compressed else text
-        response.body = self._served[source]
-        del headers['Content-Length']
-        headers['Content-Length'] = str(len(response.body))
-
-    def _changed(self, text: bytes) -> bytes:
-        layout = f'<style>{_LAYOUT}</style>'.encode()
-        text = text.replace(_TITLE, self._title, 1)
-        return text.replace(_HEAD_END, layout + _HEAD_END, 1)
+@functools.lru_cache(2)  # plain and compressed
+def _document(source: bytes, is_compressed: bool, title: str) -> bytes:
+    """The document of viser with our layout and a ``title`` on the browser's tab."""
+    text = gzip.decompress(source) if is_compressed else source
+    text = text.replace(_TITLE, f'<title>{html.escape(title)}</title>'.encode(), 1)
+    text = text.replace(_HEAD_END, f'<style>{_LAYOUT}</style>'.encode() + _HEAD_END, 1)
+    return gzip.compress(text) if is_compressed else text
 
 
 MOST_PAGES = 32
@@ -84,7 +66,6 @@ _LOG = logging.getLogger('octo_arm_model.viewer')
 # Close codes for faults of the peer: protocol, invalid text, size.
 _FAULTS = (1002, 1007, 1009)
 
-Handler = Callable[[ServerConnection], Awaitable[None]]
 Process = Callable[[ServerConnection, Request], Response | None]
 
 
@@ -115,16 +96,15 @@ class Guard:
 
     Attributes:
         requests: the checks of messages; its `watch` must be called with the server.
+        refusals: the log of what is refused.
+        connections: those that are open.
     """
 
-    def __init__(self, access: Access, document: Document) -> None:
-        """Accept the hosts and origins that ``access`` allows, and serve them ``document``."""
-        self._document = document
-        self.requests = Requests()
-        self._access = access
-        self._refusals = RefusalLog()
-        self._connections: set[object] = set()
-        self._is_asked = False
+    def __init__(self, access: Access, title: str) -> None:
+        """Accept the hosts and origins that ``access`` allows; the page has a ``title``."""
+        self._access, self._title = access, title
+        self.requests, self.refusals = Requests(), RefusalLog()
+        self.connections: set[object] = set()
 
     @contextlib.contextmanager
     def installed(self) -> Iterator[None]:
@@ -133,133 +113,127 @@ class Guard:
         Raises:
             GuardError: if viser opened none through websockets.
         """
-        opened = websockets_server.serve
-        websockets_server.serve = self._guarding(opened)  # type: ignore[assignment,misc]
+        opened, is_asked = websockets_server.serve, False
+        # Logs the errors of websockets as refusals, without stack traces.
+        logger = logging.Logger('octo_arm_model.viewer.websockets', logging.ERROR)
+        logger.addFilter(self._log)
+
+        def serve(handler: Any, host: str, port: int, **options: Any) -> Any:
+            nonlocal is_asked
+            is_asked = True
+            options |= {
+                'process_request': functools.partial(self._process, options['process_request']),
+                'create_connection': functools.partial(_Connection, self),
+                'max_size': _MOST_BYTES,
+                'logger': logger,
+            }
+            return opened(handler, host, port, **options)
+
+        websockets_server.serve = serve  # type: ignore[assignment,misc]
         try:
             yield
         finally:
             websockets_server.serve = opened  # type: ignore[misc]
-        if not self._is_asked:
+        if not is_asked:
             raise GuardError(f'viser {viser.__version__} cannot be guarded, expected 1.1 or newer')
 
-    def _guarding(self, opened: Callable[..., Any]) -> Callable[..., Any]:
-        def serve(handler: Handler, host: str, port: int, **options: Any) -> Any:
-            self._is_asked = True
-            given = options['process_request']
-            options |= {
-                'process_request': lambda *request: self._process(given, *request),
-                'create_connection': self._make_connection(),
-                'max_size': _MOST_BYTES,
-                'logger': self._make_logger(),
-            }
-            return opened(handler, host, port, **options)
-
-        return serve
+    def _log(self, record: logging.LogRecord) -> bool:
+        error = record.exc_info[1] if record.exc_info else None
+        why = f': {str(error or type(error).__name__)[:80]!r}' if error else ''
+        self.refusals.add(f'{record.getMessage()}{why}')
+        return False
 
     def _process(
         self, given: Process, connection: ServerConnection, request: Request
     ) -> Response | None:
         """Answer to a request, or None to go on as a WebSocket."""
         hosts, origins = map(request.headers.get_all, ('Host', 'Origin'))
-        objection = self._access.objection(hosts, origins)
-        if objection:
-            return self._refuse(connection, http.HTTPStatus.FORBIDDEN, objection)
-        if any(value.lower() == 'websocket' for value in request.headers.get_all('Upgrade')):
-            wanted = f'viser-v{viser.__version__}'
-            if request.headers.get_all('Sec-WebSocket-Protocol') != [wanted]:
+        status, objection = http.HTTPStatus.FORBIDDEN, self._access.objection(hosts, origins)
+        upgrades = [value.lower() for value in request.headers.get_all('Upgrade')]
+        is_socket = 'websocket' in upgrades
+        if not objection and is_socket:
+            if request.headers.get_all('Sec-WebSocket-Protocol') != [
+                f'viser-v{viser.__version__}'
+            ]:
+                status = http.HTTPStatus.BAD_REQUEST
                 objection = f'a page of another version than {viser.__version__}: load it again'
-                return self._refuse(connection, http.HTTPStatus.BAD_REQUEST, objection)
-            if len(connection.server.connections) >= MOST_PAGES:
+            elif len(connection.server.connections) >= MOST_PAGES:
+                status = http.HTTPStatus.SERVICE_UNAVAILABLE
                 objection = f'more than {MOST_PAGES} pages'
-                return self._refuse(connection, http.HTTPStatus.SERVICE_UNAVAILABLE, objection)
+        if objection:
+            self.refusals.add(objection)
+            return connection.respond(status, f'{objection}\n')
+        if is_socket:
             return None
         try:
             response = given(connection, request)
         except (OSError, ValueError):  # an invalid file name
             return connection.respond(http.HTTPStatus.NOT_FOUND, 'NOT FOUND')
         if response is not None:
-            self._document.change(response)
-            response.headers.update(_page_headers(hosts[0]))
+            self._finish(response, hosts[0])
         return response
 
-    def _refuse(self, connection: ServerConnection, status: http.HTTPStatus, why: str) -> Response:
-        self._refusals.add(why)
-        return connection.respond(status, f'{why}\n')
-
-    def _make_connection(self) -> type[ServerConnection]:  # noqa: C901 - a class of this server
-        connections, refusals, requests = self._connections, self._refusals, self.requests
-
-        class Connection(ServerConnection):
-            """Passes on only allowed messages, at a limited rate."""
-
-            _second, _count = 0.0, 0
-
-            def connection_made(self, transport: asyncio.BaseTransport) -> None:
-                super().connection_made(transport)
-                connections.add(self)
-                if len(connections) > _MOST_CONNECTIONS:
-                    refusals.add(f'more than {_MOST_CONNECTIONS} connections')
-                    self.transport.abort()
-
-            def connection_lost(self, exc: Exception | None) -> None:
-                connections.discard(self)
-                super().connection_lost(exc)
-
-            async def recv(self, decode: bool | None = None) -> Any:
-                while True:
-                    try:
-                        data = await super().recv(decode)
-                    except ConnectionClosed as closed:
-                        if closed.sent is not None and closed.sent.code in _FAULTS:
-                            refusals.add(f'a message: {closed.sent.reason}')
-                        raise
-                    objection = requests.objection(data)
-                    await self._pace()
-                    if not objection:
-                        return data
-                    refusals.add(objection)
-
-            async def _pace(self) -> None:
-                now = time.monotonic()
-                if now - self._second >= 1.0:
-                    self._second, self._count = now, 0
-                self._count += 1
-                if self._count > _MOST_A_SECOND:
-                    await asyncio.sleep(self._second + 1.0 - now)
-
-        return Connection
-
-    def _make_logger(self) -> logging.Logger:
-        """Logger of websockets that logs its errors as refusals, without stack traces."""
-        logger = logging.Logger('octo_arm_model.viewer.websockets', logging.ERROR)
-
-        def refuse(record: logging.LogRecord) -> bool:
-            error = record.exc_info[1] if record.exc_info else None
-            why = f': {str(error or type(error).__name__)[:80]!r}' if error else ''
-            self._refusals.add(f'{record.getMessage()}{why}')
-            return False
-
-        logger.addFilter(refuse)
-        return logger
+    def _finish(self, response: Response, host: str) -> None:
+        """Set the title, the layout and the headers of the page served as ``host``."""
+        headers = response.headers
+        if headers.get('Content-Type', '').startswith('text/html') and response.body:
+            is_compressed = headers.get('Content-Encoding') == 'gzip'
+            response.body = _document(bytes(response.body), is_compressed, self._title)
+            del headers['Content-Length']
+            headers['Content-Length'] = str(len(response.body))
+        # No connections to other servers, also by the address in a link, and no frames of other
+        # pages (clickjacking).
+        headers['Content-Security-Policy'] = (
+            f"connect-src 'self' ws://{host} wss://{host} data: blob:; frame-ancestors 'none'; "
+            "object-src 'none'; base-uri 'none'; form-action 'none'"
+        )
+        headers.update(_HEADERS)
 
 
-def _page_headers(host: str) -> dict[str, str]:
-    """Headers of the page served as ``host``.
+_HEADERS = {
+    'X-Frame-Options': 'DENY',
+    'X-Content-Type-Options': 'nosniff',
+    'Cross-Origin-Resource-Policy': 'same-origin',
+    'Referrer-Policy': 'no-referrer',
+}
 
-    They forbid connections to other servers, also by the address in a link, and frames of other
-    pages (clickjacking).
-    """
-    sources = f"connect-src 'self' ws://{host} wss://{host} data: blob:"
-    return {
-        'Content-Security-Policy': (
-            f"{sources}; frame-ancestors 'none'; object-src 'none'; base-uri 'none'; "
-            "form-action 'none'"
-        ),
-        'X-Frame-Options': 'DENY',
-        'X-Content-Type-Options': 'nosniff',
-        'Cross-Origin-Resource-Policy': 'same-origin',
-        'Referrer-Policy': 'no-referrer',
-    }
+
+class _Connection(ServerConnection):
+    """Passes on only allowed messages, at a limited rate."""
+
+    def __init__(self, guard: Guard, *given: Any, **options: Any) -> None:
+        super().__init__(*given, **options)
+        self._guard, self._second, self._count = guard, 0.0, 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        self._guard.connections.add(self)
+        if len(self._guard.connections) > _MOST_CONNECTIONS:
+            self._guard.refusals.add(f'more than {_MOST_CONNECTIONS} connections')
+            self.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._guard.connections.discard(self)
+        super().connection_lost(exc)
+
+    async def recv(self, decode: bool | None = None) -> Any:
+        while True:
+            try:
+                data = await super().recv(decode)
+            except ConnectionClosed as closed:
+                if closed.sent is not None and closed.sent.code in _FAULTS:
+                    self._guard.refusals.add(f'a message: {closed.sent.reason}')
+                raise
+            objection = self._guard.requests.objection(data)
+            now = time.monotonic()
+            if now - self._second >= 1.0:
+                self._second, self._count = now, 0
+            self._count += 1
+            if self._count > _MOST_A_SECOND:
+                await asyncio.sleep(self._second + 1.0 - now)
+            if not objection:
+                return data
+            self._guard.refusals.add(objection)
 
 
 _TRIED = 100
@@ -286,7 +260,7 @@ def serving(
         ConfigError: if one of ``origins`` is none.
         GuardError: if requests to the installed viser cannot be checked.
     """
-    guard = Guard(Access(host, origins), Document(title))
+    guard = Guard(Access(host, origins), title)
     free = free_port(host, port)
     # Without the banner of viser; one line is printed below.
     with guard.installed(), contextlib.redirect_stdout(io.StringIO()):

@@ -1,6 +1,7 @@
 """Commanded tensions over time, targets, and the controls of an arm that moves, over real DDS."""
 
 import dataclasses
+import queue
 import shlex
 from types import SimpleNamespace
 
@@ -9,7 +10,7 @@ import pytest
 import rclpy
 import yaml
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3, Vector3Stamped
-from live_nodes import RosClient, hosting, new_domain
+from live_nodes import DEADLINE, RosClient, hosting, new_domain
 from numpy.testing import assert_allclose, assert_array_equal
 from std_srvs.srv import SetBool
 
@@ -84,31 +85,31 @@ def test_copied_tensions_are_the_message_they_stand_for(names, monkeypatch):
     assert shlex.split(line) == ['ROS_DOMAIN_ID=7', *words, message]
 
 
-def answers_to(*targets):
-    """Those of a search that is asked for all of the ``targets`` at once."""
-    answers = []
-    search = TargetSearch(SOLVER, highest_tensions(CONFIG.arm), answers.append)
+def answer_to(*targets):
+    """That of a search that is asked for all of the ``targets`` at once."""
+    answers = queue.SimpleQueue()
+    search = TargetSearch(SOLVER, highest_tensions(CONFIG.arm), answers.put)
     for target in targets:
         search.request(target, np.zeros(12))
+    found = answers.get(timeout=DEADLINE)
     search.close()
-    search.thread.join(30.0)
-    assert not search.thread.is_alive()
-    return answers
+    assert answers.empty()
+    return found
 
 
 def test_of_many_targets_the_newest_is_found():
     last = SOLVER.solve(0.5 * np.array(FETCHING_IN_SPACE)).tip
-    (answer,) = answers_to(*([x, 0.1, -0.1] for x in (0.44, 0.3, 0.2)), last)
+    answer = answer_to(*([x, 0.1, -0.1] for x in (0.44, 0.3, 0.2)), last)
     assert answer.reached
     assert_allclose(answer.backbone.tip, last, atol=1e-6)
     assert 'reached: the tip is within' in numbers.found(answer)
 
 
 def test_what_cannot_be_reached_or_is_nonsense_is_told():
-    (answer,) = answers_to([0.5, 0.0, 0.0])
+    answer = answer_to([0.5, 0.0, 0.0])
     assert not answer.reached and answer.error == pytest.approx(0.05, rel=1e-3)
     assert 'out of reach: the nearest found leaves 50.0 mm' in numbers.found(answer)
-    (answer,) = answers_to([np.nan, 0.0, 0.0])
+    answer = answer_to([np.nan, 0.0, 0.0])
     assert 'finite' in numbers.failed(answer)
 
 
