@@ -8,7 +8,7 @@ import os
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,6 @@ from octo_arm_model.config.config import load_config
 from octo_arm_model.config.parameter_files import find_path
 from octo_arm_model.ros.processes import children, ended, parameter_arguments, stop_signals
 from octo_arm_model.simulation.movements import find_profile, profile_names
-from octo_arm_model.simulation.profiles import CommandProfile
 from octo_arm_model.simulation.pushed_arm import touched
 from octo_arm_model.simulation.simulator import in_water
 from octo_arm_model.terminal import StatusLine, fail, make_parser, missing, status_of
@@ -133,17 +132,6 @@ def movement_of(arm: Arm) -> str:
     return next(name for name in _MOVEMENTS if name in names)
 
 
-def speed_within(profile: CommandProfile, rate: float) -> float:
-    """Speed at which tensions change as the estimator expects, at most `_SLOWLY`.
-
-    Between two samples none changes by more than the standard deviation of a random walk of
-    ``rate`` [N/s^0.5]; what changes faster would be refused by the gate.
-    """
-    samples = profile.at(np.arange(0.0, profile.duration, 1.0 / RATE))
-    fastest = float(np.abs(np.diff(samples, axis=0)).max(initial=0.0))
-    return min(_SLOWLY, rate / RATE**0.5 / max(fastest, 1e-9))
-
-
 def describe(client: ArmClient) -> str:
     """Tip, distance to the base, rate and latency of the newest shape."""
     if client.shape is None:
@@ -193,7 +181,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _show(options: argparse.Namespace) -> int:
     # Needs ROS, --help does not.
-    from octo_arm_model.ros.client.client import ArmClient
+    from octo_arm_model.ros.client.client import POSES, ArmClient
     from octo_arm_model.ros.start import client_node
 
     path = str(find_path(options.config))
@@ -213,9 +201,13 @@ def _show(options: argparse.Namespace) -> int:
     commands: list[Sequence[str]] = [('octo_arm_model.ros.node.main', *common, *hidden)]
     if options.estimate:
         pushing, estimating = touched(config, is_moving=options.moving)
+        # Between two samples tensions change by no more than the standard deviation of their
+        # random walk: the gate would refuse what changes faster.
         profile = find_profile(movement, config.arm)
-        speed = speed_within(profile, estimating['estimator.tension_rate'])
-        playing |= {**pushing, 'profile.speed': speed}
+        samples = profile.at(np.arange(0.0, profile.duration, 1.0 / RATE))
+        fastest = float(np.abs(np.diff(samples, axis=0)).max(initial=0.0))
+        speed = estimating['estimator.tension_rate'] / RATE**0.5 / max(fastest, 1e-9)
+        playing |= {**pushing, 'profile.speed': min(_SLOWLY, speed)}
         commands = [
             ('octo_arm_model.ros.estimator.main', *common, *parameter_arguments(estimating))
         ]
@@ -228,30 +220,22 @@ def _show(options: argparse.Namespace) -> int:
         client = ArmClient(stack.enter_context(client_node(_PROG)))
         title = page_title(Path(path).stem)
         server = open_page(options, stack, title)
+        viewer = None
         if server is None:
-            step = _watching(client)
+            client.listen(POSES)
         else:
             from octo_arm_model.viewer.page import Viewer  # needs viser
 
-            step = Viewer(server, client, always=True, title=title).step
+            viewer = Viewer(server, client, always=True, title=title)
         line = stack.enter_context(StatusLine(sys.stdout, LINE_PERIOD))
         while not is_over() and not ended(started):
-            step()
+            if viewer is None:
+                client.poll()
+                time.sleep(_POLL)
+            else:
+                viewer.step()
             line.show(lambda: describe(client))
         return 0 if is_over() else fail(_PROG, ended(started), 1)
-
-
-def _watching(client: ArmClient) -> Callable[[], None]:
-    """One step without a viewer."""
-    from octo_arm_model.ros.client.client import POSES
-
-    client.listen(POSES)
-
-    def step() -> None:
-        client.poll()
-        time.sleep(_POLL)
-
-    return step
 
 
 if __name__ == '__main__':
