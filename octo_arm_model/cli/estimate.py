@@ -171,6 +171,10 @@ def as_dict(result: Result) -> dict[str, Any]:
             }
             for name, one in result.consistency.items()
         },
+        'suspects': [
+            {'sensors': list(names), 'times': len(times), 'start': times[0], 'stop': times[-1]}
+            for names, times in result.suspects.items()
+        ],
         'restarts': list(result.restarts),
         'without_estimate': result.failures.of(''),
         'left_out': result.recorded.refusals.lines(),
@@ -212,6 +216,11 @@ def summary(result: Result, files: Sequence[str]) -> str:
                 f'  {one.refused} refused, which do not fit the rest, from {start:.2f} to '
                 f'{stop:.2f} s'
             )
+    lines += [
+        f'one of these sensors may lie: {", ".join(names)} (at {len(times)} time(s) from '
+        f'{times[0]:.2f} to {times[-1]:.2f} s)'
+        for names, times in result.suspects.items()
+    ]
     lines += [
         f'begun anew at {time:.2f} s: sensors contradicted the estimate, and agreed'
         for time in result.restarts

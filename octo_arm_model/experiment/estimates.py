@@ -197,6 +197,7 @@ class Result:
         camera: errors against a camera; None where there is none.
         hypotheses: mean probability of each.
         restarts: times at which what was known before was given up [s].
+        suspects: times [s] at which one of some sensors may lie, by their names; see `Estimate`.
     """
 
     recorded: Recorded
@@ -208,6 +209,7 @@ class Result:
     camera: CameraErrors | None
     hypotheses: Mapping[str, float]
     restarts: Sequence[float]
+    suspects: Mapping[tuple[str, ...], Sequence[float]]
 
 
 def estimate(
@@ -233,12 +235,15 @@ def estimate(
     moments: list[Moment] = []
     consistency: dict[str, Consistency] = {}
     restarts: list[float] = []
+    suspects: dict[tuple[str, ...], list[float]] = {}
     total: Counter[str] = Counter()
     for group, one in found:
         moments.append(moment := _moment_of(group, one, recorded))
         write(moment, one)
         if one.begins_anew:
             restarts.append(moment.time)
+        if one.estimate.suspects:
+            suspects.setdefault(tuple(sorted(one.estimate.suspects)), []).append(moment.time)
         count_innovations(consistency, moment.stamp_ns, one.innovations)
         if recorded.camera is not None:
             recorded.camera.add(moment.time, one.estimate.backbone)
@@ -255,6 +260,7 @@ def estimate(
         recorded.camera.errors() if recorded.camera is not None else None,
         {name: value / len(moments) for name, value in total.items()},
         restarts,
+        suspects,
     )
 
 

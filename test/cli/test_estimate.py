@@ -34,6 +34,15 @@ def test_the_summary_says_when_and_how_hard(cli):
     assert any('tensions are measured to' in line for line in lines)
 
 
+def test_sensors_of_which_one_may_lie_are_named_as_those_that_are_refused(short_bag, cli):
+    # A force that is not expected: the tip lies, and for a while it may as well be a load cell.
+    given = ['estimate', short_bag, '--cell-fault', '0.5', '--sensor-fault', '0.005']
+    given += ['--tension-rate', '1', '--force-stddev', '0.003']
+    lines = [one for one in cli(*given)[1].splitlines() if one.startswith('one of these sensors')]
+    assert any('may lie: load cell tendon_1_1, tip pose (' in line for line in lines)
+    assert len(json.loads(cli(*given, '--json')[1])['suspects']) == len(lines)
+
+
 def test_what_is_not_known_is_null_in_json(short_bag, cli):
     tips = '--midlines', '/measured/tip_pose', '--tip-pose', '-', '--align', 'none'
     status, out, _ = cli('estimate', str(short_bag), *tips, '--json')
