@@ -70,8 +70,8 @@ def moved(seed: int) -> list[Moment]:
     force, shape, made = FORCE.stddev * rng.normal(size=3), None, []
     for step in range(STEPS):
         if step:
-            noise = math.sqrt(FORCE.variance(PERIOD)) * rng.normal(size=3)
-            force = FORCE.decay(PERIOD) * force + noise
+            noise = FORCE.stddev * math.sqrt(-math.expm1(-2.0 * PERIOD)) * rng.normal(size=3)
+            force = math.exp(-PERIOD) * force + noise
         turn = 2.0 * math.pi * rate * step * PERIOD + phase
         tensions = 0.125 * HIGHEST * (1.0 + np.sin(turn))
         wrench = np.append(force, np.zeros(3))

@@ -64,27 +64,6 @@ class Walk:
         """Gauss-Markov process of one standard deviation at all times."""
         return cls(stddev, stddev * math.sqrt(2.0 / correlation_time), correlation_time)
 
-    def decay(self, elapsed: float) -> float:
-        """What is left of a deviation after ``elapsed`` [s]."""
-        return float(_decay(elapsed, np.array(self.correlation_time)))
-
-    def variance(self, elapsed: float) -> float:
-        """Variance that comes in during ``elapsed`` [s]."""
-        return float(_variance(elapsed, np.array(self.rate), np.array(self.correlation_time)))
-
-
-def _decay(elapsed: float, correlation_time: FloatArray) -> FloatArray:
-    """See `Walk.decay`."""
-    return np.exp(-elapsed / correlation_time)
-
-
-def _variance(elapsed: float, rate: FloatArray, correlation_time: FloatArray) -> FloatArray:
-    """See `Walk.variance`."""
-    past = 2.0 * elapsed / correlation_time
-    # A random walk, of endless correlation, keeps all that comes in.
-    kept = np.divide(-np.expm1(-past), past, out=np.ones_like(past), where=past > 0.0)
-    return rate * rate * elapsed * kept
-
 
 @dataclass(frozen=True)
 class PointForce:
@@ -206,11 +185,14 @@ class State:
 
     def decay(self, elapsed: float) -> FloatArray:
         """What is left of every component after ``elapsed`` [s]."""
-        return _decay(elapsed, self._time)
+        return np.exp(-elapsed / self._time)
 
     def growth(self, elapsed: float) -> FloatArray:
         """Standard deviation that comes to every component in ``elapsed`` [s]."""
-        return np.sqrt(_variance(elapsed, self._rate, self._time))
+        past = 2.0 * elapsed / self._time
+        # A random walk, of endless correlation, keeps all that comes in.
+        kept = np.divide(-np.expm1(-past), past, out=np.ones_like(past), where=past > 0.0)
+        return np.asarray(self._rate * np.sqrt(elapsed * kept))
 
 
 def unit_loads(arm: Arm, unknowns: Unknowns) -> tuple[Loads, ...]:

@@ -107,7 +107,7 @@ def quick() -> Estimator:
 
 @pytest.mark.parametrize('period', [0.05, 0.25])
 def test_a_sudden_touch_is_believed_where_the_sensors_are_far_more_exact_than_its_prior(period):
-    random, size = np.random.default_rng(4), 2.5 * math.sqrt(LIKELY.variance(period))
+    random, size = np.random.default_rng(4), 0.025 * math.sqrt(-math.expm1(-2.0 * period))
     for _ in range(4):
         estimator = Estimator({'tip': rubber(FORCE_AT_TIP)}, DOUBTING)
         push = random.standard_normal(3)
