@@ -136,9 +136,7 @@ def test_what_is_measured_at_one_time_is_judged_together_whichever_comes_first(o
         stddev = np.sqrt(np.diag(expected.covariance))
         # As exactly as either of them converges.
         assert (np.abs(found.mean - expected.mean) < 0.15 * stddev).all()
-        np.testing.assert_allclose(
-            np.sqrt(np.diag(found.covariance)), stddev, rtol=0.05, atol=1e-9
-        )
+        assert np.allclose(np.sqrt(np.diag(found.covariance)), stddev, rtol=0.05, atol=1e-9)
         assert np.abs(found.tensions - TENSIONS).max() < 0.1 * LIE
     for estimator in (together, apart):
         counts = {name: (one.accepted, one.refused) for name, one in estimator.consistency.items()}
@@ -234,10 +232,7 @@ def test_the_place_is_found(place):
     given = models()
     name = 'free' if place is None else f'{place} m'
     model = given[name]
-    x = np.zeros(model.state.size)
-    x[:4] = TENSIONS
-    if place is not None:
-        x[model.state.point_forces] = [0.0, 0.02, -0.015]
+    x = np.concatenate([TENSIONS, [] if place is None else [0.0, 0.02, -0.015]])
     shape = Prediction(model, x, None).solved
     s = np.array([0.05, 0.1, 0.15, 0.2])
     at = Markers(s, np.zeros((4, 3)), 1e-3)
@@ -247,13 +242,12 @@ def test_the_place_is_found(place):
         noisy = positions + 1e-3 * rng.normal(size=(4, 3))
         found = bank.add(step * SECOND // 10, [Tensions(TENSIONS, 0.01), Markers(s, noisy, 1e-3)])
     assert sum(found.probabilities.values()) == pytest.approx(1.0)
-    best = found
-    assert best.hypothesis == name and best.probabilities[name] > 0.9
-    np.testing.assert_allclose(best.estimate.backbone.tip, shape.tip, atol=2e-3)
+    assert found.hypothesis == name and found.probabilities[name] > 0.9
+    np.testing.assert_allclose(found.estimate.backbone.tip, shape.tip, atol=2e-3)
     if place is not None:
         where = model.state.point_forces
-        error = best.estimate.mean[where] - x[where]
-        assert error @ np.linalg.solve(best.estimate.covariance[where, where], error) < 16.0
+        error = found.estimate.mean[where] - x[where]
+        assert error @ np.linalg.solve(found.estimate.covariance[where, where], error) < 16.0
 
 
 def test_a_truth_that_changes_is_followed():

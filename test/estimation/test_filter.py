@@ -283,8 +283,7 @@ def test_errors_are_as_large_as_the_covariance_says(runs):
 def test_a_slack_tendon_is_estimated_slack():
     model = rubber(Unknowns(Walk(10.0), tension_bias=Walk(0.05)))
     found = Filter(model).add(0.0, [Tensions([1.0, -0.02, 0.5, 0.3], 0.01)])
-    assert found.tensions[1] == 0.0
-    assert found.backbone.tensions[0, 1] == 0.0
+    assert found.tensions[1] == found.backbone.tensions[0, 1] == 0.0
     # All of it is bias then, or noise, in proportion to their variances.
     assert found.tension_bias[1] == pytest.approx(-0.02 * 0.05**2 / (0.05**2 + 0.01**2), rel=1e-3)
 
@@ -306,8 +305,7 @@ def test_sensors_lost_and_back():
 
 
 def test_a_failing_step_leaves_the_filter_as_it_was():
-    model = rubber(FORCE_AT_TIP)
-    own = Filter(model)
+    own = Filter(rubber(FORCE_AT_TIP))
     own.add(0.0, [Tensions(TENSIONS, 0.01)])
     before = own.last
     with pytest.raises(MeasurementError, match='expected 4'):
@@ -317,7 +315,7 @@ def test_a_failing_step_leaves_the_filter_as_it_was():
         with pytest.raises(MeasurementError, match='time'):
             own.add(bad, [])
     with pytest.raises(MeasurementError, match='window is -1'):
-        Filter(model, -1.0)
+        Filter(own.model, -1.0)
     for name, wrong in (('gate', 1.0), ('cell_fault', -0.1), ('recover_after', -1.0)):
         with pytest.raises(MeasurementError, match=f'{name} is {wrong}, expected'):
             Rules(**{name: wrong})
@@ -374,8 +372,7 @@ LOADS = {
 @pytest.mark.parametrize('kind', ['tip', 'point', 'current'])
 def test_what_pushes_the_arm_is_found_in_newtons(kind):
     shape = Solver(RUBBER, 'exact', 31, loads=LOADS[kind]).solve([TENSIONS])
-    seen = [10, 20, 30]
-    markers = Markers(shape.s[seen], shape.position[seen], 1e-5)
+    markers = Markers(shape.s[10::10], shape.position[10::10], 1e-5)
     contact = contact_of(estimated(kind, [markers]), RUBBER)
     deviation = np.sqrt(contact.covariance.diagonal()[:3])
     # What is learnt of the force along the arm is little.
