@@ -117,7 +117,7 @@ _DISC_RIM = 1.05  # discs are wider than the body, as coincident surfaces flicke
 _UPRIGHT = np.array([0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)])
 
 
-class Drawn(NamedTuple):
+class ArmGeometry(NamedTuple):
     """Geometry of one shape, in the frame of its backbone.
 
     Attributes:
@@ -175,7 +175,7 @@ class Drawing:
         self.disc_thickness = DISC_THICKNESS * arm.length
         self.line_width = LINE_WIDTH * arm.length
 
-    def draw(self, position: FloatArray, quaternion: FloatArray, q: FloatArray) -> Drawn:
+    def draw(self, position: FloatArray, quaternion: FloatArray, q: FloatArray) -> ArmGeometry:
         """Geometry of one shape.
 
         Args:
@@ -192,7 +192,7 @@ class Drawing:
         paths = _place(centre, across, self._offsets)
         if self._straight is not None:
             paths = self._straight @ paths
-        return Drawn(
+        return ArmGeometry(
             vertices=np.concatenate([surface, centre[[0, -1]]]),
             disc_position=position[self._anchorages],
             disc_quaternion=quaternion_product(quaternion[self._anchorages], _UPRIGHT),

@@ -139,13 +139,13 @@ class _Search:
         self._solved: tuple[bytes, Backbone, Sensitivity] | None = None
         self._last: Backbone | None = None
         # Of local minima: from elsewhere a loaded arm may not come back to them.
-        self._kept: dict[bytes, tuple[Backbone, Sensitivity]] = {}
+        self._cache: dict[bytes, tuple[Backbone, Sensitivity]] = {}
         self.iterations = 0
 
     def _evaluate(self, part: FloatArray) -> tuple[Backbone, Sensitivity]:
         key = part.tobytes()
-        if key in self._kept:
-            return self._kept[key]
+        if key in self._cache:
+            return self._cache[key]
         if self._solved is None or self._solved[0] != key:
             self._pause()
             tensions = np.clip(part, 0.0, 1.0) * self._limit
@@ -212,9 +212,9 @@ class _Search:
             last = met.part
         # The method keeps off the bounds: tensions within 1e-6 of zero are set to zero.
         rounded = np.where(last < 1e-6, 0.0, last)
-        near = self.distance(rounded) <= self.distance(last) + 1e-9 * self._solver.arm.length
-        minimum = np.asarray(rounded if near else last)
-        self._kept[minimum.tobytes()] = self._evaluate(minimum)
+        is_near = self.distance(rounded) <= self.distance(last) + 1e-9 * self._solver.arm.length
+        minimum = np.asarray(rounded if is_near else last)
+        self._cache[minimum.tobytes()] = self._evaluate(minimum)
         return minimum
 
     def relax(self, part: FloatArray, enough: float) -> FloatArray:

@@ -47,30 +47,30 @@ _POOL_START = 1.5  # typical time in which a pool starts [s]
 _CONNECT = 5.0  # timeout of the connection to a scheduler [s]
 
 
-class Solved(NamedTuple):
+class Solutions(NamedTuple):
     """A chunk: whether each set has a solution (sets,), tips and directions (solutions, 3)."""
 
-    kept: np.ndarray
+    is_solved: np.ndarray
     tip: FloatArray
     direction: FloatArray
 
 
 # Chunks by number, in any order; closing the generator ends the workers it started.
-Results = Generator[tuple[int, Solved], None, None]
+Results = Generator[tuple[int, Solutions], None, None]
 
 
-def _solve(solver: Solver, tensions: FloatArray) -> Solved:
+def _solve(solver: Solver, tensions: FloatArray) -> Solutions:
     """Tips of a chunk, without the sets that have no solution."""
-    kept = np.ones(len(tensions), bool)
+    is_solved = np.ones(len(tensions), bool)
     tips, directions = [np.empty((0, 3))], [np.empty((0, 3))]
     for part, found in solve_parts(solver, tensions):
         if isinstance(found, SolveError):
-            kept[part] = False
+            is_solved[part] = False
             continue
         tips.append(found.tip)
         directions.append(axes_of(found.quaternion[:, -1])[:, 0].T)
     # Concatenation copies: views would keep whole backbones in memory.
-    return Solved(kept, np.concatenate(tips), np.concatenate(directions))
+    return Solutions(is_solved, np.concatenate(tips), np.concatenate(directions))
 
 
 def on_cores(
@@ -110,7 +110,7 @@ def _solver_of(pickled: bytes) -> Solver:
     return config.solver()
 
 
-def _solve_pickled(tensions: FloatArray, config: bytes) -> Solved:
+def _solve_pickled(tensions: FloatArray, config: bytes) -> Solutions:
     return _solve(_solver_of(config), tensions)
 
 

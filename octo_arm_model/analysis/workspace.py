@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from octo_arm_model.analysis.drawing import Drawing, equal_axes
-from octo_arm_model.analysis.worker_pool import Solved, on_cluster, on_cores
+from octo_arm_model.analysis.worker_pool import Solutions, on_cluster, on_cores
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
@@ -96,17 +96,17 @@ def sample_workspace(
     else:
         results = on_cluster(config, chunks, scheduler)
     report = progress or (lambda done, total: None)
-    solved: dict[int, Solved] = {}
+    solved: dict[int, Solutions] = {}
     done = 0
     report(done, count)
     # Closing the generator ends the processes it started.
     with contextlib.closing(results):
         for chunk, part in results:
             solved[chunk] = part
-            done += len(part.kept)
+            done += len(part.is_solved)
             report(done, count)
-    kept, tip, direction = map(np.concatenate, zip(*(solved[i] for i in range(len(chunks)))))
-    arrays = tensions[kept], tip, direction, box
+    is_solved, tip, direction = map(np.concatenate, zip(*(solved[i] for i in range(len(chunks)))))
+    arrays = tensions[is_solved], tip, direction, box
     for array in arrays:
         array.setflags(write=False)
     return Workspace(*arrays[:3], count - len(tip), box)

@@ -202,10 +202,10 @@ def _from_axis(offset: FloatArray, across: FloatArray, radius: float) -> Nearest
 
 def _pass(before: FloatArray, after: FloatArray, reach: FloatArray) -> BoolArray:
     """Whether the ways (n, 3) pass the origin within half of ``reach`` (n,)."""
-    way = after - before
-    squared = np.maximum((way * way).sum(axis=1), _LEAST**2)
-    part = np.clip(-(before * way).sum(axis=1) / squared, 0.0, 1.0)
-    least = before + part[:, np.newaxis] * way
+    motion = after - before
+    squared = np.maximum((motion * motion).sum(axis=1), _LEAST**2)
+    part = np.clip(-(before * motion).sum(axis=1) / squared, 0.0, 1.0)
+    least = before + part[:, np.newaxis] * motion
     return np.asarray((least * least).sum(axis=1) < (0.5 * reach) ** 2)
 
 

@@ -28,8 +28,8 @@ nodes go from the base to the tip and have the node as first axis.
 `checks`         shapes and bounds of what is given, and what a solution is refused for
 `backbone`       `Backbone`: the result; positions, orientations and strains at stations
 `rod`            `Rod`: from tensions and a wrench on the tip to an `Equilibrium`
-`reeling`        Newton's method for tendons at given lengths, which may be slack
-`winches`        `Winches`: equilibria of tendons at given lengths, by `reeling`
+`winches`        `Winches`: equilibria of tendons at given lengths, by the Newton's method of
+                 `winch_equations`, of which tendons may be slack
 `sensitivity`    first derivatives of an equilibrium, and the covariance of its tip
 
 `statics`        what every model gives; `Exact` does by all of the above
@@ -53,7 +53,7 @@ A new effect is a term of these. It changes no signature:
   every node, (N, J), which `Problem.evaluate` makes from z, and `Problem.fill_jacobian` adds its
   derivatives, as for `friction`.
 * An unknown of a cross section: condensed within it, as the offset of a tendon in its sheath.
-* An unknown of the whole arm: a row and a column around `Factors.solve`, as in `reeling`.
+* An unknown of the whole arm: a row and a column around `Factors.solve`, as in `winch_equations`.
 
 May import arm.
 """

@@ -5,7 +5,7 @@ import numpy as np
 from octo_arm_model.arm.hints import BoolArray, FloatArray
 from octo_arm_model.rod.compiled import compiled, helper
 from octo_arm_model.rod.section_loops import SectionTables, cross, section_tables, tangent
-from octo_arm_model.rod.tables import LEVER, Tables, Work
+from octo_arm_model.rod.tables import Tables, Work
 
 _ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see `angles`
 
@@ -41,8 +41,7 @@ def _fill_angles(
 ) -> None:
     lengths, weights, sharp = sizes
     to_point, differentiation, ends, to_fine, fine_weights = rule
-    law, body, tendons, compliance, active = of_sections
-    z, tensions = of_nodes
+    active, (z, tensions) = of_sections[4], of_nodes
     points, strain = to_point.shape[0], np.empty(6)
     unit, bend, rate = np.empty((points, 3)), np.empty((points, 3)), np.empty(points)
     last, total = np.zeros((friction.size, 3)), np.zeros(friction.size)
@@ -54,16 +53,7 @@ def _fill_angles(
                 continue
             for k in range(points):
                 i = start + k
-                tangent(
-                    law,
-                    z[i],
-                    tendons[i, j],
-                    body[i, LEVER],
-                    compliance[j] * tensions[i, j],
-                    strain,
-                    offsets[i, j],
-                    unit[k],
-                )
+                tangent(of_sections, i, j, z[i], tensions[i, j], strain, offsets[i, j], unit[k])
             kink = _kink(ends, unit, last[j])
             if sharp[e]:
                 total[j] += kink

@@ -14,7 +14,7 @@ import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.rod.equilibrium import Acting, Equilibrium, Problem, State
+from octo_arm_model.rod.equilibrium import Equilibrium, NodeCondition, Problem, State
 from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.section_arrays import Bends, tendons_at
 from octo_arm_model.rod.tables import places_at, tabulate, work_arrays
@@ -102,7 +102,7 @@ class Backbone:
 ONE_STEP = 1e300  # residual before the last step to the balance of sections
 
 
-class Finer:
+class FinePoints:
     """More points of each element, where sections balance what acts at the nodes.
 
     Attributes:
@@ -119,12 +119,12 @@ class Finer:
             self._of_fine = problem.friction.projection(own.elements)
         self.to_nodes = own.elements.interpolation(problem.elements.s)
 
-    def balance(self, state: State) -> tuple[Acting, FloatArray, FloatArray]:
+    def balance(self, state: State) -> tuple[NodeCondition, FloatArray, FloatArray]:
         """What acts there in ``state``, twists (n, m) that balance it, and wrenches (n, m).
 
         The latter are moment and force of all beyond a point, in the axes of its section.
         """
-        own, condition, z = self.own, state.acting.condition, self._between @ state.z
+        own, condition, z = self.own, state.condition, self._between @ state.z
         if condition.tensions.ndim > 1:
             # Given at the nodes.
             condition = condition._replace(tensions=self._between @ condition.tensions)
@@ -134,11 +134,11 @@ class Finer:
             # Depths differ too much between nodes and points for obstacles as stiff as they are.
             self.problem.orient(state.z)
             own.touching = contact.densities(self.problem.places(), to=own.contact)
-        acting, wrench = own.wrenches(own.acting(condition), z)
+        at_nodes, wrench = own.wrenches(own.at_nodes(condition), z)
         z = z.copy()  # Orientations of the other one are known.
-        inside = own.in_sections(acting.tensions)
+        inside = own.in_sections(at_nodes.tensions)
         own.form.balance(own.tables, z, inside, wrench, ONE_STEP, own.work)
-        return acting, z, wrench
+        return at_nodes, z, wrench
 
     def _slid(self, state: State) -> FloatArray:
         friction, local = self.problem.friction, self.problem.local_tensions(state)
@@ -147,13 +147,13 @@ class Finer:
             assert self._of_fine is not None
             return friction.spread(self._of_fine, local.band.tensions)
         loss = self.problem.tables.friction * (self._between @ local.angle)
-        base = state.acting.condition.tensions * self.own.tables.reach
+        base = state.condition.tensions * self.own.tables.reach
         return np.asarray(base * np.exp(-loss))
 
     def friction_error(self, state: State) -> float:
         """Estimated error of tensions with friction, in parts of them."""
-        (acting, z, _), own = self.balance(state), self.own
-        own.form.angles(own.tables, z, acting.tensions, own.work)
+        (at_nodes, z, _), own = self.balance(state), self.own
+        own.form.angles(own.tables, z, at_nodes.tensions, own.work)
         means = []
         for one, angle in (
             (self.problem, self.problem.local_tensions(state).angle),
@@ -172,7 +172,7 @@ class Readout:
         places: the stations among the finer points.
     """
 
-    def __init__(self, finer: Finer, arm: Arm, s: FloatArray) -> None:
+    def __init__(self, finer: FinePoints, arm: Arm, s: FloatArray) -> None:
         """At arc coordinates ``s`` (S,) [m] of ``arm``."""
         self._problem, self._finer, self._s = finer.problem, finer, s
         elements, own = finer.own.elements, finer.own
@@ -195,12 +195,12 @@ class Readout:
         if fine is not None:
             twist = self.twists(fine)
         else:
-            acting, fine, wrench = self._finer.balance(state)
+            at_nodes, fine, wrench = self._finer.balance(state)
             twist = self.twists(fine)
             if finer.friction is not None and finer.discs is not None:
-                along = self.places.between @ acting.tensions
+                along = self.places.between @ at_nodes.tensions
             elif finer.friction is not None:
-                along = self._tensions(state, acting, fine)
+                along = self._tensions(state, at_nodes, fine)
                 form, wrench = finer.form, self.places.between @ wrench
                 form.balance(self._tables, twist, along, wrench, ONE_STEP, self._work)
         finer.orient(fine)
@@ -213,16 +213,16 @@ class Readout:
         strained = self.places.between @ (fine - self._straight)
         return np.asarray(strained + self._straight)
 
-    def _tensions(self, state: State, acting: Acting, z: FloatArray) -> FloatArray:
-        """See `read`; ``acting`` and twists ``z`` (n, m) are those of the finer points."""
-        if state.acting.condition.tensions.ndim > 1:
-            return np.asarray(self.places.between @ acting.tensions)
-        return self._slid(state, self._angle(acting, z))
+    def _tensions(self, state: State, at_nodes: NodeCondition, z: FloatArray) -> FloatArray:
+        """See `read`; ``at_nodes`` and twists ``z`` (n, m) are those of the finer points."""
+        if state.condition.tensions.ndim > 1:
+            return np.asarray(self.places.between @ at_nodes.tensions)
+        return self._slid(state, self._angle(at_nodes, z))
 
-    def _angle(self, acting: Acting, z: FloatArray) -> FloatArray:
+    def _angle(self, at_nodes: NodeCondition, z: FloatArray) -> FloatArray:
         """Angle by which tendons have turned up to the stations [rad], (S, J)."""
         tables, elements = self._finer.own.tables, self._finer.own.elements
-        tendons = tendons_at(tables, z, acting.tensions, self._finer.own.work)
+        tendons = tendons_at(tables, z, at_nodes.tensions, self._finer.own.work)
         bends = Bends(tables, z, tendons.unit.swapaxes(1, 2), tables.reach[:, tendons.pulled])
         fine = tables.to_fine @ bends.bend.reshape(3, elements.lengths.size, elements.points, -1)
         rate = np.sqrt((fine * fine).sum(axis=0)).reshape(-1, fine.shape[3])
@@ -233,7 +233,7 @@ class Readout:
 
     def _slid(self, state: State, angle: FloatArray) -> FloatArray:
         """Tensions with friction at the stations (S, J), for an ``angle`` (S, J) [rad]."""
-        condition = state.acting.condition
+        condition = state.condition
         base, loss = condition.tensions, self._problem.tables.friction * angle
         if condition.before is None:
             return np.asarray(base * np.exp(-loss))

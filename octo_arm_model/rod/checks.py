@@ -326,13 +326,13 @@ def check_tendons(problem: Problem, state: State) -> None:
     moved = path + problem.work.offsets
     squared = (moved * moved).sum(axis=-1)
     farthest = np.maximum((path * path).sum(axis=-1), tables.body[:, RADIUS, np.newaxis] ** 2)
-    outside = (squared > farthest) & (state.acting.tensions > 0.0) & (tables.compliance > 0.0)
+    outside = (squared > farthest) & (state.at_nodes.tensions > 0.0) & (tables.compliance > 0.0)
     _refuse(problem, outside.any(axis=1), 'press a tendon out of the body', 'its sheath is')
 
 
 def check_stable(problem: Problem, state: State) -> None:
     """Refuse an equilibrium without loads that is no minimum of the energy."""
-    problem.form.sections(problem.tables, state.z, state.acting.tensions, problem.work)
+    problem.form.sections(problem.tables, state.z, state.at_nodes.tensions, problem.work)
     least = np.linalg.eigvalsh(problem.work.hessian)[:, 0]
     _refuse(problem, ~(least > 0.0), 'bend the arm without end', 'sheaths are')
 

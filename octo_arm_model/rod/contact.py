@@ -49,7 +49,7 @@ class Contacts(NamedTuple):
 NONE = Contacts(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 3)))  # of no obstacles
 
 
-class Sliding(NamedTuple):
+class NodeMotion(NamedTuple):
     """How an arm moves.
 
     Attributes:
@@ -116,7 +116,7 @@ class Contact:
         self._back = self._between.T * self._weights / elements.weights[:, np.newaxis]
 
     def densities(
-        self, place: FloatArray, sliding: Sliding | None = None, to: Contact | None = None
+        self, place: FloatArray, motion: NodeMotion | None = None, to: Contact | None = None
     ) -> FloatArray:
         """Force and moment per length at nodes at ``place`` (N, 3) [m], (2, N, 3) [N/m, N].
 
@@ -127,15 +127,15 @@ class Contact:
         for touch in self._touches(place):
             back = spread[:, touch.where]
             force = touch.push * touch.normal
-            if sliding is not None and touch.obstacle.friction:
-                drag = self._drag(touch, sliding)[0]
+            if motion is not None and touch.obstacle.friction:
+                drag = self._drag(touch, motion)[0]
                 force += drag
                 total[1] -= back @ np.cross(self._lever(touch), drag)
             total[0] += back @ force
         return total
 
     def tangents(
-        self, place: FloatArray, sliding: Sliding | None = None, by_velocity: float = 0.0
+        self, place: FloatArray, motion: NodeMotion | None = None, by_velocity: float = 0.0
     ) -> list[LocalTangents]:
         """Derivatives of `densities`, where velocities change ``by_velocity`` times the places."""
         found = []
@@ -147,16 +147,16 @@ class Contact:
                 between=self._between[touch.where],
                 back=self._back[:, touch.where],
             )
-            if sliding is not None and touch.obstacle.friction:
-                own = self._with_drag(own, touch, sliding, by_velocity)
+            if motion is not None and touch.obstacle.friction:
+                own = self._with_drag(own, touch, motion, by_velocity)
             found.append(own)
         return found
 
     def _touches(self, place: FloatArray) -> list[_Touch]:
         at, found = self._between @ place, []
         for number, obstacle in enumerate(self.obstacles):
-            near = obstacle.nearest(at)
-            depth = self._radius - near.distance
+            nearest = obstacle.nearest(at)
+            depth = self._radius - nearest.distance
             (where,) = (depth > 0.0).nonzero()
             if where.size:
                 stiffness = 2.0 * obstacle.stiffness * self._radius[where]
@@ -167,8 +167,8 @@ class Contact:
                         where,
                         stiffness,
                         depth[where],
-                        near.normal[where],
-                        near.normal_by_place[where],
+                        nearest.normal[where],
+                        nearest.normal_by_place[where],
                     )
                 )
         return found
@@ -178,21 +178,21 @@ class Contact:
         return np.asarray(self._radius[touch.where, np.newaxis] * touch.normal)
 
     def _drag(
-        self, touch: _Touch, sliding: Sliding
+        self, touch: _Touch, motion: NodeMotion
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Friction per length, velocity of the surface, the speed it counts as, and the spin."""
         between, n = self._between[touch.where], touch.normal
-        nodes = len(sliding.spin)
-        spin = (between @ sliding.spin.reshape(nodes, 9)).reshape(-1, 3, 3)
-        slip = between @ sliding.velocity - (spin @ self._lever(touch)[..., np.newaxis])[..., 0]
+        nodes = len(motion.spin)
+        spin = (between @ motion.spin.reshape(nodes, 9)).reshape(-1, 3, 3)
+        slip = between @ motion.velocity - (spin @ self._lever(touch)[..., np.newaxis])[..., 0]
         along = slip - dot(n, slip) * n
         speed = np.sqrt(dot(along, along) + touch.obstacle.creep_speed**2)
         return -touch.obstacle.friction * touch.push * along / speed, slip, speed, spin
 
     def _with_drag(
-        self, own: LocalTangents, touch: _Touch, sliding: Sliding, c: float
+        self, own: LocalTangents, touch: _Touch, motion: NodeMotion, c: float
     ) -> LocalTangents:
-        drag, slip, speed, spin = self._drag(touch, sliding)
+        drag, slip, speed, spin = self._drag(touch, motion)
         n, turn, mu = touch.normal, touch.turn, touch.obstacle.friction
         size, one = mu * touch.push, np.eye(3)
         radius = self._radius[touch.where, np.newaxis, np.newaxis]
@@ -216,14 +216,14 @@ class Contact:
 
     # What a shape says of its contact ----------------------------------------------------------
 
-    def report(self, place: FloatArray, sliding: Sliding | None = None) -> Contacts:
+    def report(self, place: FloatArray, motion: NodeMotion | None = None) -> Contacts:
         """What obstacles do to an arm with nodes at ``place`` (N, 3) [m]."""
         depths = np.zeros((len(self.obstacles), self._s.size))
         forces = np.zeros((len(self.obstacles), 3))
         for touch in self._touches(place):
             force = touch.push * touch.normal
-            if sliding is not None and touch.obstacle.friction:
-                force += self._drag(touch, sliding)[0]
+            if motion is not None and touch.obstacle.friction:
+                force += self._drag(touch, motion)[0]
             depths[touch.number, touch.where] = touch.depth
             forces[touch.number] = self._weights[touch.where] @ force
         return Contacts(self._s, depths, forces)
@@ -253,12 +253,12 @@ class Contact:
     def inside(self, place: FloatArray) -> str:
         """Where a midline with nodes at ``place`` (N, 3) [m] is inside an obstacle; or nothing."""
         for touch in self._touches(place):
-            over = touch.depth - self._radius[touch.where]
-            worst = int(np.argmax(over))
-            if over[worst] > 0.0:
+            excess = touch.depth - self._radius[touch.where]
+            worst = int(np.argmax(excess))
+            if excess[worst] > 0.0:
                 s = self._s[touch.where[worst]]
                 number = touch.number
-                return f'{over[worst]:.3g} m inside loads.obstacles[{number}] at s = {s:.4g} m'
+                return f'{excess[worst]:.3g} m inside loads.obstacles[{number}] at s = {s:.4g} m'
         return ''
 
     def has_passed(self, before: FloatArray, after: FloatArray) -> bool:

@@ -19,7 +19,7 @@ from octo_arm_model.arm.errors import ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import Spending
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.factors import Deferred, Linear, Stability, Variation, factorise
+from octo_arm_model.rod.factors import LazyFactors, Linear, Stability, Variation, factorise
 from octo_arm_model.rod.loads import OtherLoads
 
 # Below this residual a step by factors of the state may raise it again: where the arm is soft it
@@ -56,7 +56,7 @@ WITHOUT_TANGENT = Rule(iterations=200, again=0.99, progress=0.99)
 TOUCHING = Rule(iterations=40, predicted=0.5, first=1.0, progress=1.0, shortest=0.05)
 
 
-class Found(NamedTuple):
+class NewtonResult(NamedTuple):
     """Where a search for a balance ended.
 
     Attributes:
@@ -128,14 +128,14 @@ class Equations(Protocol):
         """How far a ``change`` (N, m) of the twists turns the arm [rad]."""
 
 
-def settle(
+def newton(
     equations: Equations,
     state: State,
     tolerance: float,
     factors: Linear | None = None,
     is_near: bool = False,
     rule: Rule = STATICS,
-) -> Found:
+) -> NewtonResult:
     """Search for a balance from ``state``, with ``factors`` from nearby, or of it, if any.
 
     The state it ends in is a balance if its residual is at most ``tolerance``.
@@ -173,7 +173,7 @@ def settle(
         errors.append(new.residual)
         state, is_near = new, False
     corrected = 0.0 if predicted is None else equations.turn(state.z - predicted.z)
-    return Found(state, factors, iterations, corrected)
+    return NewtonResult(state, factors, iterations, corrected)
 
 
 def _rule_of(others: OtherLoads, rule: Rule) -> Rule:
@@ -213,7 +213,7 @@ _NO_DAMPING = 1e-8
 _LEVEL, _NEUTRAL, _LITTLE_DAMPING = 1e-7, 1e-6, 1e-3
 
 
-class Judged(NamedTuple):
+class Verdict(NamedTuple):
     """An equilibrium and what the system at itself says of it.
 
     Attributes:
@@ -224,12 +224,12 @@ class Judged(NamedTuple):
     """
 
     state: State
-    factors: Deferred
+    factors: LazyFactors
     stability: Stability
     variation: Variation
 
 
-def judge(problem: Problem, state: State) -> Judged:
+def judge(problem: Problem, state: State) -> Verdict:
     """Judge the stability of an equilibrium of ``problem`` by its Jacobian there.
 
     Where a load states no tangent stiffness nothing tells of it, and it counts as stable; where
@@ -239,10 +239,10 @@ def judge(problem: Problem, state: State) -> Judged:
     variation = problem.variation()
     is_known = not problem.others.without_tangent
     stability = variation.stability() if is_known else Stability(True, False)
-    if not stability.is_stable and not problem.has_energy(state.acting.condition):
+    if not stability.is_stable and not problem.has_energy(state.condition):
         with contextlib.suppress(ConvergenceError):
             stability = Stability(factorise(problem.work.jacobian.copy()).sign > 0, False)
-    return Judged(state, Deferred(problem.work.jacobian.copy()), stability, variation)
+    return Verdict(state, LazyFactors(problem.work.jacobian.copy()), stability, variation)
 
 
 def tolerance_of(problem: Problem) -> float:
@@ -251,8 +251,8 @@ def tolerance_of(problem: Problem) -> float:
 
 
 def advance(
-    attempt: Callable[[float, float, bool], tuple[Found, bool, bool]],
-    leap: Callable[[float, Found], tuple[float, float]],
+    attempt: Callable[[float, float, bool], tuple[NewtonResult, bool, bool]],
+    leap: Callable[[float, NewtonResult], tuple[float, float]],
     step: float,
     smallest: float,
 ) -> None:
@@ -288,7 +288,7 @@ def follow(
     spending: Spending,
     step: float = 1.0,
     roughly: bool = False,
-) -> Judged:
+) -> Verdict:
     """Follow the equilibrium of twists ``z`` (N, m) under ``known`` to the condition ``wanted``.
 
     In one step where Newton's method then converges, else in several, of which the first is the
@@ -303,30 +303,30 @@ def follow(
         ContinuationError: if it would take more than the budget of ``spending``.
     """
     last: tuple[FloatArray, float] | None = None  # twists before the last step, and its size
-    reached: Judged | None = None
+    reached: Verdict | None = None
 
-    def attempt(done: float, target: float, is_smallest: bool) -> tuple[Found, bool, bool]:
+    def attempt(done: float, target: float, is_smallest: bool) -> tuple[NewtonResult, bool, bool]:
         nonlocal z, last, reached
         tolerance = ON_THE_WAY if roughly or target < 1.0 else tolerance_of(problem)
         guess = z if last is None else z + (target - done) / last[1] * (z - last[0])
-        begun = problem.evaluate(problem.acting(known.towards(wanted, target)), guess)
-        found = settle(problem, begun, tolerance)
+        begun = problem.evaluate(problem.at_nodes(known.towards(wanted, target)), guess)
+        found = newton(problem, begun, tolerance)
         spending.add(found.iterations, done, found.state.residual)
         is_met = found.state.residual <= tolerance and not problem.passes(z, found.state.z)
         is_last = is_smallest and not problem.others.without_tangent
-        judged = None
+        verdict = None
         if is_met and (found.corrected <= MOST_CORRECTED or is_last):
-            judged = judge_stable(problem, found.state)
-            is_firm = not is_last if judged is None else judged.stability.is_firm
+            verdict = judge_stable(problem, found.state)
+            is_firm = not is_last if verdict is None else verdict.stability.is_firm
             if tolerance > _CLOSER and not is_firm:
                 # Near the end of a branch what a rough balance leaves decides where the arm goes.
-                found, judged = _closer(problem, found, judged)
+                found, verdict = _closer(problem, found, verdict)
                 spending.add(found.iterations, done, found.state.residual)
-        if judged is not None:
-            last, z, reached = (z, target - done), judged.state.z, judged
-        return found, is_met, judged is not None
+        if verdict is not None:
+            last, z, reached = (z, target - done), verdict.state.z, verdict
+        return found, is_met, verdict is not None
 
-    def leap(done: float, found: Found) -> tuple[float, float]:
+    def leap(done: float, found: NewtonResult) -> tuple[float, float]:
         nonlocal z, last, reached
         if problem.others.without_tangent:
             # No direction of descent follows without the tangent.
@@ -345,30 +345,32 @@ def follow(
     return reached
 
 
-def _closer(problem: Problem, found: Found, judged: Judged | None) -> tuple[Found, Judged | None]:
-    """What is ``found``, settled to `_CLOSER`, and ``judged`` where it was not seen to be stable.
+def _closer(
+    problem: Problem, found: NewtonResult, verdict: Verdict | None
+) -> tuple[NewtonResult, Verdict | None]:
+    """What is ``found``, settled to `_CLOSER`, and ``verdict`` where it was not seen to be stable.
 
     None in place of the latter where it is not, or not near what was found.
     """
     rough = found.state
-    closer = settle(problem, rough, _CLOSER, found.factors)
+    closer = newton(problem, rough, _CLOSER, found.factors)
     closer = closer._replace(corrected=found.corrected + problem.turn(closer.state.z - rough.z))
     if closer.corrected > MOST_CORRECTED:
         return closer, None
-    if judged is None:
+    if verdict is None:
         return closer, judge_stable(problem, closer.state)
-    return closer, judged._replace(state=closer.state)
+    return closer, verdict._replace(state=closer.state)
 
 
-def judge_stable(problem: Problem, state: State) -> Judged | None:
+def judge_stable(problem: Problem, state: State) -> Verdict | None:
     """The equilibrium ``state`` if it is stable."""
-    judged = judge(problem, state)
-    return judged if judged.stability.is_stable else None
+    verdict = judge(problem, state)
+    return verdict if verdict.stability.is_stable else None
 
 
 def descend(
     problem: Problem, condition: Condition, z: FloatArray, spending: Spending, part: float
-) -> Judged:
+) -> Verdict:
     """Minimise the potential energy from ``z`` by the method of Levenberg and Marquardt.
 
     Each step is a Newton step with sections that are stiffened by a damping, which is raised until
@@ -382,18 +384,18 @@ def descend(
         ConvergenceError: if none is found.
         ContinuationError: if it would take more than the budget of ``spending``.
     """
-    state = problem.evaluate(problem.acting(condition), z)
+    state = problem.evaluate(problem.at_nodes(condition), z)
     damping, perturbed = _FIRST_DAMPING, 0
     for _ in range(_MOST_DESCENT):
         spending.add(1, part, state.residual)
         if state.residual <= tolerance_of(problem):
-            judged = judge(problem, state)
-            if judged.stability.is_stable:
-                return judged
+            verdict = judge(problem, state)
+            if verdict.stability.is_stable:
+                return verdict
             perturbed += 1
             if perturbed > _MOST_PERTURBED:
                 break
-            state, damping = _perturbed(problem, judged), _FIRST_DAMPING
+            state, damping = _perturbed(problem, verdict), _FIRST_DAMPING
         if damping > _MOST_DAMPING:
             break
         if state.residual <= _NEARLY:
@@ -402,9 +404,9 @@ def descend(
                 state = new
                 continue
             if state.residual <= _LEVEL and damping <= _LITTLE_DAMPING:
-                judged = judge(problem, state)
-                if judged.stability.is_stable and judged.variation.softest()[0] <= _NEUTRAL:
-                    return judged
+                verdict = judge(problem, state)
+                if verdict.stability.is_stable and verdict.variation.softest()[0] <= _NEUTRAL:
+                    return verdict
         state, damping = _descent_step(problem, state, damping)
     raise _unbalanced(state, spending.iterations)
 
@@ -413,14 +415,14 @@ def _unbalanced(state: State, iterations: int) -> ConvergenceError:
     return ConvergenceError('the balance under load', state.residual, iterations)
 
 
-def _perturbed(problem: Problem, judged: Judged) -> State:
+def _perturbed(problem: Problem, verdict: Verdict) -> State:
     """An unstable equilibrium moved along its softest mode, downhill if it is inclined."""
-    state = judged.state
-    mode = judged.variation.softest()[1].reshape(state.z.shape)
+    state = verdict.state
+    mode = verdict.variation.softest()[1].reshape(state.z.shape)
     mode = mode * (_PERTURBATION / problem.turn(mode))
     if problem.power(state, mode) < 0.0:
         mode = -mode
-    return problem.evaluate(state.acting, state.z + mode)
+    return problem.evaluate(state.at_nodes, state.z + mode)
 
 
 def _newton_step(problem: Problem, state: State) -> State | None:
@@ -431,7 +433,7 @@ def _newton_step(problem: Problem, state: State) -> State | None:
         return None
     if not problem.power(state, step) > 0.0 or problem.passes(state.z, state.z + step):
         return None
-    return problem.evaluate(state.acting, state.z + step)
+    return problem.evaluate(state.at_nodes, state.z + step)
 
 
 def _descent_step(problem: Problem, state: State, damping: float) -> tuple[State, float]:
@@ -455,7 +457,7 @@ def _descent_step(problem: Problem, state: State, damping: float) -> tuple[State
     step = factors.solve(-state.imbalance.ravel()).reshape(state.z.shape)
     if problem.passes(state.z, state.z + step):
         return state, raised
-    new = problem.evaluate(state.acting, state.z + step)
+    new = problem.evaluate(state.at_nodes, state.z + step)
     down = problem.power(state, step)
     left = problem.power(new, step)
     if not (down > 0.0 and np.isfinite(new.residual) and left > -0.5 * down):

@@ -227,9 +227,9 @@ class ChordTensionDerivatives(TensionDerivatives):
         unit, length = tendons.chords.unit, tendons.chords.length[..., np.newaxis]
         kink = np.diff(unit, axis=0)
         size = np.sqrt((kink * kink).sum(axis=2))
-        over = np.maximum(size * np.sqrt(np.maximum(1.0 - 0.25 * size * size, 1e-12)), 1e-300)
+        scale = np.maximum(size * np.sqrt(np.maximum(1.0 - 0.25 * size * size, 1e-12)), 1e-300)
         # Of the angle by k, of the holes at both ends of pieces.
-        self._by_kink = np.where(size > _NO_TURN, 1.0 / over, 0.0)[..., np.newaxis] * kink
+        self._by_kink = np.where(size > _NO_TURN, 1.0 / scale, 0.0)[..., np.newaxis] * kink
         start, end = np.zeros_like(unit), np.zeros_like(unit)
         start[1:], end[:-1] = self._by_kink, self._by_kink
         across = [

@@ -85,9 +85,9 @@ def solve_displacements(
     wanted = np.array([displacements.get(name, 0.0) for name in arm.tendon_names])
     solver.check_displacements(wanted[driven], np.flatnonzero(driven).tolist())
     held = np.array([given.get(name, 0.0) for name in arm.tendon_names])
-    near = start.backbone if isinstance(start, Wound) else start
+    known = start.backbone if isinstance(start, Wound) else start
     with solver.together():
-        backbone, reached = solver.wind(wanted, driven, held, tip_wrench, near)
+        backbone, reached = solver.wind(wanted, driven, held, tip_wrench, known)
     is_slack = driven & (backbone.tensions.ravel() == 0.0)
     is_slack &= reached > wanted + _MET * arm.length
     slack = tuple(arm.tendon_names[tendon] for tendon in np.flatnonzero(is_slack).tolist())

@@ -12,7 +12,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
-from octo_arm_model.rod.contact import Contact, Sliding
+from octo_arm_model.rod.contact import Contact, NodeMotion
 from octo_arm_model.rod.discs import ChordModel, ChordTendons, ChordTensionDerivatives
 from octo_arm_model.rod.elements import Elements
 from octo_arm_model.rod.factors import Factors, Linear, Variation, factorise
@@ -66,7 +66,7 @@ class Condition(NamedTuple):
         )
 
 
-class Acting(NamedTuple):
+class NodeCondition(NamedTuple):
     """A condition at the nodes.
 
     Attributes:
@@ -88,7 +88,7 @@ class State(NamedTuple):
     """Twists under a condition, in equilibrium or not.
 
     Attributes:
-        acting: what acts on the arm.
+        at_nodes: what acts on the arm.
         z: twists, (N, m) [1/m and -].
         imbalance: gradient of the energy less the wrench of the loads, (N, m) [N m and N].
         residual: the largest, over its scale [-]; NaN where a strain is impossible.
@@ -96,12 +96,17 @@ class State(NamedTuple):
         wrong: what that lacks [m], (J,), zero of tendons that are not driven.
     """
 
-    acting: Acting
+    at_nodes: NodeCondition
     z: FloatArray
     imbalance: FloatArray
     residual: float
     reeled: FloatArray = np.zeros(0)
     wrong: FloatArray = np.zeros(0)
+
+    @property
+    def condition(self) -> Condition:
+        """What acts on the arm."""
+        return self.at_nodes.condition
 
 
 class Equilibrium(NamedTuple):
@@ -111,7 +116,7 @@ class Equilibrium(NamedTuple):
         state: twists at the nodes and what acts on them.
         level: of `elements.LEVELS`.
         factors: of the Jacobian at an equilibrium nearby; None of an arm without loads.
-        judged: that one, where it was seen to be stable by a margin; else None.
+        firm_state: that one, where it was seen to be stable by a margin; else None.
         iterations: made in all.
         fine: twists at the finer points, of an arm without loads.
         key: by which `RecentFactors` has the factors of the equilibrium of a shape.
@@ -122,7 +127,7 @@ class Equilibrium(NamedTuple):
     state: State
     level: int
     factors: Linear | None
-    judged: State | None
+    firm_state: State | None
     iterations: int
     fine: FloatArray | None = None
     key: object | None = None
@@ -147,7 +152,7 @@ class Problem:
         discs: that hold the tendons; None where the body does.
     """
 
-    remembered = 1  # residual, see `continuation.settle`
+    remembered = 1  # residual, see `continuation.newton`
 
     def __init__(
         self,
@@ -191,62 +196,62 @@ class Problem:
         unit *= unit * (elements.weights / elements.edges[-1])[:, np.newaxis]
         self.measure = unit.ravel()
 
-    def acting(self, condition: Condition) -> Acting:
+    def at_nodes(self, condition: Condition) -> NodeCondition:
         """The ``condition`` at the nodes."""
         tensions = condition.tensions
         if tensions.ndim == 1:
             tensions = np.empty((self.elements.s.size, tensions.size))
             tensions[:] = condition.tensions
         dead = self.loads.at(condition.factor, condition.tip_wrench)
-        return Acting(condition, tensions, dead[0], dead[1], dead)
+        return NodeCondition(condition, tensions, dead[0], dead[1], dead)
 
     def straight_resultants(self) -> FloatArray:
         """Force and free moment of all loads but the tip's on the straight rod, (2, N, 3)."""
         dead = self.loads.at(1.0, np.zeros(6))
         return dead + self.others.resultants(self.others.straight())
 
-    def evaluate(self, acting: Acting, z: FloatArray) -> State:
+    def evaluate(self, at_nodes: NodeCondition, z: FloatArray) -> State:
         """The state of twists ``z`` (N, m), which is kept and not to be changed any more."""
-        work, given = self.work, acting.condition.tensions
+        work, given = self.work, at_nodes.condition.tensions
         if self._scaled is not given:
             self._scaled = given
             work.scale[:] = force_scale(self.tables, given)
         self.form.orientations(self.tables, z, work)
-        acting = self._following(acting, z)
-        left = self._fill_residual(acting, z)
+        at_nodes = self._following(at_nodes, z)
+        left = self._fill_residual(at_nodes, z)
         self._current = self._oriented = z
-        return State(acting, z, work.residual.copy(), left)
+        return State(at_nodes, z, work.residual.copy(), left)
 
-    def _fill_residual(self, acting: Acting, z: FloatArray) -> float:
-        """See `forms.Form.residual`, of what is ``acting``."""
-        work, inside = self.work, self.in_sections(acting.tensions)
-        left = self.form.residual(self.tables, z, inside, acting.force, acting.couple, work)
+    def _fill_residual(self, at_nodes: NodeCondition, z: FloatArray) -> float:
+        """Fill in the residual under ``at_nodes``, see `forms.Form.residual`."""
+        work, inside = self.work, self.in_sections(at_nodes.tensions)
+        left = self.form.residual(self.tables, z, inside, at_nodes.force, at_nodes.couple, work)
         if self.discs is not None:
-            self.discs.add_pull(self.tables, z, acting.tensions, work)
+            self.discs.add_pull(self.tables, z, at_nodes.tensions, work)
             left = relative_residual(work.gradient - work.residual, work.scale, work)
         return left
 
-    def wrenches(self, acting: Acting, z: FloatArray) -> tuple[Acting, FloatArray]:
-        """What is ``acting`` at twists ``z`` (N, m), and on every section in its axes, (N, m).
+    def wrenches(self, at_nodes: NodeCondition, z: FloatArray) -> tuple[NodeCondition, FloatArray]:
+        """The condition ``at_nodes`` at twists ``z`` (N, m), and wrenches on the sections, (N, m).
 
         Moment and force of all beyond it.
         """
         work = self.work
         self.form.orientations(self.tables, z, work)
-        acting = self._following(acting, z)
-        self.form.wrenches(self.tables, acting.force, acting.couple, work)
+        at_nodes = self._following(at_nodes, z)
+        self.form.wrenches(self.tables, at_nodes.force, at_nodes.couple, work)
         if self.discs is not None:
-            self.discs.add_pull(self.tables, z, acting.tensions, work)
+            self.discs.add_pull(self.tables, z, at_nodes.tensions, work)
         self._current, self._oriented = None, z
-        return acting, -work.residual
+        return at_nodes, -work.residual
 
-    def _following(self, acting: Acting, z: FloatArray) -> Acting:
-        """What is ``acting`` at twists ``z`` (N, m), where some of it follows their shape."""
-        acting = self._with_friction(acting, z)
+    def _following(self, at_nodes: NodeCondition, z: FloatArray) -> NodeCondition:
+        """The condition ``at_nodes`` at twists ``z`` (N, m), some of which follows their shape."""
+        at_nodes = self._with_friction(at_nodes, z)
         if not self._follows:
-            return acting
-        force, couple = acting.dead + self._following_loads(acting.condition.factor, z)
-        return acting._replace(force=force, couple=couple)
+            return at_nodes
+        force, couple = at_nodes.dead + self._following_loads(at_nodes.condition.factor, z)
+        return at_nodes._replace(force=force, couple=couple)
 
     def _following_loads(self, factor: float, z: FloatArray) -> FloatArray:
         """Force and free moment of loads that follow the shape, (2, N, 3)."""
@@ -264,14 +269,14 @@ class Problem:
         """Those of the local ``tensions`` (N, J) that are in the energy of the cross sections."""
         return tensions if self.discs is None else self._slack
 
-    def _with_friction(self, acting: Acting, z: FloatArray) -> Acting:
-        """What is ``acting`` at twists ``z`` (N, m), with the tensions that friction leaves."""
-        condition = acting.condition
+    def _with_friction(self, at_nodes: NodeCondition, z: FloatArray) -> NodeCondition:
+        """The condition ``at_nodes`` at twists ``z`` (N, m), with friction of the tendons."""
+        condition = at_nodes.condition
         if self.friction is None or condition.tensions.ndim > 1:
-            return acting
+            return at_nodes
         given = condition.tensions, condition.before
         self._local = self.friction.hold_along(z, *given, self.work)
-        return acting._replace(tensions=self._local.tensions)
+        return at_nodes._replace(tensions=self._local.tensions)
 
     def step(self, state: State, factors: Linear) -> tuple[FloatArray, Linear]:
         """Newton's step of the twists by ``factors``, (N m,), and these."""
@@ -279,7 +284,7 @@ class Problem:
 
     def moved(self, state: State, step: FloatArray, _: Linear) -> State:
         """The ``state`` after a `step`."""
-        return self.evaluate(state.acting, state.z + step.reshape(state.z.shape))
+        return self.evaluate(state.at_nodes, state.z + step.reshape(state.z.shape))
 
     def local_tensions(self, state: State) -> LocalTensions:
         """The tensions that friction leaves in ``state``."""
@@ -292,7 +297,7 @@ class Problem:
         if self._tendons is None or not _are_same(self._tendons[0], state):
             if self.tables.compliance.any() or self.discs is not None:
                 self.load_work(state)  # their offsets in sheaths, orientations
-            tendons = self._make_tendons(state.z, state.acting.tensions)
+            tendons = self._make_tendons(state.z, state.at_nodes.tensions)
             self._tendons = state, tendons
         return self._tendons[1]
 
@@ -313,18 +318,18 @@ class Problem:
     def history(self, state: State) -> FloatArray:
         """Tensions (M, J) [N] at the points of `Friction.fine`, from which tendons slide on."""
         assert self.friction is not None
-        return self.friction.history(self.local_tensions(state), state.acting.condition.tensions)
+        return self.friction.history(self.local_tensions(state), state.condition.tensions)
 
     def first_tensions(self, condition: Condition, z: FloatArray) -> FloatArray:
         """Tensions (N, J) [N] that bend an arm less than ``z`` (N, m), which full ones bend."""
-        local = self.local_tensions(self.evaluate(self.acting(condition), z))
+        local = self.local_tensions(self.evaluate(self.at_nodes(condition), z))
         assert self.friction is not None
         # Exact for a curvature in proportion to the tension of a tendon that is drawn in.
         mu = np.maximum(self.tables.friction, 1e-30)
         angle = np.log1p(mu * local.angle) / mu
         return self.friction.hold(condition.tensions, condition.before, angle).tensions
 
-    def _touched(self) -> tuple[FloatArray, Sliding | None]:
+    def _touched(self) -> tuple[FloatArray, NodeMotion | None]:
         """Where the nodes are, (N, 3) [m], and how they slide on obstacles."""
         return self.places(), None
 
@@ -355,7 +360,7 @@ class Problem:
     def load_work(self, state: State) -> None:
         """Have in `work` what belongs to ``state``."""
         if self._current is not state.z:
-            self.evaluate(state.acting, state.z)
+            self.evaluate(state.at_nodes, state.z)
 
     def linearise(self, state: State, damping: float = 0.0) -> Factors:
         """Factors of the Jacobian at ``state``, with sections stiffer by ``damping``.
@@ -374,13 +379,13 @@ class Problem:
     def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
         """The Jacobian at ``state``, with sections stiffer by ``damping``, into `work`."""
         self.load_work(state)
-        acting = state.acting
-        inside = self.in_sections(acting.tensions)
-        self.form.jacobian(self.tables, state.z, inside, acting.force, self.work)
+        at_nodes = state.at_nodes
+        inside = self.in_sections(at_nodes.tensions)
+        self.form.jacobian(self.tables, state.z, inside, at_nodes.force, self.work)
         if self.discs is not None:
-            self.discs.add_tangent(self.tables, state.z, acting.tensions, self.work)
+            self.discs.add_tangent(self.tables, state.z, at_nodes.tensions, self.work)
         if self.others.loads:
-            self.others.add_tangents(acting.condition.factor, state.z, self.work)
+            self.others.add_tangents(at_nodes.condition.factor, state.z, self.work)
         self._add_contact()
         if damping:
             nodes, strains = state.z.shape
@@ -399,7 +404,7 @@ class Problem:
 
     def tension_derivatives(self, state: State) -> TensionDerivatives | None:
         """Derivatives of local tensions at ``state``; None without friction, or of given ones."""
-        if self.friction is None or state.acting.condition.tensions.ndim > 1:
+        if self.friction is None or state.condition.tensions.ndim > 1:
             return None
         if self._derivatives is None or not _are_same(self._derivatives[0], state):
             local, tendons = self.local_tensions(state), self.tendons(state)
@@ -432,7 +437,7 @@ class Problem:
 
 
 def _are_same(one: State, other: State) -> bool:
-    return one.z is other.z and one.acting is other.acting
+    return one.z is other.z and one.at_nodes is other.at_nodes
 
 
 # Sections by themselves --------------------------------------------------------------------------
@@ -460,7 +465,7 @@ def balance_sections(
     return left, steps
 
 
-class Several:
+class ArmBatch:
     """Arms without loads at the nodes of a `Problem`, one after the other.
 
     Attributes:

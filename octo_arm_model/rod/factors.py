@@ -52,7 +52,7 @@ class Factors(NamedTuple):
         return np.asarray(found)
 
 
-class Blocks(NamedTuple):
+class BlockFactors(NamedTuple):
     """As `Factors`, of a Jacobian that is one block for each node: of an arm without loads.
 
     Attributes:
@@ -62,7 +62,7 @@ class Blocks(NamedTuple):
     inverse: FloatArray
 
     @classmethod
-    def of(cls, hessian: FloatArray) -> Blocks:
+    def of(cls, hessian: FloatArray) -> BlockFactors:
         """Of the sections' ``hessian`` (N, m, m).
 
         Raises:
@@ -109,7 +109,7 @@ class RecentFactors:
             del self._sizes[oldest]
 
 
-class Deferred:
+class LazyFactors:
     """As `Factors`, of a Jacobian that is factorised when a solution is first asked for."""
 
     def __init__(self, jacobian: FloatArray) -> None:

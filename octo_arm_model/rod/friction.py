@@ -66,8 +66,8 @@ class Band(NamedTuple):
     @classmethod
     def of(cls, base: FloatArray, loss: FloatArray, before: FloatArray) -> Band:
         """For tensions ``base`` at the base and a ``loss`` of mu theta [-]."""
-        kept = np.exp(-loss)
-        return cls(base * kept, base / kept, before)
+        remaining = np.exp(-loss)
+        return cls(base * remaining, base / remaining, before)
 
     @property
     def tensions(self) -> FloatArray:
@@ -187,9 +187,9 @@ class Friction:
         tensions at which one of the fine points begins or ends to stick.
         """
         loss = self.tables.friction * self.spread(self.tables.to_fine, angle)
-        kept = np.exp(-np.minimum(loss, _MOST_LOSS))
+        remaining = np.exp(-np.minimum(loss, _MOST_LOSS))
         weights, found = self.fine.weights[:, np.newaxis] * self.reach, tensions.copy()
-        for j, (was, part, weight) in enumerate(zip(before.T, kept.T, weights.T)):
+        for j, (was, part, weight) in enumerate(zip(before.T, remaining.T, weights.T)):
             turns = np.concatenate([was * part, was / part])
             order, nothing = turns.argsort(), np.zeros_like(weight)
             let_out = np.concatenate([weight / part, nothing])[order]

@@ -24,9 +24,9 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import MotionProperties
 from octo_arm_model.arm.stiffness import SectionStiffness
-from octo_arm_model.rod.contact import Sliding
+from octo_arm_model.rod.contact import NodeMotion
 from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.equilibrium import Acting, Problem, State
+from octo_arm_model.rod.equilibrium import NodeCondition, Problem, State
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.loads import LocalTangents, add_tangents, kinematics
 from octo_arm_model.rod.rotations import dot, outer, skew
@@ -134,9 +134,9 @@ class MovingProblem(Problem):
         )
         return super()._following_loads(factor, z) + self.motion.load
 
-    def _fill_residual(self, acting: Acting, z: FloatArray) -> float:
+    def _fill_residual(self, at_nodes: NodeCondition, z: FloatArray) -> float:
         """See `Problem`; with viscosity."""
-        super()._fill_residual(acting, z)
+        super()._fill_residual(at_nodes, z)
         rate = self.rule.by_velocity * z - self.rule.twist_rate
         return self.form.imbalance(
             self.moving.viscous, rate, self.reference, self.work.residual, self.work.scale
@@ -164,11 +164,11 @@ class MovingProblem(Problem):
     def _add_contact(self) -> None:
         """See `Problem`: with the motion."""
 
-    def _touched(self) -> tuple[FloatArray, Sliding | None]:
+    def _touched(self) -> tuple[FloatArray, NodeMotion | None]:
         """See `Problem`."""
         place, velocity = self.motion[:2]
         rubs = self.contact is not None and self.contact.has_friction
-        return place[:, POSITION], sliding_of(place, velocity) if rubs else None
+        return place[:, POSITION], node_motion(place, velocity) if rubs else None
 
     def velocities(self, place: FloatArray, twist_rate: FloatArray) -> FloatArray:
         """Of ``place`` (N, 12) for rates of the twists in `work` (N, m), on a base at rest."""
@@ -219,10 +219,10 @@ class MovingProblem(Problem):
         return LocalTangents(by_place, by_turn, moment_by_place, moment_by_turn)
 
 
-def sliding_of(place: FloatArray, velocity: FloatArray) -> Sliding:
+def node_motion(place: FloatArray, velocity: FloatArray) -> NodeMotion:
     """How nodes at ``place`` (N, 12) move with ``velocity`` (N, 12)."""
     axes, rates = (x[:, 3:].reshape(-1, 3, 3) for x in (place, velocity))
-    return Sliding(velocity[:, POSITION], rates.swapaxes(1, 2) @ axes)
+    return NodeMotion(velocity[:, POSITION], rates.swapaxes(1, 2) @ axes)
 
 
 def _viscosities(

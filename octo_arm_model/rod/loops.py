@@ -109,14 +109,14 @@ def _collocate(
                 b += part * rate[k, 3]
             p, q, r, own = half * z[i, 0], half * z[i, 1], half * z[i, 2], to_point[i, i]
             square = p * p + q * q + r * r
-            over = 1.0 / (1.0 + own * own * square)
+            inverse = 1.0 / (1.0 + own * own * square)
             turn_w, turn_x = -(x * p + y * q + b * r), w * p + y * r - b * q
             turn_y, turn_b = w * q + b * p - x * r, w * r + x * q - y * p
             back = own * square
-            rate[i, 0], rate[i, 1] = (turn_w - back * w) * over, (turn_x - back * x) * over
-            rate[i, 2], rate[i, 3] = (turn_y - back * y) * over, (turn_b - back * b) * over
-            w, x = (w + own * turn_w) * over, (x + own * turn_x) * over
-            y, b = (y + own * turn_y) * over, (b + own * turn_b) * over
+            rate[i, 0], rate[i, 1] = (turn_w - back * w) * inverse, (turn_x - back * x) * inverse
+            rate[i, 2], rate[i, 3] = (turn_y - back * y) * inverse, (turn_b - back * b) * inverse
+            w, x = (w + own * turn_w) * inverse, (x + own * turn_x) * inverse
+            y, b = (y + own * turn_y) * inverse, (b + own * turn_b) * inverse
             moved = abs(w - now[i, 0]) + abs(x - now[i, 1]) + abs(y - now[i, 2])
             change = max(change, moved + abs(b - now[i, 3]))
             now[i, 0], now[i, 1], now[i, 2], now[i, 3] = w, x, y, b
@@ -126,9 +126,9 @@ def _collocate(
 
 @inlined
 def _normalise(q: FloatArray) -> None:
-    over = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    inverse = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     for c in range(4):
-        q[c] *= over
+        q[c] *= inverse
 
 
 @helper

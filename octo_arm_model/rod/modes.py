@@ -47,7 +47,7 @@ class LinearModel(NamedTuple):
     D: FloatArray
 
 
-class _Linearised(NamedTuple):
+class _ModalEquations(NamedTuple):
     """Modes as columns, (N m, k), and the linear equations in them, of mass one."""
 
     shapes: FloatArray
@@ -68,7 +68,7 @@ def modes(dynamics: Dynamics, state: MotionState, count: int = 6) -> Modes:
         ConfigError: if there are not so many modes.
         SolveError: if the equilibrium is not stable.
     """
-    found = _linearised(dynamics, state, count)
+    found = _linearisation(dynamics, state, count)
     omega = np.sqrt(found.stiffness.diagonal())
     moved = np.moveaxis(found.by_stations @ found.shapes, -1, 0)
     size = np.sqrt((moved * moved).sum(axis=2)).max(axis=1)
@@ -89,7 +89,7 @@ def linearise(dynamics: Dynamics, state: MotionState, count: int = 12) -> Linear
     """
     if dynamics.problem.friction is not None:
         raise ConfigError('tendons have friction: the arm has no linear model')
-    found = _linearised(dynamics, state, count)
+    found = _linearisation(dynamics, state, count)
     one, zero = np.eye(count), np.zeros((count, count))
     tip = found.by_stations[-1]
     push = -found.shapes.T @ (found.weights[:, np.newaxis] * found.by_tensions)
@@ -104,15 +104,15 @@ def linearise(dynamics: Dynamics, state: MotionState, count: int = 12) -> Linear
     )
 
 
-def _linearised(dynamics: Dynamics, state: MotionState, count: int) -> _Linearised:
+def _linearisation(dynamics: Dynamics, state: MotionState, count: int) -> _ModalEquations:
     problem, z = dynamics.problem, state.z
     size = z.size
     if not 1 <= count <= size:
         raise ConfigError(f'number of modes is {count}, expected 1 to {size}')
     known = dynamics.still(state)
     # With tensions held at every node tendons with friction stick.
-    condition = Condition(known.acting.tensions, state.tip_wrench)
-    known = problem.evaluate(problem.acting(condition), z)
+    condition = Condition(known.at_nodes.tensions, state.tip_wrench)
+    known = problem.evaluate(problem.at_nodes(condition), z)
     problem.fill_jacobian(known)
     parts = [problem.work.jacobian.copy()]
     jacobian = problem.work.jacobian
@@ -137,7 +137,7 @@ def _linearised(dynamics: Dynamics, state: MotionState, count: int) -> _Linearis
     places = dynamics.places.integration
     by_stations = (places @ slope.reshape(len(z), -1)).reshape(len(places), 3, size)
     by_tensions = problem.tendons(known).stretch_by_twist * problem.tables.reach[..., np.newaxis]
-    return _Linearised(
+    return _ModalEquations(
         shapes,
         rows @ stiffness @ shapes,
         rows @ damping @ shapes,

@@ -29,19 +29,25 @@ from octo_arm_model.arm.validation import vector, within
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.checks import check_stretches, check_tensions
 from octo_arm_model.rod.contact import NONE, Contacts
-from octo_arm_model.rod.continuation import Rule, settle
+from octo_arm_model.rod.continuation import Rule, newton
 from octo_arm_model.rod.displacements import check_displacements
 from octo_arm_model.rod.elements import LEVELS, Elements, build_elements
-from octo_arm_model.rod.equilibrium import Acting, Condition, State
+from octo_arm_model.rod.equilibrium import Condition, NodeCondition, State
 from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
-from octo_arm_model.rod.inertia import MovingProblem, sliding_of
-from octo_arm_model.rod.motion_state import Driven, Inputs, MotionState, load_state, save_state
-from octo_arm_model.rod.reeling import Border, Reeling
+from octo_arm_model.rod.inertia import MovingProblem, node_motion
+from octo_arm_model.rod.motion_state import (
+    CheckedInputs,
+    Inputs,
+    MotionState,
+    load_state,
+    save_state,
+)
 from octo_arm_model.rod.rod import moved
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.rod.statics import strains_of
 from octo_arm_model.rod.tables import POSITION, TimeRule, places_at, tabulate
+from octo_arm_model.rod.winch_equations import BorderedSystem, WinchEquations
 
 RHO_INF = 0.85
 TOLERANCE = 1e-7  # residual of the balance at the end of a step
@@ -71,7 +77,7 @@ class Alpha(NamedTuple):
         return cls(m, f, 0.5 - m + f, 0.25 * (1.0 - m + f) ** 2)
 
 
-class _MovingReeling(Reeling):
+class _MovingWinchEquations(WinchEquations):
     """Winches of an arm that moves, whose Jacobian always is that of the whole arm."""
 
     def _factors(self, state: State) -> Linear:
@@ -140,9 +146,9 @@ class Dynamics:
         return self.problem.elements
 
     @functools.cached_property
-    def reeling(self) -> Reeling:
+    def winches(self) -> WinchEquations:
         """The equations with winches."""
-        return _MovingReeling(self.problem, self.solver.arm)
+        return _MovingWinchEquations(self.problem, self.solver.arm)
 
     # States ------------------------------------------------------------------------------------
 
@@ -153,7 +159,7 @@ class Dynamics:
             OctoArmError: as `Solver.solve`.
             ConfigError: if another base is given.
         """
-        given, solver = self.driven(inputs), self._still
+        given, solver = self.checked(inputs), self._still
         if not (given.base == self._base).all():
             raise ConfigError('inputs.base is another than that of the solver, expected None')
         wrench, start = given.tip_wrench - solver.loads.tip_wrench, None
@@ -168,8 +174,8 @@ class Dynamics:
         z = moved(z, solver.elements(level), problem.elements)
         problem.place_base(given.base)
         problem.reference = np.zeros(z.shape[1])
-        acting = problem.acting(Condition(given.tensions, given.tip_wrench))
-        found = self._in_current(acting, z, given.current)
+        at_nodes = problem.at_nodes(Condition(given.tensions, given.tip_wrench))
+        found = self._in_current(at_nodes, z, given.current)
         place = np.zeros((4, *problem.motion.place.shape))
         place[0] = problem.motion.place
         return self._state(
@@ -181,7 +187,7 @@ class Dynamics:
             np.array([given.current, *np.zeros((2, 3))]),
         )
 
-    def _in_current(self, acting: Acting, z: FloatArray, current: FloatArray) -> State:
+    def _in_current(self, at_nodes: NodeCondition, z: FloatArray, current: FloatArray) -> State:
         """The balance near ``z`` at rest, in a ``current`` that grows where it has to."""
         problem = self.problem
         with _quiet():
@@ -190,14 +196,14 @@ class Dynamics:
                 for part in range(1, parts + 1):
                     water = np.array([current * (part / parts), np.zeros(3)])
                     problem.rule = problem.rest._replace(water=water)
-                    found = settle(problem, problem.evaluate(acting, guess), TOLERANCE)
+                    found = newton(problem, problem.evaluate(at_nodes, guess), TOLERANCE)
                     guess = found.state.z
                 if found.state.residual <= TOLERANCE:
                     break
             self._require(found.state)
         return found.state
 
-    def driven(self, inputs: Inputs) -> Driven:
+    def checked(self, inputs: Inputs) -> CheckedInputs:
         """Checked ``inputs``.
 
         Raises:
@@ -224,12 +230,12 @@ class Dynamics:
         if inputs.current is not None:
             current = vector('inputs.current', inputs.current, 'm/s')
         base = self._base if inputs.base is None else base_of(inputs.base)
-        return Driven(tensions, displacements, driven, wrench, np.array(current), base)
+        return CheckedInputs(tensions, displacements, driven, wrench, np.array(current), base)
 
     def _state(
         self,
         time: float,
-        given: Driven,
+        given: CheckedInputs,
         state: State,
         twist: FloatArray,
         place: FloatArray,
@@ -238,9 +244,9 @@ class Dynamics:
     ) -> MotionState:
         problem, (dt, factors, iterations) = self.problem, last
         history = None if problem.friction is None else problem.history(state)
-        tensions = state.acting.condition.tensions
+        tensions = state.condition.tensions
         wrench = np.abs(problem.work.gradient).max(axis=0)
-        beyond = np.concatenate([state.acting.force, problem.work.moment], axis=1)
+        beyond = np.concatenate([state.at_nodes.force, problem.work.moment], axis=1)
         at_base = self._to_base @ beyond
         for array in (twist, place, water, tensions, wrench, at_base, history):
             if array is not None:
@@ -276,7 +282,7 @@ class Dynamics:
         """
         dt = within('dt', dt, *STEPS, 's')
         with _quiet():
-            return self._advance(state, self.driven(inputs), dt, dt)
+            return self._advance(state, self.checked(inputs), dt, dt)
 
     def go_on(
         self, state: MotionState, inputs: Inputs, elapsed: float, longest: float
@@ -289,14 +295,16 @@ class Dynamics:
         Raises:
             As `step`.
         """
-        given, count = self.driven(inputs), max(math.ceil(elapsed / longest - 1e-9), 1)
+        given, count = self.checked(inputs), max(math.ceil(elapsed / longest - 1e-9), 1)
         dt = within('dt', elapsed / count, *STEPS, 's')
         with _quiet():
             for left in range(count, 0, -1):
                 state = self._advance(state, self._between(state, given, 1.0 / left), dt, _SHORT)
         return state
 
-    def _advance(self, state: MotionState, given: Driven, dt: float, short: float) -> MotionState:
+    def _advance(
+        self, state: MotionState, given: CheckedInputs, dt: float, short: float
+    ) -> MotionState:
         """In one step, or two of half of it where that fails, or is hard and not ``short``."""
         is_calm = state.iterations <= _CALM or state.dt >= dt
         if dt <= short or is_calm:
@@ -313,7 +321,7 @@ class Dynamics:
         middle = self._advance(state, self._between(state, given, 0.5), 0.5 * dt, short)
         return self._advance(middle, given, 0.5 * dt, short)
 
-    def _between(self, state: MotionState, given: Driven, part: float) -> Driven:
+    def _between(self, state: MotionState, given: CheckedInputs, part: float) -> CheckedInputs:
         """What acts after a ``part`` of the way from what acts on ``state``."""
         if part == 1.0:
             return given
@@ -328,7 +336,7 @@ class Dynamics:
         nearer = math.copysign(1.0, state.base[3:] @ given.base[3:])
         base = mixed(state.base * [1.0, 1.0, 1.0, *4 * [nearer]], given.base)
         base[3:] /= np.linalg.norm(base[3:])
-        return Driven(
+        return CheckedInputs(
             mixed(state.tensions, given.tensions),
             reeled,
             given.driven,
@@ -337,7 +345,7 @@ class Dynamics:
             base,
         )
 
-    def _one_step(self, state: MotionState, given: Driven, dt: float) -> MotionState:
+    def _one_step(self, state: MotionState, given: CheckedInputs, dt: float) -> MotionState:
         problem, (m, f, gamma, beta) = self.problem, self._alpha
         z, (_, rate, bend, last_bend) = state.z, state.twist
         place, velocity, acceleration, own = state.place
@@ -389,7 +397,7 @@ class Dynamics:
     def _balance(
         self,
         state: MotionState,
-        given: Driven,
+        given: CheckedInputs,
         guess: FloatArray,
         factors: Linear | None,
         tolerance: float,
@@ -401,17 +409,17 @@ class Dynamics:
                 lengths=given.displacements,
                 driven=given.driven,
             )
-            reeling = self.reeling
-            begun = reeling.evaluate(condition, guess)
+            winches = self.winches
+            begun = winches.evaluate(condition, guess)
             # Lengths count little beside the balance: the first step may leave any.
-            change, border = reeling.step(begun, reeling.linearise(begun, factors))
-            begun = reeling.moved(begun, change, border)
-            found = settle(reeling, begun, tolerance, border, rule=_RULE)
-            assert isinstance(found.factors, Border)
+            change, system = winches.step(begun, winches.linearise(begun, factors))
+            begun = winches.moved(begun, change, system)
+            found = newton(winches, begun, tolerance, system, rule=_RULE)
+            assert isinstance(found.factors, BorderedSystem)
             return found.state, found.factors.factors, found.iterations
         problem = self.problem
-        begun = problem.evaluate(problem.acting(condition), guess)
-        found = settle(problem, begun, tolerance, factors, rule=_RULE)
+        begun = problem.evaluate(problem.at_nodes(condition), guess)
+        found = newton(problem, begun, tolerance, factors, rule=_RULE)
         return found.state, found.factors, found.iterations
 
     def _require(self, state: State, tolerance: float = TOLERANCE, iterations: int = 0) -> None:
@@ -446,7 +454,7 @@ class Dynamics:
 
     def displacements(self, state: MotionState) -> FloatArray:
         """Length that winches have reeled in [m], (J,); of slack ones what makes them taut."""
-        return self.reeling.displacement(self.still(state))
+        return self.winches.displacement(self.still(state))
 
     def tendon_lengths(self, state: MotionState) -> FloatArray:
         """From the base to the anchorage [m], of `Arm.tension_shape`."""
@@ -459,7 +467,7 @@ class Dynamics:
         problem.rule = problem.rest._replace(water=np.array([state.water[0], np.zeros(3)]))
         problem.place_base(state.base)
         condition = Condition(state.tensions, state.tip_wrench, 1.0, state.history)
-        return problem.evaluate(problem.acting(condition), state.z)
+        return problem.evaluate(problem.at_nodes(condition), state.z)
 
     def backbone(self, state: MotionState) -> Backbone:
         """The shape at the stations of the solver."""
@@ -483,7 +491,7 @@ class Dynamics:
         if self.problem.contact is None:
             return NONE
         place, velocity = state.place[:2]
-        return self.problem.contact.report(place[:, POSITION], sliding_of(place, velocity))
+        return self.problem.contact.report(place[:, POSITION], node_motion(place, velocity))
 
     def velocities(self, state: MotionState) -> FloatArray:
         """Of the stations in base_frame [m/s], (S, 3)."""

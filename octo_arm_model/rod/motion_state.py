@@ -41,7 +41,7 @@ class Inputs:
     base: Pose | None = None
 
 
-class Driven(NamedTuple):
+class CheckedInputs(NamedTuple):
     """Checked `Inputs` as arrays.
 
     Attributes:

@@ -52,15 +52,22 @@ from octo_arm_model.arm.tendon import Section
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.checks import check_compression
 from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.equilibrium import Acting, Condition, Equilibrium, Problem, Several, State
-from octo_arm_model.rod.factors import Blocks, Linear
+from octo_arm_model.rod.equilibrium import (
+    ArmBatch,
+    Condition,
+    Equilibrium,
+    NodeCondition,
+    Problem,
+    State,
+)
+from octo_arm_model.rod.factors import BlockFactors, Linear
 from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.loads import along
-from octo_arm_model.rod.reeling import Border, RodReeling
 from octo_arm_model.rod.rod import WORST, Rod, Setting, require_resolved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, part_of, pose_rates, strain_changes
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL, PaperTables, allowed_between, places_at
+from octo_arm_model.rod.winch_equations import BorderedSystem, RodWinchEquations
 from octo_arm_model.rod.winches import Winches
 
 # Sweeps stop when p changes by less than this part of the largest moment in the arm, which leaves
@@ -232,9 +239,9 @@ class Papers(Statics):
             )
         )
         self._at(0)
-        self._winches = Winches(self.rod, lambda level: _Reeling(self, level))
-        self._several = functools.lru_cache(8)(
-            lambda level, arms: Several(self.problem(level), arms)
+        self._winches = Winches(self.rod, lambda level: _PaperWinchEquations(self, level))
+        self._batches = functools.lru_cache(8)(
+            lambda level, arms: ArmBatch(self.problem(level), arms)
         )
 
     def problem(self, level: int) -> Problem:
@@ -293,8 +300,8 @@ class Papers(Statics):
         problem.orient(z)
         position, quaternion, error = problem.form.poses(problem.tables, z, places, problem.work)
         dead = np.zeros((2, nodes, 3))
-        acting = Acting(wanted, local, dead[0], dead[1], dead)
-        state = State(acting, z, nothing, float(residual[0]))
+        at_nodes = NodeCondition(wanted, local, dead[0], dead[1], dead)
+        state = State(at_nodes, z, nothing, float(residual[0]))
         equilibrium = Equilibrium(state, number, None, None, int(iterations[0]))
         strains = strains_of(twist[nodes : level.s.size])
         position += self._setup.base[0]
@@ -305,11 +312,11 @@ class Papers(Statics):
     ) -> tuple[Shape, FloatArray]:
         """See `Statics`."""
         if start is not None:
-            tensions = start.state.acting.condition.tensions
+            tensions = start.state.condition.tensions
             begun = wanted._replace(tensions=np.where(wanted.driven, tensions, wanted.tensions))
             start = self.shape(self.rod.first_level(None, begun), begun)[0].equilibrium
         found = self._winches.solve(wanted, start, spending)
-        wanted = wanted._replace(tensions=found.state.acting.condition.tensions)
+        wanted = wanted._replace(tensions=found.state.condition.tensions)
         return self.shape(found.level, wanted)[0], found.state.reeled
 
     @np.errstate(over='ignore', invalid='ignore', divide='ignore')
@@ -325,7 +332,7 @@ class Papers(Statics):
         nodes, places = own.problem.elements.s.size, own.tables.stations
         twist = twist[:, : own.s.size]
         z = twist[:, :nodes].reshape(-1, 4)
-        fine = self._write(self._several(level, len(tensions)), z, places, numbers, shapes)
+        fine = self._write(self._batches(level, len(tensions)), z, places, numbers, shapes)
         shapes.strains[:, numbers] = strains_of(twist[:, nodes:])
         shapes.residual[numbers], shapes.iterations[numbers] = residual, iterations
         return fine & (twist[..., 3].min(axis=1) > 0.0)
@@ -368,7 +375,7 @@ class Papers(Statics):
         return sensitivity(self._at(level), state, names, rates).by_tension
 
 
-class _Reeling(RodReeling):
+class _PaperWinchEquations(RodWinchEquations):
     """An arm whose winches are known by its tensions alone, of which all else follows."""
 
     def __init__(self, model: Papers, level: int) -> None:
@@ -377,23 +384,23 @@ class _Reeling(RodReeling):
         self._model = model
 
     def balance(self, condition: Condition, z: FloatArray) -> State:
-        """See `Reeling`."""
+        """See `WinchEquations`."""
         return self.unloaded(condition)
 
     def unloaded(self, condition: Condition) -> State:
-        """See `Reeling`."""
+        """See `WinchEquations`."""
         return self._model.shape(self._level, condition)[0].equilibrium.state
 
     def is_resolved(self, state: State) -> bool:
-        """See `Reeling`."""
-        wanted = state.acting.condition
+        """See `WinchEquations`."""
+        wanted = state.condition
         error = self._model.shape(self._level, wanted)[1]
         return self._model.is_resolved(self._level, wanted, error)
 
     def linearise(
         self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
-    ) -> Border:
-        """See `Reeling`."""
+    ) -> BorderedSystem:
+        """See `WinchEquations`."""
         rates = self.rates(state) if rates is None else rates
         change = self._model.by_tension(self._level, state, rates)
         mean = change.tendon_tension
@@ -401,8 +408,8 @@ class _Reeling(RodReeling):
         integrals = self._unloaded[:, np.newaxis] * felt
         changes = self._arm.stretched(integrals.T).T + np.diag(self._free) - change.tendon_length
         none, (nodes, strains) = np.zeros((state.z.size, len(felt))), state.z.shape
-        held = Blocks(np.zeros((nodes, strains, strains)))
-        return Border(state.z, held, none, none.T, changes, rates, rates, None)
+        held = BlockFactors(np.zeros((nodes, strains, strains)))
+        return BorderedSystem(state.z, held, none, none.T, changes, rates, rates, None)
 
 
 def sensitivity(
@@ -418,7 +425,7 @@ def sensitivity(
     exceed the tolerance of the sweeps of renda2012. Scaling E is equivalent to dividing all
     tensions by the same factor.
     """
-    problem, tensions = level.problem, state.acting.condition.tensions
+    problem, tensions = level.problem, state.condition.tensions
     places = level.tables.stations
     problem.load_work(state)
     nodes, tendons = len(state.z), tensions.size
@@ -429,9 +436,9 @@ def sensitivity(
         stepped, _, _ = level.solve(tensions + own)
         columns = np.column_stack([np.eye(tendons), -tensions])
     else:
-        stations = places.between @ state.acting.tensions
+        stations = places.between @ state.at_nodes.tensions
         stations[0] = tensions
-        both = np.concatenate([state.acting.tensions, stations])
+        both = np.concatenate([state.at_nodes.tensions, stations])
         stepped, _, _ = level.solve(both + own[:, np.newaxis])
     by_local = stepped.imag.transpose(1, 2, 0)[: level.s.size] / step
     if problem.friction is not None:
@@ -464,12 +471,12 @@ def _with_friction(
     themselves at the nodes are returned second. From changes of z ``by_local`` (N, 4, J) tensions
     at the same node, with ``rates`` as of `sensitivity`; refused as by `TensionDerivatives`.
     """
-    problem, base = level.problem, state.acting.condition.tensions
-    nodes, tendons = state.acting.tensions.shape
+    problem, base = level.problem, state.condition.tensions
+    nodes, tendons = state.at_nodes.tensions.shape
     derivatives, own = problem.tension_derivatives(state), np.arange(tendons)
     direct = np.zeros((nodes, tendons, 2 * tendons + 1))
     direct[:, own, own] = problem.tension_rates(state) if rates is None else rates
-    direct[..., tendons] = -state.acting.tensions
+    direct[..., tendons] = -state.at_nodes.tensions
     felt = direct.copy()
     if derivatives is not None:
         if rates is None:
@@ -489,5 +496,5 @@ def _with_friction(
     stations[0] = np.eye(tendons, 2 * tendons + 1)  # at the base tensions are given
     stations[0, :, tendons] = -base
     local = felt.copy()
-    local[..., tendons] += state.acting.tensions
+    local[..., tendons] += state.at_nodes.tensions
     return np.concatenate([felt, stations]), local

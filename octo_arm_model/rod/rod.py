@@ -13,16 +13,16 @@ from octo_arm_model.arm.limits import MAX_NODES, Budget, Spending
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import NEO_HOOKEAN
 from octo_arm_model.rod import arrays
-from octo_arm_model.rod.backbone import Finer, Readout
+from octo_arm_model.rod.backbone import FinePoints, Readout
 from octo_arm_model.rod.checks import LoadLimits, check_solution, explain, explain_discs
 from octo_arm_model.rod.continuation import (
     MOST_CORRECTED,
     ON_THE_WAY,
-    Found,
-    Judged,
+    NewtonResult,
+    Verdict,
     follow,
     judge_stable,
-    settle,
+    newton,
     tolerance_of,
 )
 from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
@@ -99,7 +99,7 @@ class Rod:
         # Problems of each level, and one of few nodes to follow an arm from its unloaded shape.
         self.problem = functools.lru_cache(self._problem)
         self.finer = functools.lru_cache(
-            lambda level: Finer(self.problem(level), self.problem(level, self.added))
+            lambda level: FinePoints(self.problem(level), self.problem(level, self.added))
         )
         self.has_friction, self.has_obstacles = any(arm.friction), bool(loads.obstacles)
         self.is_loaded = bool(arm.discs.s or loads.others or loads.scaled or loads.obstacles)
@@ -188,7 +188,7 @@ class Rod:
             raise ContinuationError('one search', 0.0, start.state.residual, spending.iterations)
         if found is None:
             found = self._followed(wanted, start, spending)
-        if start is not None and found.judged is start.judged is not None:
+        if start is not None and found.firm_state is start.firm_state is not None:
             return found  # resolved as well as that
         return self._resolved(found, wanted, spending)
 
@@ -222,8 +222,8 @@ class Rod:
             return start
         of, now = self.problem(start.level), self.problem(level)
         z = moved(start.state.z, of.elements, now.elements)
-        condition = self.at_level(start.state.acting.condition, level)
-        state = now.evaluate(now.acting(condition), z)
+        condition = self.at_level(start.state.condition, level)
+        state = now.evaluate(now.at_nodes(condition), z)
         return Equilibrium(state, level, None, None, start.iterations)
 
     def first_level(self, start: Equilibrium | None, wanted: Condition) -> int:
@@ -245,8 +245,8 @@ class Rod:
                 break
         require_resolved(finer.own, error, max(self.setting.accuracy, WORST))
         z = finer.to_nodes @ fine
-        acting = finer.problem.acting(wanted)
-        state = State(acting, z, np.zeros_like(z), left)
+        at_nodes = finer.problem.at_nodes(wanted)
+        state = State(at_nodes, z, np.zeros_like(z), left)
         return Equilibrium(state, level, None, None, iterations, fine)
 
     def unloaded(self, problem: Problem, wanted: Condition) -> tuple[FloatArray, float, int]:
@@ -274,15 +274,15 @@ class Rod:
     ) -> Equilibrium | None:
         """By Newton's method from ``start``; None where that leads to no stable equilibrium."""
         problem = self.problem(start.level)
-        acting = problem.acting(self.at_level(wanted, start.level))
+        at_nodes = problem.at_nodes(self.at_level(wanted, start.level))
         guess = start.state.z if start.guess is None else start.guess
-        begun = problem.evaluate(acting, guess)
-        found = settle(problem, begun, spending.residual, start.factors)
+        begun = problem.evaluate(at_nodes, guess)
+        found = newton(problem, begun, spending.residual, start.factors)
         spending.add(found.iterations, 0.0, found.state.residual)
         return self._accepted(problem, found, start, spending)
 
     def _accepted(
-        self, problem: Problem, found: Found, start: Equilibrium, spending: Spending
+        self, problem: Problem, found: NewtonResult, start: Equilibrium, spending: Spending
     ) -> Equilibrium | None:
         """What was ``found``, if it is stable and nothing says that it left its branch."""
         state, total = found.state, spending.iterations
@@ -290,29 +290,29 @@ class Rod:
             return None
         if problem.passes(start.state.z, state.z):
             return None
-        firm = start.judged
+        firm = start.firm_state
         if firm is not None and self.is_near(problem, firm, state):
             return Equilibrium(state, start.level, found.factors or start.factors, firm, total)
-        judged = judge_stable(problem, state)
-        return None if judged is None else self._equilibrium(judged, start.level, total)
+        verdict = judge_stable(problem, state)
+        return None if verdict is None else self._equilibrium(verdict, start.level, total)
 
-    def _equilibrium(self, judged: Judged, level: int, total: int) -> Equilibrium:
-        firm = judged.state if judged.stability.is_firm else None
-        return Equilibrium(judged.state, level, judged.factors, firm, total)
+    def _equilibrium(self, verdict: Verdict, level: int, total: int) -> Equilibrium:
+        firm = verdict.state if verdict.stability.is_firm else None
+        return Equilibrium(verdict.state, level, verdict.factors, firm, total)
 
-    def is_near(self, problem: Problem, judged: State, state: State) -> bool:
-        """Whether ``state`` is stable as surely as what was ``judged`` stable by a margin."""
-        if problem.contact is not None or not problem.has_energy(state.acting.condition):
+    def is_near(self, problem: Problem, firm: State, state: State) -> bool:
+        """Whether ``state`` is stable as surely as the ``firm`` one, by a margin."""
+        if problem.contact is not None or not problem.has_energy(state.condition):
             return False  # A contact that opens holds the arm no more.
         by_force, by_pull, by_square = self._flexibility
-        if float(state.acting.tensions.max(axis=0) ** 2 @ by_square) > _SOFT:
+        if float(state.at_nodes.tensions.max(axis=0) ** 2 @ by_square) > _SOFT:
             return False
-        change = state.acting.force - judged.acting.force
+        change = state.at_nodes.force - firm.at_nodes.force
         loads = by_force * float(np.abs(change).max())
         if problem.discs is not None:  # between which the pull of tendons is a load
-            pulls = state.acting.tensions - judged.acting.tensions
+            pulls = state.at_nodes.tensions - firm.at_nodes.tensions
             loads += by_pull * float(np.abs(pulls).sum(axis=1).max())
-        return loads <= _SAME_LOADS and problem.turn(state.z - judged.z) <= _SAME_SHAPE
+        return loads <= _SAME_LOADS and problem.turn(state.z - firm.z) <= _SAME_SHAPE
 
     def _followed(
         self, wanted: Condition, start: Equilibrium | None, spending: Spending
@@ -320,13 +320,13 @@ class Rod:
         """By continuation from ``start``, or from the unloaded shape."""
         if start is not None:
             problem, level = self.problem(start.level), start.level
-            known, z = start.state.acting.condition, start.state.z
+            known, z = start.state.condition, start.state.z
             wanted = self.at_level(wanted, level)
-            judged = follow(problem, known, z, wanted, spending, step=_PART)
+            verdict = follow(problem, known, z, wanted, spending, step=_PART)
         else:
             level = self.first_level(None, wanted)
-            judged = self._cold(wanted, level, spending)
-        return self._equilibrium(judged, level, spending.iterations)
+            verdict = self._cold(wanted, level, spending)
+        return self._equilibrium(verdict, level, spending.iterations)
 
     def _known(self, problem: Problem, wanted: Condition) -> tuple[Condition, FloatArray]:
         """A condition without loads, under the tensions ``wanted``, and twists (N, m) in it.
@@ -343,8 +343,8 @@ class Rod:
             known = known._replace(tensions=part * wanted.tensions)
             with contextlib.suppress(ConvergenceError):
                 z = self.unloaded(problem, known)[0]
-                begun = problem.evaluate(problem.acting(known), z)
-                state = settle(problem, begun, ON_THE_WAY).state
+                begun = problem.evaluate(problem.at_nodes(known), z)
+                state = newton(problem, begun, ON_THE_WAY).state
                 if state.residual <= ON_THE_WAY:
                     return known, state.z
         if problem.discs is not None:
@@ -359,32 +359,34 @@ class Rod:
         """
         known = known._replace(tensions=np.zeros_like(known.tensions))
         z = unloaded_twists(problem.tables, problem.strains)
-        found = settle(problem, problem.evaluate(problem.acting(known), z), ON_THE_WAY).state
+        found = newton(problem, problem.evaluate(problem.at_nodes(known), z), ON_THE_WAY).state
         return known, found.z if found.residual <= ON_THE_WAY else z
 
-    def _cold(self, wanted: Condition, level: int, spending: Spending) -> Judged:
+    def _cold(self, wanted: Condition, level: int, spending: Spending) -> Verdict:
         """From the unloaded shape: by Newton's method, or followed on few nodes, or on all."""
         fine, coarse = self.problem(level), self.problem(COARSE)
         given, wanted = wanted, self.at_level(wanted, level)
         known, z = self._known(fine, wanted)
         tolerance = tolerance_of(fine)
-        found = settle(fine, fine.evaluate(fine.acting(wanted), z), tolerance)
+        found = newton(fine, fine.evaluate(fine.at_nodes(wanted), z), tolerance)
         spending.add(found.iterations, 0.0, found.state.residual)
         is_near = found.corrected <= MOST_CORRECTED and not fine.passes(z, found.state.z)
         if found.state.residual <= tolerance and is_near:
-            judged = judge_stable(fine, found.state)
-            if judged is not None:
-                return judged
+            verdict = judge_stable(fine, found.state)
+            if verdict is not None:
+                return verdict
         if fine.contact is None and coarse.elements.s.size < fine.elements.s.size:
             try:
                 roughly = self.at_level(given, COARSE)
                 start, rough = self._known(coarse, roughly)
-                near = follow(coarse, start, rough, roughly, spending, _FIRST_STEP, True).state
-                guess, reached = moved(near.z, coarse.elements, fine.elements), wanted
+                rough_state = follow(
+                    coarse, start, rough, roughly, spending, _FIRST_STEP, True
+                ).state
+                guess, reached = moved(rough_state.z, coarse.elements, fine.elements), wanted
                 step = 1.0
-                if near.acting.condition is not roughly:
+                if rough_state.condition is not roughly:
                     # A branch of few nodes may end where that of the arm does not.
-                    reached = near.acting.condition._replace(before=wanted.before)
+                    reached = rough_state.condition._replace(before=wanted.before)
                     step = _FIRST_STEP
                 return follow(fine, reached, guess, wanted, spending, step)
             except ContinuationError:
@@ -400,8 +402,8 @@ class Rod:
             problem = self.problem(level)
             z = moved(found.state.z, self.problem(found.level).elements, problem.elements)
             condition = self.at_level(wanted, level)
-            judged = follow(problem, condition, z, condition, spending)
-            found = self._equilibrium(judged, level, spending.iterations)
+            verdict = follow(problem, condition, z, condition, spending)
+            found = self._equilibrium(verdict, level, spending.iterations)
         return found
 
     def is_resolved(self, problem: Problem, state: State, level: int) -> bool:

@@ -85,8 +85,8 @@ class PulledTendons:
             self._path[:2] += offsets
         self.x, self.y = x, y
         u = self._along(x, y)
-        self.over = 1.0 / np.sqrt((u * u).sum(axis=0))
-        self.unit = u * self.over
+        self.inverse = 1.0 / np.sqrt((u * u).sum(axis=0))
+        self.unit = u * self.inverse
         self._winding = self.dx * self.unit[1] + self.dy * self.unit[2]
 
     def _along(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -100,16 +100,16 @@ class PulledTendons:
     def _offsets(self, x: FloatArray, y: FloatArray, lever: FloatArray) -> FloatArray:
         t, n, b, stretch = self.strain[:4]
         yielding = self.compliance * self.tension
-        near = np.where(yielding * (n * n + b * b) < 0.25 * stretch, yielding, 0.0)
-        d, left = np.stack([near * b, -near * n]), np.full(x.shape, np.inf)
+        guess = np.where(yielding * (n * n + b * b) < 0.25 * stretch, yielding, 0.0)
+        d, left = np.stack([guess * b, -guess * n]), np.full(x.shape, np.inf)
         for _ in range(_MOST_STEPS):
             u_t, u_n, u_b = self._along(x + d[0], y + d[1])
-            over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
-            p_n, p_b = (t * u_b - b * u_t) * over, (n * u_t - t * u_n) * over
+            inverse = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+            p_n, p_b = (t * u_b - b * u_t) * inverse, (n * u_t - t * u_n) * inverse
             r_n, r_b = d[0] + yielding * p_n, d[1] + yielding * p_b
-            nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), yielding * over)
-            over = 1.0 / (nn * bb - nb * nb)
-            step = np.stack([(bb * r_n - nb * r_b) * over, (nn * r_b - nb * r_n) * over])
+            nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), yielding * inverse)
+            inverse = 1.0 / (nn * bb - nb * nb)
+            step = np.stack([(bb * r_n - nb * r_b) * inverse, (nn * r_b - nb * r_n) * inverse])
             # A tendon stays where its own iteration has ended.
             d = d - np.where(left * left > _SETTLED, step, 0.0)
             now = np.abs(step).sum(axis=0) / lever
@@ -133,7 +133,7 @@ class PulledTendons:
 
         By the scaled strains; of the four without shear where there is none.
         """
-        by, strains, weight = self.by_strain(slope), self._strains, self.tension * self.over
+        by, strains, weight = self.by_strain(slope), self._strains, self.tension * self.inverse
         path = self._path.copy()
         path[2:4] *= slope
         squares = np.einsum('kjn,ljn->kln', weight * path, path)
@@ -149,7 +149,7 @@ class PulledTendons:
         t, n, b = self.strain[:3]
         u_t, u_n, u_b = self.unit
         p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
-        weight = self.tension * self.over
+        weight = self.tension * self.inverse
         mixed = np.stack(
             [
                 weight * (t * by[2] - b * by[0] - p_n * g),

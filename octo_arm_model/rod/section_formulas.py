@@ -25,16 +25,16 @@ def density(
         return stretch - 1.0, 0.125, 1.0, 0.0, 0.0
     # Rubber: the mean of 1 / l over the circle of fibres of stretch l is 2 / (lambda + root).
     root = np.sqrt(stretch * np.abs(stretch) - bend)
-    over, over_root = 1.0 / (stretch + root), 1.0 / root
-    third = over_root * over / 3.0
-    varying, square = third * over, over_root * over_root
+    inverse, inverse_root = 1.0 / (stretch + root), 1.0 / root
+    third = inverse_root * inverse / 3.0
+    varying, square = third * inverse, inverse_root * inverse_root
     mixed = square * varying
     return (
         stretch / 3.0 - 2.0 * third,
         varying + 1.0 / 24.0,
-        square * over_root * (2.0 / 3.0) + 1.0 / 3.0,
+        square * inverse_root * (2.0 / 3.0) + 1.0 / 3.0,
         -(stretch + 2.0 * root) * mixed,
-        (root * over + 0.5) * mixed,
+        (root * inverse + 0.5) * mixed,
     )
 
 
@@ -43,10 +43,10 @@ def widening(law: int, stretch: Number) -> tuple[Number, Number, Number]:
     if law == LINEAR:
         none = 0.0 * stretch
         return 1.0 + none, none, none
-    over = 1.0 / stretch
-    width = np.sqrt(over)
-    slope = -0.5 * width * over
-    return width, slope, -1.5 * slope * over
+    inverse = 1.0 / stretch
+    width = np.sqrt(inverse)
+    slope = -0.5 * width * inverse
+    return width, slope, -1.5 * slope * inverse
 
 
 def bent_by(law: int, force: Number, moment: Number) -> tuple[Number, Number, Number]:
@@ -105,9 +105,9 @@ def paper_twist(sums: Numbers, stiffness: Numbers, p: Numbers) -> Numbers:
     axial, torsion, bending_n, bending_b = stiffness
     about_n, about_b = bending_n + bb, bending_b + nn
     moment_n, moment_b = p[1] - b, p[2] + n
-    over = 1.0 / (about_n * about_b - mixed * mixed)
-    xi = (about_b * moment_n + mixed * moment_b) * over
-    k = (about_n * moment_b + mixed * moment_n) * over
+    inverse = 1.0 / (about_n * about_b - mixed * mixed)
+    xi = (about_b * moment_n + mixed * moment_b) * inverse
+    k = (about_n * moment_b + mixed * moment_n) * inverse
     stretch = (k * n - xi * b - pull) / axial + 1.0
     tau = (p[0] - torque) / (torsion + (nn + bb))
     return tau * stretch, xi * stretch, k * stretch, stretch

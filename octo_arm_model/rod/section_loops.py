@@ -83,16 +83,16 @@ def _offset(
 ) -> tuple[float, float]:
     """Offset d of a tendon from its path; ``yielding`` is T / k."""
     t, n, b, stretch = strain[0], strain[1], strain[2], strain[3]
-    near = yielding if yielding * (n * n + b * b) < 0.25 * stretch else 0.0
-    d_n, d_b, left = near * b, -near * n, np.inf
+    guess = yielding if yielding * (n * n + b * b) < 0.25 * stretch else 0.0
+    d_n, d_b, left = guess * b, -guess * n, np.inf
     for _ in range(_MOST_STEPS):
         u_t, u_n, u_b = _along(tendon, strain, width, d_n, d_b)
-        over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
-        p_n, p_b = (t * u_b - b * u_t) * over, (n * u_t - t * u_n) * over
+        inverse = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+        p_n, p_b = (t * u_b - b * u_t) * inverse, (n * u_t - t * u_n) * inverse
         r_n, r_b = d_n + yielding * p_n, d_b + yielding * p_b
-        nn, nb, bb = _offset_stiffness((t, n, b), (p_n, p_b), yielding * over)
-        over = 1.0 / (nn * bb - nb * nb)
-        s_n, s_b = (bb * r_n - nb * r_b) * over, (nn * r_b - nb * r_n) * over
+        nn, nb, bb = _offset_stiffness((t, n, b), (p_n, p_b), yielding * inverse)
+        inverse = 1.0 / (nn * bb - nb * nb)
+        s_n, s_b = (bb * r_n - nb * r_b) * inverse, (nn * r_b - nb * r_n) * inverse
         d_n, d_b = d_n - s_n, d_b - s_b
         left = (abs(s_n) + abs(s_b)) / lever
         if not left * left > _SETTLED:
@@ -187,22 +187,9 @@ def _fill_sections(
     gradient: FloatArray,
     hessian: FloatArray,
 ) -> None:
-    law, body, tendons, compliance, active = of_sections
     g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
     for i in range(z.shape[0]):
-        section(
-            law,
-            body[i],
-            tendons[i],
-            compliance,
-            active[i],
-            z[i],
-            tensions[i],
-            offsets[i],
-            g,
-            h,
-            room,
-        )
+        section(of_sections, i, z[i], tensions[i], offsets[i], g, h, room)
         _keep(g, h, gradient[i], hessian[i])
 
 
@@ -223,23 +210,10 @@ def _add_gradients(
     gradient: FloatArray,
     residual: FloatArray,
 ) -> float:
-    law, body, tendons, compliance, active = of_sections
     g, h, room = np.empty(6), np.empty((0, 6)), np.zeros((6, 6))
     largest, worst, count = np.zeros(6), 0.0, z.shape[1]
     for i in range(z.shape[0]):
-        section(
-            law,
-            body[i],
-            tendons[i],
-            compliance,
-            active[i],
-            z[i],
-            tensions[i],
-            offsets[i],
-            g,
-            h,
-            room,
-        )
+        section(of_sections, i, z[i], tensions[i], offsets[i], g, h, room)
         for c in range(count):
             largest[c] = max(largest[c], abs(residual[i, c]))
             gradient[i, c] = g[c]
@@ -263,11 +237,8 @@ def _keep(g: FloatArray, h: FloatArray, gradient: FloatArray, hessian: FloatArra
 
 @inlined
 def section(
-    law: int,
-    body: FloatArray,
-    tendons: FloatArray,
-    compliance: FloatArray,
-    active: int,
+    of_sections: SectionTables,
+    i: int,
     z: FloatArray,
     tensions: FloatArray,
     offsets: FloatArray,
@@ -275,16 +246,17 @@ def section(
     h: FloatArray,
     room: FloatArray,
 ) -> None:
-    """Gradient by the twist and lower half of the Hessian at one node into ``g`` and ``h``.
+    """Gradient by the twist and lower half of the Hessian at node ``i`` into ``g`` and ``h``.
 
     Without rows in ``h`` there is no Hessian. ``room`` has rows of one tendon in a sheath, du/de
     and C, and the scaled strain, as the last.
     """
-    strain = room[5]
+    law, bodies, paths, compliance, active = of_sections
+    body, tendons, strain = bodies[i], paths[i], room[5]
     width, slope, bend = _widening(law, z[3])
     _scaled(z, width, strain)
     _material(law, body, strain, (width, slope, bend), g, h)
-    for j in range(active):
+    for j in range(active[i]):
         tension = tensions[j]
         if tension == 0.0:
             continue
@@ -297,8 +269,8 @@ def section(
         u_t = strain[3] + strain[1] * y - strain[2] * x
         u_n = width * dx - strain[0] * y + strain[4]
         u_b = width * dy + strain[0] * x + strain[5]
-        over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
-        u_t, u_n, u_b = u_t * over, u_n * over, u_b * over
+        inverse = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+        u_t, u_n, u_b = u_t * inverse, u_n * inverse, u_b * inverse
         along = bend * tension * (dx * u_n + dy * u_b)
         dx, dy = slope * dx, slope * dy
         p, y_t, x_t, q = x * u_b - y * u_n, y * u_t, x * u_t, u_t + dx * u_n + dy * u_b
@@ -311,7 +283,7 @@ def section(
         if not h.shape[0]:
             continue
         # Lower half of du/de . du/de - g g^T, g = (p, y_t, -x_t, q, u_n, u_b).
-        w = tension * over
+        w = tension * inverse
         h[0, 0] += w * (x * x + y * y - p * p)
         h[1, 0] -= w * y_t * p
         h[1, 1] += w * (y * y - y_t * y_t)
@@ -327,7 +299,7 @@ def section(
         if compliance[j] > 0.0:
             room[1, 0], room[2, 0], room[0, 1], room[0, 2] = -y, x, y, -x
             room[0, 3], room[1, 3], room[2, 3], room[1, 4], room[2, 5] = 1.0, dx, dy, 1.0, 1.0
-            _condense(compliance[j], tension, (u_t, u_n, u_b, over), room, h)
+            _condense(compliance[j], tension, (u_t, u_n, u_b, inverse), room, h)
     if law != LINEAR:
         _unscale(z, (width, slope, bend), g, h)
 
@@ -362,9 +334,9 @@ def _condense(
 ) -> None:
     """Subtract C D^-1 C^T, as an offset follows the strain; ``unit`` ends with 1 / |u|."""
     t, n, b = room[5, 0], room[5, 1], room[5, 2]
-    u_t, u_n, u_b, over = unit
+    u_t, u_n, u_b, inverse = unit
     p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
-    weight, stiff = tension * over, compliance * tension * over
+    weight, stiff = tension * inverse, compliance * tension * inverse
     for c in range(6):
         along = room[0, c] * u_t + room[1, c] * u_n + room[2, c] * u_b
         room[3, c] = weight * (t * room[2, c] - b * room[0, c] - p_n * along)
@@ -443,7 +415,7 @@ def _balance(
     tolerance: float,
     found: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
 ) -> tuple[float, int]:
-    law, bodies, paths, compliance, actives = of_sections
+    law, bodies, paths, _, active = of_sections
     all_offsets, gradients, hessians, residuals = found
     g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
     largest, worst, most = np.zeros(6), 0.0, 0
@@ -452,21 +424,19 @@ def _balance(
         for c in range(count):
             largest[c] = max(largest[c], abs(wrench[i, c]))
     for i in range(z.shape[0]):
-        body, tendons, active = bodies[i], paths[i], actives[i]
-        own, pulls, offsets = z[i], tensions[i], all_offsets[i]
-        gradient, hessian, left = gradients[i], hessians[i], residuals[i]
+        own, pulls, left = z[i], tensions[i], residuals[i]
         if own[3] == 0.0:
-            _guess(law, body, tendons, active, pulls, own)
+            _guess(law, bodies[i], paths[i], active[i], pulls, own)
         force = least_scale[i]
-        for j in range(active):
+        for j in range(active[i]):
             force += pulls[j]
         for c in range(count):
-            scale[c] = largest[c] + force * (body[LEVER] if c < 3 else 1.0)
+            scale[c] = largest[c] + force * (bodies[i, LEVER] if c < 3 else 1.0)
         slope, size, expected, steps = 0.0, 0.0, np.inf, 0
         while steps < MOST_STEPS and not expected <= tolerance:
             steps += 1
             last = size
-            section(law, body, tendons, compliance, active, own, pulls, offsets, g, h, room)
+            section(of_sections, i, own, pulls, all_offsets[i], g, h, room)
             along, size = 0.0, 0.0
             for c in range(count):
                 left[c] = g[c] - wrench[i, c]
@@ -482,7 +452,7 @@ def _balance(
                     step[c] *= SHORTENED
                     own[c] -= step[c]
                 continue
-            _keep(g, h, gradient, hessian)
+            _keep(g, h, gradients[i], hessians[i])
             _solve_ldl(h, left, step)
             slope = 0.0
             for c in range(count):
@@ -546,22 +516,23 @@ def _solve_ldl(h: FloatArray, left: FloatArray, x: FloatArray) -> None:
 
 @helper
 def tangent(
-    law: int,
+    of_sections: SectionTables,
+    i: int,
+    j: int,
     z: FloatArray,
-    tendon: FloatArray,
-    lever: float,
-    yielding: float,
+    tension: float,
     strain: FloatArray,
     offset: FloatArray,
     unit: FloatArray,
 ) -> None:
-    """Unit tangent of a tendon and its offset in its sheath, see `_offset`."""
-    width, _, _ = _widening(law, z[3])
+    """Unit tangent of tendon ``j`` at node ``i`` and its offset in its sheath, see `_offset`."""
+    law, body, tendons, compliance, _ = of_sections
+    tendon, width = tendons[i, j], _widening(law, z[3])[0]
     _scaled(z, width, strain)
     d_n = d_b = 0.0
-    if yielding > 0.0:
-        d_n, d_b = _offset(tendon, strain, width, yielding, lever)
+    if compliance[j] > 0.0:
+        d_n, d_b = _offset(tendon, strain, width, compliance[j] * tension, body[i, LEVER])
         offset[0], offset[1] = d_n, d_b
     u_t, u_n, u_b = _along(tendon, strain, width, d_n, d_b)
-    over = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
-    unit[0], unit[1], unit[2] = over * u_t, over * u_n, over * u_b
+    inverse = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
+    unit[0], unit[1], unit[2] = inverse * u_t, inverse * u_n, inverse * u_b

@@ -24,7 +24,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.rod.equilibrium import Equilibrium, Problem
-from octo_arm_model.rod.factors import Deferred
+from octo_arm_model.rod.factors import LazyFactors
 from octo_arm_model.rod.loads import along, in_sections
 from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.rotations import skew
@@ -231,7 +231,7 @@ def _columns(**counts: int) -> _Columns:
     }
 
 
-class Linearised:
+class Linearisation:
     """An equilibrium, the system about it, and what its residual changes by at fixed twists.
 
     Attributes:
@@ -255,13 +255,13 @@ class Linearised:
         problem.others.require_tangents('sensitivity')
         self.state, self.tension = state, problem.tension_derivatives(state)
         # What was judged stable has been linearised for that.
-        if state is found.judged and isinstance(known, Deferred):
+        if state is found.firm_state and isinstance(known, LazyFactors):
             self.factors = known.factors()
         else:
             self.factors = problem.linearise(state)
         problem.load_work(state)
         if self.tension is not None:
-            self.tension.require(arm.tendon_names, state.acting.condition.tensions)
+            self.tension.require(arm.tendon_names, state.condition.tensions)
         self.rates, self.tendons = problem.tension_rates(state), problem.tendons(state)
         work, self._arm, self._problem, self._outwards = problem.work, arm, problem, outwards
         self.rotation, self.slope = work.rotation.copy(), work.slope.copy()
@@ -322,7 +322,7 @@ class Derivatives:
         self._outwards = outward_paths(rod.arm, self._problem.tables, elements.s)
         tendons = self._rest_lengths.size
         self._counts = dict.fromkeys(('tension', *_PATHS), tendons) | dict.fromkeys(_MATERIAL, 1)
-        self._kept: Linearised | None = None
+        self._last: Linearisation | None = None
 
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """Of an equilibrium that was ``found``, by all quantities of `Sensitivity`.
@@ -377,20 +377,20 @@ class Derivatives:
         tip = along(self._to_stations[-1:], self._pose_rates(linear, z))[0]
         return uncertainty.tip_covariance([tip[:, own] for own in columns.values()])
 
-    def linearised(self, found: Equilibrium) -> Linearised:
+    def linearisation(self, found: Equilibrium) -> Linearisation:
         """The system about an equilibrium that was ``found``; that of the last one is kept."""
-        if self._kept is None or self._kept.state is not found.state:
-            self._kept = Linearised(self._arm, self._problem, self._outwards, found)
-        return self._kept
+        if self._last is None or self._last.state is not found.state:
+            self._last = Linearisation(self._arm, self._problem, self._outwards, found)
+        return self._last
 
     def _twists(
         self, found: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
-    ) -> tuple[Linearised, FloatArray, FloatArray]:
+    ) -> tuple[Linearisation, FloatArray, FloatArray]:
         """Changes of twists (N, m, total) and local tensions (N, J, total) about ``found``.
 
         Loads change the wrench (N, 6, loads) beyond the nodes.
         """
-        total, linear = max(at.stop for at in columns.values()), self.linearised(found)
+        total, linear = max(at.stop for at in columns.values()), self.linearisation(found)
         by_local = linear.tendons.stretch_by_twist.swapaxes(1, 2)
         push = linear.imbalance(columns, total)
         local = self._local_changes(linear, columns, total)
@@ -430,11 +430,11 @@ class Derivatives:
         strain = along(self._at_stations, strain_changes(linear.state.z, z))
         return Change(pose, strain, length, mean, z)
 
-    def _pose_rates(self, linear: Linearised, z: FloatArray) -> FloatArray:
+    def _pose_rates(self, linear: Linearisation, z: FloatArray) -> FloatArray:
         """How poses of the nodes change with their twists ``z``, see `pose_rates`."""
         return pose_rates(self._problem.elements.from_base, linear.rotation, linear.slope, z)
 
-    def _local_changes(self, linear: Linearised, columns: _Columns, total: int) -> FloatArray:
+    def _local_changes(self, linear: Linearisation, columns: _Columns, total: int) -> FloatArray:
         """Changes of the local tensions at fixed twists, (N, J, total)."""
         found, tension = np.zeros((*linear.rates.shape, total)), linear.tension
         own = np.arange(found.shape[1])

@@ -259,17 +259,17 @@ class Solver:
     ) -> Backbone:
         """As `_solve`, of checked ``tensions`` and the whole ``wrench`` (..., 6) on the tip."""
         lead = tensions.shape[: -len(self.arm.tension_shape)]
-        near = None if start is None else start.equilibrium
+        known = None if start is None else start.equilibrium
         history = None if before is None else before.T
         if not lead:
             wanted = Condition(tensions.ravel(), wrench, before=history)
-            shape = self._statics.solve(wanted, near, self._allowance.spending())
+            shape = self._statics.solve(wanted, known, self._allowance.spending())
             return self._of_one(tensions, wrench, shape)
         count, stations = math.prod(lead), self.grid.s.size
         wrenches = np.broadcast_to(wrench, (*lead, 6))
         rows = tensions.reshape(count, len(self.arm.tendons))
         on_tips = wrenches.reshape(count, 6)
-        found = self._statics.solve_many(rows, on_tips, near, history)
+        found = self._statics.solve_many(rows, on_tips, known, history)
         along = found.tensions
         shapes = Shapes(
             found.position.reshape(*lead, stations, 3),
@@ -303,17 +303,7 @@ class Solver:
             along = along * self._reach
             # At the base they are given, not interpolated from points beyond.
             along[..., 0, :] = tensions.reshape(along[..., 0, :].shape) * self._reach[0]
-        for array in (
-            tensions,
-            wrench,
-            position,
-            quaternion,
-            strains,
-            residual,
-            iterations,
-            along,
-            history,
-        ):
+        for array in (tensions, wrench, along, history, *shapes):
             if array is not None:
                 array.setflags(write=False)
         return Backbone(
@@ -514,12 +504,12 @@ class Solver:
         ``start``. Other arguments and errors are those of `solve`.
         """
         checked, wrench = self._given(tensions.reshape(self.arm.tension_shape), tip_wrench)
-        near = None if start is None else self._own(start)
+        known = None if start is None else self._own(start)
         history = None if start is None else start.point_tensions
         before = None if history is None else history.T
         wanted = Condition(checked.ravel(), wrench, 1.0, before, displacements, driven)
-        shape, reeled = self._statics.wind(wanted, near, self._allowance.spending())
-        pulled = shape.equilibrium.state.acting.condition.tensions.reshape(self.arm.tension_shape)
+        shape, reeled = self._statics.wind(wanted, known, self._allowance.spending())
+        pulled = shape.equilibrium.state.condition.tensions.reshape(self.arm.tension_shape)
         self._limits.check_tensions(pulled)
         return self._of_one(pulled, wrench, shape), reeled
 

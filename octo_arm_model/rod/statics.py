@@ -21,7 +21,7 @@ from octo_arm_model.arm.material import LAWS
 from octo_arm_model.rod.checks import are_stretched
 from octo_arm_model.rod.contact import NONE, Contacts
 from octo_arm_model.rod.elements import LEVELS
-from octo_arm_model.rod.equilibrium import Condition, Equilibrium, Problem, Several
+from octo_arm_model.rod.equilibrium import ArmBatch, Condition, Equilibrium, Problem
 from octo_arm_model.rod.factors import RecentFactors
 from octo_arm_model.rod.rod import Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Derivatives, Sensitivity, Uncertainty
@@ -193,10 +193,10 @@ class Statics(abc.ABC):
         """
 
     def _write(
-        self, several: Several, z: FloatArray, places: Places, numbers: IntArray, shapes: Shapes
+        self, batch: ArmBatch, z: FloatArray, places: Places, numbers: IntArray, shapes: Shapes
     ) -> NDArray[np.bool_]:
         """Poses of arms of twists ``z`` (A n, m) into ``shapes``; which are resolved, (A,)."""
-        position, quaternion, error = several.poses(z, places)
+        position, quaternion, error = batch.poses(z, places)
         position += self._setup.base[0]
         shapes.position[numbers], shapes.quaternion[numbers] = position, quaternion
         return error <= allowed_between(self._setup.accuracy)
@@ -227,7 +227,7 @@ class Statics(abc.ABC):
 
     def local_tensions(self, found: Equilibrium) -> FloatArray:
         """Tension of every tendon of a solution at every node [N], (N, J)."""
-        return found.state.acting.tensions * self.problem(found.level).tables.reach
+        return found.state.at_nodes.tensions * self.problem(found.level).tables.reach
 
     def history(self, found: Equilibrium) -> FloatArray:
         """Tensions (M, J) [N] that tendons with friction slide on from after a solution."""
@@ -255,7 +255,7 @@ class Statics(abc.ABC):
         return np.asarray(problem.elements.weights @ problem.tendons(found.state).stretch)
 
     def displacements(self, found: Equilibrium) -> FloatArray:
-        """What winches have reeled in in a solution [m], see `Reeling.displacement`, (J,)."""
+        """What winches have reeled in in a solution [m], (J,)."""
         return self._winches.displacements(found)
 
     def displacements_by_offset(self, found: Equilibrium) -> FloatArray:
@@ -264,7 +264,7 @@ class Statics(abc.ABC):
         tables, weights = problem.tables, problem.elements.weights
         outwards = outward_paths(self._setup.arm, tables, problem.elements.s)
         rates = problem.unloaded_tendons.by_path(outwards).stretch
-        integrals = weights @ (rates * found.state.acting.tensions)
+        integrals = weights @ (rates * found.state.at_nodes.tensions)
         return np.asarray(weights @ rates + self._setup.arm.stretched(integrals))
 
 
@@ -310,8 +310,8 @@ class Exact(Statics):
         self._winches = Winches(self.rod)
         self._recent = RecentFactors(_SHAPES_WITH_FACTORS, _NUMBERS)
         self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
-        self._several = functools.lru_cache(8)(
-            lambda level, arms: Several(self.rod.finer(level).own, arms)
+        self._batches = functools.lru_cache(8)(
+            lambda level, arms: ArmBatch(self.rod.finer(level).own, arms)
         )
         self._derivatives = functools.cache(lambda level: Derivatives(self.rod, level, setup.s))
 
@@ -321,11 +321,11 @@ class Exact(Statics):
 
     def solve(self, wanted: Condition, start: Equilibrium | None, spending: Spending) -> Shape:
         """See `Statics`."""
-        near = None if start is None else self._with_factors(start)
-        found = self.rod.solve(wanted, near, spending)
-        if near is not None and near.key and near.factors is None and found.factors is not None:
+        known = None if start is None else self._with_factors(start)
+        found = self.rod.solve(wanted, known, spending)
+        if known is not None and known.key and known.factors is None and found.factors is not None:
             # The next set that is solved from this shape begins with these.
-            self._keep(near.key, found)
+            self._keep(known.key, found)
         return self.shape(found)
 
     def _loaded(self, tip_wrenches: FloatArray) -> bool:
@@ -337,13 +337,13 @@ class Exact(Statics):
         self, level: int, tensions: FloatArray, numbers: IntArray, shapes: Shapes
     ) -> NDArray[np.bool_]:
         """See `Statics`."""
-        several, readout = self._several(level, len(tensions)), self._readout(level)
+        batch, readout = self._batches(level, len(tensions)), self._readout(level)
         try:
-            z, left, steps = several.balance(tensions)
+            z, left, steps = batch.balance(tensions)
         except ConvergenceError:
             return np.zeros(len(tensions), np.bool_)
-        fine = self._write(several, z, readout.places, numbers, shapes)
-        fine &= are_stretched(several.tables, z, len(tensions))
+        fine = self._write(batch, z, readout.places, numbers, shapes)
+        fine &= are_stretched(batch.tables, z, len(tensions))
         z = readout.twists(z.reshape(len(tensions), -1, self.strains))
         shapes.strains[:, numbers] = strains_of(z)
         shapes.residual[numbers], shapes.iterations[numbers] = left, steps
@@ -353,8 +353,8 @@ class Exact(Statics):
         self, wanted: Condition, start: Equilibrium | None, spending: Spending
     ) -> tuple[Shape, FloatArray]:
         """See `Statics`."""
-        near = None if start is None else self._with_factors(start)
-        found = self._winches.solve(wanted, near, spending)
+        known = None if start is None else self._with_factors(start)
+        found = self._winches.solve(wanted, known, spending)
         return self.shape(found), found.state.reeled
 
     def shape(self, found: Equilibrium) -> Shape:
@@ -377,22 +377,22 @@ class Exact(Statics):
         """The equilibrium of a shape with its factors, while they are among the recent ones."""
         return found if found.key is None else found._replace(factors=self._recent.find(found.key))
 
-    def _linearised(self, found: Equilibrium) -> Derivatives:
+    def _linearisation(self, found: Equilibrium) -> Derivatives:
         """Derivatives about an equilibrium, whose factors the next solve begins with too."""
         derivatives = self._derivatives(found.level)
-        factors = derivatives.linearised(self._with_factors(found)).factors
+        factors = derivatives.linearisation(self._with_factors(found)).factors
         if found.key is not None:
             self._recent.add(found.key, factors, found.state.z.size)
         return derivatives
 
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """See `Statics`."""
-        return self._linearised(found).sensitivity(found)
+        return self._linearisation(found).sensitivity(found)
 
     def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
         """See `Statics`."""
-        return self._linearised(found).tip_covariance(found, uncertainty)
+        return self._linearisation(found).tip_covariance(found, uncertainty)
 
     def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
         """See `Statics`."""
-        return self._linearised(found).by_loads(found, loads)
+        return self._linearisation(found).by_loads(found, loads)

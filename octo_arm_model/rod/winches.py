@@ -1,6 +1,6 @@
 """Equilibria of an arm of which winches hold some tendons at a length.
 
-Found by the equations of `reeling` from an equilibrium nearby, in one step or by continuation of
+Found by `winch_equations` from an equilibrium nearby, in one step or by continuation of
 what is held. From the unloaded arm winches are wound before it bears its loads.
 """
 
@@ -18,14 +18,14 @@ from octo_arm_model.rod.continuation import (
     BEYOND,
     MOST_CORRECTED,
     SMALLEST_STEP,
-    Found,
+    NewtonResult,
     advance,
     judge,
-    settle,
+    newton,
 )
 from octo_arm_model.rod.equilibrium import Condition, Equilibrium
-from octo_arm_model.rod.reeling import Border, RodReeling
 from octo_arm_model.rod.rod import Rod, moved
+from octo_arm_model.rod.winch_equations import BorderedSystem, RodWinchEquations
 
 _TOLERANCE = 1e-10
 _MET = 1e-8  # residual that will do where rounding and friction leave no less
@@ -39,10 +39,12 @@ _MOST_JUMPS = 4  # to what an arm whose branch ends turns to under tensions that
 class Winches:
     """Equilibria of an arm of which winches hold some tendons at a length."""
 
-    def __init__(self, rod: Rod, reeling: Callable[[int], RodReeling] | None = None) -> None:
-        """Of ``rod``, or of another model of its arm with its ``reeling`` of each level."""
+    def __init__(
+        self, rod: Rod, equations: Callable[[int], RodWinchEquations] | None = None
+    ) -> None:
+        """Of ``rod``, or of another model of its arm with its ``equations`` of each level."""
         self._rod = rod
-        self.reeling = functools.cache(reeling or functools.partial(RodReeling, rod))
+        self.equations = functools.cache(equations or functools.partial(RodWinchEquations, rod))
 
     def solve(
         self, wanted: Condition, start: Equilibrium | None, spending: Spending
@@ -61,26 +63,35 @@ class Winches:
             tensions=np.where(driven, 0.0, wanted.tensions),
             lengths=np.where(driven, wanted.lengths, 0.0),
         )
-        search = _Search(self._rod, self.reeling, wanted, spending)
+        search = _Search(self._rod, self.equations, wanted, spending)
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             found = search.find(self._rod.at_least(start, wanted.before))
-            problem = self.reeling(found.level).problem
+            problem = self.equations(found.level).problem
             check_solution(problem, found.state, not search.is_free(wanted))
         return found
 
     def displacements(self, equilibrium: Equilibrium) -> FloatArray:
         """What winches have reeled in [m], (J,); of slack tendons what would make them taut."""
-        return self.reeling(equilibrium.level).displacement(equilibrium.state)
+        return self.equations(equilibrium.level).displacement(equilibrium.state)
 
 
 class _Search:
     """One search for the tensions that hold a condition."""
 
     def __init__(
-        self, rod: Rod, reeling: Callable[[int], RodReeling], wanted: Condition, spending: Spending
+        self,
+        rod: Rod,
+        equations: Callable[[int], RodWinchEquations],
+        wanted: Condition,
+        spending: Spending,
     ) -> None:
         """For ``wanted`` on a ``rod`` with its equations of each level."""
-        self._rod, self._reeling, self._wanted, self._spending = rod, reeling, wanted, spending
+        self._rod, self._equations, self._wanted, self._spending = (
+            rod,
+            equations,
+            wanted,
+            spending,
+        )
 
     def is_free(self, condition: Condition) -> bool:
         """Whether nothing but tendons acts, so that there is one equilibrium."""
@@ -97,7 +108,7 @@ class _Search:
                 found = self._from(self._wanted, start)
         if found is None:
             found = self._cold()
-        elif start is not None and found.judged is start.judged is not None:
+        elif start is not None and found.firm_state is start.firm_state is not None:
             return found  # resolved as well as that
         return self._resolved(found)
 
@@ -113,59 +124,61 @@ class _Search:
 
     def _try(
         self, wanted: Condition, last: Equilibrium, tolerance: float, part: float
-    ) -> tuple[Equilibrium | None, Found]:
+    ) -> tuple[Equilibrium | None, NewtonResult]:
         """What holds ``wanted`` near the ``last`` equilibrium, if stable, and what was found.
 
         ``part`` of the way has been followed.
         """
-        reeling, z, factors = self._reeling(last.level), last.state.z, last.factors
-        border = factors if isinstance(factors, Border) else None
-        pulled = np.where(wanted.driven, last.state.acting.condition.tensions, wanted.tensions)
+        equations, z, factors = self._equations(last.level), last.state.z, last.factors
+        system = factors if isinstance(factors, BorderedSystem) else None
+        pulled = np.where(wanted.driven, last.state.condition.tensions, wanted.tensions)
         wanted = self._rod.at_level(wanted, last.level)._replace(tensions=pulled)
-        begun = reeling.evaluate(wanted, z)
-        found = settle(reeling, begun, tolerance, border, border is not None and border.z is z)
+        begun = equations.evaluate(wanted, z)
+        found = newton(equations, begun, tolerance, system, system is not None and system.z is z)
         self._spending.add(found.iterations, part, found.state.residual)
         return self._accepted(last, found, tolerance), found
 
-    def _accepted(self, last: Equilibrium, found: Found, tolerance: float) -> Equilibrium | None:
+    def _accepted(
+        self, last: Equilibrium, found: NewtonResult, tolerance: float
+    ) -> Equilibrium | None:
         """What was ``found``, if it is stable and nothing says that it left its branch."""
-        state, border, firm = found.state, found.factors, last.judged
-        condition, reeling = state.acting.condition, self._reeling(last.level)
+        state, system, firm = found.state, found.factors, last.firm_state
+        condition, equations = state.condition, self._equations(last.level)
         is_free = self.is_free(condition)
         if not state.residual <= max(tolerance, _MET):
             return None
         if found.corrected > MOST_CORRECTED and not is_free:
             return None
-        if reeling.problem.passes(last.state.z, state.z):
+        if equations.problem.passes(last.state.z, state.z):
             return None
-        if firm is None or not self._rod.is_near(reeling.problem, firm, state):
+        if firm is None or not self._rod.is_near(equations.problem, firm, state):
             firm = None
         if firm is None and not is_free:
-            judged = judge(reeling.problem, state)
-            is_stable = judged.stability.is_stable
+            verdict = judge(equations.problem, state)
+            is_stable = verdict.stability.is_stable
             served = tolerance < _TURNING and found.iterations <= _SERVED
-            if not (isinstance(border, Border) and served and is_stable):
-                border = reeling.linearise(state, judged.factors)
-            if not (is_stable or reeling.is_held(state, border)):
+            if not (isinstance(system, BorderedSystem) and served and is_stable):
+                system = equations.linearise(state, verdict.factors)
+            if not (is_stable or equations.is_held(state, system)):
                 return None
-            firm = judged.state if judged.stability.is_firm else None
-        return Equilibrium(state, last.level, border, firm, self._spending.iterations)
+            firm = verdict.state if verdict.stability.is_firm else None
+        return Equilibrium(state, last.level, system, firm, self._spending.iterations)
 
     def _from(self, wanted: Condition, start: Equilibrium) -> Equilibrium:
         """From an equilibrium nearby, in one step or by continuation."""
-        near, factors = start, start.factors
-        if factors is not None and not isinstance(factors, Border):
-            border = self._reeling(start.level).linearise(start.state, factors)
-            near = start._replace(factors=border)
-        found = self._try(wanted, near, self._spending.residual, 0.0)[0]
+        begun, factors = start, start.factors
+        if factors is not None and not isinstance(factors, BorderedSystem):
+            system = self._equations(start.level).linearise(start.state, factors)
+            begun = start._replace(factors=system)
+        found = self._try(wanted, begun, self._spending.residual, 0.0)[0]
         return found or self._followed(wanted, start)
 
     def _held(self, start: Equilibrium) -> Condition:
         """What is held in ``start``."""
-        reeling, state = self._reeling(start.level), start.state
-        reeling.problem.load_work(state)
-        lengths, driven = reeling.displacement(state), self._wanted.driven
-        return state.acting.condition._replace(lengths=lengths, driven=driven)
+        equations, state = self._equations(start.level), start.state
+        equations.problem.load_work(state)
+        lengths, driven = equations.displacement(state), self._wanted.driven
+        return state.condition._replace(lengths=lengths, driven=driven)
 
     def _followed(self, wanted: Condition, last: Equilibrium) -> Equilibrium:
         """By continuation from the equilibrium ``last``, of the same loads or of none."""
@@ -173,20 +186,20 @@ class _Search:
         is_loading = known.factor < wanted.factor
         on_the_way = _ON_THE_WAY if wanted.before is None else _TURNING
 
-        def attempt(done: float, target: float, _: bool) -> tuple[Found, bool, bool]:
+        def attempt(done: float, target: float, _: bool) -> tuple[NewtonResult, bool, bool]:
             nonlocal last
             tolerance = _TOLERANCE if target == 1.0 else on_the_way
             more, found = self._try(known.towards(wanted, target), last, tolerance, done)
             last = more or last
             return found, found.state.residual <= tolerance, more is not None
 
-        def leap(done: float, found: Found) -> tuple[float, float]:
+        def leap(done: float, found: NewtonResult) -> tuple[float, float]:
             nonlocal known, last, jumps
             jumps += 1
             if jumps > _MOST_JUMPS or self.is_free(wanted) or is_loading:
                 raise self._error(found)
             # On with what the arm turns to under the tensions at the end of the branch.
-            beyond, own = known.towards(wanted, min(1.0, done + BEYOND)), last.state.acting
+            beyond, own = known.towards(wanted, min(1.0, done + BEYOND)), last.state.at_nodes
             pulled = np.where(beyond.driven, own.condition.tensions, beyond.tensions)
             last = self._pulled(pulled, beyond, last)
             known = self._held(last)
@@ -202,22 +215,22 @@ class _Search:
         held = Condition(tensions, condition.tip_wrench, before=condition.before)
         return self._rod.solve(held, start, self._spending)
 
-    def _error(self, found: Found) -> ConvergenceError:
+    def _error(self, found: NewtonResult) -> ConvergenceError:
         what, count = 'the displacement of the tendons', self._spending.iterations
         return ConvergenceError(what, found.state.residual, count)
 
     def _cold(self) -> Equilibrium:
         """From the arm without loads, whose winches are wound before it bears them."""
         rod, wanted, level = self._rod, self._wanted, self._rod.first_level(None, self._wanted)
-        condition, reeling = rod.at_level(wanted, level), self._reeling(level)
+        condition, equations = rod.at_level(wanted, level), self._equations(level)
         if rod.has_obstacles:
             # Wound with its loads, as they and obstacles hold each other.
             return self._from(wanted, self._pulled(condition.tensions, condition, None))
         free = condition._replace(tip_wrench=np.zeros(6), factor=0.0)
         if condition.before is None and not condition.tensions.any():
-            begun = Equilibrium(reeling.slack[0], level, reeling.slack[1], None, 0)
+            begun = Equilibrium(equations.slack[0], level, equations.slack[1], None, 0)
         else:
-            begun = Equilibrium(reeling.unloaded(free), level, None, None, 0)
+            begun = Equilibrium(equations.unloaded(free), level, None, None, 0)
         wound = self._from(free, begun)
         if self.is_free(wanted):
             return wound
@@ -228,18 +241,18 @@ class _Search:
         with self._failing():
             return self._followed(wanted, alone)
         with self._failing():
-            tensions = wound.state.acting.condition.tensions
+            tensions = wound.state.condition.tensions
             return self._from(wanted, self._pulled(tensions, condition, None))
         return self._from(wanted, self._pulled(condition.tensions, condition, None))
 
     def _resolved(self, found: Equilibrium) -> Equilibrium:
         """What was ``found``, on as many nodes as it takes."""
-        while not self._reeling(found.level).is_resolved(found.state):
-            before, now = (self._reeling(found.level + more).problem for more in (0, 1))
+        while not self._equations(found.level).is_resolved(found.state):
+            before, now = (self._equations(found.level + more).problem for more in (0, 1))
             state = found.state._replace(z=moved(found.state.z, before.elements, now.elements))
             start = Equilibrium(state, found.level + 1, None, None, 0)
             finer, last = self._try(self._wanted, start, _TOLERANCE, 1.0)
             if finer is None:
                 raise self._error(last)
             found = finer
-        return found._replace(judged=found.state) if self.is_free(self._wanted) else found
+        return found._replace(firm_state=found.state) if self.is_free(self._wanted) else found

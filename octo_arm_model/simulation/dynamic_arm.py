@@ -188,7 +188,7 @@ class DynamicArm(SimulatedArm):
         Raises:
             TensionError: if a name is unknown, or a length more than there is.
         """
-        self._dynamics.driven(Inputs(np.zeros(self._config.arm.tension_shape), lengths))
+        self._dynamics.checked(Inputs(np.zeros(self._config.arm.tension_shape), lengths))
 
     def advance(
         self, tensions: FloatArray, force: FloatArray, elapsed: float, reeled: Reeled | None = None

@@ -85,7 +85,7 @@ class DrivenMotion:
             last.tensions if tensions is None else tensions,
             last.displacements if displacements is None else displacements,
         )
-        self.dynamics.driven(now.inputs)
+        self.dynamics.checked(now.inputs)
         begins = self._known is None or goes_back or time - last.time > LONGEST_GAP
         self._newest_ns = {**({} if begins else self._newest_ns), source: stamp_ns}
         if begins:

@@ -246,7 +246,7 @@ class ArmScene:
             np.repeat(np.repeat(colours, counts, axis=0)[:, np.newaxis], 2, axis=1),
         )
 
-    def _show_discs(self, drawn: drawing.Drawn) -> None:
+    def _show_discs(self, drawn: drawing.ArmGeometry) -> None:
         unit, triangles = self._disc
         radius = drawn.disc_radius[:, np.newaxis]
         local = np.stack([radius * unit[0], radius * unit[1], 0.0 * radius + unit[2]])

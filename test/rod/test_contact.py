@@ -31,7 +31,7 @@ from octo_arm_model import (
     Sphere,
 )
 from octo_arm_model.arm.obstacles import Obstacle
-from octo_arm_model.rod.contact import Contact, Sliding
+from octo_arm_model.rod.contact import Contact, NodeMotion
 from octo_arm_model.rod.elements import build_elements
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.rod import Rod
@@ -134,16 +134,16 @@ def test_the_jacobian_is_the_derivative_of_the_imbalance(name):
     arm, setting = CASES[name]
     rod = Rod(arm, dataclasses.replace(EVERYTHING, obstacles=AROUND), setting=setting)
     problem = rod.problem(0)
-    acting, s = problem.acting(Condition(TENSIONS, WRENCH, 0.7)), problem.elements.s
+    at_nodes, s = problem.at_nodes(Condition(TENSIONS, WRENCH, 0.7)), problem.elements.s
     z, change = np.zeros((2, s.size, problem.strains))
     z[:, :4] = np.stack([np.sin(6.0 * s), 3.0 - 8.0 * s, -4.0 * s, 0.9 + 0.1 * s], axis=1)
     change[:] = np.cos(7.0 * s)[:, np.newaxis]
     change[:, 3:] *= 0.1
-    problem.fill_jacobian(problem.evaluate(acting, z))
+    problem.fill_jacobian(problem.evaluate(at_nodes, z))
     assert problem.contact.report(problem.places()).penetration.min() > 0.1
     found = (problem.work.jacobian @ change.ravel()).reshape(z.shape)
     expected = jacobian(
-        lambda part: problem.evaluate(acting, z + part[0] * change).imbalance, np.zeros(1), 1e-4
+        lambda part: problem.evaluate(at_nodes, z + part[0] * change).imbalance, np.zeros(1), 1e-4
     )[..., 0]
     assert np.abs(found - expected).max(axis=0) == pytest.approx(
         0.0, abs=3e-6 * np.abs(expected).max()
@@ -276,12 +276,12 @@ def test_friction_has_the_derivatives_that_it_is_given():
     moved = np.stack([np.sin(5.0 * s), 0.3 - s, s * s], axis=1)
     turned, by_velocity = np.array([0.6, -0.3, 0.5]), 30.0
 
-    def at(part: np.ndarray) -> tuple[np.ndarray, Sliding]:
+    def at(part: np.ndarray) -> tuple[np.ndarray, NodeMotion]:
         change = part[0] * np.cross(turned, axes)
         spin = (rates + by_velocity * change).T @ (axes + change)
         move = part[0] * moved
-        sliding = Sliding(velocity + by_velocity * move, np.tile(spin, (s.size, 1, 1)))
-        return straight + move, sliding
+        motion = NodeMotion(velocity + by_velocity * move, np.tile(spin, (s.size, 1, 1)))
+        return straight + move, motion
 
     expected = jacobian(lambda part: contact.densities(*at(part)), np.zeros(1), 1e-5)[..., 0]
     found = np.zeros((2, s.size, 3))

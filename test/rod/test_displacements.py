@@ -36,7 +36,7 @@ from octo_arm_model.arm.errors import ContinuationError, ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import Budget
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.rod.reeling import Tolerance, complementary_step
+from octo_arm_model.rod.winch_equations import Tolerance, complementary_step
 
 TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)
 IN_AIR = Loads(gravity=(0.0, 0.0, -9.81))

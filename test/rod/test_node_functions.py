@@ -21,15 +21,15 @@ CONDITION = Condition(TENSIONS, WRENCH)
 
 def evaluated(problem: Problem, z: FloatArray, form: Form) -> dict[str, FloatArray]:
     """What all node functions of a ``form`` make of ``z``."""
-    acting = problem.acting(CONDITION)
+    at_nodes = problem.at_nodes(CONDITION)
     work = work_arrays(problem.tables, problem.strains)
     work.scale[:] = force_scale(problem.tables, CONDITION.tensions)
-    given = problem.tables, z, acting.tensions
+    given = problem.tables, z, at_nodes.tensions
     balanced = z.copy()
-    form.balance(problem.tables, balanced, acting.tensions, 0.01 * z, 1e300, work)
+    form.balance(problem.tables, balanced, at_nodes.tensions, 0.01 * z, 1e300, work)
     form.orientations(problem.tables, z, work)
-    form.residual(*given, acting.force, acting.couple, work)
-    form.jacobian(*given, acting.force, work)
+    form.residual(*given, at_nodes.force, at_nodes.couple, work)
+    form.jacobian(*given, at_nodes.force, work)
     return work._asdict() | {'balanced': balanced}
 
 

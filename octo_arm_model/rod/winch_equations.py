@@ -32,7 +32,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition, Problem, State
-from octo_arm_model.rod.factors import Blocks, Linear
+from octo_arm_model.rod.factors import BlockFactors, Linear
 from octo_arm_model.rod.friction import TensionDerivatives
 from octo_arm_model.rod.rod import Rod
 
@@ -47,7 +47,7 @@ _EXCHANGES = 40  # of tendons between slack and taut in one step, at most
 _UNSURE = 1e-4  # error of a step over the largest error before it
 
 
-class Border(NamedTuple):
+class BorderedSystem(NamedTuple):
     """A linearised arm with its winches; solves as its `Factors`, of tensions that are held.
 
     Attributes:
@@ -59,7 +59,7 @@ class Border(NamedTuple):
         rates: derivative of local tensions by those at the base at fixed twists, (N, J).
         by_local: derivative of what is reeled in by local tensions at fixed twists, (N, J) [m/N].
         local: derivatives of local tensions with friction; None where they do not change.
-        kept: the largest error that lengths which contradict each other left in a step [m].
+        contradiction: error that lengths which contradict each other leave, the largest [m].
     """
 
     z: FloatArray
@@ -70,7 +70,7 @@ class Border(NamedTuple):
     rates: FloatArray
     by_local: FloatArray
     local: TensionDerivatives | None
-    kept: float = 0.0
+    contradiction: float = 0.0
 
     def solve(self, right: FloatArray) -> FloatArray:
         """See `Factors.solve`."""
@@ -85,8 +85,8 @@ class Border(NamedTuple):
         return found
 
 
-class Reeling:
-    """The equations of an arm and its winches at its nodes, for `continuation.settle`.
+class WinchEquations:
+    """The equations of an arm and its winches at its nodes, for `continuation.newton`.
 
     Attributes:
         problem: the equations of the arm alone.
@@ -111,36 +111,36 @@ class Reeling:
 
     def displacement(self, state: State) -> FloatArray:
         """What winches have reeled in in a ``state`` [m], (J,); of slack ones what makes taut."""
-        acting, lengths = state.acting, self._weights @ self.problem.tendons(state).stretch
+        at_nodes, lengths = state.at_nodes, self._weights @ self.problem.tendons(state).stretch
         reeled = self._unloaded - lengths
         if self._arm.axial_stiffness:
-            reeled += np.einsum('ij,ij->j', self._by_local, acting.tensions)
-            reeled += self._free * acting.condition.tensions
+            reeled += np.einsum('ij,ij->j', self._by_local, at_nodes.tensions)
+            reeled += self._free * at_nodes.condition.tensions
         return np.asarray(reeled)
 
-    def evaluate(self, condition: Condition, z: FloatArray, kept: float = 0.0) -> State:
+    def evaluate(self, condition: Condition, z: FloatArray, contradiction: float = 0.0) -> State:
         """The state of twists ``z`` (N, m) and the tensions of ``condition``.
 
-        Its residual is also that of lengths, but for what is ``kept`` of them [m].
+        Its residual is also that of lengths, less the ``contradiction`` of them [m].
         """
         state = self.balance(condition, z)
         reeled = self.displacement(state)
         wrong = np.where(condition.driven, condition.lengths - reeled, 0.0)
         counts = (condition.tensions > 0.0) | (wrong > 0.0)
-        left = float(np.abs(wrong * counts).max(initial=0.0)) - kept
+        left = float(np.abs(wrong * counts).max(initial=0.0)) - contradiction
         residual = max(state.residual, _LENGTHS * left / self._arm.length)
         return state._replace(reeled=reeled, wrong=wrong, residual=residual)
 
     def balance(self, condition: Condition, z: FloatArray) -> State:
         """The state of the arm alone."""
-        return self.problem.evaluate(self.problem.acting(condition), z)
+        return self.problem.evaluate(self.problem.at_nodes(condition), z)
 
     def linearise(
         self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
-    ) -> Border:
+    ) -> BorderedSystem:
         """The system linearised at ``state``, or nearby where its ``factors`` are known.
 
-        With `Border.rates` other than those at ``state``, if given.
+        With `BorderedSystem.rates` other than those at ``state``, if given.
 
         Raises:
             ConvergenceError: if it is singular.
@@ -158,24 +158,26 @@ class Reeling:
         # What is reeled in by the local tensions, at fixed twists.
         by_local = self._by_local - weights[:, np.newaxis] * tendons.stretch_by_tension
         local = problem.tension_derivatives(state)
-        border = Border(state.z, factors, by_tension, lengths, by_tension, rates, by_local, local)
-        changes = border.reeled_in(-by_tension)
+        system = BorderedSystem(
+            state.z, factors, by_tension, lengths, by_tension, rates, by_local, local
+        )
+        changes = system.reeled_in(-by_tension)
         changes += np.diag(np.einsum('ij,ij->j', by_local, rates) + self._free)
         if not np.isfinite(changes).all():
             raise ConvergenceError('the displacement of the tendons', np.inf, 0)
-        return border._replace(changes=changes)
+        return system._replace(changes=changes)
 
     def _factors(self, state: State) -> Linear:
-        problem, acting = self.problem, state.acting
-        is_loaded = acting.force.any() or acting.couple.any() or problem.others.loads
+        problem, at_nodes = self.problem, state.at_nodes
+        is_loaded = at_nodes.force.any() or at_nodes.couple.any() or problem.others.loads
         if is_loaded or self._arm.friction or problem.discs is not None:
             return problem.linearise(state)
-        problem.form.sections(problem.tables, state.z, acting.tensions, problem.work)
-        return Blocks.of(problem.work.hessian)
+        problem.form.sections(problem.tables, state.z, at_nodes.tensions, problem.work)
+        return BlockFactors.of(problem.work.hessian)
 
     def rates(self, state: State) -> FloatArray:
-        """See `Border.rates`; of a tendon that sticks those that it has once it slips."""
-        rates, condition = self.problem.tension_rates(state), state.acting.condition
+        """See `BorderedSystem.rates`; of a tendon that sticks those that it has once it slips."""
+        rates, condition = self.problem.tension_rates(state), state.condition
         if condition.before is None or not condition.tensions.any():
             return rates
         angle = self.problem.local_tensions(state).angle
@@ -186,62 +188,64 @@ class Reeling:
         """Whether tendons whose local tensions change by ``rates`` (N, J) stick, (J,)."""
         return np.asarray(self._weights @ rates < _STICKS * self._unloaded)
 
-    def step(self, state: State, border: Linear) -> tuple[FloatArray, Border]:
-        """Newton's step of twists and tensions, (N m + J,), by a `Border`.
+    def step(self, state: State, system: Linear) -> tuple[FloatArray, BorderedSystem]:
+        """Newton's step of twists and tensions, (N m + J,), by a `BorderedSystem`.
 
-        And the ``border`` of local tensions that change as they do over this step.
+        And the ``system`` of local tensions that change as they do over this step.
         """
-        condition = state.acting.condition
-        assert isinstance(border, Border)
-        own = border.solve(-state.imbalance.ravel())
-        lacks = state.wrong - border.reeled_in(own[:, np.newaxis])[:, 0]
+        condition = state.condition
+        assert isinstance(system, BorderedSystem)
+        own = system.solve(-state.imbalance.ravel())
+        lacks = state.wrong - system.reeled_in(own[:, np.newaxis])[:, 0]
         wrong = np.where(condition.driven, lacks, 0.0)
         for passes in range(_MOST_PASSES):
-            step, kept = complementary_step(
-                border.changes, wrong, condition.tensions, condition.driven, self._tolerance
+            step, contradiction = complementary_step(
+                system.changes, wrong, condition.tensions, condition.driven, self._tolerance
             )
-            rates = self._secants(state, border, step)
-            if np.abs(rates - border.rates).max() <= _SAME_RATES:
+            rates = self._secants(state, system, step)
+            if np.abs(rates - system.rates).max() <= _SAME_RATES:
                 break
             if passes > 1:  # between tendons that make each other turn round
-                rates = 0.5 * (rates + border.rates)
-            border = self.linearise(state, border.factors, rates)
+                rates = 0.5 * (rates + system.rates)
+            system = self.linearise(state, system.factors, rates)
         # Of tendons that stick there is none.
-        step[self._pulled(state, border, step) == condition.tensions] = 0.0
-        border = border._replace(kept=min(kept, self._tolerance.contradiction))
-        return np.append(own - border.by_tension @ step, step), border
+        step[self._pulled(state, system, step) == condition.tensions] = 0.0
+        system = system._replace(contradiction=min(contradiction, self._tolerance.contradiction))
+        return np.append(own - system.by_tension @ step, step), system
 
-    def moved(self, state: State, step: FloatArray, border: Linear) -> State:
+    def moved(self, state: State, step: FloatArray, system: Linear) -> State:
         """The ``state`` after a `step`."""
-        assert isinstance(border, Border)
-        condition, size = state.acting.condition, state.z.size
-        condition = condition._replace(tensions=self._pulled(state, border, step[size:]))
-        return self.evaluate(condition, state.z + step[:size].reshape(state.z.shape), border.kept)
+        assert isinstance(system, BorderedSystem)
+        condition, size = state.condition, state.z.size
+        condition = condition._replace(tensions=self._pulled(state, system, step[size:]))
+        return self.evaluate(
+            condition, state.z + step[:size].reshape(state.z.shape), system.contradiction
+        )
 
-    def _secants(self, state: State, border: Border, step: FloatArray) -> FloatArray:
-        """Mean of `Border.rates` over a ``step`` (J,) of the tensions, of those with a history."""
-        friction, condition = self.problem.friction, state.acting.condition
+    def _secants(self, state: State, system: BorderedSystem, step: FloatArray) -> FloatArray:
+        """Mean of `BorderedSystem.rates` over a ``step`` (J,) of tensions with a history."""
+        friction, condition = self.problem.friction, state.condition
         tensions, before = condition.tensions, condition.before
         if friction is None or before is None:
-            return border.rates
-        over = self._pulled(state, border, step) - tensions
+            return system.rates
+        change = self._pulled(state, system, step) - tensions
         angle, least = self.problem.local_tensions(state).angle, float(tensions.max())
-        local = friction.hold(tensions + over, before, angle).tensions
-        over[np.abs(over) <= _LEAST_SECANT * least] = np.nan
-        found = (local - state.acting.tensions) / over
-        is_known = np.isfinite(over) & ~self._sticks(found)
-        return np.where(is_known, found, border.rates)
+        local = friction.hold(tensions + change, before, angle).tensions
+        change[np.abs(change) <= _LEAST_SECANT * least] = np.nan
+        found = (local - state.at_nodes.tensions) / change
+        is_known = np.isfinite(change) & ~self._sticks(found)
+        return np.where(is_known, found, system.rates)
 
-    def _pulled(self, state: State, border: Border, step: FloatArray) -> FloatArray:
+    def _pulled(self, state: State, system: BorderedSystem, step: FloatArray) -> FloatArray:
         """Tensions (J,) [N] after a ``step`` (J,), of tendons with a history one of their mean."""
-        friction, condition = self.problem.friction, state.acting.condition
+        friction, condition = self.problem.friction, state.condition
         tensions, before = condition.tensions, condition.before
         new = np.maximum(tensions + step, 0.0)
         if friction is None or before is None:
             return new
         # What a tendon reels in by its own local tensions, per newton of their mean, and besides.
-        give = border.changes.diagonal()
-        per_mean = (give - self._free) / (self._weights @ border.rates)
+        give = system.changes.diagonal()
+        per_mean = (give - self._free) / (self._weights @ system.rates)
         wanted = np.abs(give * step) - _ROUNDING * self._arm.length
         more = np.sign(step) * np.maximum(wanted, 0.0) / per_mean
         angle, most = self.problem.local_tensions(state).angle, np.maximum(tensions, new)
@@ -249,22 +253,22 @@ class Reeling:
         far = np.minimum(far, _FARTHEST * most)
         return np.where((step == 0.0) | (new == 0.0) | ~(per_mean > 0.0), new, far)
 
-    def is_held(self, state: State, border: Border) -> bool:
-        """Whether the balance ``state``, with its ``border``, is stable while lengths are held.
+    def is_held(self, state: State, system: BorderedSystem) -> bool:
+        """Whether the balance ``state``, with its ``system``, is stable while lengths are held.
 
         The energy then has that of the lengths of taut tendons, as stiff ones, besides.
         """
         self.problem.fill_jacobian(state)
-        variation, condition = self.problem.variation(), state.acting.condition
+        variation, condition = self.problem.variation(), state.condition
         taut = condition.driven & (condition.tensions > 0.0)
-        give = border.changes.diagonal()
-        own = give - np.einsum('jn,nj->j', border.lengths, border.by_tension)
+        give = system.changes.diagonal()
+        own = give - np.einsum('jn,nj->j', system.lengths, system.by_tension)
         soft = np.maximum(own, _STIFFEST * np.abs(give))[taut]
-        variation.add(border.lengths[taut] / np.sqrt(soft)[:, np.newaxis])
+        variation.add(system.lengths[taut] / np.sqrt(soft)[:, np.newaxis])
         return variation.stability().is_stable
 
 
-class RodReeling(Reeling):
+class RodWinchEquations(WinchEquations):
     """Of a `Rod`."""
 
     def __init__(self, rod: Rod, level: int, problem: Problem | None = None) -> None:
@@ -281,7 +285,7 @@ class RodReeling(Reeling):
         return self._rod.is_resolved(self.problem, state, self._level)
 
     @functools.cached_property
-    def slack(self) -> tuple[State, Border]:
+    def slack(self) -> tuple[State, BorderedSystem]:
         """Of the arm without loads whose tendons are all slack."""
         state = self.unloaded(Condition(np.zeros_like(self._unloaded), np.zeros(6), 0.0))
         return state, self.linearise(state)
@@ -341,7 +345,7 @@ def complementary_step(
     size = np.abs(changes.diagonal())
     for _ in range(_EXCHANGES):
         step = np.where(taut | ~driven, 0.0, -tensions)
-        right, kept = wrong - changes @ step, 0.0
+        right, contradiction = wrong - changes @ step, 0.0
         (index,) = taut.nonzero()
         if index.size:
             scale = 1.0 / np.sqrt(size[index])
@@ -354,15 +358,15 @@ def complementary_step(
             else:
                 least = np.linalg.lstsq(scaled, scale * own, rcond=tolerance.singular)[0]
                 step[index] = scale * least
-                kept = float(np.abs(part @ step[index] - own).max())
-                if kept > max(tolerance.contradiction, unsure):
+                contradiction = float(np.abs(part @ step[index] - own).max())
+                if contradiction > max(tolerance.contradiction, unsure):
                     taut[index[tensions[index].argmin()]] = False
                     continue
         new = tensions + step
         excess = np.where(taut, -size * new, wrong - changes @ step - stays_slack) * driven
         worst = excess.argmax()
         if not excess[worst] > 0.0:
-            return step, kept
+            return step, contradiction
         taut[worst] = not taut[worst]
     return _least(changes, wrong, tensions, driven), 0.0
 
