@@ -324,10 +324,10 @@ class Judge:
         before, channels = bank.one(number), channels_of(rows.channels(at))
         is_doubted = channels.is_in(bank.doubts[number])
         is_used, limits = ~is_doubted, channels.limits(self._rules.gate)
-        evaluations = _SHARE if len(bank.doubts) > 1 else self._work.evaluations
-        first = at
+        first, share = at, self._work
         while True:
-            share = self._work.share(max(evaluations, 1))
+            if len(bank.doubts) > 1:  # something is left for the others
+                share = self._work.share(min(_SHARE, max(self._work.evaluations - 1, 1)))
             some = rows.only(np.flatnonzero(is_used))
             fit = agree(before, some, bank.agreement, at, share, is_new=is_new)
             at, is_new = fit.at, False

@@ -38,8 +38,8 @@ _STRAIGHT, _OFF, _TURNED = 3.0, 0.1, 0.3
 _LOOSE = 0.3  # likewise of what is blurred
 _BLURRED = (100.0, 10.0)  # times the noise, one after the other
 _INNER = 8  # steps within a local model
-_WORSE = 2.0  # growth of what should be least that shortens a step
-_SHORTENED = 6
+_SLACK = 0.01  # of what should be least, a component, by which a step may be worse
+_SHORTENED = 6  # times that a step is halved at most
 _LONGEST = 0.2  # of the length of the arm, by which a station moves in a step
 _LARGEST = 5.0  # standard deviations by which one agreement may be off
 _FARTHEST = 1.0  # standard deviations, to the mean: beyond, its second derivatives do not hold
@@ -293,11 +293,9 @@ class Posterior:
     def _moved(
         self, local: _Local, wanted: FloatArray, work: Work
     ) -> tuple[Prediction, FloatArray] | None:
-        """As far towards the state ``wanted`` as the local model is good for; None if nowhere."""
-        at = local.at
+        """As far towards the state ``wanted`` as makes one more probable; None if nowhere."""
+        at, before = local.at, float(local.z @ local.z + local.left @ local.left)
         part = min(1.0, _LONGEST * at.model.arm.length / max(at.distance(wanted), 1e-300))
-        most = _WORSE * float(local.z @ local.z + local.left @ local.left) + wanted.size
-        found = None
         for _ in range(_SHORTENED):
             if not work.is_left:
                 break
@@ -305,14 +303,14 @@ class Posterior:
             try:
                 left = self._rows.left(new)
                 work.take(int(new.solved.iterations))
-                found, z = (new, left), self._away(new.x)
-                white = solve_lower(self._rows.noise_root, left)
-                if float(z @ z + white @ white) <= most:
-                    break
+                z, white = self._away(new.x), solve_lower(self._rows.noise_root, left)
+                cost = float(z @ z + white @ white + 2.0 * (local.slope @ (z - local.z)))
+                if cost <= before + _SLACK * wanted.size:
+                    return new, left
             except SolveError as error:
                 work.take(error.iterations if isinstance(error, ConvergenceError) else 1)
             part *= 0.5
-        return found
+        return None
 
     def _is_last(self, local: _Local, step: _Step, tolerance: float) -> bool:
         if step.size <= tolerance:

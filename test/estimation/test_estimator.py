@@ -38,9 +38,8 @@ def test_it_is_the_filter_by_seconds_from_the_first_stamp():
         np.testing.assert_allclose(found.estimate.mean, expected.mean, rtol=0, atol=1e-12)
     assert (found.hypothesis, found.probabilities) == ('tip', {'tip': 1.0})
     assert found.estimate.time == 0.5
-    kinds = estimator.consistency
-    assert [kinds[name].accepted for name in ('tensions', 'tip position')] == [3, 3]
-    assert kinds['tip position'].size == 9 and len(kinds['tip position'].recent) == 3
+    tensions, tips = (estimator.consistency[name] for name in ('tensions', 'tip position'))
+    assert tensions.accepted == tips.accepted == len(tips.recent) == 3 and tips.size == 9
 
 
 def test_late_ones_are_put_in_place_within_the_window_and_refused_beyond():
