@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Lines of Python, docstrings and comments included.
 MOST = {
-    'octo_arm_model': 46_420,
+    'octo_arm_model': 46_460,
     'octo_arm_model/analysis': 1_610,
     'octo_arm_model/apps': 470,
     'octo_arm_model/arm': 2_500,
@@ -26,12 +26,12 @@ MOST = {
     'octo_arm_model/estimation': 4_020,
     'octo_arm_model/experiment': 6_390,
     'octo_arm_model/reproduce': 1_080,
-    'octo_arm_model/rod': 11_350,
+    'octo_arm_model/rod': 11_390,
     'octo_arm_model/ros': 4_910,
     'octo_arm_model/simulation': 2_320,
     'octo_arm_model/viewer': 2_210,
     'octo_arm_model/wire': 1_430,
-    'test': 25_140,
+    'test': 25_210,
 }
 
 

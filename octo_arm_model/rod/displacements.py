@@ -79,7 +79,7 @@ def solve_displacements(
             if that would take more time than the budget of one solve.
         OctoArmError: as `Solver.solve`.
     """
-    arm, given = solver.arm, dict(tensions or {})
+    arm, given = solver.arm, {} if tensions is None else tensions
     check_displacements(arm, displacements, given)
     driven = np.array([name in displacements for name in arm.tendon_names])
     wanted = np.array([displacements.get(name, 0.0) for name in arm.tendon_names])
@@ -102,6 +102,9 @@ def check_displacements(
     Raises:
         TensionError: if not; the message names the tendon.
     """
+    for what, given in (('displacements', displacements), ('tensions', tensions)):
+        if not isinstance(given, Mapping):
+            raise TensionError(f'{what} are {shown(given)}, expected a dict by names of tendons')
     names = frozenset(arm.tendon_names)
     for name in [*displacements, *tensions]:
         if name not in names:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eigh
 
-from octo_arm_model.arm.errors import ConfigError, SolveError
+from octo_arm_model.arm.errors import ConfigError, SolveError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.loads import kinematics
@@ -107,8 +107,8 @@ def linearise(dynamics: Dynamics, state: MotionState, count: int = 12) -> Linear
 def _linearisation(dynamics: Dynamics, state: MotionState, count: int) -> _ModalEquations:
     problem, z = dynamics.problem, state.z
     size = z.size
-    if not 1 <= count <= size:
-        raise ConfigError(f'number of modes is {count}, expected 1 to {size}')
+    if count not in range(1, size + 1):
+        raise ConfigError(f'number of modes is {shown(count)}, expected 1 to {size}')
     known = dynamics.still(state)
     # With tensions held at every node tendons with friction stick.
     condition = Condition(known.at_nodes.tensions, state.tip_wrench)

@@ -14,6 +14,7 @@ without damping of what is slow, and with the factor rho_inf per step of what is
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 from pathlib import Path
@@ -21,7 +22,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.arm.errors import ConfigError, ConvergenceError, SolveError, TensionError
+from octo_arm_model.arm.errors import (
+    ArmDefinitionError,
+    ConfigError,
+    ConvergenceError,
+    SolveError,
+    TensionError,
+)
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.material import MotionProperties
 from octo_arm_model.arm.pose import Pose
@@ -98,6 +105,9 @@ def _quiet() -> np.errstate:
 class Dynamics:
     """Moves one arm in time.
 
+    Not for two threads at once, but each may take a copy. States passed to it must be its own, or
+    a copy's: those of another number of nodes, strains or tendons are refused.
+
     Attributes:
         solver: of its equilibria.
         properties: its damping, and the water's.
@@ -123,7 +133,9 @@ class Dynamics:
             raise ConfigError(f'model is {solver.model!r}, which does not move: choose exact')
         self.solver, self.properties, arm = solver, properties, solver.arm
         self._alpha = Alpha.of(within('rho_inf', rho_inf, 0.0, 1.0, '-'))
-        loads = solver.loads
+        # As of an equilibrium, the rod begins at the origin: places far from it would be rounded.
+        self._origin = np.array([*solver.base.position, *np.zeros(4)])
+        loads = solver.loads.moved(-self._origin[:3])
         if level not in range(len(LEVELS)):
             raise ConfigError(f'level is {level!r}, expected 0 to {len(LEVELS) - 1}')
         elements = build_elements(arm, loads.breaks, loads.knots, level, _FEWER_POINTS)
@@ -133,12 +145,18 @@ class Dynamics:
         self.problem = MovingProblem(
             arm, elements, tables, loads, form, solver.strains, properties
         )
-        self.problem.place_base(base)
+        self.problem.place_base(base - self._origin)
         self._base, self.places = base, places_at(elements, solver.grid.s)
         # At rest obstacles have no friction: it grows with the speed.
-        self._still = solver.with_loads(loads.without_friction()) if loads.has_friction else solver
+        smooth = solver.loads.without_friction()
+        self._still = solver.with_loads(smooth) if loads.has_friction else solver
+        self._options = rho_inf, level
         self._to_base = elements.interpolation(np.zeros(1))[0]
         self._numbers = {name: number for number, name in enumerate(arm.tendon_names)}
+
+    def __reduce__(self) -> tuple[type[Dynamics], tuple[object, ...]]:
+        """A copy, one in another process as well, is prepared from the same arguments."""
+        return Dynamics, (copy.copy(self.solver), self.properties, *self._options)
 
     @property
     def nodes(self) -> Elements:
@@ -172,7 +190,7 @@ class Dynamics:
         level, z = start.equilibrium.level, start.equilibrium.state.z
         problem = self.problem
         z = moved(z, solver.elements(level), problem.elements)
-        problem.place_base(given.base)
+        problem.place_base(given.base - self._origin)
         problem.reference = np.zeros(z.shape[1])
         at_nodes = problem.at_nodes(Condition(given.tensions, given.tip_wrench))
         found = self._in_current(at_nodes, z, given.current)
@@ -209,15 +227,15 @@ class Dynamics:
         Raises:
             TensionError: if tensions or displacements do not fit the arm.
             LoadError: if the wrench on the tip is not six finite numbers, or too large.
-            ArmDefinitionError: if the current is not three finite numbers.
+            ArmDefinitionError: if the current is not three finite numbers, or the base no pose.
         """
         solver, count = self.solver, len(self._numbers)
         tensions = check_tensions(solver.arm, inputs.tensions).reshape(-1)
         if tensions.size != count:
             raise TensionError(f'inputs.tensions are {tensions.size}, expected one set of {count}')
         displacements, driven = np.zeros(count), np.zeros(count, np.bool_)
+        check_displacements(solver.arm, inputs.displacements, {})
         if inputs.displacements:
-            check_displacements(solver.arm, inputs.displacements, {})
             for name, value in inputs.displacements.items():
                 displacements[self._numbers[name]] = value
                 driven[self._numbers[name]] = True
@@ -229,6 +247,8 @@ class Dynamics:
         current = self.properties.current
         if inputs.current is not None:
             current = vector('inputs.current', inputs.current, 'm/s')
+        if not isinstance(inputs.base, Pose | None):
+            raise ArmDefinitionError('inputs.base', inputs.base, 'a Pose or None')
         base = self._base if inputs.base is None else base_of(inputs.base)
         return CheckedInputs(tensions, displacements, driven, wrench, np.array(current), base)
 
@@ -278,9 +298,11 @@ class Dynamics:
         Raises:
             SolveError: if no step is short enough.
             ArmDefinitionError: if ``dt`` is not from 1e-7 to 1 s.
+            ConfigError: if the state is that of another arm.
             OctoArmError: if the inputs do not fit the arm.
         """
         dt = within('dt', dt, *STEPS, 's')
+        self._require_own(state)
         with _quiet():
             return self._advance(state, self.checked(inputs), dt, dt)
 
@@ -295,12 +317,19 @@ class Dynamics:
         Raises:
             As `step`.
         """
+        self._require_own(state)
         given, count = self.checked(inputs), max(math.ceil(elapsed / longest - 1e-9), 1)
         dt = within('dt', elapsed / count, *STEPS, 's')
         with _quiet():
             for left in range(count, 0, -1):
                 state = self._advance(state, self._between(state, given, 1.0 / left), dt, _SHORT)
         return state
+
+    def _require_own(self, state: MotionState) -> None:
+        """Refuse a state whose arrays are not as large as those of this arm."""
+        expected = (4, *self.problem.rest.twist_rate.shape), (len(self._numbers),)
+        if (state.twist.shape, state.tensions.shape) != expected:
+            raise ConfigError('the state is that of another arm, or of other nodes')
 
     def _advance(
         self, state: MotionState, given: CheckedInputs, dt: float, short: float
@@ -349,7 +378,7 @@ class Dynamics:
         problem, (m, f, gamma, beta) = self.problem, self._alpha
         z, (_, rate, bend, last_bend) = state.z, state.twist
         place, velocity, acceleration, own = state.place
-        problem.place_base(state.base)
+        problem.place_base(state.base - self._origin)
         if state.dt != dt and (given.base == state.base).all():
             # Rates of places and twists differ by the square of a step, much for a shorter one.
             problem.orient(z)
@@ -377,7 +406,7 @@ class Dynamics:
             to_rate(rate, a_z, bend),
             water[:2],
         )
-        problem.place_base(given.base)
+        problem.place_base(given.base - self._origin)
         problem.reference = state.wrench.copy()  # a copy, as `MotionState.z` is
         guess, factors = z + dt * rate + 0.5 * dt * dt * bend, None
         if state.dt == dt:
@@ -463,16 +492,18 @@ class Dynamics:
 
     def still(self, state: MotionState) -> State:
         """The ``state`` as one of `problem`, at rest."""
+        self._require_own(state)
         problem = self.problem
         problem.rule = problem.rest._replace(water=np.array([state.water[0], np.zeros(3)]))
-        problem.place_base(state.base)
+        problem.place_base(state.base - self._origin)
         condition = Condition(state.tensions, state.tip_wrench, 1.0, state.history)
         return problem.evaluate(problem.at_nodes(condition), state.z)
 
     def backbone(self, state: MotionState) -> Backbone:
         """The shape at the stations of the solver."""
+        self._require_own(state)
         problem, places = self.problem, self.places
-        problem.place_base(state.base)
+        problem.place_base(state.base - self._origin)
         z = state.z
         problem.orient(z)
         position, quaternion, _ = problem.form.poses(problem.tables, z, places, problem.work)
@@ -488,6 +519,7 @@ class Dynamics:
 
     def contacts(self, state: MotionState) -> Contacts:
         """How obstacles act on the arm."""
+        self._require_own(state)
         if self.problem.contact is None:
             return NONE
         place, velocity = state.place[:2]
@@ -495,4 +527,5 @@ class Dynamics:
 
     def velocities(self, state: MotionState) -> FloatArray:
         """Of the stations in base_frame [m/s], (S, 3)."""
+        self._require_own(state)
         return np.asarray(self.places.between @ state.place[1][:, POSITION])

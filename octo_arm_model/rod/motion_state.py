@@ -15,7 +15,7 @@ from octo_arm_model.rod.factors import Factors, Linear
 from octo_arm_model.rod.inertia import MovingProblem
 from octo_arm_model.rod.tables import COLUMNS
 
-_VERSION = 1  # of files of states
+_VERSION = 2  # of files of states
 _ARRAYS = 'twist', 'place', 'water', 'tensions', 'tip_wrench', 'base', 'wrench', 'base_wrench'
 _MOST_BYTES = 2**28  # of a file
 
@@ -65,7 +65,8 @@ class CheckedInputs(NamedTuple):
 class MotionState:
     """Where the arm is and how it moves: all that the next step depends on.
 
-    Arrays are read-only; N nodes with m strains, places are positions and axes (N, 12).
+    Arrays are read-only; N nodes with m strains, places are positions from the base of the solver
+    and axes (N, 12).
 
     Attributes:
         time: [s].

@@ -1,7 +1,9 @@
 """The arm in motion against textbooks, conservation laws and its own equilibria."""
 
+import copy
 import dataclasses
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from octo_arm_model import (
     Material,
     MotionProperties,
     MotionState,
+    Plane,
     Pose,
     SolveError,
     Solver,
@@ -310,6 +313,54 @@ def test_a_state_goes_on_to_the_bit_from_a_file_and_in_another_arm(friction, tmp
     assert not state.place.flags.writeable
 
 
+@pytest.mark.parametrize('duplicate', [copy.copy, lambda one: pickle.loads(pickle.dumps(one))])
+def test_a_copy_for_another_thread_or_process_moves_alike(duplicate):
+    dynamics, state = _moving()
+    other = duplicate(dynamics)
+    assert other.problem is not dynamics.problem
+    assert other.solver is not dynamics.solver
+    ends = [swing(one, state, Inputs(0.2 * PULL), 0.02) for one in (dynamics, other)]
+    assert _bytes(ends[0]) == _bytes(ends[1])
+
+
+def test_a_state_of_another_arm_is_refused():
+    _, state = _moving()
+    other = Dynamics(Solver(ROD, 'exact', stations=11))
+    for use in (
+        lambda: other.step(state, Inputs([[0.0, 0.0]]), 1e-3),
+        lambda: other.go_on(state, Inputs([[0.0, 0.0]]), 1e-2, 1e-3),
+        lambda: other.backbone(state),
+        lambda: other.velocities(state),
+        lambda: other.contacts(state),
+        lambda: other.tendon_lengths(state),
+        lambda: modes(other, state),
+    ):
+        with pytest.raises(ConfigError, match='of another arm'):
+            use()
+
+
+@pytest.mark.parametrize('friction', [0.0, 0.3])
+def test_an_arm_far_from_the_origin_moves_as_there(friction):
+    # 2 km off: rounded places must not count as accelerations.
+    ends = []
+    for at in (np.zeros(3), np.array([1e3, -2e3, 500.0])):
+        floor = Plane(
+            point=tuple(at - [0.0, 0.0, 0.02]),
+            normal=(0.0, 0.0, 1.0),
+            stiffness=1e7,
+            friction=friction,
+        )
+        loads = Loads(gravity=GRAVITY, fluid_density=500.0, obstacles=(floor,))
+        dynamics = Dynamics(Solver(TABLE4, 'exact', stations=5, base=Pose(tuple(at)), loads=loads))
+        state = swing(dynamics, dynamics.at_rest(Inputs(SLACK)), Inputs(0.2 * PULL), 0.02)
+        moved = Pose(tuple(at + [0.0, 0.0, 1e-4]))
+        state = dynamics.step(state, Inputs(0.2 * PULL, base=moved), 2e-3)
+        ends.append((dynamics.backbone(state).position - at, dynamics.contacts(state).force))
+    assert ends[0][1][0, 2] > 0.01
+    for found, expected in zip(*ends[::-1], strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-8)
+
+
 def test_loops_and_arrays_move_alike():
     pytest.importorskip('numba')
     ends = [_moving(compiled=compiled)[1] for compiled in (True, False)]
@@ -410,6 +461,8 @@ def test_random_commands_move_an_arm_without_a_step_that_fails():
         (Inputs(PULL, {'none': 0.0}), 1e-3, TensionError, 'unknown tendon'),
         (Inputs(PULL, {'tendon_1_1': math.inf}), 1e-3, TensionError, 'displacement of'),
         (Inputs(PULL, {'tendon_1_1': 2.0}), 1e-3, TensionError, 'reel in'),
+        (Inputs(PULL, [0.1]), 1e-3, TensionError, 'displacements are'),
+        (Inputs(PULL, base=(0.0, 0.0, 0.0)), 1e-3, ArmDefinitionError, r'inputs\.base'),
         (Inputs(PULL, tip_wrench=(math.nan,) * 6), 1e-3, LoadError, 'tip_wrench'),
         (Inputs(PULL, current=(math.inf, 0.0, 0.0)), 1e-3, ArmDefinitionError, 'current'),
     ],
@@ -435,5 +488,6 @@ def test_what_cannot_move_is_refused():
     with pytest.raises(ConfigError, match='linear model'):
         dynamics, state = _moving(0.2)
         linearise(dynamics, state)
-    with pytest.raises(ConfigError, match='number of modes'):
-        modes(*_moving(), 0)
+    for count in (0, 2.5, 'six'):
+        with pytest.raises(ConfigError, match='number of modes'):
+            modes(*_moving(), count)
