@@ -196,7 +196,6 @@ class Requests:
 
 
 def _value_objection(control: Any, value: Any) -> str:
-    """Why ``value`` is refused for ``control``; empty if it is not."""
     if isinstance(control, viser.GuiSliderHandle):
         margin = _ROUNDING * (control.max - control.min)
         is_fine = isinstance(value, (int, float)) and not isinstance(value, bool)

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 import viser
@@ -67,7 +66,11 @@ class OctopusPage:
             if not any(self._arms):
                 length = config.arm.length
                 scene.set_scene(self._server, np.zeros(3), 1.6 * length, length)
-                self._cameras.aim(partial(_view, length), 0.016 * length)
+                far = length * np.array(_FROM)
+                self._cameras.aim(
+                    lambda aspect: View(far * max(1.0, _WIDE / aspect), np.zeros(3)),
+                    0.016 * length,
+                )
             arm = scene.ArmScene(
                 self._server.scene,
                 f'arm_{index + 1}',
@@ -79,9 +82,3 @@ class OctopusPage:
         if shape.stamp != self._stamps[index] and len(strains.s) == len(shape.position):
             self._stamps[index] = shape.stamp
             arm.show(shape.position, shape.quaternion, strains.q, np.zeros(0))
-
-
-def _view(length: float, aspect: float) -> View:
-    """View of arms of a ``length`` [m] in a picture of an ``aspect``, width over height."""
-    distance = length * max(1.0, _WIDE / aspect)
-    return View(distance * np.array(_FROM), np.zeros(3))

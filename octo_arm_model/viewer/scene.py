@@ -95,11 +95,6 @@ _SAME = 1e-3  # of the distance looked from: a camera moved by less has not been
 _RESHAPED = 0.01  # relative change of the shape of a picture that calls for another view
 
 
-class _Shown(NamedTuple):
-    view: View
-    aspect: float
-
-
 class Cameras:
     """Points the cameras of the browsers at what is to be seen.
 
@@ -112,8 +107,7 @@ class Cameras:
         self._server = server
         self._view_of: Callable[[float], View] | None = None
         self._near = 0.01
-        self._first: _Shown | None = None
-        self._shown: dict[int, _Shown] = {}
+        self._shown: dict[int, tuple[View, float]] = {}  # with the aspect that it is for
         self._lock = threading.Lock()  # viser calls back in many threads
         # A window may be closed while its camera is moved, which is no fault.
         warnings.filterwarnings('ignore', 'Queued .* on a closed connection', UserWarning)
@@ -124,12 +118,11 @@ class Cameras:
 
         What is nearer to a camera than ``near`` [m] is not drawn.
         """
-        view = view_of(ASPECT)
         with self._lock:
-            self._view_of, self._near, self._first = view_of, near, _Shown(view, ASPECT)
+            self._view_of, self._near = view_of, near
             self._shown.clear()
         first = self._server.initial_camera
-        first.look_at, first.position = view.look_at, view.position
+        first.position, first.look_at = view_of(ASPECT)
         first.near, first.fov = near, FIELD
         for client in self._server.get_clients().values():
             self.show(client)
@@ -144,25 +137,25 @@ class Cameras:
             view = self._view_of(aspect)
             connected = self._server.get_clients()
             self._shown = {key: one for key, one in self._shown.items() if key in connected}
-            self._shown[client.client_id] = _Shown(view, aspect)
+            self._shown[client.client_id] = view, aspect
             with client.atomic():
                 camera.up_direction = (0.0, 0.0, 1.0)
-                camera.position, camera.look_at = view.position, view.look_at
+                camera.position, camera.look_at = view
                 camera.near, camera.fov = self._near, FIELD
 
     def _meet(self, client: viser.ClientHandle) -> None:
         client.camera.on_update(lambda camera: self._follow(client))
-        self._follow(client)
+        self.show(client)
 
     def _follow(self, client: viser.ClientHandle) -> None:
         """Show the view for another shape of the picture, unless the camera has been moved."""
         with self._lock:
-            shown = self._shown.get(client.client_id, self._first)
+            view, aspect = self._shown.get(client.client_id, (None, ASPECT))
         camera = client.camera
-        if shown is None or abs(_aspect(camera) / shown.aspect - 1.0) < _RESHAPED:
+        if view is None or abs(_aspect(camera) / aspect - 1.0) < _RESHAPED:
             return
-        moved = np.abs(np.subtract([camera.position, camera.look_at], shown.view)).max()
-        if moved < _SAME * np.linalg.norm(np.subtract(*shown.view)):
+        moved = np.abs(np.subtract([camera.position, camera.look_at], view)).max()
+        if moved < _SAME * np.linalg.norm(np.subtract(*view)):
             self.show(client)
 
 
@@ -182,8 +175,7 @@ _SIDES = 24
 _THICKER = 1.5  # width of tendons over that in RViz, as the body partly hides them
 _BODY_OPACITY = 0.45  # so that tendons inside are visible
 GHOST_OPACITY = 0.16
-OBSTACLE_COLOUR: Colour = (150, 160, 172)
-OBSTACLE_OPACITY = 0.7
+OBSTACLES: dict[str, Any] = {'color': (150, 160, 172), 'opacity': 0.7, 'side': 'double'}
 
 
 class ArmScene:
@@ -212,7 +204,12 @@ class ArmScene:
         self.root = scene.add_frame(
             self._name, show_axes=False, position=np.zeros(3) if offset is None else offset
         )
-        self._disc = _unit_disc(self._drawing.disc_thickness)
+        # A disc about z of radius 1: its vertices (3, vertices) and triangles.
+        ring = np.concatenate([drawing.unit_circle(_SIDES), np.zeros((1, _SIDES))])
+        up = np.array([[0.0], [0.0], [0.5 * self._drawing.disc_thickness]])
+        rim = np.stack([ring - up, ring + up], axis=-1).reshape(3, -1)
+        self._unit = np.concatenate([rim, -up, up], axis=1)
+        self._triangles = drawing.tube_triangles(2, _SIDES)
         self._body: viser.MeshHandle | None = None
         self._discs: viser.MeshHandle | None = None
         self._tendons: viser.LineSegmentsHandle | None = None
@@ -237,17 +234,19 @@ class ArmScene:
         if not self._has_tendons:
             return
         self._show_discs(drawn)
-        points = [np.stack([path[:-1], path[1:]], axis=1) for path in drawn.tendons]
+        parts = [np.stack([path[:-1], path[1:]], axis=1) for path in drawn.tendons]
+        points = np.concatenate(parts).astype(np.float32)
         # The square root makes low tensions visible.
         colours = (255.0 * drawing.tension_colours(np.sqrt(pull), 1.0)[:, :3]).astype(np.uint8)
-        counts = [len(part) for part in points]
-        self._show_tendons(
-            np.concatenate(points).astype(np.float32),
-            np.repeat(np.repeat(colours, counts, axis=0)[:, np.newaxis], 2, axis=1),
-        )
+        each = np.repeat(colours, [len(part) for part in parts], axis=0)
+        of_ends = np.repeat(each[:, np.newaxis], 2, axis=1)
+        if self._tendons is None:
+            width, name = _THICKER * self._drawing.line_width, f'{self._name}/tendons'
+            self._tendons = self._scene.add_line_segments(name, points, of_ends, thickness=width)
+        self._tendons.points, self._tendons.colors = points, of_ends
 
     def _show_discs(self, drawn: drawing.ArmGeometry) -> None:
-        unit, triangles = self._disc
+        unit = self._unit
         radius = drawn.disc_radius[:, np.newaxis]
         local = np.stack([radius * unit[0], radius * unit[1], 0.0 * radius + unit[2]])
         turn = axes_of(drawn.disc_quaternion)
@@ -258,21 +257,10 @@ class ArmScene:
             self._discs,
             f'{self._name}/discs',
             placed.reshape(-1, 3),
-            (triangles + each).reshape(-1, 3),
+            (self._triangles + each).reshape(-1, 3),
             color=DISC_COLOUR,
             flat_shading=True,
         )
-
-    def _show_tendons(self, points: NDArray[np.float32], colours: NDArray[np.uint8]) -> None:
-        if self._tendons is None:
-            self._tendons = self._scene.add_line_segments(
-                f'{self._name}/tendons',
-                points,
-                colours,
-                thickness=_THICKER * self._drawing.line_width,
-            )
-        self._tendons.points = points
-        self._tendons.colors = colours
 
     def remove(self) -> None:
         """Remove the arm from the scene."""
@@ -293,14 +281,6 @@ def show_mesh(
         return scene.add_mesh_simple(name, points, triangles.astype(np.uint32), **options)
     mesh.vertices = points
     return mesh
-
-
-def _unit_disc(thickness: float) -> tuple[FloatArray, IntArray]:
-    """Vertices (3, vertices) of a disc about z, radius 1, and its triangles (triangles, 3)."""
-    ring = np.concatenate([drawing.unit_circle(_SIDES), np.zeros((1, _SIDES))])
-    up = np.array([[0.0], [0.0], [0.5 * thickness]])
-    rim = np.stack([ring - up, ring + up], axis=-1).reshape(3, -1)
-    return np.concatenate([rim, -up, up], axis=1), drawing.tube_triangles(2, _SIDES)
 
 
 def set_theme(gui: viser.GuiApi, title: str) -> None:
@@ -332,8 +312,8 @@ def set_scene(server: viser.ViserServer, middle: FloatArray, length: float, dept
     )
 
 
-def set_base(scene: viser.SceneApi, config: Config) -> None:
-    """Add the base frame: t red, n green, b blue."""
+def set_surroundings(scene: viser.SceneApi, config: Config) -> None:
+    """Add the base frame, t red, n green, b blue, and what the arm of ``config`` may touch."""
     length = config.arm.length
     scene.add_frame(
         '/base',
@@ -343,23 +323,9 @@ def set_base(scene: viser.SceneApi, config: Config) -> None:
         axes_radius=0.004 * length,
         origin_radius=0.0,
     )
-
-
-def set_obstacles(scene: viser.SceneApi, config: Config) -> None:
-    """Add what the arm of ``config`` may touch."""
-    middle, size = middle_of(config), 0.6 * config.arm.length
     for number, obstacle in enumerate(config.loads.obstacles):
-        vertices, triangles = drawing.obstacle_mesh(obstacle, middle, size)
-        show_mesh(
-            scene,
-            None,
-            f'/obstacles/{number}',
-            vertices,
-            triangles,
-            color=OBSTACLE_COLOUR,
-            opacity=OBSTACLE_OPACITY,
-            side='double',
-        )
+        shape = drawing.obstacle_mesh(obstacle, middle_of(config), 0.6 * length)
+        show_mesh(scene, None, f'/obstacles/{number}', *shape, **OBSTACLES)
 
 
 def middle_of(config: Config) -> FloatArray:
@@ -372,9 +338,8 @@ def beside(config: Config) -> FloatArray:
     return 0.5 * config.arm.length * across(tangent_of(config))
 
 
-TUBE_COLOUR: Colour = (90, 140, 215)
-FORCE_COLOUR: Colour = (25, 110, 50)
-TUBE_OPACITY, CONE_OPACITY = 0.22, 0.35
+TUBE: dict[str, Any] = {'color': (90, 140, 215), 'opacity': 0.22}
+FORCE: dict[str, Any] = {'color': (25, 110, 50), 'opacity': 0.35}
 
 
 class UncertaintyScene:
@@ -407,31 +372,20 @@ class UncertaintyScene:
         if not len(known.s) == len(position) == self._stations:
             return  # of another arm, whose description has not arrived yet
         tube = self._drawing.tube(position, quaternion, known.pose[:, :3, :3])
-        self._draw('tube', tube, self._drawing.triangles, TUBE_COLOUR, TUBE_OPACITY)
+        self._draw('tube', tube, self._drawing.triangles, TUBE)
         if force is None:
             return
         start = self._drawing.place(position, known.contact_s)
         arrow = self._drawing.arrow(start, force, known.contact[:3, :3])
         if arrow is not None:
-            self._draw('force', arrow.shaft, drawing.ARROW_TRIANGLES, FORCE_COLOUR, None)
-            self._draw('cone', arrow.cone, drawing.CONE_TRIANGLES, FORCE_COLOUR, CONE_OPACITY)
+            self._draw('force', arrow.shaft, drawing.ARROW_TRIANGLES, FORCE | {'opacity': None})
+            self._draw('cone', arrow.cone, drawing.CONE_TRIANGLES, FORCE)
 
     def _draw(
-        self,
-        name: str,
-        vertices: FloatArray,
-        triangles: IntArray,
-        colour: Colour,
-        opacity: float | None,
+        self, name: str, vertices: FloatArray, triangles: IntArray, look: dict[str, Any]
     ) -> None:
-        mesh = self._meshes[name] = show_mesh(
-            self._scene,
-            self._meshes.get(name),
-            f'/estimate/{name}',
-            vertices,
-            triangles,
-            color=colour,
-            opacity=opacity,
-            side='double',
-        )
+        shown = self._meshes.get(name)
+        place = f'/estimate/{name}'
+        mesh = show_mesh(self._scene, shown, place, vertices, triangles, side='double', **look)
+        self._meshes[name] = mesh
         mesh.visible = True
