@@ -1,13 +1,12 @@
 """The markers and frames of an arm, and of how well an estimate is known, as messages."""
 
-from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
 
 from octo_arm_model.analysis import drawing
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire.cdr import Layout, Template, text_field
@@ -152,10 +151,6 @@ def _finish_marker(layout: Layout, points: int) -> None:
 _DELETE = 2  # of visualization_msgs/Marker
 
 
-# A marker: its namespace, colour and triangles.
-_Part: TypeAlias = tuple[bytes, Colour, IntArray]
-
-
 class UncertaintyMarkersWriter:
     """Writes them as visualization_msgs/MarkerArray.
 
@@ -171,11 +166,20 @@ class UncertaintyMarkersWriter:
         """
         self._drawing = drawing.UncertaintyDrawing(arm, s)
         frame = text_field('frame_id', frame_id)
-        tube = b'covariance', (0.35, 0.55, 0.85, 0.25), self._drawing.triangles
-        force = b'contact', (0.1, 0.43, 0.2, 1.0), drawing.ARROW_TRIANGLES
-        cone = b'cone', (0.1, 0.43, 0.2, 0.35), drawing.CONE_TRIANGLES
-        parts = tube, force, cone
-        self._with_force, self._without = _template(frame, parts, 3), _template(frame, parts, 1)
+        parts = (
+            (b'covariance', (0.35, 0.55, 0.85, 0.25), self._drawing.triangles),
+            (b'contact', (0.1, 0.43, 0.2, 1.0), drawing.ARROW_TRIANGLES),
+            (b'cone', (0.1, 0.43, 0.2, 0.35), drawing.CONE_TRIANGLES),
+        )
+        templates = []
+        for shown in (3, 1):  # the others are deleted
+            layout = Layout()
+            layout.count(len(parts))
+            for number, (name, colour, triangles) in enumerate(parts):
+                corners, action = (triangles.size, ADD) if number < shown else (0, _DELETE)
+                _add_triangles(layout, frame, name, colour, corners, action)
+            templates.append(Template(layout))
+        self._with_force, self._without = templates
 
     def write(
         self,
@@ -201,16 +205,3 @@ class UncertaintyMarkersWriter:
             return self._without.write(sec, nanosec, tube.reshape(-1, 3))
         parts = tube, arrow.shaft[drawing.ARROW_TRIANGLES], arrow.cone[drawing.CONE_TRIANGLES]
         return self._with_force.write(sec, nanosec, *(part.reshape(-1, 3) for part in parts))
-
-
-def _template(frame: bytes, parts: Sequence[_Part], shown: int) -> Template:
-    """A message with markers of the first ``shown`` ``parts``, whose points vary.
-
-    The others are deleted.
-    """
-    layout = Layout()
-    layout.count(len(parts))
-    for number, (name, colour, triangles) in enumerate(parts):
-        corners, action = (triangles.size, ADD) if number < shown else (0, _DELETE)
-        _add_triangles(layout, frame, name, colour, corners, action)
-    return Template(layout)

@@ -58,7 +58,6 @@ def points_of(value: Any, names: Sequence[str] = ()) -> FloatArray:
 
 
 def _position(value: Any) -> tuple[float, float, float]:
-    """Where a point or a pose of any kind is."""
     for _ in range(4):
         if all(hasattr(value, axis) for axis in 'xyz'):
             return value.x, value.y, value.z
@@ -76,7 +75,6 @@ def _name_of(value: Any) -> str:
 
 
 def _cloud(message: Any) -> FloatArray:
-    """The points of a PointCloud2, (3 n,)."""
     kinds = {7: 'f4', 8: 'f8'}  # FLOAT32, FLOAT64
     order = '>' if message.is_bigendian else '<'
     fields = {str(one.name): one for one in message.fields}

@@ -161,9 +161,28 @@ class TensionMessage:
         if wanted:
             given = np.asarray(values, dtype=np.float64)
             return tensions_by_names(given, None if names is None else list(names), wanted, arm)
-        if names is None:
-            return _row_major(values, message.layout, self.tensions, arm)
-        return _by_name(names, values, self.tensions, arm)
+        shape, count = arm.tension_shape, len(arm.tendons)
+        if names is not None:
+            tension_of = _of_tendons(names, values, self.tensions, arm)
+            if missing := [name for name in arm.tendon_names if name not in tension_of]:
+                raise TensionError(f'no tension for tendon {listed(missing)}')
+            values = [tension_of[name] for name in arm.tendon_names]
+        elif len(values) != count:
+            meaning = 'one for each tendon, section by section from the tip'
+            if len(shape) == 2:
+                meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
+            raise TensionError(
+                f'{self.tensions} has {len(values)} values, expected {count}: {meaning}'
+            )
+        else:
+            offset = message.layout.data_offset
+            sizes = tuple(dimension.size for dimension in message.layout.dim)
+            if offset != 0 or sizes not in ((), (count,), shape):
+                raise TensionError(
+                    f'layout is {sizes} with data_offset {offset}, expected an empty one or '
+                    f'{shape} with data_offset 0'
+                )
+        return np.array(values, dtype=np.float64).reshape(shape)
 
 
 @dataclass(frozen=True)
@@ -202,31 +221,6 @@ TENSION_TOPICS: dict[str, TensionMessage] = {
     'tendon_tensions/float32_array': FLOAT32_ARRAY,
     'tendon_tensions/joint_state': JOINT_STATE,
 }
-
-
-def _row_major(values: Sequence[float], layout: Any, field: str, arm: Arm) -> FloatArray:
-    shape, count = arm.tension_shape, len(arm.tendons)
-    if len(values) != count:
-        meaning = 'one for each tendon, section by section from the tip'
-        if len(shape) == 2:
-            meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
-        raise TensionError(f'{field} has {len(values)} values, expected {count}: {meaning}')
-    sizes = tuple(dimension.size for dimension in layout.dim)
-    if layout.data_offset != 0 or sizes not in ((), (count,), shape):
-        raise TensionError(
-            f'layout is {sizes} with data_offset {layout.data_offset}, expected an empty one or '
-            f'{shape} with data_offset 0'
-        )
-    return np.array(values, dtype=np.float64).reshape(shape)
-
-
-def _by_name(names: Sequence[str], values: Sequence[float], field: str, arm: Arm) -> FloatArray:
-    tension_of = _of_tendons(names, values, field, arm)
-    missing = [name for name in arm.tendon_names if name not in tension_of]
-    if missing:
-        raise TensionError(f'no tension for tendon {listed(missing)}')
-    ordered = [tension_of[name] for name in arm.tendon_names]
-    return np.array(ordered, dtype=np.float64).reshape(arm.tension_shape)
 
 
 def _of_tendons(
