@@ -10,7 +10,7 @@ from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, unwritten, writing
 from octo_arm_model.simulation.movements import find_profile
 from octo_arm_model.simulation.moving_arm import (
-    Course,
+    STEP,
     animate,
     draw_motion,
     simulate,
@@ -49,13 +49,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='movement of octo-arm play --list, or a CSV or YAML file',
     )
     arguments.add_highest(parser, 'what the arm bears', ' of rotating, ramps, steps and sweeps')
-    arguments.add_number(parser, '--step', Course().step, 'of the integration [s]', 'S')
-    arguments.add_number(
-        parser, '--rate', Course().rate, 'moments that are written, a second', 'HZ'
-    )
-    arguments.add_number(
-        parser, '--hold', Course().hold, 'time after the end of the profile [s]', 'S'
-    )
+    arguments.add_number(parser, '--step', STEP, 'of the integration [s]', 'S')
+    arguments.add_number(parser, '--rate', 50.0, 'moments that are written, a second', 'HZ')
+    arguments.add_number(parser, '--hold', 0.0, 'time after the end of the profile [s]', 'S')
     arguments.add_path(parser, '--out', 'BAG', 'bag to write, not there yet')
     arguments.add_path(parser, '--csv', 'CSV', 'table to write')
     arguments.add_path(parser, '--plot', 'PNG', 'picture to write; needs matplotlib')
@@ -72,10 +68,10 @@ def run(options: argparse.Namespace) -> None:
     if len(set(files)) < len(files):
         raise ConfigError('--csv, --plot and --animate are expected to be different files')
     profile = find_profile(options.profile, config.arm, arguments.read_highest(options))
-    course = Course(options.step, options.rate, options.hold)
+    timing = options.step, options.rate, options.hold
     began = time.monotonic()
     with Bar('moments') as bar:
-        moments = simulate(config.dynamics(), profile, course, bar)
+        moments = simulate(config.dynamics(), profile, *timing, bar)
         if options.out is None:
             made = list(moments)
         else:

@@ -101,7 +101,6 @@ _fetching = functools.partial(_of_paper, 'renda2012_table4')
 
 
 def _highest(arm: Arm, highest: ArrayLike | None) -> FloatArray:
-    """Largest tension of every tendon (tendons,) [N]."""
     if highest is None:
         return default_highest(arm, _COMPRESSION).ravel()
     return check_highest(arm, highest)

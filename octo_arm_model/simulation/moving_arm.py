@@ -146,20 +146,6 @@ _MOST_FRAMES = 3000
 _AXES = 'xyz'
 
 
-class Course(NamedTuple):
-    """When a simulation writes what, and how long it steps.
-
-    Attributes:
-        step: of the integration [s].
-        rate: of the moments [Hz].
-        hold: time after the end of the profile, whose last tensions are held [s].
-    """
-
-    step: float = 2e-3
-    rate: float = 50.0
-    hold: float = 0.0
-
-
 class Moment(NamedTuple):
     """The arm at one time.
 
@@ -177,20 +163,24 @@ class Moment(NamedTuple):
 def simulate(
     dynamics: Dynamics,
     profile: CommandProfile,
-    course: Course = Course(),
+    step: float = STEP,
+    rate: float = 50.0,
+    hold: float = 0.0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Iterator[Moment]:
     """Moments of the arm of ``dynamics``, from its equilibrium at the start of ``profile``.
+
+    They come at a ``rate`` [Hz]; a ``step`` [s] is that of the integration. After the profile its
+    last tensions are kept for a time to ``hold`` [s].
 
     Raises:
         ConfigError: if there would be too many moments, or a rate beyond that of the steps.
         SolveError: if there is no step that succeeds; the message states the time.
     """
-    step = positive('step', course.step, 's')
-    every = round(1.0 / (step * positive('rate', course.rate, 'Hz')))
-    duration = profile.duration + not_negative('hold', course.hold, 'time', 's')
+    every = round(1.0 / (positive('step', step, 's') * positive('rate', rate, 'Hz')))
+    duration = profile.duration + not_negative('hold', hold, 'time', 's')
     if every < 1:
-        raise ConfigError(f'rate is {course.rate:g} Hz, expected at most one moment for each step')
+        raise ConfigError(f'rate is {rate:g} Hz, expected at most one moment for each step')
     moments = math.floor(duration / (every * step) + 1e-9)
     if moments > MAX_PROFILE_ROWS:
         raise ConfigError(f'{moments} moments, expected at most {MAX_PROFILE_ROWS}')

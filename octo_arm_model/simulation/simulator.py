@@ -386,31 +386,25 @@ def robot_description(config: Config, interface: str, namespace: str = '') -> st
     """
     if interface not in INTERFACES:
         raise ConfigError(f'interface is {shown(interface)}, expected effort or position')
-    robot = ElementTree.Element('robot', name='octo_arm')
-    ElementTree.SubElement(robot, 'link', name='tendons')
-    control = ElementTree.SubElement(robot, 'ros2_control', name='octo_arm', type='system')
-    hardware = ElementTree.SubElement(control, 'hardware')
-    ElementTree.SubElement(hardware, 'plugin').text = PLUGIN
+    robot, sub = ElementTree.Element('robot', name='octo_arm'), ElementTree.SubElement
+    sub(robot, 'link', name='tendons')
+    control = sub(robot, 'ros2_control', name='octo_arm', type='system')
+    hardware = sub(control, 'hardware')
+    sub(hardware, 'plugin').text = PLUGIN
     prefix = f'/{namespace.strip("/")}/' if namespace.strip('/') else '/'
     for name, topic in (('joint_commands_topic', COMMANDS), ('joint_states_topic', STATES)):
-        ElementTree.SubElement(hardware, 'param', name=name).text = prefix + topic
-    length = config.arm.length
+        sub(hardware, 'param', name=name).text = prefix + topic
+    length = f'{config.arm.length:g}'
     for name, highest in zip(config.arm.tendon_names, tendon_limits(config).tolist(), strict=True):
-        ElementTree.SubElement(robot, 'link', name=name)
-        joint = ElementTree.SubElement(robot, 'joint', name=name, type='prismatic')
-        ElementTree.SubElement(joint, 'parent', link='tendons')
-        ElementTree.SubElement(joint, 'child', link=name)
-        ElementTree.SubElement(
-            joint,
-            'limit',
-            lower=f'{-length:g}',
-            upper=f'{length:g}',
-            effort=f'{highest:g}',
-            velocity=f'{_REELING:g}',
-        )
-        driven = ElementTree.SubElement(control, 'joint', name=name)
-        ElementTree.SubElement(driven, 'command_interface', name=interface)
+        sub(robot, 'link', name=name)
+        joint = sub(robot, 'joint', name=name, type='prismatic')
+        sub(joint, 'parent', link='tendons')
+        sub(joint, 'child', link=name)
+        ends = {'lower': f'-{length}', 'upper': length}
+        sub(joint, 'limit', ends, effort=f'{highest:g}', velocity=f'{_REELING:g}')
+        driven = sub(control, 'joint', name=name)
+        sub(driven, 'command_interface', name=interface)
         for state in ('position', 'velocity', 'effort'):
-            ElementTree.SubElement(driven, 'state_interface', name=state)
+            sub(driven, 'state_interface', name=state)
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding='unicode')
