@@ -34,8 +34,7 @@ from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros import start
 from octo_arm_model.ros.node import diagnostics
-from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
-from octo_arm_model.ros.node.main import OctoArmNode, make_executor
+from octo_arm_model.ros.node.main import ManagedOctoArmNode, OctoArmNode, make_executor
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.ros.start import read_here
 from octo_arm_model.ros.topics import message_class

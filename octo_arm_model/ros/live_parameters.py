@@ -80,7 +80,6 @@ class LiveParameters(Generic[Prepared]):
         return SetParametersResult(successful=True)
 
     def _swap(self, parameters: list[RosParameter]) -> None:
-        """Hand over what `_check` prepared, once rclpy has set the parameters."""
         candidate, self._candidate = self._candidate, None
         if candidate is not None:
             self._values, prepared = candidate

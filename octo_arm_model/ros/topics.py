@@ -167,7 +167,6 @@ def _overriding(node: Node, entity: str, topic: str) -> Iterator[QoSOverridingOp
 
 
 def _prefix(node: Node, entity: str, topic: str) -> str:
-    """Prefix of the names of the parameters of an ``entity`` of ``topic``."""
     return f'{_OVERRIDES}{node.resolve_topic_name(topic)}.{entity}.'
 
 
@@ -176,7 +175,6 @@ def _is_read_only(node: Node, name: str) -> bool:
 
 
 def _check(qos: QoSProfile) -> SetParametersResult:
-    """Whether the depth and the durations are possible."""
     result = SetParametersResult(successful=False)
     for name in ('deadline', 'lifespan', 'liveliness_lease_duration'):
         if (duration := getattr(qos, name).nanoseconds) < 0:

@@ -18,8 +18,10 @@ from concurrent import futures
 from types import FrameType
 from typing import Any, TypeVar
 
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.timer import Timer
 
 _CALLED_BY_LLVM = ('llvmlite.binding.executionengine', '_raw_object_cache_')  # module, functions
 _AGAIN = 0.01  # [s]
@@ -92,6 +94,11 @@ def until_shutdown(context: Context) -> Iterator[None]:
     except RuntimeError:
         if context.ok():
             raise
+
+
+def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+    """Call ``callback`` every ``period`` [s], also while the time of ROS stands still or jumps."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 Piece = Callable[[], bool | None]

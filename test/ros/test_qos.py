@@ -19,8 +19,7 @@ from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.estimator.main import EstimatorNode, ManagedEstimatorNode
-from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
-from octo_arm_model.ros.node.main import OctoArmNode
+from octo_arm_model.ros.node.main import ManagedOctoArmNode, OctoArmNode
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.ros.topics import POLICIES

@@ -29,8 +29,7 @@ from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.ros.estimator.outputs import EstimatePublishers, EstimateStatus
 from octo_arm_model.ros.node.diagnostics import SteppedClock
 from octo_arm_model.ros.node.inputs import stamp_of
-from octo_arm_model.ros.node.lifecycle import ManagedNode
-from octo_arm_model.ros.node.main import ServedNode, run
+from octo_arm_model.ros.node.main import ManagedNode, ServedNode, run
 from octo_arm_model.ros.node.server import Prepared, Server, describe
 from octo_arm_model.ros.topics import message_class
 from octo_arm_model.wire.measurements import (

@@ -90,35 +90,25 @@ class TipWrench:
             OctoArmError: if it is none, or its frame is not known.
         """
         prepared = self._current()
-        wrench, is_following = self._placed(message, prepared)
-        prepared.solver.check_tip_wrench(wrench)
-        self.value, self.is_following = wrench if wrench.any() else None, is_following
-
-    def _placed(self, message: WrenchStamped, prepared: Prepared) -> tuple[FloatArray, bool]:
-        """The wrench of a ``message`` about the tip, and whether it turns with it.
-
-        Raises:
-            MeasurementError: if its frame is not known.
-            LoadError: if it moves on the tip.
-        """
         wrench, frame = wrench_values(message.wrench), str(message.header.frame_id)
         config, stamp = prepared.config, Stamp.of(message.header.stamp).ns
-        tip = config.frame_prefix + TIP_FRAME
-        if frame in ('', config.base_frame):
-            return wrench, False
-        if frame == tip:
-            return wrench, True
-        # Not measured yet: what is no number would be refused as such.
+        tip, is_following = config.frame_prefix + TIP_FRAME, False
+        # Before its frame is looked for: what is no number would be refused as such.
         prepared.solver.check_tip_wrench(wrench)
-        is_following = self._frames.are_fixed(frame, tip)
-        if not is_following and self._frames.is_beyond(frame, tip):
-            problem = f'its frame is {frame[:99]!r}, which moves on {tip!r}'
-            raise LoadError(f'{problem}, expected static transforms between the two')
-        pose = self._frames.pose_of(frame, tip if is_following else config.base_frame, stamp)
-        turned = Rotation.from_quat(np.array(pose.quaternion)).apply(wrench.reshape(2, 3))
-        if is_following:
-            turned[1] += np.cross(np.array(pose.position), turned[0])
-        return turned.ravel(), is_following
+        if frame == tip:
+            is_following = True
+        elif frame not in ('', config.base_frame):
+            is_following = self._frames.are_fixed(frame, tip)
+            if not is_following and self._frames.is_beyond(frame, tip):
+                problem = f'its frame is {frame[:99]!r}, which moves on {tip!r}'
+                raise LoadError(f'{problem}, expected static transforms between the two')
+            pose = self._frames.pose_of(frame, tip if is_following else config.base_frame, stamp)
+            turned = Rotation.from_quat(np.array(pose.quaternion)).apply(wrench.reshape(2, 3))
+            if is_following:
+                turned[1] += np.cross(np.array(pose.position), turned[0])
+            wrench = turned.ravel()
+            prepared.solver.check_tip_wrench(wrench)
+        self.value, self.is_following = wrench if wrench.any() else None, is_following
 
 
 def _highest(request: FindTensions.Request, solver: Solver) -> FloatArray:
@@ -245,13 +235,11 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         self._diagnostics.answered(answer.backbone, duration)
 
     def _on_motors(self, field: str, topic: str, message: Any) -> None:
-        """Drive the named tendons by length from now on, and the others by tension."""
         config = self._arm.config
         found = read_displacements(message, config.arm, config.encoders, field)
         self._publish_shape(topic, stamp_of(message), displacements=found)
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:
-        """Fill in ``response`` for the tensions and the tip's wrench of ``request``."""
         yield from ()  # a single solve, which has a budget
         solver, frame = self._arm.solver, self._arm.config.base_frame
         try:
@@ -274,7 +262,6 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
     def _on_find_tensions(
         self, request: FindTensions.Request, response: FindTensions.Response
     ) -> Steps:
-        """Fill in ``response`` for the target of ``request``; yields in the midst of searches."""
         # A copy, as the solver of the node goes on meanwhile.
         solver, frame = copy.copy(self._arm.solver), self._arm.config.base_frame
         now = self._node.get_clock().now().to_msg()

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -17,7 +17,7 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.node.inputs import Inputs
 from octo_arm_model.ros.topics import create_publisher
-from octo_arm_model.ros.work import until_shutdown
+from octo_arm_model.ros.work import steady_timer, until_shutdown
 from octo_arm_model.wire.messages import Refusals, Stamp, time_of
 
 # Tolerance in steps of /clock: a message may precede the next one, and one may be lost.
@@ -37,7 +37,6 @@ class SteppedClock:
         self._jumps = self._clock.create_jump_callback(every_step, post_callback=self._on_step)
 
     def _on_step(self, jump: TimeJump) -> None:
-        """Record the last step of simulated time."""
         step = 1e-9 * jump.delta.nanoseconds
         # Not the first one, from zero.
         self._step = step if 1e-9 * self.now_ns > step else 0.0
@@ -107,9 +106,7 @@ class Diagnostics:
         self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
         self.clock = SteppedClock(node)
         self._reported, self._period = time.monotonic(), PERIOD
-        # Steady: ROS time may stand still or jump.
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(PERIOD, self._report, clock=clock)
+        steady_timer(node, PERIOD, self._report)
 
     def describe(self, solver: Solver, limits: DiagnosticLimits) -> None:
         """Report of ``solver`` from now on, and warn beyond ``limits``."""

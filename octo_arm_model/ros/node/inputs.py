@@ -5,15 +5,13 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.timer import Timer
 from std_msgs.msg import Header
 
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError
 from octo_arm_model.ros.topics import create_subscription, decoded
-from octo_arm_model.ros.work import WorkQueue
+from octo_arm_model.ros.work import WorkQueue, steady_timer
 from octo_arm_model.wire.messages import Stamp
 
 # Called with the whole name of a topic and a message on it, which an OctoArmError refuses.
@@ -69,8 +67,8 @@ class Inputs:
         self._open: dict[str, LatestSubscription] = {}
         self._began = 0.0
         self._waiting: collections.deque[_Waiting] = collections.deque()
-        self._timer: Timer | None = None
         self._is_due = False
+        steady_timer(node, _PERIOD, self._expire)
 
     def subscribe(
         self, kind: Any, topic: str, read: Read, *, is_apart: bool = True, is_answered: bool = True
@@ -107,9 +105,7 @@ class Inputs:
             self.unsubscribe(topic)
         self.work.clear()
         self.forget()
-        if self._timer is not None:
-            self._node.destroy_timer(self._timer)
-        self._timer, self._is_due = None, False
+        self._is_due = False
 
     def publishers(self) -> dict[str, int]:
         """How many publishers each input has that is answered, by its whole name."""
@@ -151,10 +147,6 @@ class Inputs:
             if len(self._waiting) >= MOST_WAITING:
                 self._refuse_oldest()
             self._waiting.append(_Waiting(topic, read, error, time.monotonic() + LONGEST))
-            if self._timer is None:
-                # Steady: ROS time may stand still.
-                clock = Clock(clock_type=ClockType.STEADY_TIME)
-                self._timer = self._node.create_timer(_PERIOD, self._expire, clock=clock)
         except OctoArmError as error:
             self.refuse(topic, error)
 

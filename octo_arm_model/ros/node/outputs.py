@@ -6,7 +6,6 @@ from functools import partial
 from typing import Any
 
 from octo_arm_msgs.msg import TendonTensions
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -22,7 +21,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.topics import create_publisher, message_class
-from octo_arm_model.ros.work import until_shutdown
+from octo_arm_model.ros.work import steady_timer, until_shutdown
 from octo_arm_model.wire.backbone import (
     BACKBONE_TOPICS,
     TENDON_LENGTHS,
@@ -108,9 +107,7 @@ class MarkerPublisher:
         self._stop_timer()
         self._rate = rate
         if rate:
-            # Steady: ROS time may run faster than real time.
-            clock = Clock(clock_type=ClockType.STEADY_TIME)
-            self._timer = self._node.create_timer(1.0 / rate, self._on_time, clock=clock)
+            self._timer = steady_timer(self._node, 1.0 / rate, self._on_time)
             self._timer.cancel()
 
     def stop(self) -> None:

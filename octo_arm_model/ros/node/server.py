@@ -193,7 +193,6 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         }
 
     def _update_fields(self) -> None:
-        """Subscribe to messages of other types in the place of the last, where parameters do."""
         if self._fields is None:
             return
         before, self._fields = self._fields, self._wanted_fields()

@@ -19,7 +19,6 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from octo_arm_msgs.msg import TendonTensions
-from rclpy.clock import Clock, ClockType
 from rclpy.time import Time as RosTime
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -36,7 +35,7 @@ from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.simulator import publishers, services
 from octo_arm_model.ros.start import CheckedNode
-from octo_arm_model.ros.work import until_shutdown
+from octo_arm_model.ros.work import steady_timer, until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm, check_values
 from octo_arm_model.simulation.movements import TOPIC, check_command
 from octo_arm_model.simulation.simulator import COMMANDS as JOINT_COMMANDS
@@ -71,8 +70,7 @@ class SimulatorNode(CheckedNode):
         self._diagnostics = publishers.SimulatorDiagnostics(self)
         self._encoders = topics.create_publisher(self, JointState, DISPLACEMENTS, OUTPUT_QOS)
         table = (*ARM_PARAMETERS, *PARAMETERS)
-        self._sensors = publishers.SensorPublishers(self)
-        self._motion = publishers.MotionPublishers(self)
+        self._outputs = publishers.ArmPublishers(self)
         self._time = services.SimulationClock(self, self._step)
         self._commanders = publishers.Commanders(self)
         self._push = services.PushService(self, lambda: self._config.push)
@@ -91,9 +89,7 @@ class SimulatorNode(CheckedNode):
         inputs.subscribe(PoseStamped, 'base_pose', self._on_base, is_answered=False)
         inputs.subscribe(Vector3Stamped, 'current', self._on_current, is_answered=False)
         topics.check_overrides(self)
-        # ROS time may stand still; diagnostics are published all the same.
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(diagnostics.PERIOD, self._report, clock=clock)
+        steady_timer(self, diagnostics.PERIOD, self._report)
 
     def _prepare(self, values: dict[str, Any]) -> SimulatorConfig:
         """Check the parameters: over the network services get no other folder to write to.
@@ -142,7 +138,6 @@ class SimulatorNode(CheckedNode):
         return self._configured
 
     def _on_command(self, kind: TensionMessage, topic: str, message: Any) -> None:
-        """Follow a command from now on, and no longer the profile."""
         arm = self._config.model.arm
         command = check_command(arm, kind.read(message, arm), self._config.limits)
         self._follow(topic, command, dict(zip(arm.tendon_names, command)), {})
@@ -172,24 +167,20 @@ class SimulatorNode(CheckedNode):
         self._follow(topic, command, tensions, lengths)
 
     def _on_lengths(self, topic: str, message: JointState) -> None:
-        """Reel in the tendons that are named from now on; all others follow tensions."""
         found = read_displacements(message, self._config.model.arm)
         self._drive.hold(found, self._command)
         self._follow(topic, self._command, {}, found)
 
     def _on_push(self, topic: str, message: Vector3Stamped) -> None:
-        """Push the moving arm with the force of a message."""
         self._push.hold(message, self._config, self._moving_arm())
 
     def _on_base(self, topic: str, message: PoseStamped) -> None:
-        """Let the base go to the pose of a message."""
         services.check_frame(message.header, self._config, 'pose')
         position, turn = message.pose.position, message.pose.orientation
         pose = Pose((position.x, position.y, position.z), (turn.x, turn.y, turn.z, turn.w))
         self._moving_arm().surroundings.move_base(pose)
 
     def _on_current(self, topic: str, message: Vector3Stamped) -> None:
-        """Let the water come to flow as a message says."""
         services.check_frame(message.header, self._config, 'current')
         if not self._config.model.loads.fluid_density:
             raise LoadError('loads.fluid_density is 0, expected that of the water that flows')
@@ -210,10 +201,9 @@ class SimulatorNode(CheckedNode):
             config.pushed_arm.reset()
         self._is_playing, self._played = config.profile is not None, 0.0
         self._push.forget()
-        self._sensors.time = 0.0
+        self._outputs.time = 0.0
 
     def _stored(self) -> tuple[DynamicArm, Path]:
-        """The arm whose state is saved and restored, and the file of it."""
         arm, file = self._config.pushed_arm, self._config.course.state_file
         if not isinstance(arm, DynamicArm):
             raise ConfigError('dynamics is false, expected true to save or restore a state')
@@ -222,7 +212,6 @@ class SimulatorNode(CheckedNode):
         return arm, Path(file)
 
     def _state(self) -> dict[str, FloatArray]:
-        """What pulls the arm, and for how long it has."""
         held, names = self._drive.held, self._config.model.arm.tendon_names
         return {
             'hardware': self._drive.hardware.state,
@@ -230,13 +219,12 @@ class SimulatorNode(CheckedNode):
             'lengths': np.array([held.get(name, 0.0) for name in names]),
             'driven': np.array([float(name in held) for name in names]),
             'played': np.array(self._played),
-            'time': np.array(self._sensors.time),
+            'time': np.array(self._outputs.time),
             'playing': np.array(float(self._is_playing)),
             'surroundings': self._moving_arm().surroundings.values,
         }
 
     def _save(self) -> None:
-        """Write the state of arm, winches and commands to the file of the parameters."""
         arm, path = self._stored()
         arm.save(path, self._state())
 
@@ -254,9 +242,9 @@ class SimulatorNode(CheckedNode):
         self._drive.hardware.state, self._drive.held = values['hardware'], held
         self._command, self._played = values['command'], float(values['played'])
         self._is_playing = bool(values['playing']) and config.profile is not None
-        self._sensors.time = float(values['time'])
+        self._outputs.time = float(values['time'])
         self._push.forget()
-        self._motion.forget()
+        self._outputs.forget()
         arm.restore(state, values['surroundings'])
 
     def _step(self, elapsed: float, now: RosTime) -> None:
@@ -272,7 +260,7 @@ class SimulatorNode(CheckedNode):
             # Winches stay where they are.
             self._diagnostics.log.warn(self._lengths.topic, error)
         effective = self._drive.advance(self._set_point, elapsed)
-        pushed = self._push.at(self._sensors.time + elapsed)
+        pushed = self._push.at(self._outputs.time + elapsed)
         is_moved = config.pushed_arm is not None
         # Where a call comes more than a period late, the arm is slower than a clock that goes on.
         most = 2.0 / course.rate if is_moved and not course.publish_clock else math.inf
@@ -283,7 +271,7 @@ class SimulatorNode(CheckedNode):
         except OctoArmError as error:
             self._fail(error)
             is_moved = False
-            self._sensors.time += elapsed
+            self._outputs.time += elapsed
         self._effective.publish(
             topics.tensions_message(effective, model.arm, stamp, model.base_frame)
         )
@@ -296,19 +284,15 @@ class SimulatorNode(CheckedNode):
         if config.hardware.winches.encoders:
             self._publish_encoders(effective, stamp)
         if is_moved:
-            self._sensors.publish(config, pushed, elapsed, stamp)
-            if isinstance(config.pushed_arm, DynamicArm):
-                self._motion.publish(model, config.pushed_arm, stamp)
+            self._outputs.publish(config, pushed, elapsed, stamp)
 
     def _fail(self, error: OctoArmError) -> None:
-        """Say why the arm does not move, and pause if the parameters say so."""
         self._diagnostics.fail(error)
         if self._config.course.on_failure == 'pause' and not self._time.is_paused:
             self._time.is_paused = True
             self.get_logger().error(f'paused, as no step succeeds: {in_short(error)}')
 
     def _publish_encoders(self, tensions: FloatArray, stamp: Time) -> None:
-        """Publish what encoders read of the arm under ``tensions`` (tendons,) [N]."""
         model = self._config.model
         try:
             reeled_in = self._drive.encoders(tensions)
@@ -320,7 +304,6 @@ class SimulatorNode(CheckedNode):
         self._encoders.publish(JointState(header=header, name=names, position=reeled_in))
 
     def _readings_message(self, readings: FloatArray, stamp: Time) -> TendonTensions:
-        """Message of the ``readings`` of load cells (tendons,) [N]."""
         model = self._config.model
         message = topics.tensions_message(readings, model.arm, stamp, model.base_frame)
         if names := model.load_cells.names:

@@ -36,8 +36,10 @@ from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, TIP_POSE
 TRUE_WRENCH = 'ground_truth/tip_wrench'
 
 
-class SensorPublishers:
-    """Publishes measurements of a pushed arm, each at its rate.
+class ArmPublishers:
+    """Publishes what sensors measure of an arm, each at its rate, and how one moves.
+
+    That is the shape as it is, and tendons as joints: reeled in, rate, tension.
 
     Attributes:
         time: by which the periods of sensors and push go [s].
@@ -45,16 +47,24 @@ class SensorPublishers:
 
     def __init__(self, node: Node) -> None:
         """Create the publishers on ``node``."""
-        self._tip, self._markers, self._wrench, self._truth = (
+        self._tip, self._markers, self._wrench, self._truth, self._states, *self._shapes = (
             create_publisher(node, kind, topic, OUTPUT_QOS)
             for kind, topic in (
                 (PoseWithCovarianceStamped, TIP_POSE),
                 (PoseArray, MARKERS),
                 (WrenchStamped, BASE_WRENCH),
                 (WrenchStamped, TRUE_WRENCH),
+                (JointState, STATES),
+                *((message_class(k), f'ground_truth/{t}') for t, k in BACKBONE_TOPICS.items()),
             )
         )
         self.time = 0.0
+        self._last: tuple[float, FloatArray] | None = None
+        self._described: tuple[Config, BackboneWriter] | None = None
+
+    def forget(self) -> None:
+        """Take the next state for one at which tendons stand still, as it follows none."""
+        self._last = None
 
     def publish(
         self, config: SimulatorConfig, pushed: FloatArray, elapsed: float, stamp: Time
@@ -87,49 +97,34 @@ class SensorPublishers:
             # About the origin of base_frame, as its header says.
             measured[3:] += np.cross(arm.backbone.position[0], measured[:3])
             self._wrench.publish(_wrench(header, measured))
+        if isinstance(arm, DynamicArm):
+            self._publish_motion(config.model, arm, header)
+
+    def _publish_motion(self, config: Config, arm: DynamicArm, header: Header) -> None:
+        shape, known = arm.backbone, np.zeros((6, 6))
+        if self._described is None or self._described[0] is not config:
+            writer = BackboneWriter(config.base_frame, shape.model, shape.s, shape.section)
+            self._described = config, writer
+        messages = self._described[1].all(shape, known, header.stamp.sec, header.stamp.nanosec)
+        for publisher, data in zip(self._shapes, messages, strict=True):
+            publisher.publish(data)
+        reeled_in, time = arm.reeled_in(), arm.state.time
+        rate = np.zeros(reeled_in.size)
+        if self._last is not None and self._last[0] < time:  # another arm begins at 0
+            rate = (reeled_in - self._last[1]) / (time - self._last[0])
+        self._last = time, reeled_in
+        names, tensions = list(config.arm.tendon_names), arm.state.tensions
+        self._states.publish(
+            JointState(
+                header=header, name=names, position=reeled_in, velocity=rate, effort=tensions
+            )
+        )
 
 
 def _wrench(header: Header, values: FloatArray) -> WrenchStamped:
     """Force and moment (6,) [N, N m] as a message."""
     force, torque = (Vector3(x=x, y=y, z=z) for x, y, z in values.reshape(2, 3).tolist())
     return WrenchStamped(header=header, wrench=Wrench(force=force, torque=torque))
-
-
-class MotionPublishers:
-    """Publishes the shape as it is, and tendons as joints: reeled in, rate, tension."""
-
-    def __init__(self, node: Node) -> None:
-        """Create the publishers on ``node``."""
-        self._shapes = [
-            create_publisher(node, message_class(kind), f'ground_truth/{topic}', OUTPUT_QOS)
-            for topic, kind in BACKBONE_TOPICS.items()
-        ]
-        self._states = create_publisher(node, JointState, STATES, OUTPUT_QOS)
-        self._last: tuple[float, FloatArray] | None = None
-        self._described: tuple[Config, BackboneWriter] | None = None
-
-    def forget(self) -> None:
-        """Take the next state for one at which tendons stand still, as it follows none."""
-        self._last = None
-
-    def publish(self, config: Config, arm: DynamicArm, stamp: Time) -> None:
-        """Publish the ``arm`` of ``config``."""
-        shape, known = arm.backbone, np.zeros((6, 6))
-        if self._described is None or self._described[0] is not config:
-            writer = BackboneWriter(config.base_frame, shape.model, shape.s, shape.section)
-            self._described = config, writer
-        messages = self._described[1].all(shape, known, stamp.sec, stamp.nanosec)
-        for publisher, data in zip(self._shapes, messages, strict=True):
-            publisher.publish(data)
-        reeled_in, rate = arm.reeled_in(), np.zeros(len(config.arm.tendons))
-        time = arm.state.time
-        if self._last is not None and self._last[0] < time:  # another arm begins at 0
-            rate = (reeled_in - self._last[1]) / (time - self._last[0])
-        self._last = time, reeled_in
-        message = JointState(name=list(config.arm.tendon_names), position=reeled_in.tolist())
-        message.velocity, message.effort = rate.tolist(), arm.state.tensions.tolist()
-        message.header.stamp, message.header.frame_id = stamp, config.base_frame
-        self._states.publish(message)
 
 
 # What is commanded, and the value [N] or [m], by tendon.

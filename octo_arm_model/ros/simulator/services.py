@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Vector3Stamped
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -25,7 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 from octo_arm_model.arm.errors import LoadError, OctoArmError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.ros.topics import create_publisher
-from octo_arm_model.ros.work import SLICE, until_shutdown
+from octo_arm_model.ros.work import SLICE, steady_timer, until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.pushed_arm import Push
 from octo_arm_model.simulation.simulator import Course, SimulatorConfig
@@ -70,11 +69,8 @@ class SimulationClock:
         self._last = 0
         if self._publisher is None:
             self._publisher = create_publisher(self._node, ClockMessage, TOPIC, _QOS)
-        self._timer = self._node.create_timer(
-            self.period / factor if factor else _AGAIN,
-            self._go_on_alone,
-            clock=Clock(clock_type=ClockType.STEADY_TIME),
-        )
+        period = self.period / factor if factor else _AGAIN
+        self._timer = steady_timer(self._node, period, self._go_on_alone)
 
     def reset(self) -> None:
         """Begin anew, where time is the simulator's own."""
@@ -177,7 +173,6 @@ class SimulationServices:
     def _trigger(
         self, act: Callable[[], None], done: str, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """Answer a request by what ``act`` does, and ``done`` where it is."""
         try:
             act()
             response.success, response.message = True, done

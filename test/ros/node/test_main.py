@@ -16,9 +16,7 @@ from octo_arm_model import Config, OctoArmError, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.ros.estimator.main import ManagedEstimatorNode
-from octo_arm_model.ros.node import lifecycle
-from octo_arm_model.ros.node.lifecycle import ManagedOctoArmNode
-from octo_arm_model.ros.node.main import PROFILES, OctoArmNode, bound_memory, main
+from octo_arm_model.ros.node import main as node
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator import main as simulator
 
@@ -82,7 +80,7 @@ def test_bad_parameters_end_the_node_with_the_line_of_the_command(
     tmp_path, run_here, old, new, complaint
 ):
     path = live_nodes.file_with(tmp_path, old, new)
-    told = run_here(main, 1, '--ros-args', '--params-file', path)
+    told = run_here(node.main, 1, '--ros-args', '--params-file', path)
     assert complaint in told
     if 'use_sim_time' not in new:  # which no arm has
         with pytest.raises(OctoArmError) as refusal:
@@ -98,8 +96,8 @@ def test_a_process_that_is_given_a_bad_parameter_says_so_and_ends():
 @pytest.mark.parametrize(
     ('program', 'name'),
     [
-        (main, 'octo_arm_node'),
-        (lifecycle.main, 'octo_arm_lifecycle_node'),
+        (node.main, 'octo_arm_node'),
+        (node.managed, 'octo_arm_lifecycle_node'),
         (simulator.main, 'octo_arm_sim'),
     ],
 )
@@ -124,7 +122,7 @@ def test_a_file_alone_is_not_passed_over(run_here, capfd, program, name):
     ],
 )
 def test_arguments_that_cannot_be_read_are_told(run_here, arguments, complaint):
-    assert complaint in run_here(main, 1, '--ros-args', *arguments)
+    assert complaint in run_here(node.main, 1, '--ros-args', *arguments)
 
 
 def test_of_values_given_twice_the_last_counts_whatever_its_type(tmp_path, run_here):
@@ -141,7 +139,7 @@ def test_of_values_given_twice_the_last_counts_whatever_its_type(tmp_path, run_h
         live_nodes.check_end(client.process, 0)
     assert (dumped['friction_memory'], dumped['loads.fluid_density']) == (2.5, 2.0)
     given = '--ros-args', '--params-file', live_nodes.CONFIG_FILE, '-p', 'stations:=many'
-    assert "stations is 'many', expected integer" in run_here(main, 1, *given)
+    assert "stations is 'many', expected integer" in run_here(node.main, 1, *given)
 
 
 ORIGIN = 'position: [0.0, 0.0, 0.0]'
@@ -163,7 +161,7 @@ def test_the_node_reads_a_file_as_the_command_does(tmp_path, old, new, name, val
     others = 'camera: {ros__parameters: {rate: 30, gains: [1, 0.5]}}\nversion: 2\n'
     path.write_text(path.read_text() + others)
     given = ('-p', 'loads.fluid_density:=0', '-p', 'loads.gravity:=[0, 0, 0.0]')
-    with live_nodes.hosting(OctoArmNode, *given, files=[path]) as client:
+    with live_nodes.hosting(node.OctoArmNode, *given, files=[path]) as client:
         dumped = client.dump()
         assert dumped[name] == value
         assert (dumped['loads.fluid_density'], dumped['loads.gravity']) == (0.0, [0.0, 0.0, 0.0])
@@ -174,10 +172,10 @@ def test_the_node_reads_a_file_as_the_command_does(tmp_path, old, new, name, val
 
 def test_fast_dds_takes_our_profiles_unless_it_is_set_up_otherwise(tmp_path):
     environment = {}
-    assert bound_memory(environment, tmp_path)
+    assert node.bound_memory(environment, tmp_path)
     assert environment['RMW_FASTRTPS_USE_QOS_FROM_XML'] == '1'
-    assert environment['FASTDDS_DEFAULT_PROFILES_FILE'] == str(PROFILES)
-    assert '<historyMemoryPolicy>DYNAMIC<' in PROFILES.read_text(encoding='utf-8')
+    assert environment['FASTDDS_DEFAULT_PROFILES_FILE'] == str(node.PROFILES)
+    assert '<historyMemoryPolicy>DYNAMIC<' in node.PROFILES.read_text(encoding='utf-8')
     # A child of such a process finds it done; what the user has set up stays.
     names = (
         'FASTDDS_DEFAULT_PROFILES_FILE',
@@ -187,23 +185,23 @@ def test_fast_dds_takes_our_profiles_unless_it_is_set_up_otherwise(tmp_path):
     )
     for decided in (environment, *({name: 'mine'} for name in names)):
         before = dict(decided)
-        assert not bound_memory(decided, tmp_path)
+        assert not node.bound_memory(decided, tmp_path)
         assert decided == before
     (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').write_text('<dds/>')
     environment = {}
-    assert not bound_memory(environment, tmp_path)
+    assert not node.bound_memory(environment, tmp_path)
     assert not environment
 
 
 @pytest.fixture(scope='module')
 def managed():
     """Client of a managed node that every test leaves unconfigured."""
-    with live_nodes.hosting(ManagedOctoArmNode, node='managed') as client:
+    with live_nodes.hosting(node.ManagedOctoArmNode, node='managed') as client:
         yield client
 
 
 def test_a_managed_node_answers_while_it_is_active():
-    with live_nodes.running('ros.node.lifecycle') as client:
+    with live_nodes.hosting(node.ManagedOctoArmNode) as client:
         assert client.transition(Transition.TRANSITION_CONFIGURE)
         client.wait(lambda: client.node.count_publishers('backbone/path'), 'a configured node')
         assert client.node.count_subscribers('tendon_tensions') == 0
@@ -243,7 +241,7 @@ def test_a_managed_node_that_does_not_answer_says_so(managed):
 
 def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
     files = [live_nodes.file_with(tmp_path, 'length: 0.45', 'length: 0.1')]
-    with live_nodes.hosting(ManagedOctoArmNode, files=files) as client:
+    with live_nodes.hosting(node.ManagedOctoArmNode, files=files) as client:
         assert not client.transition(Transition.TRANSITION_CONFIGURE)
         assert client.change(body__length=0.45) == (True, '')
         client.log('not configured: sections[1].anchorage is 0.45')
@@ -255,7 +253,7 @@ def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
     [
         (
             'octo_arm',
-            ManagedOctoArmNode,
+            node.ManagedOctoArmNode,
             'markers',
             'tendon_tensions/joint_state',
             'tendon_tensions',
