@@ -147,8 +147,8 @@ def describe(client: ArmClient) -> str:
     )
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Parser of the command line."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until a signal comes or a child process ends; returns the exit status."""
     parser = make_parser(
         _PROG, 'Start node, simulator and viewer of an arm, until Ctrl-C.', _EPILOG
     )
@@ -170,12 +170,7 @@ def build_parser() -> argparse.ArgumentParser:
         'and drag among them',
     )
     add_optional_page(parser)
-    return parser
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run until a signal comes or a child process ends; returns the exit status."""
-    options = build_parser().parse_args(arguments)
+    options = parser.parse_args(arguments)
     return status_of(_PROG, lambda: _show(options))
 
 

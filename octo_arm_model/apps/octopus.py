@@ -139,8 +139,8 @@ def host(config_file: str, numbers: Sequence[int], is_moving: bool) -> None:
     rclpy.try_shutdown()
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Parser of the command line."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until a signal comes or a child process ends; returns the exit status."""
     parser = make_parser(_PROG, 'Eight arms around a body, crawling, until Ctrl-C.', _EPILOG)
     parser.add_argument(
         'config',
@@ -165,12 +165,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--host-arms', type=int, nargs='+', help=argparse.SUPPRESS)
     demo.add_optional_page(parser)
-    return parser
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run until a signal comes or a child process ends; returns the exit status."""
-    options = build_parser().parse_args(arguments)
+    options = parser.parse_args(arguments)
     return status_of(_PROG, lambda: _show(options))
 
 

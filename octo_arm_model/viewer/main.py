@@ -1,6 +1,5 @@
 """The program `octo_arm_viewer`."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 
@@ -20,27 +19,20 @@ It shows what the node publishes, and commands nothing until a slider or button 
 """
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Parser of the command line."""
-    parser = make_parser(_PROG, 'Show an arm in the browser and pull its tendons.', _EPILOG)
-    parser.add_argument('--namespace', default='', help='namespace of the arm')
-    add_address(parser)
-    return parser
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the page until a signal comes; returns the exit status."""
     own, of_ros = split_arguments(arguments)
-    options = build_parser().parse_args(own)
+    parser = make_parser(_PROG, 'Show an arm in the browser and pull its tendons.', _EPILOG)
+    parser.add_argument('--namespace', default='', help='namespace of the arm')
+    add_address(parser)
+    options = parser.parse_args(own)
     # Needs ROS and viser, --help neither.
     from octo_arm_model.ros.client.client import ArmClient
     from octo_arm_model.ros.start import client_node
     from octo_arm_model.viewer.page import Viewer
     from octo_arm_model.viewer.server import serving
 
-    title = page_title(options.namespace.strip('/'))
-
-    is_over = stop_signals()
+    title, is_over = page_title(options.namespace.strip('/')), stop_signals()
 
     def show() -> int:
         with (
