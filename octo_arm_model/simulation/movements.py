@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ProfileError, TensionError
@@ -214,11 +214,6 @@ def tendon_limits(config: Config) -> FloatArray:
     return highest_tensions(config.arm)
 
 
-def are_beyond(tensions: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
-    """Which of ``tensions`` (..., tendons) [N] exceed their limit in ``limits`` (tendons,) [N]."""
-    return tensions > limits * (1.0 + _ROUNDING)
-
-
 def check_command(arm: Arm, tensions: ArrayLike, limits: FloatArray) -> FloatArray:
     """Return commanded ``tensions``, (tendons,) or of `Arm.tension_shape` [N], as (tendons,).
 
@@ -233,7 +228,7 @@ def check_command(arm: Arm, tensions: ArrayLike, limits: FloatArray) -> FloatArr
     if checked.ndim != len(arm.tension_shape):
         raise TensionError(f'tensions have shape {checked.shape}, expected {arm.tension_shape}')
     flat = checked.ravel()
-    beyond = np.flatnonzero(are_beyond(flat, limits))
+    beyond = np.flatnonzero(flat > limits * (1.0 + _ROUNDING))
     if beyond.size:
         tendon = int(beyond[0])
         raise TensionError(
@@ -249,13 +244,12 @@ def check_profile(profile: CommandProfile, arm: Arm, limits: FloatArray) -> None
     Raises:
         ProfileError: if one does not; the message names the row.
     """
-    beyond = are_beyond(profile.tensions, limits).any(axis=1)
-    # The first row beyond a limit, or any row to check its shape.
-    for row in [int(np.argmax(beyond))] if beyond.any() else [0]:
-        try:
-            check_command(arm, profile.tensions[row], limits)
-        except TensionError as error:
-            raise ProfileError(str(error), row) from None
+    # The first row beyond a limit; the first of all, for its shape, where none is.
+    row = int(np.argmax((profile.tensions > limits * (1.0 + _ROUNDING)).any(axis=1)))
+    try:
+        check_command(arm, profile.tensions[row], limits)
+    except TensionError as error:
+        raise ProfileError(str(error), row) from None
 
 
 @functools.cache
