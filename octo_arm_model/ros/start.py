@@ -30,12 +30,6 @@ from octo_arm_model.config import parameter_files
 from octo_arm_model.config.files import load_yaml, read_text
 from octo_arm_model.ros.work import interruptible
 
-# What to do about an error of rcl, by a part of its text.
-_HINTS = {
-    'ogging': 'logs are written to ROS_LOG_DIR, else below ROS_HOME or HOME: '
-    'set one to a folder that can be written'
-}
-
 
 def start_ros(
     arguments: Sequence[str], signals: SignalHandlerOptions = SignalHandlerOptions.NO
@@ -50,8 +44,12 @@ def start_ros(
             rclpy.init(args=given, signal_handler_options=signals)
         except RuntimeError as error:  # what rcl raises
             reason = str(error).split(', at /')[0]
-            hints = [hint for part, hint in _HINTS.items() if part in reason]
-            raise ConfigError('; '.join([reason, *hints])) from error
+            if 'ogging' in reason:
+                reason += (
+                    '; logs are written to ROS_LOG_DIR, else below ROS_HOME or HOME: set one to a '
+                    'folder that can be written'
+                )
+            raise ConfigError(reason) from error
 
 
 @contextlib.contextmanager

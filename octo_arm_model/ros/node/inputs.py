@@ -50,6 +50,7 @@ class Inputs:
     """The subscriptions of a node, and its messages that wait for what they need.
 
     Attributes:
+        node: the node.
         work: has the turns in which messages are read.
         refuse: called with the whole name of a topic and why a message on it is refused.
         skipped: called with the number of messages left out for a newer one, before that is read.
@@ -62,7 +63,7 @@ class Inputs:
         skipped: Callable[[int], None],
     ) -> None:
         """Subscribe ``node`` to nothing yet."""
-        self._node, self.refuse, self.skipped = node, refuse, skipped
+        self.node, self.refuse, self.skipped = node, refuse, skipped
         self.work = WorkQueue(node)
         self._open: dict[str, LatestSubscription] = {}
         self._began = 0.0
@@ -82,7 +83,7 @@ class Inputs:
             ConfigError: if an override of a QoS policy cannot be.
         """
         self._began = time.monotonic()
-        made = LatestSubscription(self, self._node, kind, topic, read, is_apart, is_answered)
+        made = LatestSubscription(self, kind, topic, read, is_apart, is_answered)
         self._open[topic] = made
         return made
 
@@ -196,29 +197,22 @@ class LatestSubscription:
     """
 
     def __init__(
-        self,
-        inputs: Inputs,
-        node: Node,
-        kind: Any,
-        topic: str,
-        read: Read,
-        is_apart: bool,
-        is_answered: bool,
+        self, inputs: Inputs, kind: Any, topic: str, read: Read, is_apart: bool, is_answered: bool
     ) -> None:
         """Subscribe, see `Inputs.subscribe`."""
-        self._inputs, self._node, self._kind, self._read = inputs, node, kind, read
+        self._inputs, self._kind, self._read = inputs, kind, read
         self.is_apart, self.is_answered, self.heard_at = is_apart, is_answered, 0.0
         self._latest: bytes | None = None
         self._older, self._is_open = 0, True
         self._subscription = create_subscription(
-            node, kind, topic, self._keep, INPUT_QOS, raw=True
+            inputs.node, kind, topic, self._keep, INPUT_QOS, raw=True
         )
         self.topic = self._subscription.topic_name
 
     def close(self) -> None:
         """Destroy the subscription."""
         self._is_open = False
-        self._node.destroy_subscription(self._subscription)
+        self._inputs.node.destroy_subscription(self._subscription)
 
     def count_publishers(self) -> int:
         """How many publishers of the topic there are."""
