@@ -1,6 +1,7 @@
 """The line of a terminal that is overwritten, and how often."""
 
 import ast
+import io
 import os
 import re
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 from checkout import ROOT
 
+from octo_arm_model.cli.files import Bar
 from octo_arm_model.terminal import StatusLine, missing, status_of
 
 # What setup.py installs always, and a module of Python from 3.14 on.
@@ -63,3 +65,12 @@ def test_a_program_ends_quietly_with_the_reader_of_its_output(monkeypatch):
 
         assert status_of('program', run) == 141
         print('what Python has left to write at exit', flush=True)
+
+
+def test_a_bar_on_a_terminal_says_something_before_it_is_known_how_much_there_is(monkeypatch):
+    stream = io.StringIO()
+    with Bar('messages', stream):
+        assert not stream.getvalue()
+    monkeypatch.setattr(stream, 'isatty', lambda: True)
+    with Bar('messages', stream):
+        assert 'messages: starting' in stream.getvalue()

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Lines of Python, docstrings and comments included.
 MOST = {
-    'octo_arm_model': 46_250,
+    'octo_arm_model': 46_260,
     'octo_arm_model/analysis': 1_610,
     'octo_arm_model/apps': 460,
     'octo_arm_model/arm': 2_500,
@@ -31,7 +31,7 @@ MOST = {
     'octo_arm_model/simulation': 2_300,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_410,
-    'test': 25_200,
+    'test': 25_220,
 }
 
 

@@ -396,15 +396,15 @@ def run(options: argparse.Namespace) -> int:
         table = {**(sources.parameters or {}), **sources.values} if sources.parameters else None
         is_table = options.bag.suffix == '.csv'
         names = sources.marker_names if is_table else ()
-        reader = opened.enter_context(
-            open_bag(options.bag, table, sources.calibration, columns, names)
-        )
-        if is_table:
-            described = as_described({**(sources.parameters or {}), **sources.calibration})
-            sources = dataclasses.replace(
-                sources, parameters=described, calibration={}, marker_names=()
-            )
         with Bar('messages') as bar:
+            reader = opened.enter_context(
+                open_bag(options.bag, table, sources.calibration, columns, names)
+            )
+            if is_table:
+                described = as_described({**(sources.parameters or {}), **sources.calibration})
+                sources = dataclasses.replace(
+                    sources, parameters=described, calibration={}, marker_names=()
+                )
             recorded = read_recorded(reader, sources, bar.on_terminal)
         sensors = ([TENSIONS] if recorded.sensors.tensions else []) + list(recorded.sensors.others)
         _refuse_idle(options, sensors, recorded.settings.unknowns)

@@ -27,6 +27,9 @@ class Bar(StatusLine):
         self._things, self._began = things, time.monotonic()
 
     def __enter__(self) -> 'Bar':
+        # How many there are may take a while to find out, as of a long table.
+        if self.is_terminal:
+            self.show(lambda: f'{self._things}: starting', always=True)
         return self
 
     def __call__(self, done: int, total: int) -> None:
