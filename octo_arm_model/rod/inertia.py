@@ -53,6 +53,7 @@ class MovingProblem(Problem):
         rule: velocities and accelerations, of a rod at rest at first.
         reference: moment and force that residuals are measured by besides `Work.scale`, (m,).
         base: position [m] and quaternion w, x, y, z of the base, (7,).
+        is_viscous: whether viscosity damps it.
     """
 
     def __init__(
@@ -104,7 +105,7 @@ class MovingProblem(Problem):
             bool(section[:, DISPLACED:].any()),
             _viscosities(arm, elements.s, strains, properties),
         )
-        self._is_viscous = bool(self.moving.viscous.any())
+        self.is_viscous = bool(self.moving.viscous.any())
         self.base = np.array([*np.zeros(3), *tables.base])
         self.rest = TimeRule(
             0.0,
@@ -153,7 +154,7 @@ class MovingProblem(Problem):
         Where velocities change by ``c1`` and accelerations by ``c0`` times what the places do.
         """
         work = self.work
-        if self._is_viscous:
+        if self.is_viscous:
             diagonal = np.einsum('ii->i', work.jacobian)
             diagonal += c1 * self.moving.viscous.ravel()
         tangents = [self._tangents(c1, c0)]

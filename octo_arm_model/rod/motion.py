@@ -343,9 +343,10 @@ class Dynamics:
                     return found
             except SolveError as error:
                 if dt < _LEAST_HALF:
+                    undamped = '; nothing damps its waves: state a viscosity or damping_time'
                     raise SolveError(
                         f'the motion ends at {state.time:.6g} s, no step of {dt:.2g} s succeeds: '
-                        f'{error}'
+                        f'{error}{"" if self.problem.is_viscous else undamped}'
                     ) from None
         middle = self._advance(state, self._between(state, given, 0.5), 0.5 * dt, short)
         return self._advance(middle, given, 0.5 * dt, short)
