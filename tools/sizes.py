@@ -23,7 +23,7 @@ MOST = {
     'octo_arm_model/bags': 2_780,
     'octo_arm_model/cli': 3_010,
     'octo_arm_model/config': 2_100,
-    'octo_arm_model/estimation': 4_020,
+    'octo_arm_model/estimation': 4_010,
     'octo_arm_model/experiment': 6_390,
     'octo_arm_model/reproduce': 1_080,
     'octo_arm_model/rod': 11_390,

@@ -228,15 +228,6 @@ class Judge:
             return bank, list(range(len(bank.doubts)))
         return self._about(bank._replace(heard=known), bank.doubts[bank.leader])
 
-    def forgiven(self, bank: Bank, sources: Sequence[int]) -> Bank:
-        """New hypotheses, of one of the ``sources`` as others are, are no more contradicted.
-
-        What they predicted was linearised from afar.
-        """
-        is_new = np.array([sources.count(one) > 1 for one in sources])
-        least = np.where(is_new, bank.contradiction[bank.leader], MOST)
-        return bank._replace(contradiction=np.minimum(bank.contradiction, least))
-
     def followed(self, bank: Bank) -> Bank:
         """Hypotheses that are contradicted go on from what the leader knows."""
         if len(bank.doubts) == 1:

@@ -234,8 +234,9 @@ class _Update:
         bank = new_bank(model)
         if earlier is not None:
             bank = earlier.bank.after(model, self._time - earlier.time)
-        start_at = Prediction(model, bank.leading.mean, None) if start is None else start.at
-        at = Prediction(model, bank.leading.mean, start_at.shape)
+        mean = bank.mean[bank.leader]
+        start_at = Prediction(model, mean, None) if start is None else start.at
+        at = Prediction(model, mean, start_at.shape)
         parts: list[tuple[Rows, Judged]] = []
         if self._linear is not None:
             bank, judged = judge.linear(bank, self._linear, at)
@@ -249,8 +250,6 @@ class _Update:
                 known = bank.leading
                 start_at = Prediction(model, nearest_possible(model, known.root, known.mean), None)
             bank, judged, at = judge.shaped(bank, self._shapes, start_at, is_new=start is None)
-            if len(set(sources)) < len(sources):
-                bank = judge.forgiven(bank, sources)
             parts.append((self._shapes, judged))
         leader, (doubted, suspects) = bank.leader, judge.accused(bank)
         since = None
