@@ -104,8 +104,9 @@ class Arm:
         """Check that radius and elastic constants are in range all along the arm."""
         inner = self.body.inner_radius
         stiffness = self.stiffness.profiles.items()
+        size = f'> 0 and at most the length, {self.length} [m]'
         for name, given, low, high, expected in (
-            *((name, one, 0.0, math.inf, '> 0 [m]') for name, one in self.body.profiles.items()),
+            *((name, one, 0.0, self.length, size) for name, one in self.body.profiles.items()),
             ('body.inner_radius', inner, -SMALLEST, math.inf, '>= 0 [m]'),
             ('material.youngs_modulus', self.material.youngs_modulus, 0.0, math.inf, '> 0 [Pa]'),
             ('material.poisson_ratio', self.material.poisson_ratio, -1.0, 0.5, 'in (-1, 0.5] [-]'),

@@ -263,6 +263,10 @@ def test_a_table_has_a_bound_and_holds_numbers():
         (lambda: Table((0.0, 'x'), (1.0, 2.0)), "table.s is (0.0, 'x'), expected finite numbers"),
         (lambda: Table((0.0, 0.2), (1.0, 2.0), 'E').cover('E', 0.3), 'last s of E is 0.2, exp'),
         (lambda: Arm(MATERIAL, BODY, (0.4,)), 'sections is (0.4,), expected a sequence of'),
+        (
+            lambda: Arm(MATERIAL, Body(0.4, 15.0, 8.0), (Section(0.4, 0.0, 0.0),)),
+            'body.radius at s = 0 m is 15.0, expected a finite number > 0 and at most the length',
+        ),
         (lambda: Loads(points=Z), 'loads.points is (0.0, 0.0, 1.0), expected a list of PointLoad'),
         (
             lambda: Loads(distributed=[Z]),
