@@ -9,6 +9,7 @@ from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.ros.launch_parts import (
     arm_node,
     declare,
+    is_true,
     node,
     params_file,
     rviz,
@@ -32,7 +33,7 @@ def start(context):
         of_simulator.append({'profile.name': text('profile'), 'profile.loop': True})
     program, of_arm, of_truth = 'octo_arm_node', of_load_cells, {}
     config = load_config(file)
-    if value_of('estimate', context).lower() in ('true', '1'):
+    if is_true('estimate', context):
         of_sensors, of_estimator = touched(config)
         of_simulator.append(of_sensors)
         of_truth = {'model': of_sensors['model']}
@@ -42,7 +43,7 @@ def start(context):
         node('octo_arm_sim', 'octo_arm_sim', namespace, *of_simulator),
         rviz('octo_arm.rviz', namespace),
     ]
-    if value_of('ground_truth', context).lower() in ('true', '1'):
+    if is_true('ground_truth', context):
         # Beside the frames of the arm, which differ from those of other arms.
         prefix = value_of('frame_prefix', context) or config.frame_prefix
         # True tensions are no readings of the load cells that the file may describe.

@@ -44,6 +44,11 @@ def value_of(name: str, context: LaunchContext) -> str:
     return str(LaunchConfiguration(name).perform(context))
 
 
+def is_true(name: str, context: LaunchContext) -> bool:
+    """Whether the argument ``name`` is true or 1; an error of launch unless it is false or 0."""
+    return bool(IfCondition(LaunchConfiguration(name)).evaluate(context))
+
+
 def params_file(context: LaunchContext) -> str:
     """Path of the parameter file that the argument ``params_file`` gives, by path or preset.
 

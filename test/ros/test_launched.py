@@ -12,6 +12,7 @@ pytest.importorskip('launch_ros', reason='needs an installed ROS')
 
 from launch import LaunchContext
 from launch.actions import DeclareLaunchArgument, LogInfo
+from launch.conditions import InvalidConditionExpressionError
 from launch.utilities import perform_substitutions
 from launch_ros.actions import Node
 from launch_ros.utilities import evaluate_parameters
@@ -116,6 +117,8 @@ def test_an_estimator_takes_the_place_of_the_node_of_an_arm_that_is_pushed():
     found = programs['octo_arm_estimator']['estimator.marker_s']
     assert found == programs['octo_arm_sim']['sensors.marker_s'] and len(found) == 2
     assert programs['octo_arm_node']['model'] == 'exact'
+    with pytest.raises(InvalidConditionExpressionError):
+        started('simulation', estimate='yes')
 
 
 def installed(monkeypatch: pytest.MonkeyPatch, folder: Path, *packages: str) -> None:
