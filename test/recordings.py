@@ -14,7 +14,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model import Arm, Config, load_config
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.topics import Reading, read_tensions
+from octo_arm_model.bags.topics import Reading, Source
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.wire.tensions import TENSION_TOPICS
 
@@ -176,7 +176,8 @@ def tensions_in(
     reader: BagReader, config: Config, topic: str = '/tendon_tensions'
 ) -> list[Reading]:
     """Tensions in the messages of a topic."""
-    return [read_tensions(reader, config, '', record) for record in reader.messages([topic])]
+    source = Source(topic)
+    return [source.read(reader, config, record) for record in reader.messages([topic])]
 
 
 def assert_alike(found: Sequence[bytes], expected: Sequence[bytes]) -> None:

@@ -11,13 +11,7 @@ from rosbags.interfaces import Connection
 from octo_arm_model.arm.errors import BagError, SolveError
 from octo_arm_model.bags.answers import Answer, Answers
 from octo_arm_model.bags.reader import BagReader, Record
-from octo_arm_model.bags.topics import (
-    ANSWERS,
-    DESCRIPTION,
-    RecordedArm,
-    read_lengths,
-    read_tensions,
-)
+from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION, RecordedArm
 from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, station_rows, tension_columns
@@ -228,19 +222,13 @@ class _Output:
         step: float | None,
     ) -> None:
         config = Config.from_parameters(arm.parameters)
-        self.topics, self.model = arm.topics, config.model if step is None else MOVING
+        self.topics = [source.topic for source in arm.sources]
+        self.model = config.model if step is None else MOVING
         self._tendons = config.arm.tendon_names
-        self._inputs = {
-            topic: partial(
-                read_lengths if topic in arm.displacements else read_tensions,
-                reader,
-                config,
-                arm.fields.get(topic, ''),
-            )
-            for topic in arm.topics
-        }
+        self._inputs = {one.topic: partial(one.read, reader, config) for one in arm.sources}
         self._newest: dict[str, int] = {}
-        self.answers = Answers(config, lengths, bool(arm.displacements), step)
+        is_driven = any(source.is_displacements for source in arm.sources)
+        self.answers = Answers(config, lengths, is_driven, step)
         description = arm.prefix + DESCRIPTION
         writer.add_text(description, parameters_as_yaml(arm.parameters), reader.start_ns)
         self.connections = [

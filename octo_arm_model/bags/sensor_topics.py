@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.bags import topics
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.topics import TYPES, pick_displacements, pick_tensions, read_tensions
+from octo_arm_model.bags.topics import TYPES, Source, pick_displacements, pick_tensions
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.measurements import Measurement, Tensions
 from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS, MeasuredArm
@@ -58,21 +57,20 @@ class SensorTopics:
     """The topics of one arm.
 
     Attributes:
-        tensions: that of the tensions; '' for none.
-        field: what holds them, where that is not the usual field.
+        tensions: where those are; None for nowhere.
         others: topics by their row of `MEASUREMENT_TOPICS`.
         options: how each of these is read, besides its message and the arm.
     """
 
-    tensions: str
-    field: str
+    tensions: Source | None
     others: Mapping[str, str]
     options: Mapping[str, Mapping[str, Any]]
 
     @property
     def all(self) -> list[str]:
         """All of them."""
-        return [topic for topic in (self.tensions, *self.others.values()) if topic]
+        own = [] if self.tensions is None else [self.tensions.topic]
+        return [*own, *self.others.values()]
 
     @property
     def prefix(self) -> str:
@@ -109,7 +107,8 @@ def find_sensors(
             continue
         own: dict[str, Any] = {'names': marker_names} if name == MARKERS else {}
         if name == DISPLACEMENTS:
-            topic, own['field'] = pick_displacements(reader, wanted) or ('', '')
+            source = pick_displacements(reader, wanted) or Source('')
+            topic, own['field'] = source.topic, source.field
         elif name == MARKERS and ':' in (wanted or ''):
             topic, _, own['field'] = str(wanted).partition(':')
             topic = topics.pick_topic(reader, topic, None, name)
@@ -117,26 +116,25 @@ def find_sensors(
             topic = topics.pick_usual(reader, wanted, name, (row.type_name,), name) or ''
         if topic:
             found[name], options[topic] = topic, own
-    topic, held = _tensions(reader, tensions, set(found.values()))
-    sensors = SensorTopics(topic, held, found, options)
+    cells: Source | None = None
+    if tensions is not None and tensions != NONE:
+        cells = pick_tensions(reader, tensions)
+    elif tensions is None:
+        there = [
+            topic
+            for topic in topics.measured_topics(reader, TYPES)
+            if topic not in found.values() and reader.count([topic])
+        ]
+        usual = [topic for topic in there if topics.names(topic, *TENSION_TOPICS)]
+        only = topics.only_one(reader, usual or there, 'tensions')
+        cells = None if only is None else Source(only)
+    sensors = SensorTopics(cells, found, options)
     if not sensors.all:
         raise BagError(
             f'{reader.path}: nothing is measured there, expected tensions or '
             f'{", ".join(MEASUREMENT_TOPICS)}; {reader.listing}'
         )
     return sensors
-
-
-def _tensions(reader: BagReader, wanted: str | None, others: set[str]) -> tuple[str, str]:
-    """Topic and field of the tensions; '' for none."""
-    if wanted == NONE:
-        return '', ''
-    if wanted is not None:
-        return pick_tensions(reader, wanted)
-    found = [topic for topic in topics.measured_topics(reader, TYPES) if topic not in others]
-    there = [topic for topic in found if reader.count([topic])]
-    usual = [topic for topic in there if topics.names(topic, *TENSION_TOPICS)]
-    return topics.only_one(reader, usual or there, 'tensions') or '', ''
 
 
 def read_tension_rows(
@@ -157,33 +155,28 @@ def read_tension_rows(
         count = reader.count(sensors.all)
         raise BagError(f'{reader.path}: {count} messages measured, at most {MOST_MESSAGES}')
     times, rows = [], []
-    if sensors.tensions:
-        raw = partial(read_tensions, reader, config, sensors.field, raw=True)
-        for record in reader.messages([sensors.tensions]):
-            reading = raw(record)
-            if reading.tensions is None:
-                refusals.count(record.topic, reading.reason)
-            elif reason := _immeasurable(reading.tensions.ravel(), config.arm):
-                refusals.count(record.topic, reason)
-            else:
-                times.append((reading.stamp_ns, record.received_ns))
-                rows.append(reading.tensions.ravel())
-            done(1)
+    for record in reader.messages([sensors.tensions.topic]) if sensors.tensions else ():
+        assert sensors.tensions is not None
+        reading = sensors.tensions.read(reader, config, record, raw=True)
+        row = np.zeros(0) if reading.tensions is None else reading.tensions.ravel()
+        # Those that are no numbers, too: the measurement would refuse them.
+        wrong = ~(np.abs(row) <= LARGEST)
+        if reading.tensions is None:
+            refusals.count(record.topic, reading.reason)
+        elif wrong.any():
+            number = int(wrong.argmax())
+            reason = (
+                f'reading of {config.arm.tendon_names[number]} is {row[number]:g} N, expected a '
+                f'finite number of at most {LARGEST:g}'
+            )
+            refusals.count(record.topic, reason)
+        else:
+            times.append((reading.stamp_ns, record.received_ns))
+            rows.append(row)
+        done(1)
     table = np.array(rows, np.float64).reshape(-1, len(config.arm.tendons))
     stamps, received = np.array(times, np.int64).reshape(-1, 2).T
     return RecordedTensions(stamps, received, table)
-
-
-def _immeasurable(tensions: FloatArray, arm: Arm) -> str:
-    """Why ``tensions`` (tendons,) [N] are no `Tensions` of ``arm``; '' if they are."""
-    wrong = ~(np.abs(tensions) <= LARGEST)  # those that are no numbers, too
-    if not wrong.any():
-        return ''
-    number = int(wrong.argmax())
-    return (
-        f'reading of {arm.tendon_names[number]} is {tensions[number]:g} N, expected a finite '
-        f'number of at most {LARGEST:g}'
-    )
 
 
 def read_measured(

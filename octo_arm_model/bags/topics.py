@@ -47,11 +47,6 @@ def namespace(topic: str, usual: Iterable[str]) -> str:
     return topic[: topic.rfind('/') + 1]
 
 
-def holds_displacements(topic: str, type_name: str) -> bool:
-    """Whether messages of a type on ``topic`` are displacements for the node."""
-    return names(topic, DISPLACEMENTS) and type_name == DISPLACEMENT_TYPE
-
-
 def pick_topic(
     reader: BagReader,
     wanted: str | None,
@@ -173,13 +168,44 @@ class Reading(NamedTuple):
         return self.stamp.ns
 
 
-def pick_tensions(
-    reader: BagReader, wanted: str | None, without: str | None = None
-) -> tuple[str, str]:
-    """Topic of tensions and the field they are in, '' for the usual one of its type.
+class Source(NamedTuple):
+    """Where tensions or displacements are read.
 
-    ``wanted`` is TOPIC or TOPIC:FIELD; None for the only topic that there is ``without`` one that
-    is read as something else.
+    Attributes:
+        topic: of their messages.
+        field: what holds the numbers, or '' for the usual field of the type.
+        is_displacements: whether they are displacements.
+    """
+
+    topic: str
+    field: str = ''
+    is_displacements: bool = False
+
+    def read(
+        self, reader: BagReader, config: Config, record: Record, *, raw: bool = False
+    ) -> Reading:
+        """What a ``record`` says of the arm and its sensors in ``config``, or why that is nothing.
+
+        ``raw`` tensions may be below zero, as noise is.
+        """
+        cells, arm = config.load_cells, config.arm
+        if self.is_displacements:
+            lengths = partial(
+                read_displacements, arm=arm, encoders=config.encoders, field=self.field
+            )
+            stamp, found, reason = reader.read(record, lengths)
+            return _stampable(Reading(stamp, None, reason, found))
+        named = FieldMessage(record.type_name, self.field)
+        kind = named if self.field else _KINDS[record.type_name]
+        calibrated = cells.scale_and_offset if raw else partial(cells.tensions, arm)
+        read = reader.read(record, lambda one: calibrated(kind.read(one, arm, cells.names)))
+        return _stampable(Reading(*read))
+
+
+def pick_tensions(reader: BagReader, wanted: str | None, without: str | None = None) -> Source:
+    """Tensions on the topic ``wanted``, TOPIC or TOPIC:FIELD.
+
+    None stands for the only topic that there is ``without`` one that is read as something else.
 
     Raises:
         BagError: if there is none; the message lists the numeric fields of other types.
@@ -187,31 +213,17 @@ def pick_tensions(
     if wanted is not None and ':' in wanted:
         return _pick_field(reader, wanted, 'tensions')
     try:
-        topic = pick_topic(reader, wanted, TYPES, 'tensions', without)
+        return Source(pick_topic(reader, wanted, TYPES, 'tensions', without))
     except BagError as error:
         others = [wanted] if wanted is not None else list(reader.topics)
         others = [reader.full_name(one) for one in others]
         raise BagError(f'{error}{_fields_of(reader, others)}') from None
-    return topic, ''
 
 
-def _pick_field(reader: BagReader, wanted: str, what: str) -> tuple[str, str]:
-    """Topic and numeric field that ``wanted``, TOPIC:FIELD, names; BagError lists those there."""
-    topic, _, field = wanted.partition(':')
-    topic = pick_topic(reader, topic, None, what)
-    fields = reader.numeric_fields(reader.topics[topic])
-    if re.sub(r'\[\d+\]', '', field) not in fields:
-        raise BagError(
-            f'{reader.path}: {topic} ({reader.topics[topic]}) has no numeric field {field!r}; '
-            f'it has {", ".join(fields) or "none"}'
-        )
-    return topic, field
+def pick_displacements(reader: BagReader, wanted: str | None) -> Source | None:
+    """Displacements on the topic ``wanted``, TOPIC or TOPIC:FIELD.
 
-
-def pick_displacements(reader: BagReader, wanted: str | None) -> tuple[str, str] | None:
-    """Topic of displacements and the field they are in, '' for positions of a JointState.
-
-    ``wanted`` is TOPIC or TOPIC:FIELD; None for tendon_displacements, if there.
+    None stands for tendon_displacements, if there.
 
     Raises:
         BagError: if there is no such topic or field, or there are several.
@@ -220,7 +232,20 @@ def pick_displacements(reader: BagReader, wanted: str | None) -> tuple[str, str]
         return _pick_field(reader, wanted, 'displacements')
     kinds = (DISPLACEMENT_TYPE,)
     topic = pick_usual(reader, wanted, DISPLACEMENTS, kinds, 'displacements')
-    return None if topic is None else (topic, '')
+    return None if topic is None else Source(topic, '', True)
+
+
+def _pick_field(reader: BagReader, wanted: str, what: str) -> Source:
+    """What ``wanted``, TOPIC:FIELD, names; BagError lists the numeric fields there."""
+    topic, _, field = wanted.partition(':')
+    topic = pick_topic(reader, topic, None, what)
+    fields = reader.numeric_fields(reader.topics[topic])
+    if re.sub(r'\[\d+\]', '', field) not in fields:
+        raise BagError(
+            f'{reader.path}: {topic} ({reader.topics[topic]}) has no numeric field {field!r}; '
+            f'it has {", ".join(fields) or "none"}'
+        )
+    return Source(topic, field, what == 'displacements')
 
 
 def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
@@ -232,30 +257,6 @@ def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
             if fields := reader.numeric_fields(type_name):
                 found.append(f'{topic}:{{{",".join(fields)}}}')
     return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(found)}' if found else ''
-
-
-def read_tensions(
-    reader: BagReader, config: Config, field: str, record: Record, *, raw: bool = False
-) -> Reading:
-    """Tensions of a ``record``, for the arm and load cells of ``config``, or why it was refused.
-
-    Readings are in ``field``, if that is given; ``raw`` ones may be below zero, as noise is.
-    """
-    cells, arm = config.load_cells, config.arm
-    calibrated = cells.scale_and_offset if raw else partial(cells.tensions, arm)
-    kind = FieldMessage(record.type_name, field) if field else _KINDS[record.type_name]
-    found = reader.read(record, lambda message: calibrated(kind.read(message, arm, cells.names)))
-    return _stampable(Reading(*found))
-
-
-def read_lengths(reader: BagReader, config: Config, field: str, record: Record) -> Reading:
-    """Displacements of a ``record``, as the node reads them, or why it was refused.
-
-    Readings are in ``field``, if that is given.
-    """
-    read = partial(read_displacements, arm=config.arm, encoders=config.encoders, field=field)
-    stamp, found, reason = reader.read(record, read)
-    return _stampable(Reading(stamp, None, reason, found))
 
 
 def _stampable(reading: Reading) -> Reading:
@@ -277,17 +278,13 @@ class RecordedArm(NamedTuple):
 
     Attributes:
         prefix: namespace of its topics, with the slash.
-        topics: those of both.
+        sources: of both.
         parameters: what it is, see `Config.from_parameters`.
-        fields: what holds the numbers, of topics where that is not the usual field.
-        displacements: those of ``topics`` that hold displacements.
     """
 
     prefix: str
-    topics: tuple[str, ...]
+    sources: tuple[Source, ...]
     parameters: Mapping[str, Any]
-    fields: Mapping[str, str] = MappingProxyType({})
-    displacements: frozenset[str] = frozenset()
 
 
 def find_arms(
@@ -313,46 +310,31 @@ def find_arms(
         BagError: if there are no tensions, or a topic is named twice.
         ConfigError: if there is no description.
     """
-    driven = dict(filter(None, (pick_displacements(reader, one) for one in displacements)))
-    if topics:
-        named = [_pick(reader, topic) for topic in topics]
-        picked = dict(named)
-        if len(picked) < len(named):
-            raise BagError(f'--topics names {" ".join(topics)}, expected each topic once')
-    else:
-        found = [] if driven else usual_topics(reader, DISPLACEMENTS, (DISPLACEMENT_TYPE,))
-        for usual, kind in TENSION_TOPICS.items():
-            found += usual_topics(reader, usual, (kind.type_name,))
-        picked = dict.fromkeys(sorted(found), '')
-        if not (picked or driven):
-            picked = dict([pick_tensions(reader, None)])
-    picked |= driven
-    by_prefix: dict[str, list[str]] = {}
-    for topic in picked:
-        by_prefix.setdefault(namespace(topic, (*TENSION_TOPICS, DISPLACEMENTS)), []).append(topic)
+    driven = list(filter(None, (pick_displacements(reader, one) for one in displacements)))
+    picked = []
+    for topic in topics:
+        name = reader.full_name(topic)
+        is_usual = names(name, DISPLACEMENTS) and reader.topics.get(name) == DISPLACEMENT_TYPE
+        picked.append(Source(name, '', True) if is_usual else pick_tensions(reader, topic))
+    if len({one.topic for one in picked}) < len(picked):
+        raise BagError(f'--topics names {" ".join(topics)}, expected each topic once')
+    if not topics:
+        usual = {} if driven else {DISPLACEMENTS: DISPLACEMENT_TYPE}
+        usual |= {name: kind.type_name for name, kind in TENSION_TOPICS.items()}
+        for name, kind in usual.items():
+            found = usual_topics(reader, name, (kind,))
+            picked += [Source(topic, '', name == DISPLACEMENTS) for topic in found]
+        picked = sorted(picked) or ([] if driven else [pick_tensions(reader, None)])
+    by_prefix: dict[str, list[Source]] = {}
+    for source in {one.topic: one for one in (*picked, *driven)}.values():
+        prefix = namespace(source.topic, (*TENSION_TOPICS, DISPLACEMENTS))
+        by_prefix.setdefault(prefix, []).append(source)
     arms = []
     for prefix, own in by_prefix.items():
         values = dict(parameters if parameters is not None else describe(reader, prefix))
-        if model is not None:
-            values['model'] = model
-        values.update(calibration)
-        fields = {topic: picked[topic] for topic in own if picked[topic]}
-        lengths = frozenset(
-            topic
-            for topic in own
-            if topic in driven
-            or (topic not in fields and holds_displacements(topic, reader.topics[topic]))
-        )
-        arms.append(RecordedArm(prefix, tuple(own), values, fields, lengths))
+        values |= {**({} if model is None else {'model': model}), **calibration}
+        arms.append(RecordedArm(prefix, tuple(own), values))
     return arms
-
-
-def _pick(reader: BagReader, wanted: str) -> tuple[str, str]:
-    """Topic of tensions and its field, see `pick_tensions`, or one of displacements."""
-    topic = reader.full_name(wanted)
-    if holds_displacements(topic, reader.topics.get(topic, '')):
-        return topic, ''
-    return pick_tensions(reader, wanted)
 
 
 def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:

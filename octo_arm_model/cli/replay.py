@@ -102,17 +102,18 @@ def run(options: argparse.Namespace) -> None:
         arms = find_arms(
             reader, options.topics, parameters, options.model, calibration, options.displacements
         )
-        if all(arm.displacements.issuperset(arm.topics) for arm in arms):
+        sources = [source for arm in arms for source in arm.sources]
+        if all(source.is_displacements for source in sources):
             arguments.refuse_without_effect(
                 options, ('--tendons',), 'on displacements, which have names'
             )
         custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
-        topics = [topic for arm in arms for topic in arm.topics]
         with contextlib.ExitStack() as open_files:
             writer = open_files.enter_context(BagWriter(options.out, options.storage, custom))
             table = None
             if options.csv is not None:
                 place = open_files.enter_context(writing(options.csv, folder=True))
+                topics = [source.topic for source in sources]
                 table = open_files.enter_context(CsvAnswers(place, topics))
             report = replay(
                 reader,

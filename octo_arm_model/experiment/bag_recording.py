@@ -15,14 +15,12 @@ from octo_arm_model.bags.reader import BagReader, Record, stamp_of
 from octo_arm_model.bags.topics import (
     DESCRIPTION,
     MIDLINE,
-    Reading,
+    Source,
     describe,
     namespace,
     pick_displacements,
     pick_tensions,
     pick_topic,
-    read_lengths,
-    read_tensions,
 )
 from octo_arm_model.bags.writer import LEVEL, TENSIONS, BagWriter, SensorMessages
 from octo_arm_model.config.config import Config
@@ -48,15 +46,22 @@ class MeasuredTopics:
     """Reads measured points off the topics of a bag."""
 
     def __init__(
-        self, reader: BagReader, measured: Measured, points: MeasuredPoints, base_frame: str
+        self,
+        reader: BagReader,
+        measured: Measured,
+        points: MeasuredPoints,
+        base_frame: str,
+        count: Count,
     ) -> None:
         """Read from ``reader``, and check ``points``, of an arm in ``base_frame``.
+
+        Each message is counted.
 
         Raises:
             BagError: if a topic is missing, or of a type without points.
         """
         self._reader, self._measured, self._points = reader, measured, points
-        self._base_frame = base_frame
+        self._base_frame, self._count = base_frame, count
         self.topics: list[str] = []
         self._fields: dict[str, str] = {}  # where points are, of topics of any type
         what = 'markers' if measured.marker_s else 'midlines or tips'
@@ -77,12 +82,12 @@ class MeasuredTopics:
                     self._fields[self.topics[-1]] = field
             if len(set(self.topics)) < len(self.topics):
                 raise MeasurementError('--midlines names a topic twice, expected each once')
+        count.expect(reader.count(list(dict.fromkeys(self.topics))))
 
-    def read(self, refusals: Refusals, count: Count) -> Stamped:
+    def read(self, refusals: Refusals) -> Stamped:
         """All frames; ``refusals`` count the messages left out.
 
-        Markers of several topics, or of TF, with the same stamp are one frame. Each message
-        is counted.
+        Markers of several topics, or of TF, with the same stamp are one frame.
 
         Raises:
             MeasurementError: if no transforms of TF lead to a marker, or there are too many.
@@ -90,20 +95,20 @@ class MeasuredTopics:
         source, frames = ', '.join(self.topics), dict[int, FloatArray]()
         is_tf = bool(self._measured.marker_frames)
         if not is_tf and len(self.topics) == 1:
-            found = list(self._messages(refusals, count, self._read))
+            found = list(self._messages(refusals, self._read))
             return Stamped(source, [stamp for stamp, _ in found], [points for _, points in found])
         read = self._of_tf if is_tf else partial(self._messages, read=self._read)
-        for stamp, points in read(refusals, count):
+        for stamp, points in read(refusals):
             seen = np.isfinite(points)
             frames.setdefault(stamp, points)[seen] = points[seen]
         return Stamped(source, sorted(frames), [frames[stamp] for stamp in sorted(frames)])
 
     def _messages(
-        self, refusals: Refusals, count: Count, read: Callable[[Record, Any], T]
+        self, refusals: Refusals, read: Callable[[Record, Any], T]
     ) -> Iterator[tuple[int, T]]:
         """Stamps [ns] of messages and what ``read`` makes of each, left out where nothing."""
         for record in self._reader.messages(list(dict.fromkeys(self.topics))):
-            count.add()
+            self._count.add()
             stamp, found, reason = self._reader.read(record, partial(read, record))
             if found is None:
                 refusals.count(record.topic, reason)
@@ -123,14 +128,14 @@ class MeasuredTopics:
         is_midline = record.type_name in MIDLINES if field is None else len(points) > 1
         return self._points.check(points, is_midline)
 
-    def _of_tf(self, refusals: Refusals, count: Count) -> Iterator[tuple[int, FloatArray]]:
+    def _of_tf(self, refusals: Refusals) -> Iterator[tuple[int, FloatArray]]:
         """Stamps and points of each marker by chains of transforms.
 
         In base_frame where transforms lead there, otherwise in their root.
         """
         tree, number, topics = TransformTree(), 0, ' and '.join(self.topics)
         found = self._messages(
-            refusals, count, lambda record, message: [(record, one) for one in message.transforms]
+            refusals, lambda record, message: [(record, one) for one in message.transforms]
         )
         for _, transforms in found:
             number += len(transforms)
@@ -172,8 +177,10 @@ class BagRecording:
 
     Attributes:
         reader: the bag.
-        notes: remarks on it.
+        cells: where tensions are; None for nowhere.
+        encoders: where encoder readings are; None for nowhere.
         count: of the messages that are read.
+        notes: remarks on the bag.
     """
 
     def __init__(
@@ -189,69 +196,42 @@ class BagRecording:
         Raises:
             BagError: if there is neither, or a topic is missing.
         """
-        self.reader, self.count = reader, count
-        self.notes = notes_on(reader)
-        # Topics, and the fields that they are in.
-        self._encoders: tuple[str, str] | None = None
-        self._tensions: tuple[str, str] | None = None
-        if files.displacements is None:
-            self._encoders = pick_displacements(reader, displacements)
-        if files.tensions is not None:
-            return
-        try:
-            self._tensions = pick_tensions(reader, tensions, (self._encoders or [None])[0])
-        except BagError:
-            if tensions is not None or (self._encoders is None and files.displacements is None):
-                raise
+        self.reader, self.count, self.notes = reader, count, notes_on(reader)
+        self.cells: Source | None = None
+        has_file = files.displacements is not None
+        self.encoders = None if has_file else pick_displacements(reader, displacements)
+        if files.tensions is None:
+            without = self.encoders.topic if self.encoders else None
+            try:
+                self.cells = pick_tensions(reader, tensions, without)
+            except BagError:
+                if tensions is not None or not (self.encoders or has_file):
+                    raise
 
-    def parameters(self, given: Mapping[str, Any] | None) -> dict[str, Any]:
-        """Parameters of the arm: those ``given``, or else its description in the bag.
-
-        Raises:
-            ConfigError: if there is no description.
-        """
-        if given is not None:
-            return dict(given)
-        topic, _ = self._tensions or self._encoders or ('/', '')
+    def described(self) -> dict[str, Any]:
+        """Parameters of the arm; ConfigError if there is no description of it."""
+        topic, *_ = self.cells or self.encoders or ('/',)
         return describe(self.reader, namespace(topic, (*TENSION_TOPICS, DISPLACEMENTS)))
 
     def measured(
-        self, measured: Measured, points: MeasuredPoints, config: Config
+        self, measured: Measured, points: MeasuredPoints, base_frame: str
     ) -> MeasuredTopics:
-        """The topics of what was ``measured``.
+        """The topics of what was ``measured``, see `MeasuredTopics`."""
+        return MeasuredTopics(self.reader, measured, points, base_frame, self.count)
 
-        Raises:
-            BagError: see `MeasuredTopics`.
-        """
-        topics = MeasuredTopics(self.reader, measured, points, config.base_frame)
-        self.count.expect(self.reader.count(list(dict.fromkeys(topics.topics))))
-        return topics
-
-    def tensions(self, config: Config, refusals: Refusals) -> Stamped | None:
-        """Tensions of the arm of ``config``; None if there is no topic of them."""
-        if self._tensions is None:
+    def readings(
+        self, source: Source | None, config: Config, refusals: Refusals
+    ) -> Stamped | None:
+        """Tensions, or encoder readings, NaN of tendons without one; None of no ``source``."""
+        if source is None:
             return None
-        topic, field = self._tensions
-        read = partial(read_tensions, self.reader, config, field)
-        return self._read(topic, read, config, refusals)
-
-    def displacements(self, config: Config, refusals: Refusals) -> Stamped | None:
-        """Encoder readings likewise, NaN of tendons without an encoder."""
-        if self._encoders is None:
-            return None
-        topic, field = self._encoders
-        read = partial(read_lengths, self.reader, config, field)
-        return self._read(topic, read, config, refusals)
-
-    def _read(
-        self, topic: str, read: Callable[[Record], Reading], config: Config, refusals: Refusals
-    ) -> Stamped:
-        stamped, names = Stamped(topic, [], []), config.arm.tendon_names
-        self.count.expect(self.reader.count([topic]))
-        for one in map(read, self.reader.messages([topic])):
+        stamped, names = Stamped(source.topic, [], []), config.arm.tendon_names
+        self.count.expect(self.reader.count([source.topic]))
+        for record in self.reader.messages([source.topic]):
             self.count.add()
+            one = source.read(self.reader, config, record)
             if one.is_refused or one.displacements == {}:
-                refusals.count(topic, one.reason or NO_READING)
+                refusals.count(source.topic, one.reason or NO_READING)
                 continue
             stamped.stamps.append(one.stamp_ns)
             if one.tensions is not None:

@@ -145,79 +145,61 @@ def identify_motion(
             f'time, expected {1e3 * least:.2g} mm or more somewhere'
         )
     result = unfitted(problem, loss, parameters, alignment)
-    found = uncertainty.determined(without, lambda problem: _fit(problem, loss), left_out)
+    # Stretches of time, in numbers of frames; none of too few frames.
+    number = min(_STRETCHES, len(shapes) // _FEWEST)
+    frames = np.arange(len(shapes))
+    folds = [part.tolist() for part in np.array_split(frames, number)] if number else []
+    found = uncertainty.determined(without, lambda problem: _fit(problem, loss, folds), left_out)
     if found is not None:
-        result = _fitted(result, found[0], *found[1])
+        fitted, (x, held_back) = found
+        away = fitted.all_residuals(x)
+        shift = np.zeros(x.size)
+        estimates = uncertainty.estimates_of(fitted, x, held_back, folds, shift)
+        correlations = uncertainty.correlations_of(fitted, x)
+        notes = [*at_ends(fitted.unknowns, x), *strong_pairs(correlations, fitted.unknowns)]
+        notes.append(f'intervals come from leaving out one of {len(folds)} stretches of time')
+        tips = np.array([part[-1] for part in away])
+        if (tips[1:] * tips[:-1]).sum() > _ALIKE * max((tips * tips).sum(), 1e-300):
+            notes.append(
+                'residuals go on from frame to frame, as noise does not: the model does not '
+                'explain all of the motion, which biases the estimates beyond their intervals'
+            )
+        result = replace(
+            result,
+            parameters=fitted.unknowns.parameters(x),
+            correlations=correlations,
+            notes=tuple(notes),
+            estimates={**result.estimates, **estimates},
+            after=uncertainty.misfit_of(away, fitted.length),
+        )
     progress(len(result.estimates), len(result.estimates))
     return replace(result, undetermined=tuple(left_out.values()))
 
 
 def _fit(
-    problem: MotionProblem, loss: str
+    problem: MotionProblem, loss: str, folds: Sequence[Sequence[int]]
 ) -> tuple[FloatArray, FloatArray] | uncertainty.OpenDirection:
-    """The fit (n,), those without a stretch of time (stretches, n), or what is to be left out."""
-    unknowns = problem.unknowns
+    """The fit (n,), and those without each of ``folds`` (folds, n) to first order from it.
+
+    Or what is to be left out, as the motion hardly tells it.
+    """
+    unknowns = problem.unknowns.unknowns
     x, scale = problem.solve(loss)
-    without = _without_stretches(problem, x, scale)
-    scales = np.array([unknown.scale for unknown in unknowns.unknowns])
-    deviation = np.sqrt(((without - x) ** 2).sum(axis=0))  # of the jackknife, but for (n - 1) / n
-    worst = int((deviation / scales).argmax())
-    if deviation[worst] <= scales[worst]:
-        return x, without
-    one = unknowns.unknowns[worst]
-    to = one.stddev(float(x[worst]), float(deviation[worst]))
-    return uncertainty.OpenDirection(one.name, f'the motion tells it only to {to:.2g} {one.unit}')
-
-
-def _stretches(count: int) -> list[list[int]]:
-    """Numbers of ``count`` frames, by stretch of time; none of too few."""
-    number = min(_STRETCHES, count // _FEWEST)
-    return [part.tolist() for part in np.array_split(np.arange(count), number)] if number else []
-
-
-def _without_stretches(problem: MotionProblem, x: FloatArray, scale: float | None) -> FloatArray:
-    """Fits without one of the stretches of time, to first order from the fit ``x``."""
     normal, score = [], []
     for by, away in zip(problem.jacobian(x), problem.all_residuals(x), strict=True):
         squares = (away**2).sum(axis=1)
         weight = np.ones(len(away)) if scale is None else 1.0 / np.sqrt(1.0 + squares / scale**2)
         normal.append(np.einsum('pci,p,pcj->ij', by, weight, by))
         score.append(np.einsum('pci,p,pc->i', by, weight, away))
-    total, found = np.sum(normal, axis=0), []
-    for fold in _stretches(len(normal)):
-        rest = total - np.sum([normal[frame] for frame in fold], axis=0)
-        found.append(x + np.linalg.solve(rest, np.sum([score[frame] for frame in fold], axis=0)))
-    return np.array(found).reshape(-1, x.size)
-
-
-def _fitted(
-    result: Identification, problem: MotionProblem, x: FloatArray, without: FloatArray
-) -> Identification:
-    jacobian, unknowns, folds = (
-        problem.jacobian(x),
-        problem.unknowns,
-        _stretches(len(problem.shapes)),
-    )
-    freedom = uncertainty.freedom_of(jacobian, folds) if folds else np.ones(x.size)
-    correlations = uncertainty.correlations_of(np.concatenate(jacobian))
-    away = problem.all_residuals(x)
-    notes = [*at_ends(unknowns, x), *strong_pairs(correlations, unknowns)]
-    notes.append(f'intervals come from leaving out one of {len(folds)} stretches of time')
-    tips = np.array([part[-1] for part in away])
-    alike = float((tips[1:] * tips[:-1]).sum() / max((tips * tips).sum(), 1e-300))
-    if alike > _ALIKE:
-        notes.append(
-            'residuals go on from frame to frame, as noise does not: the model does not explain '
-            'all of the motion, which biases the estimates beyond their intervals'
-        )
-    return replace(
-        result,
-        parameters=unknowns.parameters(x),
-        correlations=correlations,
-        notes=tuple(notes),
-        estimates={
-            **result.estimates,
-            **uncertainty.estimates_of(unknowns, x, without, freedom, 0.0 * x),
-        },
-        after=uncertainty.misfit_of(away, problem.length),
-    )
+    total, without = np.sum(normal, axis=0), np.zeros((len(folds), x.size))
+    for number, fold in enumerate(folds):
+        own, gone = (np.sum([parts[frame] for frame in fold], axis=0) for parts in (normal, score))
+        without[number] = x + np.linalg.solve(total - own, gone)
+    scales = np.array([unknown.scale for unknown in unknowns])
+    deviation = np.sqrt(((without - x) ** 2).sum(axis=0))  # of the jackknife, but for (n - 1) / n
+    worst = int((deviation / scales).argmax())
+    if deviation[worst] <= scales[worst]:
+        return x, without
+    one = unknowns[worst]
+    to = one.stddev(float(x[worst]), float(deviation[worst]))
+    return uncertainty.OpenDirection(one.name, f'the motion tells it only to {to:.2g} {one.unit}')

@@ -23,7 +23,6 @@ from octo_arm_model.experiment.recording import (
     Measured,
     MeasuredPoints,
     Recording,
-    Stamped,
     assemble,
 )
 from octo_arm_model.wire.messages import Refusals
@@ -76,7 +75,8 @@ def read_recording(  # noqa: PLR0913 - options of a command
 
     with BagReader(path) as reader:
         bag = BagRecording(reader, tensions, displacements, files, Count(progress))
-        return _gather(bag, bag.parameters(given), measured, files, calibration)
+        parameters = bag.described() if given is None else given
+        return _gather(bag, parameters, measured, files, calibration)
 
 
 def _check_sources(
@@ -87,10 +87,10 @@ def _check_sources(
     files: CsvSources,
 ) -> None:
     """Check that each thing comes from one place; MeasurementError if not."""
-    has_all = files.tensions is not None and files.midlines is not None
-    driven = files.displacements is not None and files.midlines is not None
+    has_all = bool(files.tensions and files.midlines)
     is_table = path is not None and Path(path).suffix == '.csv'
-    if is_table or (path is None and not (has_all or driven)):
+    is_driven = files.displacements and files.midlines
+    if is_table or (path is None and not (has_all or is_driven)):
         table = f'{path} is a table, ' if is_table else ''
         raise MeasurementError(
             f'{table}expected a bag, or --midline-csv and --tension-csv or --displacement-csv, or '
@@ -99,19 +99,11 @@ def _check_sources(
     if files.columns and not (files.tensions or files.midlines or files.displacements):
         raise MeasurementError('--columns is given, and no CSV file that it could be of')
     for given, other, file in (
-        (path is not None and has_all, f'a bag, {path}', '--tension-csv and --midline-csv'),
-        (tensions is not None and files.tensions is not None, '--tensions', '--tension-csv'),
-        (
-            displacements is not None and files.displacements is not None,
-            '--displacements',
-            '--displacement-csv',
-        ),
-        (measured.sources and files.midlines is not None, '--midlines', '--midline-csv'),
-        (
-            measured.marker_frames and files.midlines is not None,
-            '--marker-frames',
-            '--midline-csv',
-        ),
+        (path and has_all, f'a bag, {path}', '--tension-csv and --midline-csv'),
+        (tensions and files.tensions, '--tensions', '--tension-csv'),
+        (displacements and files.displacements, '--displacements', '--displacement-csv'),
+        (measured.sources and files.midlines, '--midlines', '--midline-csv'),
+        (measured.marker_frames and files.midlines, '--marker-frames', '--midline-csv'),
     ):
         if given:
             raise MeasurementError(f'{other} and {file} are given, expected one or the other')
@@ -126,45 +118,36 @@ def _gather(
 ) -> Recording:
     """Readings and frames, each from a file or from the ``bag``."""
     refusals, notes = Refusals(), [] if bag is None else bag.notes
-    parameters.update(calibration)
+    parameters = {**parameters, **calibration}
     config = Config.from_parameters(parameters)
     points = MeasuredPoints(measured, config.arm.length)
     # Before anything is read: the topics of what was measured may not be there.
-    topics = None if bag is None or files.midlines else bag.measured(measured, points, config)
+    topics = None
+    if bag is not None and files.midlines is None:
+        topics = bag.measured(measured, points, config.base_frame)
     tables: dict[str, CsvTable] = {}
-    tensions, encoders = _readings(bag, config, files, tables, refusals)
-    for what, stamped in (('tensions', tensions), ('encoder readings', encoders)):
-        if stamped is not None and not stamped.rows:
-            raise BagError(f'no {what} for this arm on {stamped.source}{refusals.in_short}')
-    if topics is not None and bag is not None:
-        frames = topics.read(refusals, bag.count)
-    else:
-        table = files.read('midline', files.midlines, tables)
-        frames = csv_frames(table, measured, points, refusals)
-    check_columns(files.columns, tables)
-    return assemble(parameters, tensions, encoders, frames, points, refusals, notes)
-
-
-def _readings(
-    bag: BagRecording | None,
-    config: Config,
-    files: CsvSources,
-    tables: dict[str, CsvTable],
-    refusals: Refusals,
-) -> tuple[Stamped | None, Stamped | None]:
-    """Tensions and encoder readings; of a table of poses the latter where it has no tensions."""
     tensions = encoders = None
     if files.tensions is not None:
         table = files.read('tension', files.tensions, tables)
+        # Of a table of poses encoder readings where it has no tensions.
         if files.is_poses and not has_tensions(table, config):
             encoders = csv_displacements(table, config, refusals)
         else:
             tensions = csv_tensions(table, config, refusals)
     elif bag is not None:
-        tensions = bag.tensions(config, refusals)
+        tensions = bag.readings(bag.cells, config, refusals)
     if files.displacements is not None:
         table = files.read('displacement', files.displacements, tables)
         encoders = csv_displacements(table, config, refusals)
     elif bag is not None:
-        encoders = bag.displacements(config, refusals)
-    return tensions, encoders
+        encoders = bag.readings(bag.encoders, config, refusals)
+    for what, stamped in (('tensions', tensions), ('encoder readings', encoders)):
+        if stamped is not None and not stamped.rows:
+            raise BagError(f'no {what} for this arm on {stamped.source}{refusals.in_short}')
+    if topics is not None:
+        frames = topics.read(refusals)
+    else:
+        table = files.read('midline', files.midlines, tables)
+        frames = csv_frames(table, measured, points, refusals)
+    check_columns(files.columns, tables)
+    return assemble(parameters, tensions, encoders, frames, points, refusals, notes)

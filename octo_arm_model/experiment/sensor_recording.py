@@ -131,12 +131,12 @@ def read_recorded(
     camera = None
     if topic is not None:
         try:
-            if not len(time):
+            if sensors.tensions is None or not len(time):
                 raise MeasurementError(
                     'there are no tensions to tell a shape without the estimator'
                 )
             pulled = tensions.stamps_ns.tolist(), list(tensions.rows)
-            stamped = Stamped(sensors.tensions, *pulled)
+            stamped = Stamped(sensors.tensions.topic, *pulled)
             camera = _camera(reader, topic, config, stamped, sources, refusals, notes)
         except MeasurementError as error:
             notes.append(f'{topic} is not compared with: {error}')
@@ -215,8 +215,7 @@ def _camera(
     """
     measured = Measured((topic,))
     points = MeasuredPoints(measured, config.arm.length)
-    topics = MeasuredTopics(reader, measured, points, config.base_frame)
-    seen = topics.read(refusals, Count())
+    seen = MeasuredTopics(reader, measured, points, config.base_frame, Count()).read(refusals)
     recording = assemble({}, stamped, None, seen, points, refusals, notes)
     alignment = sources.alignment
     if alignment is None and recording.frame_id == config.base_frame:

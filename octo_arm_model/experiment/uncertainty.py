@@ -30,45 +30,21 @@ from scipy.special import ndtri, stdtrit
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.fit import Problem
 from octo_arm_model.experiment.observations import MeasuredShape
-from octo_arm_model.experiment.unknowns import Unknown, Unknowns
+from octo_arm_model.experiment.unknowns import is_of_arm
 
 P = TypeVar('P', bound=Problem)
 T = TypeVar('T')
 
-# Loads are one if no tension differs by more than this part of the highest.
-_SAME = 0.02
-# Fits at most: of more loads several are left out together.
-MOST_FOLDS = 20
-
-
-def steps_by_load(tensions: FloatArray) -> list[list[int]]:
-    """Numbers of the steps, from 0, of each load among ``tensions`` (steps, tendons) [N]."""
-    band = _SAME * float(tensions.max(initial=0.0))
-    loads: list[list[int]] = []
-    for step, pulled in enumerate(tensions):
-        for load in loads:
-            if np.abs(pulled - tensions[load[0]]).max(initial=0.0) <= band:
-                load.append(step)
-                break
-        else:
-            loads.append([step])
-    return loads
-
-
-def folds_of(loads: list[list[int]]) -> list[list[int]]:
-    """Steps to be left out together: those of one load, of several where there are many."""
-    number = min(len(loads), MOST_FOLDS)
-    return [sorted(itertools.chain.from_iterable(loads[first::number])) for first in range(number)]
-
-
-def loaded(tensions: FloatArray, load: list[int]) -> bool:
-    """Whether any tendon is pulled in a ``load`` of `steps_by_load`."""
-    return bool(tensions[load[0]].max() > _SAME * float(tensions.max(initial=0.0)))
-
-
 AUTO = 'auto'
-# A robust loss is taken where its misfit at held-back loads is below this part of the plain one's.
-_CLEARLY = 0.95
+SAME = 0.02  # loads are one if no tension differs by more than this part of the highest
+MOST_FOLDS = 20  # fits at most: of more loads several are left out together
+_CONFIDENCE = 0.95
+# Singular values of the Jacobian below this part of the largest count as zero.
+_SINGULAR = 1e-4
+# Without effect: a change of an unknown by its `scale` moves no point by this part of the length.
+_NO_EFFECT = 1e-6
+# An unknown takes part in a direction with at least this share of that which moves most.
+_PART = 0.1
 
 
 @dataclass(frozen=True)
@@ -82,121 +58,6 @@ class Misfit:
 
     rms: float
     tip_error: float
-
-
-@dataclass(frozen=True)
-class HeldBackFit:
-    """A fit by one loss.
-
-    Attributes:
-        loss: which of `LOSSES`.
-        x: the fit to all steps.
-        found: fits without each of the folds, (folds, n); empty where none can be left out.
-        away: residuals of each step (m, 3) by the fit without it [m].
-    """
-
-    loss: str
-    x: FloatArray
-    found: FloatArray
-    away: tuple[FloatArray, ...]
-
-    @property
-    def held_back(self) -> float:
-        """Mean over the steps of the root mean square distance where they are held back [m].
-
-        A mean of distances, not of their squares: a midline that was tracked wrongly is equally
-        far from every fit, and its square would outweigh the differences at all others.
-        """
-        return float(np.mean([np.sqrt((part**2).sum(axis=-1).mean()) for part in self.away]))
-
-
-def fit_by(
-    problem: Problem,
-    x: FloatArray,
-    scale: float | None,
-    loss: str,
-    folds: Sequence[Sequence[int]],
-    tick: Callable[[], None],
-) -> HeldBackFit:
-    """The fit ``x`` by ``loss`` with its ``scale``, and the fits without each of the ``folds``."""
-    found: list[FloatArray] = []
-    away: dict[int, FloatArray] = {}
-    for fold in folds:
-        tick()
-        others = [step for step in range(len(problem.shapes)) if step not in fold]
-        found.append(problem.minimise(x, scale, others))
-        away |= {step: problem.residuals(found[-1], step) for step in fold}
-    steps = range(len(problem.shapes)) if folds else ()
-    return HeldBackFit(loss, x, np.array(found), tuple(away[step] for step in steps))
-
-
-def better(tried: Sequence[HeldBackFit]) -> HeldBackFit:
-    """The fit with the least misfit at held-back loads; the plain sum of squares if it is near."""
-    first, *others = tried
-    if not first.away:
-        return first
-    best = min(others, key=lambda one: one.held_back, default=first)
-    return best if best.held_back < _CLEARLY * first.held_back else first
-
-
-def misfit_of(away: Sequence[FloatArray], length: float) -> Misfit:
-    """Misfit of steps with residuals ``away`` (m, 3) [m] of an arm of ``length`` [m]."""
-    squares = np.mean([(part**2).sum(axis=-1).mean() for part in away])
-    tip = np.mean([np.linalg.norm(part[-1]) for part in away])
-    return Misfit(float(np.sqrt(squares)), float(tip) / length)
-
-
-def noise_of(shapes: Sequence[MeasuredShape]) -> float:
-    """Root mean square distance of the mean midlines from the truth by the camera's noise [m]."""
-    return float(np.sqrt(np.mean([shape.noise**2 / shape.frames for shape in shapes])))
-
-
-def unexplained(
-    away: Sequence[FloatArray], jacobian: Sequence[FloatArray], columns: Sequence[int]
-) -> float:
-    """Root mean square distance [m] that no change at single steps explains.
-
-    Of the residuals ``away`` of each step (m, 3) [m] and their derivatives (m, 3, n), of which the
-    ``columns`` may change from step to step.
-    """
-    squares = []
-    for residuals, derivatives in zip(away, jacobian, strict=True):
-        flat, by = residuals.ravel(), derivatives.reshape(residuals.size, -1)[:, columns]
-        rest = flat - by @ np.linalg.lstsq(by, flat, rcond=None)[0] if len(columns) else flat
-        squares.append(rest @ rest / len(residuals))
-    return float(np.sqrt(np.mean(squares)))
-
-
-def floor_of(size: float, jacobian: Sequence[FloatArray], points: Sequence[int]) -> FloatArray:
-    """Shift of each of x, (n,), by a model error of root mean square ``size`` [m] along it.
-
-    Args:
-        size: of the error, at what the camera sees.
-        jacobian: derivatives (m, 3, n) of all residuals of each step.
-        points: how many of the m are of the camera, the last ones.
-    """
-    stacked = np.concatenate([part.reshape(-1, part.shape[-1]) for part in jacobian])
-    inverse = np.linalg.pinv(stacked)
-    seen = np.concatenate(
-        [
-            np.repeat(np.arange(len(part)) >= len(part) - count, 3)
-            for part, count in zip(jacobian, points, strict=True)
-        ]
-    )
-    along = np.linalg.norm(inverse[:, seen], axis=1)
-    return np.asarray(size * np.sqrt(sum(points)) * along)
-
-
-def tip_error(away: Sequence[FloatArray], shapes: Sequence[MeasuredShape], length: float) -> float:
-    """Standard deviation of each coordinate of the tip, in parts of the ``length`` [-].
-
-    From held-back residuals ``away`` (m, 3) [m] of each step, without the camera's noise.
-    """
-    squares = np.mean([part[-1] @ part[-1] for part in away]) - noise_of(shapes) ** 2
-    return float(np.sqrt(max(squares, 0.0) / 3.0)) / length
-
-
-_CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
@@ -218,26 +79,92 @@ class Estimate:
     model_stddev: float | None = None
 
 
+def misfit_of(away: Sequence[FloatArray], length: float) -> Misfit:
+    """Misfit of steps with residuals ``away`` (m, 3) [m] of an arm of ``length`` [m]."""
+    squares = np.mean([(part**2).sum(axis=-1).mean() for part in away])
+    tip = np.mean([np.linalg.norm(part[-1]) for part in away])
+    return Misfit(float(np.sqrt(squares)), float(tip) / length)
+
+
+def noise_of(shapes: Sequence[MeasuredShape]) -> float:
+    """Root mean square distance of the mean midlines from the truth by the camera's noise [m]."""
+    return float(np.sqrt(np.mean([shape.noise**2 / shape.frames for shape in shapes])))
+
+
+def steps_by_load(tensions: FloatArray) -> list[list[int]]:
+    """Numbers of the steps, from 0, of each load among ``tensions`` (steps, tendons) [N]."""
+    band = SAME * float(tensions.max(initial=0.0))
+    loads: list[list[int]] = []
+    for step, pulled in enumerate(tensions):
+        for load in loads:
+            if np.abs(pulled - tensions[load[0]]).max(initial=0.0) <= band:
+                load.append(step)
+                break
+        else:
+            loads.append([step])
+    return loads
+
+
+def folds_of(loads: list[list[int]]) -> list[list[int]]:
+    """Steps to be left out together: those of one load, of several where there are many."""
+    number = min(len(loads), MOST_FOLDS)
+    return [sorted(itertools.chain.from_iterable(loads[first::number])) for first in range(number)]
+
+
+def model_error(problem: Problem, x: FloatArray, away: Sequence[FloatArray]) -> float:
+    """Distance at held-back loads that neither noise nor a change at single steps explains [m].
+
+    Of the residuals ``away`` of each step (m, 3) [m]; what may change from step to step is all of
+    the fit ``x`` that is of the arm.
+    """
+    columns = [n for n, name in enumerate(problem.unknowns.names) if is_of_arm(name)]
+    squares = []
+    for residuals, derivatives in zip(away, problem.camera_jacobian(x), strict=True):
+        rest, by = residuals.ravel(), derivatives.reshape(residuals.size, -1)[:, columns]
+        if columns:
+            rest = rest - by @ np.linalg.lstsq(by, rest, rcond=None)[0]
+        squares.append(rest @ rest / len(residuals))
+    return float(np.sqrt(max(float(np.mean(squares)) - noise_of(problem.shapes) ** 2, 0.0)))
+
+
+def floor_of(problem: Problem, x: FloatArray, size: float) -> FloatArray:
+    """Shift of each of ``x``, (n,), by a model error of root mean square ``size`` [m] along it.
+
+    The error is of what the camera sees, the last residuals of each step.
+    """
+    jacobian = problem.jacobian(x)
+    parts = zip(jacobian, problem.shapes, strict=True)
+    seen = [np.arange(len(part)) >= len(part) - len(shape.points) for part, shape in parts]
+    is_seen = np.repeat(np.concatenate(seen), 3)
+    inverse = np.linalg.pinv(np.concatenate(jacobian).reshape(-1, x.size))
+    along = np.linalg.norm(inverse[:, is_seen], axis=1)
+    return np.asarray(size * np.sqrt(is_seen.sum() / 3) * along)
+
+
 def estimates_of(
-    unknowns: Unknowns, x: FloatArray, found: FloatArray, freedom: FloatArray, floor: FloatArray
+    problem: Problem,
+    x: FloatArray,
+    found: FloatArray,
+    folds: Sequence[Sequence[int]],
+    floor: FloatArray,
 ) -> dict[str, Estimate]:
     """Estimates ``x`` with intervals.
 
-    From the fits ``found`` (folds, n) without some loads, their degrees of ``freedom`` (n,), and
-    the standard deviation ``floor`` (n,) that the error of the model leaves.
+    From the fits ``found`` (folds, n) without the steps of each of ``folds``, and the standard
+    deviation ``floor`` (n,) that the error of the model leaves. Without two folds at least there
+    are no intervals.
     """
-    count = len(found)
+    unknowns, count = problem.unknowns.unknowns, len(found)
     if count < 2:
-        return {
-            unknown.name: Estimate(unknown.value(float(at)), None, None, unknown.unit)
-            for unknown, at in zip(unknowns.unknowns, x, strict=True)
-        }
+        pairs = zip(unknowns, x.tolist(), strict=True)
+        return {one.name: Estimate(one.value(at), None, None, one.unit) for one, at in pairs}
     jackknife = np.sqrt((count - 1) / count * ((found - x) ** 2).sum(axis=0))
+    freedom = _freedom(problem.jacobian(x), folds)
     at = 0.5 + 0.5 * _CONFIDENCE
     reach = np.hypot(stdtrit(freedom, at) * jackknife, ndtri(at) * floor)
     columns = np.array([x, np.hypot(jackknife, floor), x - reach, x + reach, floor])
     estimates = {}
-    for one, (value, deviation, *ends, least) in zip(unknowns.unknowns, columns.T.tolist()):
+    for one, (value, deviation, *ends, least) in zip(unknowns, columns.T.tolist()):
         low, high = sorted(one.value(min(max(end, one.low), one.high)) for end in ends)
         of_model = one.stddev(value, least)
         estimates[one.name] = Estimate(
@@ -246,11 +173,8 @@ def estimates_of(
     return estimates
 
 
-def freedom_of(jacobian: Sequence[FloatArray], folds: Sequence[Sequence[int]]) -> FloatArray:
-    """Degrees of freedom of the standard deviation of each of x, at least 1, (n,).
-
-    From the derivatives of the residuals of each step, (m, 3, n).
-    """
+def _freedom(jacobian: Sequence[FloatArray], folds: Sequence[Sequence[int]]) -> FloatArray:
+    """Degrees of freedom of the standard deviation of each of x, at least 1, (n,)."""
     parts = [part.reshape(-1, part.shape[-1]) for part in jacobian]
     inverse = np.linalg.pinv(np.concatenate(parts))
     ends = np.cumsum([len(part) for part in parts])[:-1]
@@ -261,20 +185,12 @@ def freedom_of(jacobian: Sequence[FloatArray], folds: Sequence[Sequence[int]]) -
     return np.maximum(len(folds) / (1.0 + variation) - 1.0, 1.0)
 
 
-def correlations_of(jacobian: FloatArray) -> FloatArray:
-    """Correlations of x from derivatives (points, 3, n), (n, n)."""
-    flat, _ = normalised(jacobian)
+def correlations_of(problem: Problem, x: FloatArray) -> FloatArray:
+    """Correlations of the fit ``x``, (n, n)."""
+    flat, _ = _normalised(np.concatenate(problem.jacobian(x)))
     covariance = np.linalg.inv(flat.T @ flat)
     deviation = np.sqrt(np.diag(covariance))
     return covariance / np.outer(deviation, deviation)
-
-
-# Singular values of the Jacobian below this part of the largest count as zero.
-_SINGULAR = 1e-4
-# Without effect: a change of an unknown by its `scale` moves no point by this part of the length.
-_NO_EFFECT = 1e-6
-# An unknown takes part in a direction with at least this share of that which moves most.
-_PART = 0.1
 
 
 class OpenDirection(NamedTuple):
@@ -290,51 +206,47 @@ class OpenDirection(NamedTuple):
 
 
 def open_direction(
-    jacobian: FloatArray, unknowns: Unknowns, x: FloatArray
+    problem: Problem, x: FloatArray, without: Collection[int] = ()
 ) -> OpenDirection | None:
-    """The first direction from ``x`` that changes no residual, from derivatives (points, 3, n).
+    """The first direction from ``x`` that changes no residual of the steps but those ``without``.
 
     An unknown without any effect comes first. Of several that only together change nothing, that
-    which is last in the order of `unknown.FITS` is to be left out.
+    which is last in the order of `unknowns.FITS` is to be left out.
     """
-    scales = np.array([unknown.scale for unknown in unknowns.unknowns])
+    parts = problem.jacobian(x)
+    jacobian = np.concatenate([part for step, part in enumerate(parts) if step not in without])
+    unknowns = problem.unknowns.unknowns
+    scales = np.array([unknown.scale for unknown in unknowns])
     moves = np.linalg.norm(jacobian * scales, axis=1).max(axis=0)
-    for name, move in zip(unknowns.names, moves, strict=True):
-        if move < _NO_EFFECT * unknowns.arm.length:
-            return OpenDirection(name, f'{name} changes nothing that was measured')
-    flat, norms = normalised(jacobian)
+    for one, move in zip(unknowns, moves, strict=True):
+        if move < _NO_EFFECT * problem.length:
+            return OpenDirection(one.name, f'{one.name} changes nothing that was measured')
+    flat, norms = _normalised(jacobian)
     _, singular, directions = np.linalg.svd(flat, full_matrices=False)
     if singular[-1] >= _SINGULAR * singular[0]:
         return None
-    move = directions[-1] / norms
     share = np.abs(directions[-1])
     last = int(np.flatnonzero(share >= _PART * share.max())[-1])
-    return OpenDirection(unknowns.names[last], _in_words(unknowns.unknowns, x, move, scales))
+    # In words, without small components.
+    move = directions[-1] / norms
+    share = np.abs(move / scales)
+    is_large = share > 0.01 * share.max()
+    move /= np.abs(move[is_large]).max()
+    words = []
+    for number in np.flatnonzero(is_large).tolist():
+        one, step = unknowns[number], float(move[number])
+        relative = one.relative_change(float(x[number]), step)
+        change = f'{step:+.3g} {one.unit}' if relative is None else f'{100.0 * relative:+.3g} %'
+        words.append(f'{one.name} {change}')
+    reason = 'changed together in this proportion nothing measured changes: '
+    return OpenDirection(unknowns[last].name, reason + ', '.join(words))
 
 
-def normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Derivatives (3 points, n) as columns of length 1, and their lengths."""
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     norms = np.linalg.norm(flat, axis=0)
     return flat / norms, norms
-
-
-def _in_words(
-    unknowns: Sequence[Unknown], x: FloatArray, move: FloatArray, scales: FloatArray
-) -> str:
-    """A direction of x in words, without its small components."""
-    share = np.abs(move / scales)
-    largest = np.abs(move[share > 0.01 * share.max()]).max()
-    words = []
-    columns = zip(unknowns, x.tolist(), move / largest, share / share.max(), strict=True)
-    for unknown, at, step, part in columns:
-        if part > 0.01:
-            relative = unknown.relative_change(at, step)
-            change = f'{step:+.3g} {unknown.unit}'
-            if relative is not None:
-                change = f'{100.0 * relative:+.3g} %'
-            words.append(f'{unknown.name} {change}')
-    return f'changed together in this proportion nothing measured changes: {", ".join(words)}'
 
 
 def determined(
@@ -348,9 +260,7 @@ def determined(
     since with an undetermined direction no minimisation converges, and by ``fit``.
     """
     while (problem := problem_without(tuple(left_out))).unknowns.unknowns:
-        start = problem.unknowns.start
-        jacobian = np.concatenate(problem.jacobian(start))
-        found = open_direction(jacobian, problem.unknowns, start) or fit(problem)
+        found = open_direction(problem, problem.unknowns.start) or fit(problem)
         if not isinstance(found, OpenDirection):
             return problem, found
         left_out[found.name] = f'{found.name} is left as it is: {found.reason}'

@@ -277,7 +277,7 @@ def test_messages_that_measure_nothing_are_told(tmp_path):
 
 def test_a_robot_with_encoders_alone_has_no_tensions(tmp_path):
     sensors, rows, groups, _ = read(tmp_path / 'bag', [encoders(0, '/left/tendon_displacements')])
-    assert (sensors.tensions, sensors.prefix) == ('', '/left/')
+    assert (sensors.tensions, sensors.prefix) == (None, '/left/')
     assert not len(rows.rows) and len(groups) == 1
 
 
@@ -290,15 +290,15 @@ def test_topics_are_named_or_left_out(tmp_path):
         encoders(0),
     ]
     with BagReader(recordings.write_bag(tmp_path / 'bag', content)) as reader:
-        assert find_sensors(reader).tensions == '/tendon_tensions'
+        assert find_sensors(reader).tensions.topic == '/tendon_tensions'
         found = find_sensors(
             reader,
             'other/cells',
             {'measured/markers': '/mocap/points', 'tendon_displacements': NONE},
         )
         assert found.all == ['/other/cells', '/mocap/points']
-        assert find_sensors(reader, '/other/cells:tension').field == 'tension'
-        assert find_sensors(reader, NONE).tensions == ''
+        assert find_sensors(reader, '/other/cells:tension').tensions.field == 'tension'
+        assert find_sensors(reader, NONE).tensions is None
         with pytest.raises(BagError, match=r'topic /tendon_tensions is of octo_arm_msgs'):
             find_sensors(reader, None, {'measured/markers': '/tendon_tensions'})
         with pytest.raises(BagError, match='no topic /gone for measured/tip_pose'):
