@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,12 +15,11 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.camera import CameraErrors
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison, compare
 from octo_arm_model.experiment.fit import shape_residuals
-from octo_arm_model.experiment.identification import Identification
+from octo_arm_model.experiment.identification import Identification, rank
 from octo_arm_model.experiment.motion import TensionTrajectory
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.steady_windows import LOADING, REST, UNLOADING
@@ -77,67 +76,73 @@ def pictures_of_comparison(comparisons: Sequence[ModelComparison]) -> dict[str, 
 
     Of a motion there are few shapes in one picture, and the tip over time.
     """
-    axes, moving = _axes(comparisons), comparisons[0]
+    views, moving = _Views(comparisons), comparisons[0]
     if moving.moves:
-        limits = _limits(comparisons, axes)
         few = moving.steps[:: -(-len(moving.steps) // _MOMENTS)]
         return {
-            'moments': lambda: _draw_all([replace(moving, steps=few)], axes, limits),
+            'moments': lambda: _draw_all([replace(moving, steps=few)], views),
             'tip_over_time': lambda: _draw_tip(moving),
         }
     steps: dict[int, list[tuple[ModelComparison, StepComparison]]] = {}
     for comparison in comparisons:
         for step in comparison.steps:
             steps.setdefault(step.number, []).append((comparison, step))
-    limits = _limits(comparisons, axes)
     pictures: dict[str, Callable[[], Any]] = {
-        f'step_{number:02}': functools.partial(_draw_step, shown, axes, limits)
+        f'step_{number:02}': functools.partial(_draw_step, shown, views)
         for number, shown in sorted(steps.items())
     }
-    pictures['all_steps'] = lambda: _draw_all(comparisons, axes, limits)
+    pictures['all_steps'] = lambda: _draw_all(comparisons, views)
     pictures['error_over_tension'] = lambda: _draw_errors(comparisons)
     return pictures
 
 
-def _points(comparisons: Sequence[ModelComparison]) -> FloatArray:
-    """All points of solutions and measurements, (n, 3) [m]."""
-    parts = [
-        part
-        for one in comparisons
-        for step in one.steps
-        for part in (step.measured, step.backbone.position)
-    ]
-    return np.concatenate(parts)
+class _Views:
+    """Orthographic views of all steps, to one scale: from the side, and from above if not flat."""
+
+    def __init__(self, comparisons: Sequence[ModelComparison]) -> None:
+        """Of all points of solutions and measurements."""
+        steps = [step for one in comparisons for step in one.steps]
+        parts = [part for step in steps for part in (step.measured, step.backbone.position)]
+        self._origin = steps[0].backbone.position[0]
+        away = np.concatenate(parts) - self._origin
+        # The base's tangent, and the principal direction of bending, upwards as in the paper.
+        tangent = axes_of(steps[0].backbone.quaternion[0])[:, 0]
+        across = away - np.outer(away @ tangent, tangent)
+        first = np.linalg.svd(across, full_matrices=False)[2][0]
+        first = first if (across @ first).sum() > 0.0 else -first
+        second = np.cross(tangent, first)
+        is_flat = np.abs(across @ second).max() < _FLAT * comparisons[0].length
+        self._axes = np.array([tangent, first] if is_flat else [tangent, first, second])
+        shown = 1e3 * away @ self._axes.T
+        margin = 0.06 * np.ptp(shown, axis=0).max()
+        self._ends = np.stack([shown.min(axis=0) - margin, shown.max(axis=0) + margin], axis=1)
+
+    def flat(self, points: FloatArray, view: int) -> FloatArray:
+        """Points (n, 3) [m] as seen in a ``view`` [mm], (2, n)."""
+        return 1e3 * self._axes[[0, view + 1]] @ (points - self._origin).T
+
+    def panels(self, columns: int, width: float) -> tuple[Any, Any]:
+        """A figure of equal axes: a row for each view, ``columns`` of a ``width`` [in]."""
+        size = np.ptp(self._ends, axis=1)
+        # What labels and margins leave of the width, and their height.
+        inside = width - 0.15 - 0.65 / columns
+        height = inside * float(size[1:].sum() / size[0]) + 1.0 + 0.15 * len(size)
+        figure = Figure(figsize=(width * columns, height), layout='compressed')
+        like: dict[str, Any] = {'squeeze': False, 'sharex': True, 'sharey': 'row'}
+        panels = figure.subplots(len(size) - 1, columns, height_ratios=size[1:], **like)
+        names = ('bending direction [mm]', 'across both [mm]')
+        for (view, _), panel in np.ndenumerate(panels):
+            panel.set(xlim=self._ends[0], ylim=self._ends[view + 1], aspect='equal')
+            panel.set(xlabel='along the base [mm]', ylabel=names[view])
+            panel.label_outer()
+            panel.grid(alpha=0.3)
+            panel.set_axisbelow(True)
+        return figure, panels
 
 
-def _axes(comparisons: Sequence[ModelComparison]) -> FloatArray:
-    """Axes of the views (2 or 3, 3): the base's tangent, and the principal bending direction."""
-    backbone = comparisons[0].steps[0].backbone
-    tangent = axes_of(backbone.quaternion[0])[:, 0]
-    away = _points(comparisons) - backbone.position[0]
-    across = away - np.outer(away @ tangent, tangent)
-    *_, directions = np.linalg.svd(across, full_matrices=False)
-    first = directions[0]
-    # Bending upwards, as in the paper.
-    first = first if (across @ first).sum() > 0.0 else -first
-    second = np.cross(tangent, first)
-    flat = np.abs(across @ second).max() < _FLAT * comparisons[0].length
-    return np.array([tangent, first] if flat else [tangent, first, second])
-
-
-def _limits(comparisons: Sequence[ModelComparison], axes: FloatArray) -> FloatArray:
-    """Limits of each of the axes [mm], (2 or 3, 2), the same for all steps."""
-    shown = 1e3 * (_points(comparisons) - comparisons[0].steps[0].backbone.position[0]) @ axes.T
-    margin = 0.06 * np.ptp(shown, axis=0).max()
-    return np.stack([shown.min(axis=0) - margin, shown.max(axis=0) + margin], axis=1)
-
-
-def _draw_step(
-    shown: Sequence[tuple[ModelComparison, StepComparison]], axes: FloatArray, limits: FloatArray
-) -> Any:
+def _draw_step(shown: Sequence[tuple[ModelComparison, StepComparison]], views: _Views) -> Any:
     """Measured and modelled midlines of one step: a column for each model, a row for each view."""
-    width = 7.0 if len(shown) == 1 else 5.2
-    figure, panels = _panels(len(shown), limits, width)
+    figure, panels = views.panels(len(shown), 7.0 if len(shown) == 1 else 5.2)
     shape = shown[0][1].shape
     left_out = f', {shape.outliers} left out' if shape.outliers else ''
     figure.suptitle(
@@ -145,7 +150,7 @@ def _draw_step(
     )
     for column, (comparison, step) in enumerate(shown):
         for view, panel in enumerate(panels[:, column]):
-            _draw_view(panel, comparison, step, axes[[0, view + 1]])
+            _draw_view(panel, comparison, step, functools.partial(views.flat, view=view))
         name = 'tip' if step.errors.tip is not None else 'mean'
         percent = 100.0 * (getattr(step.errors, name) or 0.0) / comparison.length
         panels[0, column].set_title(
@@ -155,84 +160,43 @@ def _draw_step(
     return figure
 
 
-def _panels(columns: int, limits: FloatArray, width: float) -> tuple[Any, Any]:
-    """A figure with a row for each view, and ``columns`` of a ``width`` [in] with equal axes."""
-    size = np.ptp(limits, axis=1)
-    views = len(size) - 1
-    # What labels and margins leave of the width, and their height.
-    inside = width - 0.15 - 0.65 / columns
-    height = inside * float(size[1:].sum() / size[0]) + 1.15 + 0.15 * views
-    figure = Figure(figsize=(width * columns, height), layout='compressed')
-    panels = figure.subplots(
-        views, columns, squeeze=False, sharex=True, sharey='row', height_ratios=size[1:]
-    )
-    names = ('bending direction [mm]', 'across both [mm]')
-    for (view, column), panel in np.ndenumerate(panels):
-        panel.set(xlim=limits[0], ylim=limits[view + 1], aspect='equal')
-        panel.grid(alpha=0.3)
-        panel.set_axisbelow(True)
-        if not column:
-            panel.set_ylabel(names[view])
-        if view == views - 1:
-            panel.set_xlabel('along the base [mm]')
-    return figure, panels
-
-
 def _draw_view(
-    panel: Any, comparison: ModelComparison, step: StepComparison, plane: FloatArray
+    panel: Any,
+    comparison: ModelComparison,
+    step: StepComparison,
+    flat: Callable[[FloatArray], FloatArray],
 ) -> None:
-    """One model and the measurement, seen in a ``plane`` (2, 3)."""
-    origin = step.backbone.position[0]
-    lines = step.shape.lines
+    """One model and the measurement, as ``flat`` shows their points."""
+    lines, s = step.shape.lines, step.shape.s
     for line in lines[:: max(1, len(lines) // _MOST_FRAMES)]:
-        flat = _flatten(comparison.alignment.to_base(line), plane, origin)
-        is_dots = len(flat) == 1 or step.shape.s is not None
-        panel.plot(*flat.T, '.' if is_dots else '-', color=_FRAME_COLOUR, linewidth=0.6, zorder=1)
-    model = _flatten(step.backbone.position, plane, origin)
-    measured = _flatten(step.measured, plane, origin)
-    colour = LINES[comparison.model]['color']
-    if step.shape.s is None:
-        panel.plot(*np.stack([model[-1], measured[-1]]).T, ':', color=colour, zorder=2)
-    else:
-        for pair in zip(interpolated(step.shape.s, step.backbone.s, model), measured):
-            panel.plot(*np.stack(pair).T, ':', color=colour, zorder=2)
-    panel.plot(
-        *model.T, color=colour, linewidth=2.2, marker='o', markevery=[-1], label='model', zorder=3
-    )
-    panel.plot(
-        *measured.T,
-        color=_MEASURED,
-        linewidth=1.6,
-        marker='s',
-        markersize=5,
-        linestyle=(0, (4, 2)) if step.shape.s is None else '',
-        markevery=[-1] if step.shape.s is None else None,
-        label='measured',
-        zorder=5,
-    )
+        style = '.' if len(line) == 1 or s is not None else '-'
+        shown = flat(comparison.alignment.to_base(line))
+        panel.plot(*shown, style, color=_FRAME_COLOUR, linewidth=0.6, zorder=1)
+    position, colour = step.backbone.position, LINES[comparison.model]['color']
+    # Between what is compared: the tips, or markers and the points of the model there.
+    there = position[-1:] if s is None else interpolated(s, step.backbone.s, position)
+    seen = step.measured[-1:] if s is None else step.measured
+    for pair in zip(flat(there).T, flat(seen).T, strict=True):
+        panel.plot(*np.stack(pair).T, ':', color=colour, zorder=2)
+    model: dict[str, Any] = {'color': colour, 'linewidth': 2.2, 'marker': 'o', 'zorder': 3}
+    panel.plot(*flat(position), **model, markevery=[-1], label='model')
+    measured: dict[str, Any] = {'color': _MEASURED, 'linewidth': 1.6, 'marker': 's', 'zorder': 5}
+    measured |= {'linestyle': ''} if s is not None else {'dashes': (4, 2), 'markevery': [-1]}
+    panel.plot(*flat(step.measured), **measured, markersize=5, label='measured')
 
 
-def _flatten(points: FloatArray, plane: FloatArray, origin: FloatArray) -> FloatArray:
-    """Points (n, 3) [m] from ``origin`` as seen in a ``plane`` (2, 3) [mm], (n, 2)."""
-    return 1e3 * (points - origin) @ plane.T
-
-
-def _draw_all(comparisons: Sequence[ModelComparison], axes: FloatArray, limits: FloatArray) -> Any:
+def _draw_all(comparisons: Sequence[ModelComparison], views: _Views) -> Any:
     """Measured midlines over the model's in the arm's own frame: a column for each model."""
-    figure, panels = _panels(len(comparisons), limits, 5.2)
-    steps = [step for one in comparisons for step in one.steps]
-    colours = tension_colours([step.shape for step in steps])
+    figure, panels = views.panels(len(comparisons), 5.2)
+    colours = tension_colours([step.shape for one in comparisons for step in one.steps])
     for column, comparison in enumerate(comparisons):
-        is_line = True
-        for view, panel in enumerate(panels[:, column]):
-            for step in comparison.steps:
-                origin, plane = step.backbone.position[0], axes[[0, view + 1]]
-                model = _flatten(step.backbone.position, plane, origin)
-                panel.plot(*model.T, color=colours.to_rgba(step.shape.tension))
-                measured = _flatten(step.measured, plane, origin)
-                is_line = step.shape.s is None and len(measured) > 1
-                style = '--' if is_line else 's'
-                panel.plot(*measured.T, style, color=_MEASURED, linewidth=1.1, markersize=4.0)
+        for step in comparison.steps:
+            is_line = step.shape.s is None and len(step.measured) > 1
+            style: dict[str, Any] = {'color': _MEASURED, 'linewidth': 1.1, 'markersize': 4.0}
+            for view, panel in enumerate(panels[:, column]):
+                model = views.flat(step.backbone.position, view)
+                panel.plot(*model, color=colours.to_rgba(step.shape.tension))
+                panel.plot(*views.flat(step.measured, view), '--' if is_line else 's', **style)
         what = 'dashes' if is_line else 'squares'
         title = f'{comparison.model} (colour) and measured ({what})'
         panels[0, column].set_title(title, fontsize='medium')
@@ -266,57 +230,46 @@ def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
     signed, plain = figure.subplots(1, 2)
     for comparison in comparisons:
         tension = np.array([step.shape.tension for step in comparison.steps])
-        colour = LINES[comparison.model]['color']
         # The paper's two models agree for one section: the first is drawn wider.
         width = 1.6 if comparison.model != 'renda2012' else 4.0
-        bend = comparison.bend_percent
-        signed.plot(tension, bend, '-', color=colour, linewidth=width, alpha=0.6)
+        style: dict[str, Any] = {'color': LINES[comparison.model]['color'], 'linewidth': width}
+        bend, sized = comparison.bend_percent, {**style, 'markersize': 5.0 + width}
+        signed.plot(tension, bend, '-', **style, alpha=0.6)
         ways = np.array([step.direction for step in comparison.steps])
         for way in dict.fromkeys(ways[np.isfinite(bend)]):
             marker, is_full, label = _MARKERS.get(way, ('o', True, str(way)))
-            at = ways == way
-            signed.plot(
-                tension[at],
-                bend[at],
-                marker,
-                color=colour,
-                markersize=5.0 + width,
-                markerfacecolor=colour if is_full else 'white',
-                label=f'{comparison.model}, {label}',
-            )
-        for name, style, label in (('tip', 'o-', 'tip'), ('mean', 'x--', 'mean of midline')):
+            at, face = ways == way, style['color'] if is_full else 'white'
+            text = f'{comparison.model}, {label}'
+            signed.plot(tension[at], bend[at], marker, **sized, markerfacecolor=face, label=text)
+        for name, line, label in (('tip', 'o-', 'tip'), ('mean', 'x--', 'mean of midline')):
             percent = comparison.percent(name)
             if not np.isfinite(percent).any():
                 continue
-            for number, way in enumerate(dict.fromkeys(np.where(ways == REST, LOADING, ways))):
-                at = np.flatnonzero((ways == way) | ((ways == REST) & (way == LOADING)))
-                at = at[np.argsort(tension[at], kind='stable')]
+            text = f'{comparison.model}, {label}'
+            for at in _branches(ways, tension):
+                face = 'white' if ways[at[-1]] == UNLOADING else style['color']
                 plain.plot(
-                    tension[at],
-                    percent[at],
-                    style,
-                    color=colour,
-                    linewidth=width,
-                    markersize=5.0 + width,
-                    markerfacecolor='white' if way == UNLOADING else colour,
-                    label='' if number else f'{comparison.model}, {label}',
+                    tension[at], percent[at], line, **sized, markerfacecolor=face, label=text
                 )
+                text = ''
     signed.axhline(0.0, color='0.5', linewidth=0.8, zorder=0)
-    signed.set(
-        xlabel='sum of tensions [N]',
-        ylabel='signed error of the tip [% of L]',
-        title='> 0: the arm bends farther than the model',
-    )
-    plain.set(
-        xlabel='sum of tensions [N]',
-        ylabel='error [% of L]',
-        title='Model against measurement, by steady step',
-    )
+    signed.set(xlabel='sum of tensions [N]', ylabel='signed error of the tip [% of L]')
+    signed.set_title('> 0: the arm bends farther than the model')
+    plain.set(xlabel='sum of tensions [N]', ylabel='error [% of L]')
+    plain.set_title('Model against measurement, by steady step')
     plain.set_ylim(bottom=0.0)
     for panel in (signed, plain):
         panel.grid(alpha=0.3)
         panel.legend(frameon=False, fontsize='small')
     return figure
+
+
+def _branches(ways: Any, tension: FloatArray) -> Iterator[Any]:
+    """Numbers of the steps of each direction, by tension; those at rest are of loading."""
+    ways = np.where(ways == REST, LOADING, ways)
+    for way in dict.fromkeys(ways):
+        at = np.flatnonzero(ways == way)
+        yield at[np.argsort(tension[at], kind='stable')]
 
 
 _FEW = 2  # points: tips have no residuals along the arm
@@ -329,9 +282,15 @@ def pictures_of_fit(
 ) -> dict[str, Callable[[], Any]]:
     """Functions that draw the pictures of the ``fitted`` models, by name; see `save_all`."""
     pictures: dict[str, Callable[[], Any]] = {}
-    names = _shown(fitted)
-    if names:
-        pictures['intervals'] = lambda: _draw_intervals(fitted, names)
+    # Units of the parameters with a value by any model, without poses and zeros.
+    units = {
+        name: estimate.unit
+        for one in fitted
+        for name, estimate in one.estimates.items()
+        if is_of_arm(name) and estimate.value is not None
+    }
+    if units:
+        pictures['intervals'] = lambda: _draw_intervals(fitted, units)
     known = [one for one in fitted if one.after is not None]
     if trajectory is not None:
         of_motion = [
@@ -344,69 +303,35 @@ def pictures_of_fit(
     return pictures
 
 
-def _shown(fitted: Sequence[Identification]) -> list[str]:
-    """Parameters with a value by any model, without poses and zeros."""
-    names = dict.fromkeys(name for one in fitted for name in one.estimates)
-    return [
-        name
-        for name in names
-        if is_of_arm(name)
-        and any(name in one.estimates and one.estimates[name].value is not None for one in fitted)
-    ]
-
-
-def _draw_intervals(fitted: Sequence[Identification], names: Sequence[str]) -> Any:
+def _draw_intervals(fitted: Sequence[Identification], units: Mapping[str, str]) -> Any:
     """A panel for each parameter: estimates of all models with their intervals."""
-    figure = Figure(
-        figsize=(1.6 + 4.6 * len(names), 1.7 + 0.6 * len(fitted)), layout='constrained'
-    )
-    panels = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
-    for panel, name in zip(panels, names, strict=True):
+    size = 1.6 + 4.6 * len(units), 1.7 + 0.6 * len(fitted)
+    figure = Figure(figsize=size, layout='constrained')
+    panels = figure.subplots(1, len(units), squeeze=False, sharey=True)[0]
+    for panel, (name, unit) in zip(panels, units.items(), strict=True):
         for row, one in enumerate(fitted):
             estimate = one.estimates.get(name)
             if estimate is None or estimate.value is None:
                 continue
+            low, high = estimate.interval95 or (estimate.value, estimate.value)
+            text = f'{low:.6g}' if low == high else f'{low:.6g} to {high:.6g}'
             colour = LINES[one.model]['color']
             panel.plot(estimate.value, row, 'o', color=colour, markersize=6.0)
-            text = f'{estimate.value:.6g}'
-            if estimate.interval95 is not None:
-                low, high = estimate.interval95
-                panel.plot(
-                    (low, high),
-                    (row, row),
-                    '-|',
-                    color=colour,
-                    linewidth=2.5,
-                    markersize=14.0,
-                    markeredgewidth=1.5,
-                )
-                text = f'{low:.6g} to {high:.6g}'
-            panel.annotate(
-                text,
-                (estimate.value, row),
-                xytext=(0, 9),
-                textcoords='offset points',
-                ha='center',
-                fontsize='small',
-                annotation_clip=False,
-            )
-        panel.set(xlabel=f'{name} [{_unit(fitted, name)}]')
+            ends: dict[str, Any] = {'linewidth': 2.5, 'markersize': 14.0, 'markeredgewidth': 1.5}
+            if low < high:
+                panel.plot((low, high), (row, row), '-|', color=colour, **ends)
+            place: dict[str, Any] = {'xytext': (0, 9), 'textcoords': 'offset points'}
+            place |= {'ha': 'center', 'fontsize': 'small', 'annotation_clip': False}
+            panel.annotate(text, (estimate.value, row), **place)
+        panel.set(xlabel=f'{name} [{unit}]')
         panel.grid(alpha=0.3)
         panel.margins(x=0.2, y=0.3)
-    rows = [_row(one) for one in fitted]
+    misfits = ['' if one.after is None else f'\n{rank(one) * 1e3:.3f} mm' for one in fitted]
+    rows = [one.model + misfit for one, misfit in zip(fitted, misfits, strict=True)]
     panels[0].set_yticks(range(len(fitted)), rows)
     panels[0].invert_yaxis()
     figure.suptitle('95 % intervals by model, with its held-back misfit')
     return figure
-
-
-def _row(one: Identification) -> str:
-    misfit = one.cross_validation or one.after
-    return one.model if misfit is None else f'{one.model}\n{misfit.rms * 1e3:.3f} mm'
-
-
-def _unit(fitted: Sequence[Identification], name: str) -> str:
-    return next(one.estimates[name].unit for one in fitted if name in one.estimates)
 
 
 def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredShape]) -> Any:
@@ -415,30 +340,23 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
     panels = figure.subplots(3, len(fitted), squeeze=False, sharex=True, sharey=True)
     colours = tension_colours(shapes)
     for column, one in enumerate(fitted):
-        base = Config.from_parameters(one.parameters).base
+        base = Rotation.from_quat(Config.from_parameters(one.parameters).base.quaternion)
         comparison = compare(one.with_tensions(shapes), one.parameters, one.model, one.alignment)
         for step in comparison.steps:
-            away = _in_base(step, base)
+            away = base.inv().apply(shape_residuals(step.shape, step.measured, step.backbone))
             style = '-' if step.shape.s is None else 'o:'
             colour = colours.to_rgba(step.shape.tension)
             for row in range(3):
                 panels[row, column].plot(1e3 * step.s, 1e3 * away[:, row], style, color=colour)
-        for row, axis in enumerate(('t, along the base', 'n', 'b')):
-            panels[row, column].axhline(0.0, color='0.6', linewidth=0.8, zorder=0)
-            panels[row, column].grid(alpha=0.3)
-            if not column:
-                panels[row, column].set_ylabel(f'{axis} [mm]')
+        for panel, axis in zip(panels[:, column], ('t, along the base', 'n', 'b'), strict=True):
+            panel.axhline(0.0, color='0.6', linewidth=0.8, zorder=0)
+            panel.grid(alpha=0.3)
+            panel.set(xlabel='s [mm]', ylabel=f'{axis} [mm]')
+            panel.label_outer()
         panels[0, column].set_title(one.model, fontsize='medium')
-        panels[-1, column].set_xlabel('s [mm]')
     figure.colorbar(colours, ax=panels, label='sum of tensions [N]', pad=0.01)
     figure.suptitle('Measured less fitted midline, in the frame of the base')
     return figure
-
-
-def _in_base(step: StepComparison, base: Pose) -> Any:
-    """Residuals of a step (m, 3) [m] in the axes t, n and b of the base."""
-    away = shape_residuals(step.shape, step.measured, step.backbone)
-    return Rotation.from_quat(base.quaternion).inv().apply(away)
 
 
 _BAND = 1.96  # standard deviations on either side that hold 95 %

@@ -16,7 +16,6 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.material import MotionProperties
 from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.arm.tendon import Section
 from octo_arm_model.config.config import Config
@@ -141,62 +140,51 @@ def _check_fits(fits: Sequence[str], model: str, is_driven: bool, moves: bool) -
 
 
 def unknowns_of(
-    name: str, config: Config, pulled: Sequence[str], encoders: Sequence[str], alignment: Alignment
-) -> list[Unknown]:
-    """The unknowns of one of `FITS`, on the arm of ``config``.
+    config: Config, pulled: Sequence[str], encoders: Sequence[str], alignment: Alignment
+) -> dict[str, list[Unknown]]:
+    """The unknowns of each of `FITS`, on the arm of ``config``.
 
     ``pulled`` are the tendons under tension, ``encoders`` those of them that have one, and
     ``alignment`` is the start of its own fit.
     """
-    arm, material = config.arm, config.arm.material
-    if name in ('youngs_modulus', BENDING, SHEATH, 'tension_scale', SPOOL):
-        unit, first = {
-            BENDING: ('N m^2', math.sqrt(math.prod(_bending(arm)))),
-            'youngs_modulus': ('Pa', float(material.youngs_modulus_at(0.0))),
-            SHEATH: ('Pa', arm.sheath_stiffness[0] if arm.sheath_stiffness else 0.0),
-            'tension_scale': ('-', 1.0),
-            SPOOL: ('m', float(np.mean(np.abs(config.encoders.scale or (1.0,))))),
-        }[name]
+    arm, material, motion = config.arm, config.arm.material, config.motion
+
+    def ratio(name: str, unit: str, first: float) -> list[Unknown]:
         ends = -_FARTHEST, _FARTHEST
         return [Unknown(name, unit, 0.0, 1.0, *ends, Scale.LOGARITHM, first)]
-    if name in (REST_CURVATURE, REST_TORSION):
-        torsion, *curvatures = arm.rest.at(np.zeros(1))[:, 0].tolist()
-        bends = zip(OF_REST, curvatures, strict=True)
-        chosen = [*bends] if name == REST_CURVATURE else [(name, torsion)]
-        return [Unknown(part, '1/m', first, 0.1 / arm.length) for part, first in chosen]
-    if name == 'poisson_ratio':
-        ratio = float(material.poisson_ratio_at(0.0))
-        return [Unknown(name, '-', ratio, 0.5, -1.0 + 1e-6, 0.5)]
-    if name in OF_MOTION:
-        return [_of_motion(name, config.motion)]
-    if name == 'friction':
-        # Not from zero, the end of its range, which a minimisation hardly leaves.
-        given = float(np.mean(arm.friction or (_ROUGH,)))
-        return [Unknown(name, '-', given, 0.1, 0.0, _ROUGHEST)]
-    if name == 'tension_offset':
-        return [Unknown(name, 'N', 0.0, 0.1)]
-    if name == 'tendon_offsets':
-        return [Unknown(f'{OFFSET}{tendon}', 'm', 0.0, 1e-3) for tendon in pulled]
-    if name == ENCODER_ZEROS:
-        return [Unknown(f'{ZERO}{tendon}', 'm', 0.0, 1e-3) for tendon in encoders]
-    if name == AXIAL:
-        first = float(np.mean(arm.axial_stiffness or (0.0,))) or _THREAD
-        return [Unknown(name, 'N', 1.0, 1.0, 0.0, _SOFTEST, Scale.INVERSE, first)]
-    start = (*alignment.shift, *alignment.turn)
-    parts = zip(ALIGNMENT, 3 * ['m'] + 3 * ['rad'], start, strict=True)
-    return [Unknown(part, unit, float(value), 1e-2) for part, unit, value in parts]
 
-
-def _of_motion(name: str, motion: MotionProperties) -> Unknown:
-    """One of `OF_MOTION`; a search does not begin at zero, the end of its range."""
-    unit, given, usual = {
-        DAMPING: ('Pa s', motion.viscosity, 100.0)
-        if motion.viscosity
-        else ('s', motion.damping_time, 0.01),
-        DRAG: ('-', motion.normal_drag, 1.0),
-        ADDED_MASS: ('-', motion.added_mass, 1.0),
-    }[name]
-    return Unknown(name, unit, given or usual, usual, 0.0)
+    poisson = float(material.poisson_ratio_at(0.0))
+    torsion, *curvatures = arm.rest.at(np.zeros(1))[:, 0].tolist()
+    # A search does not begin at zero where this is the end of a range, which it hardly leaves.
+    damping = ('Pa s', motion.viscosity, 100.0) if motion.viscosity else None
+    unit, damped, usual = damping or ('s', motion.damping_time or 0.01, 0.01)
+    rough = float(np.mean(arm.friction or (_ROUGH,)))
+    thread = float(np.mean(arm.axial_stiffness or (0.0,))) or _THREAD
+    spool = float(np.mean(np.abs(config.encoders.scale or (1.0,))))
+    sheath = arm.sheath_stiffness[0] if arm.sheath_stiffness else 0.0
+    pose = zip(ALIGNMENT, 3 * ['m'] + 3 * ['rad'], (*alignment.shift, *alignment.turn))
+    return {
+        'youngs_modulus': ratio('youngs_modulus', 'Pa', float(material.youngs_modulus_at(0.0))),
+        BENDING: ratio(BENDING, 'N m^2', math.sqrt(math.prod(_bending(arm)))),
+        'poisson_ratio': [Unknown('poisson_ratio', '-', poisson, 0.5, -1.0 + 1e-6, 0.5)],
+        SHEATH: ratio(SHEATH, 'Pa', sheath),
+        'tendon_offsets': [Unknown(f'{OFFSET}{name}', 'm', 0.0, 1e-3) for name in pulled],
+        'friction': [Unknown('friction', '-', rough, 0.1, 0.0, _ROUGHEST)],
+        'tension_scale': ratio('tension_scale', '-', 1.0),
+        'tension_offset': [Unknown('tension_offset', 'N', 0.0, 0.1)],
+        'alignment': [Unknown(part, unit, float(value), 1e-2) for part, unit, value in pose],
+        REST_CURVATURE: [
+            Unknown(part, '1/m', first, 0.1 / arm.length)
+            for part, first in zip(OF_REST, curvatures, strict=True)
+        ],
+        REST_TORSION: [Unknown(REST_TORSION, '1/m', torsion, 0.1 / arm.length)],
+        SPOOL: ratio(SPOOL, 'm', spool),
+        ENCODER_ZEROS: [Unknown(f'{ZERO}{name}', 'm', 0.0, 1e-3) for name in encoders],
+        AXIAL: [Unknown(AXIAL, 'N', 1.0, 1.0, 0.0, _SOFTEST, Scale.INVERSE, thread)],
+        DAMPING: [Unknown(DAMPING, unit, damped, usual, 0.0)],
+        DRAG: [Unknown(DRAG, '-', motion.normal_drag or 1.0, 1.0, 0.0)],
+        ADDED_MASS: [Unknown(ADDED_MASS, '-', motion.added_mass or 1.0, 1.0, 0.0)],
+    }
 
 
 def _bending(arm: Arm) -> list[float]:
@@ -377,13 +365,9 @@ class Unknowns:
         wanted = {*fits, *([ENCODER_ZEROS] if AXIAL in fits else [])}
         names = np.array(self.arm.tendon_names)
         pulled, encoders = names[self._pulled].tolist(), names[self.taut.any(axis=0)].tolist()
-        self.unknowns = tuple(
-            unknown
-            for name in FITS
-            if name in wanted
-            for unknown in unknowns_of(name, config, pulled, encoders, alignment)
-            if unknown.name not in without
-        )
+        candidates = unknowns_of(config, pulled, encoders, alignment)
+        wanted_ones = (one for name in FITS if name in wanted for one in candidates[name])
+        self.unknowns = tuple(one for one in wanted_ones if one.name not in without)
         if not self.unknowns and not without:
             raise ConfigError('nothing to fit: no tendon is pulled')
         self.start = np.array([unknown.start for unknown in self.unknowns])
@@ -407,95 +391,63 @@ class Unknowns:
         scale, offset = self.value(x, 'tension_scale', 1.0), self.value(x, 'tension_offset', 0.0)
         return np.maximum(scale * read + offset * (read > self.slack), 0.0)
 
-    def _calibrated(self, x: FloatArray) -> dict[str, Any]:
-        """Parameters of load cells whose readings `tensions` turns into tensions at ``x``.
-
-        A slack tendon has no offset: the deadband holds what it reads.
-        """
-        scale, offset = self.value(x, 'tension_scale', 1.0), self.value(x, 'tension_offset', 0.0)
-        if (scale, offset) == (1.0, 0.0):
-            return {}
-        cells, count = self._cells, len(self._pulled)
-        begun = np.array(cells.offset or count * (0.0,))
-        band = scale * max(cells.deadband, float(self.slack) if offset else 0.0) + abs(offset)
-        return {
-            'tension_scale': (scale * np.array(cells.scale or count * (1.0,))).tolist(),
-            'tension_offset': (scale * begun + offset * self._pulled).tolist(),
-            'tension_deadband': band,
-        }
-
     def parameters(self, x: FloatArray) -> dict[str, Any]:
-        """Parameters of the arm at ``x``."""
-        values = {**self._parameters, **self._calibrated(x)}
-        young = self.value(x, 'youngs_modulus', math.nan)
-        if math.isfinite(young):
-            table = 'material.table_youngs_modulus'
+        """Parameters of the arm, its load cells and its encoders at ``x``."""
+        found = {one.name: self.value(x, one.name, 0.0) for one in self.unknowns}
+        values, count = dict(self._parameters), len(self.arm.tendons)
+        scale, offset = found.get('tension_scale', 1.0), found.get('tension_offset', 0.0)
+        if (scale, offset) != (1.0, 0.0):
+            # A slack tendon has no offset: the deadband holds what it reads.
+            cells = self._cells
+            begun = np.array(cells.offset or count * (0.0,))
+            band = max(cells.deadband, float(self.slack) if offset else 0.0)
+            values['tension_scale'] = (scale * np.array(cells.scale or count * (1.0,))).tolist()
+            values['tension_offset'] = (scale * begun + offset * self._pulled).tolist()
+            values['tension_deadband'] = scale * band + abs(offset)
+        if (young := found.get('youngs_modulus')) is not None:
+            # A modulus along the arm, and stiffness that is given, change by the same factor.
+            factor = young / float(self.arm.material.youngs_modulus_at(0.0))
+            scaled = {name for name in values if name.startswith('stiffness.')}
+            scaled -= {'stiffness.table_s'}
             if values.get('material.table_s'):
-                factor = young / float(self.arm.material.youngs_modulus_at(0.0))
-                values[table] = [factor * value for value in values[table]]
+                scaled.add('material.table_youngs_modulus')
             else:
                 values['material.youngs_modulus'] = young
-            values.update(self._stiffness(young))
-        values.update(self._of_rod(x))
-        ratio = self.value(x, 'poisson_ratio', math.nan)
-        if math.isfinite(ratio):
-            values['material.poisson_ratio'] = ratio
-        sheath = self.value(x, SHEATH, math.nan)
-        if math.isfinite(sheath):
-            values['tendons.sheath_stiffness'] = [sheath]
-        if AXIAL in self.names:
-            stiffness = self.value(x, AXIAL, 0.0)
-            values['tendons.axial_stiffness'] = [stiffness if math.isfinite(stiffness) else 0.0]
-        if self._fits_encoders:
-            count = len(self.arm.tendons)
-            scale = np.broadcast_to(self._encoders.scale or 1.0, count)
-            values[SPOOL] = (self._spool(x) * scale).tolist()
-            values[ENCODER_ZEROS] = (self._encoder_offset - self._zeros(x)).tolist()
-        if 'friction' in self.names:
-            values['tendons.friction'] = [self.value(x, 'friction', 0.0)]
-        values |= self._moving(x)
-        moved = {
-            tendon: self.value(x, f'{OFFSET}{tendon}', 0.0) for tendon in self.arm.tendon_names
-        }
-        return move_tendons(values, self.arm, moved) if any(moved.values()) else values
-
-    def _moving(self, x: FloatArray) -> dict[str, Any]:
-        """Parameters of the motion at ``x``, where one is fitted."""
-        if not {*OF_MOTION} & {*self.names}:
-            return {}
-        motion = self._motion
-        damping = 'viscosity' if motion.viscosity else 'damping_time'
-        return {
-            f'motion.{damping}': self.value(x, DAMPING, getattr(motion, damping)),
-            'motion.water': '',
-            'motion.normal_drag': self.value(x, DRAG, motion.normal_drag),
-            'motion.tangential_drag': motion.tangential_drag,
-            'motion.added_mass': self.value(x, ADDED_MASS, motion.added_mass),
-        }
-
-    def _stiffness(self, young: float) -> dict[str, Any]:
-        """Given stiffness, which is that at E in the config, at ``young`` [Pa]."""
-        factor = young / float(self.arm.material.youngs_modulus_at(0.0))
-        names = {name for name in self._parameters if name.startswith('stiffness.')}
-        return {
-            name: (factor * np.array(self._parameters[name])).tolist()
-            for name in names - {'stiffness.table_s'}
-        }
-
-    def _of_rod(self, x: FloatArray) -> dict[str, Any]:
-        """Parameters of its bending stiffness and its shape at rest, where these are fitted."""
-        found: dict[str, Any] = {}
-        if BENDING in self.names:
+            values |= {name: (factor * np.array(values[name])).tolist() for name in scaled}
+        if BENDING in found:
             first = _bending(self.arm)
-            factor = self.value(x, BENDING, 0.0) / math.sqrt(math.prod(first))
-            found['stiffness.bending'] = [factor * one for one in first]
-        torsion, *curvatures = self.arm.rest.at(np.zeros(1))[:, 0].tolist()
-        if {*OF_REST} & {*self.names}:
+            factor = found[BENDING] / math.sqrt(math.prod(first))
+            values['stiffness.bending'] = [factor * one for one in first]
+        if {*OF_REST} & found.keys():
+            _, *curvatures = self.arm.rest.at(np.zeros(1))[:, 0].tolist()
             pairs = zip(OF_REST, curvatures, strict=True)
-            found[REST_CURVATURE] = [self.value(x, name, one) for name, one in pairs]
-        if REST_TORSION in self.names:
-            found[REST_TORSION] = self.value(x, REST_TORSION, torsion)
-        return found
+            values[REST_CURVATURE] = [found.get(name, one) for name, one in pairs]
+        for name, parameter, is_list in (
+            (REST_TORSION, REST_TORSION, False),
+            ('poisson_ratio', 'material.poisson_ratio', False),
+            (SHEATH, 'tendons.sheath_stiffness', True),
+            ('friction', 'tendons.friction', True),
+            (AXIAL, 'tendons.axial_stiffness', True),
+        ):
+            if name in found:  # tendons that do not stretch have the stiffness 0
+                value = found[name] if math.isfinite(found[name]) else 0.0
+                values[parameter] = [value] if is_list else value
+        if self._fits_encoders:
+            radii = np.broadcast_to(self._encoders.scale or 1.0, count)
+            values[SPOOL] = (self._spool(x) * radii).tolist()
+            values[ENCODER_ZEROS] = (self._encoder_offset - self._zeros(x)).tolist()
+        if {*OF_MOTION} & found.keys():
+            motion = self._motion
+            damping = 'viscosity' if motion.viscosity else 'damping_time'
+            values |= {
+                f'motion.{damping}': found.get(DAMPING, getattr(motion, damping)),
+                'motion.water': '',
+                'motion.normal_drag': found.get(DRAG, motion.normal_drag),
+                'motion.tangential_drag': motion.tangential_drag,
+                'motion.added_mass': found.get(ADDED_MASS, motion.added_mass),
+            }
+        moved = {name: found.get(f'{OFFSET}{name}', 0.0) for name in self.arm.tendon_names}
+        return move_tendons(values, self.arm, moved) if any(moved.values()) else values
 
     def solver(self, x: FloatArray) -> Solver:
         """Solver of the arm at ``x``; ArmDefinitionError if there can be no such arm."""
