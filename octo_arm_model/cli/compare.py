@@ -87,9 +87,15 @@ def rows(comparisons: Sequence[ModelComparison]) -> list[dict[str, Any]]:
     """One entry for each model and step; errors in per cent of the length, None where unknown."""
     table = []
     for comparison in comparisons:
-        percent = {name: comparison.percent(name) for name in ERRORS}
-        for index, step in enumerate(comparison.steps):
+        columns = {'bend_error_percent': comparison.bend_percent.tolist()}
+        noise = [100.0 * step.shape.noise / comparison.length for step in comparison.steps]
+        columns['noise_percent'] = noise
+        for name in ERRORS:
+            key = 'hausdorff_percent' if name == 'hausdorff' else f'{name}_error_percent'
+            columns[key] = comparison.percent(name).tolist()
+        for step, *values in zip(comparison.steps, *columns.values(), strict=True):
             window = step.shape.window
+            known = (None if math.isnan(value) else value for value in values)
             table.append(
                 {
                     'model': comparison.model,
@@ -102,16 +108,7 @@ def rows(comparisons: Sequence[ModelComparison]) -> list[dict[str, Any]]:
                     'frames': step.shape.frames,
                     'outliers': step.shape.outliers,
                     'direction': step.direction,
-                    'bend_error_percent': None
-                    if math.isnan(step.bend)
-                    else 100.0 * step.bend / comparison.length,
-                    'noise_percent': 100.0 * step.shape.noise / comparison.length,
-                    **{
-                        f'{name}_error_percent' if name != 'hausdorff' else f'{name}_percent': None
-                        if math.isnan(values[index])
-                        else float(values[index])
-                        for name, values in percent.items()
-                    },
+                    **dict(zip(columns, known)),
                 }
             )
     return table

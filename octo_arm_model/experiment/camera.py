@@ -287,13 +287,9 @@ def _distances(
 ) -> tuple[FloatArray, FloatArray]:
     """Distances of the tip and of midlines on average, (frames,) [m]."""
     alignment = alignment or _fitted(lines, shapes)
-    tips, means = [], []
-    for line, shape in zip(lines, shapes, strict=True):
-        measured = alignment.to_base(line)
-        errors = midline_errors(measured, Curve(shape))
-        tips.append(np.nan if errors.tip is None else errors.tip)
-        means.append(np.nan if errors.mean is None else errors.mean)
-    return np.array(tips), np.array(means)
+    pairs = zip(lines, shapes, strict=True)
+    errors = [midline_errors(alignment.to_base(line), Curve(shape)) for line, shape in pairs]
+    return np.array([one.tip for one in errors]), np.array([one.mean for one in errors])
 
 
 def _fitted(lines: Sequence[FloatArray], shapes: Sequence[FloatArray]) -> Alignment:

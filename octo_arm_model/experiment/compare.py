@@ -83,10 +83,8 @@ class ModelComparison:
 
     def percent(self, name: str) -> FloatArray:
         """Errors ``name`` of all steps in per cent of the length, NaN where not measured."""
-        values = [getattr(step.errors, name) for step in self.steps]
-        return np.array(
-            [np.nan if value is None else 100.0 * value / self.length for value in values]
-        )
+        values = (getattr(step.errors, name) for step in self.steps)
+        return np.array([100.0 * value / self.length for value in values])
 
     @property
     def bend_percent(self) -> FloatArray:
@@ -150,7 +148,7 @@ def compare(
             away = shape_residuals(shape, measured, backbone)
             errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))
         bend = math.nan
-        if errors.tip is not None and trajectory is None:
+        if math.isfinite(errors.tip) and trajectory is None:
             bend = _bend(solver, backbone, measured[-1])
         steps.append(
             StepComparison(number, shape, measured, backbone, errors, ways[number - 1], bend)
@@ -224,10 +222,22 @@ def write_tables(
     Raises:
         OSError: if a file cannot be written.
     """
+
+    def of_all(rows_of: Callable[[StepComparison], list[list[float]]]) -> Iterator[list[Any]]:
+        for one in comparisons:
+            for step in one.steps:
+                yield from ([one.model, step.number, *row] for row in rows_of(step))
+
+    windows = [step.shape.window for step in comparisons[0].steps]
+    tensions = (
+        [round(time - windows[0].start, 9), *window.tensions.tolist()]
+        for window in windows
+        for time in dict.fromkeys((window.start, window.stop))
+    )
     tables: dict[str, tuple[Sequence[str], Iterator[list[Any]]]] = {
-        'midlines.csv': (MIDLINES, _midlines(comparisons)),
-        'stations.csv': (STATIONS, _stations(comparisons)),
-        'tensions.csv': (tension_columns(tendons), _tensions(comparisons[0])),
+        'midlines.csv': (MIDLINES, of_all(_midline_rows)),
+        'stations.csv': (STATIONS, of_all(lambda step: station_rows(step.backbone))),
+        'tensions.csv': (tension_columns(tendons), tensions),
     }
     with CsvFiles() as files:
         for name, (header, rows) in tables.items():
@@ -237,26 +247,6 @@ def write_tables(
     return list(tables)
 
 
-def _midlines(comparisons: Sequence[ModelComparison]) -> Iterator[list[Any]]:
-    for comparison in comparisons:
-        for step in comparison.steps:
-            away = shape_residuals(step.shape, step.measured, step.backbone)
-            numbers = np.column_stack([step.s, step.measured, step.measured - away, away])
-            for row in numbers.tolist():
-                yield [comparison.model, step.number, *row]
-
-
-def _stations(comparisons: Sequence[ModelComparison]) -> Iterator[list[Any]]:
-    for comparison in comparisons:
-        for step in comparison.steps:
-            for row in station_rows(step.backbone):
-                yield [comparison.model, step.number, *row]
-
-
-def _tensions(comparison: ModelComparison) -> Iterator[list[float]]:
-    """Start and end of each step, the first at time 0."""
-    origin = comparison.steps[0].shape.window.start
-    for step in comparison.steps:
-        window = step.shape.window
-        for time in dict.fromkeys((window.start, window.stop)):
-            yield [round(time - origin, 9), *window.tensions.tolist()]
+def _midline_rows(step: StepComparison) -> list[list[float]]:
+    away = shape_residuals(step.shape, step.measured, step.backbone)
+    return np.column_stack([step.s, step.measured, step.measured - away, away]).tolist()

@@ -181,14 +181,6 @@ class Problem:
         away = np.concatenate(self._encoders(x))[:, np.newaxis]
         return _scale_of(away, ENCODERS_FINEST * self.length)
 
-    def _weigh(self, x: FloatArray) -> None:
-        """Settle the weight of encoder readings beside the camera, from the fit at ``x`` on."""
-        for _ in range(_ROUNDS):
-            x = self.minimise(x, None)
-            before, self._weight = self._weight, self.scale(x) / self.encoder_scale(x)
-            if abs(self._weight - before) < _SETTLED * before:
-                return
-
     def scale(self, x: FloatArray) -> float:
         """Scale of the robust loss, from the residuals at ``x`` [m]."""
         return _scale_of(np.concatenate(self.all_residuals(x)), _FINEST * self.length)
@@ -260,8 +252,13 @@ class Problem:
         """
         x = self.unknowns.start if start is None else start
         if self.unknowns.reads_encoders and not self._is_weighed:
-            self._weigh(x)
-            self._is_weighed = True
+            self._is_weighed, begun = True, x
+            # The weight of encoder readings beside the camera settles first.
+            for _ in range(_ROUNDS):
+                begun = self.minimise(begun, None)
+                before, self._weight = self._weight, self.scale(begun) / self.encoder_scale(begun)
+                if abs(self._weight - before) < _SETTLED * before:
+                    break
         found: float | None = None
         if loss == SOFT_L1:
             scale = self.scale(x)

@@ -173,7 +173,15 @@ def best_of(fitted: Sequence[Identification]) -> Identification:
 def _near_best(fitted: Sequence[Identification]) -> list[Identification]:
     """The best and those with a misfit near it."""
     best = best_of(fitted)
-    return [one for one in fitted if one is best or _is_near(best, one)]
+    near = []
+    for other in fitted:
+        pairs = list(zip(best.step_misfits, other.step_misfits))
+        is_near = other is best or rank(other) <= (1.0 + _NEAR) * rank(best)
+        if not is_near and len(best.step_misfits) == len(other.step_misfits) >= 2:
+            worse = np.array([theirs.rms**2 - ours.rms**2 for (_, ours), (_, theirs) in pairs])
+            is_near = worse.mean() < _ERRORS * worse.std(ddof=1) / math.sqrt(len(worse))
+        near += [other] if is_near else []
+    return near
 
 
 def envelope_of(fitted: Sequence[Identification], name: str) -> tuple[float, float] | None:
@@ -208,13 +216,3 @@ def disagreements(fitted: Sequence[Identification]) -> list[str]:
                 f'models near the best together say {low:.4g} to {high:.4g}'
             )
     return notes
-
-
-def _is_near(best: Identification, other: Identification) -> bool:
-    if rank(other) <= (1.0 + _NEAR) * rank(best):
-        return True
-    pairs = list(zip(best.step_misfits, other.step_misfits))
-    if len(pairs) < 2 or len(best.step_misfits) != len(other.step_misfits):
-        return False
-    worse = np.array([theirs.rms**2 - ours.rms**2 for (_, ours), (_, theirs) in pairs])
-    return bool(worse.mean() < _ERRORS * worse.std(ddof=1) / math.sqrt(len(worse)))

@@ -4,7 +4,6 @@ A segment is the straight line between two neighbouring points. A tip alone is a
 point.
 """
 
-import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -90,13 +89,6 @@ class Curve:
         at = self.lengths[segment] + part[row, segment] * np.diff(self.lengths)[segment]
         return away[row, segment], at / self.lengths[-1]
 
-    @functools.cached_property
-    def _beginning(self) -> 'Curve':
-        """Where a midline may begin; a coiled arm may come near its base again."""
-        ends = self.along(np.array(_STARTS))
-        near = (self.lengths > 0.0) & (self.lengths < _STARTS[1] * self.lengths[-1])
-        return Curve(np.concatenate([ends[:1], self.points[near], ends[1:]]))
-
     def fraction_at(self, start: FloatArray, check: bool = False) -> float:
         """Fraction of the length at which a midline begins whose first point is ``start`` (3,).
 
@@ -107,7 +99,11 @@ class Curve:
             MeasurementError: if it is to ``check`` and not near the base.
         """
         low, high = _STARTS
-        part = float(self._beginning.nearest(start[np.newaxis])[1][0])
+        # Only where a midline may begin: a coiled arm may come near its base again.
+        ends = self.along(np.array(_STARTS))
+        near = (self.lengths > 0.0) & (self.lengths < high * self.lengths[-1])
+        beginning = Curve(np.concatenate([ends[:1], self.points[near], ends[1:]]))
+        part = float(beginning.nearest(start[np.newaxis])[1][0])
         if check and not 1e-9 < part < 1.0 - 1e-9:
             raise MeasurementError(
                 f'a midline begins outside {low:.0%} to {high:.0%} of the arm, expected near the '
@@ -131,8 +127,8 @@ class MidlineErrors(NamedTuple):
 
     Distances are from each measured point to the nearest of the model's curve; Hausdorff's also
     the other way, from the beginning of the midline on. A tip alone has only ``tip``. Of markers
-    distances are those to the points of the model at their arc coordinates; Hausdorff's is None,
-    and that of the tip is None where no marker is there.
+    distances are those to the points of the model at their arc coordinates; there is none of
+    Hausdorff, nor of the tip where no marker is there. What is not measured is NaN.
 
     Attributes:
         tip: from tip to tip [m].
@@ -141,17 +137,17 @@ class MidlineErrors(NamedTuple):
         hausdorff: largest distance either way [m].
     """
 
-    tip: float | None
-    mean: float | None
-    max: float | None
-    hausdorff: float | None
+    tip: float
+    mean: float = np.nan
+    max: float = np.nan
+    hausdorff: float = np.nan
 
 
 def midline_errors(measured: FloatArray, model: Curve) -> MidlineErrors:
     """Errors of ``model`` against ``measured`` (m, 3), both from base to tip."""
     tip = float(np.linalg.norm(measured[-1] - model.points[-1]))
     if len(measured) == 1:
-        return MidlineErrors(tip, None, None, None)
+        return MidlineErrors(tip)
     distance, _ = model.nearest(measured)
     start = max(model.fraction_at(measured[0]), 0.0)
     beyond = model.points[model.lengths > start * model.lengths[-1]]
@@ -163,8 +159,8 @@ def midline_errors(measured: FloatArray, model: Curve) -> MidlineErrors:
 def marker_errors(away: FloatArray, has_tip: bool) -> MidlineErrors:
     """Errors of markers ``away`` (m, 3) from the model, the last of them the tip or not."""
     distance = np.linalg.norm(away, axis=1)
-    tip = float(distance[-1]) if has_tip else None
-    return MidlineErrors(tip, float(distance.mean()), float(distance.max()), None)
+    tip = float(distance[-1]) if has_tip else np.nan
+    return MidlineErrors(tip, float(distance.mean()), float(distance.max()))
 
 
 def is_tip_first(midlines: Sequence[FloatArray], base: FloatArray | None) -> tuple[bool, str]:

@@ -151,8 +151,8 @@ def _draw_step(shown: Sequence[tuple[ModelComparison, StepComparison]], views: _
     for column, (comparison, step) in enumerate(shown):
         for view, panel in enumerate(panels[:, column]):
             _draw_view(panel, comparison, step, functools.partial(views.flat, view=view))
-        name = 'tip' if step.errors.tip is not None else 'mean'
-        percent = 100.0 * (getattr(step.errors, name) or 0.0) / comparison.length
+        name = 'mean' if np.isnan(step.errors.tip) else 'tip'
+        percent = 100.0 * getattr(step.errors, name) / comparison.length
         panels[0, column].set_title(
             f'{comparison.model}, {name} error {percent:.1f} % of L', fontsize='medium'
         )
@@ -208,13 +208,13 @@ def _draw_tip(moving: ModelComparison) -> Any:
     """The tip as measured and of the model over time, and the distance between them."""
     figure = Figure(figsize=(9.0, 6.4), layout='constrained')
     tips, errors = figure.subplots(2, 1, sharex=True)
-    steps = [step for step in moving.steps if step.errors.tip is not None]
+    steps = [step for step in moving.steps if np.isfinite(step.errors.tip)]
     time = [step.shape.window.start for step in steps]
     for axis, name in enumerate('xyz'):
         (line,) = tips.plot(time, [step.backbone.tip[axis] for step in steps], label=name)
         measured = [step.measured[-1, axis] for step in steps]
         tips.plot(time, measured, '.', color=line.get_color(), markersize=3.0)
-    errors.plot(time, [1e3 * (step.errors.tip or 0.0) for step in steps])
+    errors.plot(time, [1e3 * step.errors.tip for step in steps])
     tips.set(ylabel='tip [m]', title='The model (lines) and measured (dots)')
     errors.set(xlabel='time [s]', ylabel='error of the tip [mm]')
     errors.set_ylim(bottom=0.0)

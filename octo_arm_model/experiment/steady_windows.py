@@ -157,10 +157,13 @@ def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> 
     while first < len(time):
         stop = _end_of_band(time, tensions, first, band, gap)
         if time[stop - 1] - time[first] >= rule.duration:
-            if ranges and _is_one(time, tensions, ranges[-1], (first, stop), 0.5 * band, rule):
-                ranges[-1] = (ranges[-1][0], stop)
-            else:
-                ranges.append((first, stop))
+            # Two windows are one step where a glitch separates them.
+            is_one = False
+            if ranges and time[first] - time[ranges[-1][1] - 1] < rule.duration:
+                before = tensions[slice(*ranges[-1])].mean(axis=0)
+                changed = np.abs(before - tensions[first:stop].mean(axis=0))
+                is_one = bool((changed <= 0.5 * band).all())
+            ranges.append((ranges.pop()[0] if is_one else first, stop))
         first = stop
     windows = [_window(time, tensions, samples, band, rule) for samples in ranges]
     return [window for window in windows if window is not None]
@@ -264,21 +267,6 @@ def _end_of_band(
         done += len(part)
         block *= 2
     return len(time)
-
-
-def _is_one(
-    time: FloatArray,
-    tensions: FloatArray,
-    one: tuple[int, int],
-    other: tuple[int, int],
-    tolerance: float,
-    rule: SteadyRule,
-) -> bool:
-    """Whether two windows are one step, separated by a glitch."""
-    if time[other[0]] - time[one[1] - 1] >= rule.duration:
-        return False
-    means = [tensions[slice(*samples)].mean(axis=0) for samples in (one, other)]
-    return bool((np.abs(means[0] - means[1]) <= tolerance).all())
 
 
 def with_displacements(window: Window, recording: Recording) -> Window:
