@@ -14,7 +14,6 @@ from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.cli import arguments
 from octo_arm_model.cli.solve import as_dict, millimetres
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.solver import Solver
 
 SUMMARY = 'find tensions for a wanted shape'
 DESCRIPTION = """\
@@ -62,7 +61,17 @@ def run(options: argparse.Namespace) -> int:
     found = find_tensions(solver, target, highest, stiffness=stiffness)
     errors = _errors(target, found.backbone)
     if options.json:
-        print(json.dumps(_as_dict(found, solver, *errors)))
+        content = {
+            'reached': found.reached,
+            'error': found.error,
+            'distance_error': errors[0],
+            'angle_error': errors[1],
+            'stiffness': found.stiffness,
+            'tensions': found.backbone.tensions.tolist(),
+            'solves': found.iterations,
+            **as_dict(found.backbone, solver),
+        }
+        print(json.dumps(content))
     else:
         print(_summary(found, config.arm, *errors))
     return 0 if found.reached else 1
@@ -92,21 +101,6 @@ def _errors(target: Target, backbone: Backbone) -> tuple[float | None, float | N
     count = 3 if isinstance(target, TipPose) else 0
     angle = float(np.linalg.norm(error[count:])) / target.length_per_radian
     return float(np.linalg.norm(error[:count])) if count else None, angle
-
-
-def _as_dict(
-    found: Inverse, solver: Solver, distance: float | None, angle: float | None
-) -> dict[str, object]:
-    return {
-        'reached': found.reached,
-        'error': found.error,
-        'distance_error': distance,
-        'angle_error': angle,
-        'stiffness': found.stiffness,
-        'tensions': found.backbone.tensions.tolist(),
-        'solves': found.iterations,
-        **as_dict(found.backbone, solver),
-    }
 
 
 def _summary(found: Inverse, arm: Arm, distance: float | None, angle: float | None) -> str:

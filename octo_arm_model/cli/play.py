@@ -71,7 +71,10 @@ def run(options: argparse.Namespace) -> None:
         raise ConfigError('expected either PROFILE or --list')
     if options.list:
         arguments.refuse_without_effect(options, (*_OF_PLAYING, *_OF_ONE), 'with --list')
-        print(_listing(arm))
+        names = profile_names(arm)
+        width = max(len(name) for name in names)
+        for name, description in names.items():
+            print(f'{name:{width}} {find_profile(name, arm).duration:6.1f} s  {description}')
         return
     profile = find_profile(options.profile, arm, arguments.read_highest(options))
     if options.csv or options.plot:
@@ -83,16 +86,6 @@ def run(options: argparse.Namespace) -> None:
         _write(options, profile, arm)
     else:
         _play(options, profile, config)
-
-
-def _listing(arm: Arm) -> str:
-    """Movements of ``arm``: name, duration, description."""
-    names = profile_names(arm)
-    width = max(len(name) for name in names)
-    return '\n'.join(
-        f'{name:{width}} {find_profile(name, arm).duration:6.1f} s  {description}'
-        for name, description in names.items()
-    )
 
 
 def _write(options: argparse.Namespace, profile: CommandProfile, arm: Arm) -> None:

@@ -5,7 +5,6 @@ import json
 from pathlib import Path
 
 from octo_arm_model.analysis.workspace import Workspace, draw_workspace, sample_workspace
-from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, writing
@@ -100,24 +99,20 @@ def as_dict(workspace: Workspace, model: str, seed: int) -> dict[str, object]:
 def summary(workspace: Workspace, model: str, picture: Path | None) -> str:
     """Number and extent of the tips in text, in millimetres."""
     reached, refused = len(workspace.tip), workspace.refused
+    low, high = (f'{one:.4g}' for one in (workspace.highest.min(), workspace.highest.max()))
     lines = [
         f'model     {model}',
-        f'tensions  up to {_range(workspace.highest)} N',
+        f'tensions  up to {low if low == high else f"{low} ... {high}"} N',
         f'tips      {reached} of {reached + refused} sets of tensions, {refused} refused',
     ]
     if not reached:
         lines.append('          none: give a lower --highest, or see what solve says of one set')
     else:
-        low, high = workspace.tip.min(axis=0) * 1e3, workspace.tip.max(axis=0) * 1e3
-        for name, least, most in zip('xyz', low, high):
+        for name, reach in zip('xyz', 1e3 * workspace.tip.T):
+            least, most = reach.min(), reach.max()
             lines.append(
                 f'{name}         {least:.2f} to {most:.2f} mm, {most - least:.2f} mm in all'
             )
     if picture is not None:
         lines.append(f'picture   {picture}')
     return '\n'.join(lines)
-
-
-def _range(tensions: FloatArray) -> str:
-    low, high = f'{tensions.min():.4g}', f'{tensions.max():.4g}'
-    return low if low == high else f'{low} ... {high}'

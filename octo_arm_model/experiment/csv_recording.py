@@ -98,21 +98,17 @@ def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> Stamped
 def has_tensions(table: CsvTable, config: Config) -> bool:
     """Whether a table has a column of the tension of any tendon."""
     names = config.load_cells.names or config.arm.tendon_names
-    return any(_is_there(table, name) for name in names)
+    return any(name != NONE and table.has(name) for name in names)
 
 
 def has_displacements(table: CsvTable, config: Config) -> bool:
     """Whether a table has a column of the encoder of any tendon."""
-    return any(_is_there(table, name) for name in _encoder_names(config))
+    return any(name != NONE and table.has(name) for name in _encoder_names(config))
 
 
 def _encoder_names(config: Config) -> tuple[str, ...]:
     own = tuple(f'{DISPLACEMENT}{tendon}' for tendon in config.arm.tendon_names)
     return tuple(config.encoders.names) or own
-
-
-def _is_there(table: CsvTable, name: str) -> bool:
-    return name != NONE and table.find(name) is not None
 
 
 def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> Stamped:
@@ -132,7 +128,7 @@ def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> St
     stamps = table.times()
     rows = np.full((len(stamps), len(names)), np.nan)
     for column, name in zip(rows.T, names):
-        if _is_there(table, name):
+        if name != NONE and table.has(name):
             column[:] = table.numbers(name, LENGTH_UNITS, 'm', bool(encoders.scale))
     rows = encoders.lengths(rows)
     kept = np.flatnonzero(np.isfinite(rows).any(axis=1)).tolist()
@@ -158,7 +154,7 @@ def csv_frames(
     given = {wide[name] for name in table.given if name in wide}
     meant = [name for name in wide if name in table.given or wide[name] not in given]
     meant.sort(key=wide.__getitem__)
-    if not given and table.find('x') is not None:
+    if not given and table.has('x'):
         meant = []
     elif not meant and measured.marker_s:  # what is then missing
         meant = [f'x{number + 1}' for number in range(len(measured.marker_s))]
@@ -166,7 +162,12 @@ def csv_frames(
     if measured.marker_names:
         meant = list(measured.marker_names)
         names = [[f'{name}_{axis}' for axis in 'xyz'] for name in meant]
-    _check_unit(table, names, measured.unit)
+    columns = [table.find(name) for point in names for name in point]
+    own = [table.columns[number].unit for number in columns if isinstance(number, int)]
+    if measured.unit != Measured.unit and own and all(own):
+        raise MeasurementError(
+            f'--length-unit has no effect on {table.path}: its header says {" and ".join({*own})}'
+        )
     places = np.stack([_point(table, name, measured.unit) for name in names], axis=1)
     grouped = list(zip(stamps, places))
     if not meant:
@@ -188,24 +189,14 @@ def has_points(table: CsvTable, measured: Measured) -> bool:
     """Whether a table has columns of what was measured, see `csv_frames`."""
     names = [column.name for column in table.columns]
     wide = any(map(_POINT.match, (*names, *table.given)))
-    return bool(measured.marker_names) or wide or table.find('x') is not None
-
-
-def _check_unit(table: CsvTable, names: list[list[str]], unit: str) -> None:
-    """Check that a ``unit`` that is given counts for one of the columns ``names`` at least."""
-    found = [table.find(name) for point in names for name in point]
-    own = [table.columns[number].unit for number in found if isinstance(number, int)]
-    if unit != Measured.unit and own and all(own):
-        raise MeasurementError(
-            f'--length-unit has no effect on {table.path}: its header says {" and ".join({*own})}'
-        )
+    return bool(measured.marker_names) or wide or table.has('x')
 
 
 def _point(table: CsvTable, names: list[str], unit: str) -> FloatArray:
     """Points (rows, 3) in the ``unit`` of what was measured, which the header may override."""
     columns = []
     for name in names:
-        if 'z' in (name[0], name[-1]) and table.find(name) is None:
+        if 'z' in (name[0], name[-1]) and not table.has(name):
             raise MeasurementError(
                 f'{table.path}: no column {name}; {table.listing}; of a picture without depth say '
                 f'--columns {name}=0'

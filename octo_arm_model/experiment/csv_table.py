@@ -4,7 +4,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -106,6 +106,10 @@ class CsvTable:
             raise self.lacking(name)
         return own
 
+    def has(self, name: str) -> bool:
+        """Whether there is a column for ``name``, or a value in place of one, see `find`."""
+        return self.find(name) is not None
+
     def lacking(self, name: str) -> MeasurementError:
         """The error that the column that was given for ``name`` is not here."""
         wanted = shown(self.given[name].strip())
@@ -185,7 +189,8 @@ class CsvTable:
         if number is None and not self.has_time:
             return [row * 10**9 for row in range(len(self.rows))]
         if isinstance(number, int) and _ISO.match(self.rows[0][number].strip()):
-            return [self._stamp(row[number].strip(), line) for row, line in self._lines()]
+            texts = [row[number].strip() for row in self.rows]
+            return [self._stamp(*one) for one in zip(texts, self.lines, strict=True)]
         seconds = self.numbers('time', TIME, 's')
         fine = np.abs(seconds) < 2.0**31
         if not fine.all():
@@ -195,9 +200,6 @@ class CsvTable:
                 'expected a time below 2147483648 s'
             )
         return [round(second * 1e9) for second in seconds.tolist()]
-
-    def _lines(self) -> Iterator[tuple[Sequence[str], int]]:
-        return zip(self.rows, self.lines, strict=True)
 
     def _stamp(self, text: str, line: int) -> int:
         """A time of ISO 8601 [ns], of UTC where it says nothing else."""

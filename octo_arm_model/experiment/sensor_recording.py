@@ -27,7 +27,7 @@ from octo_arm_model.experiment.midlines import without_spikes
 from octo_arm_model.experiment.observations import Pairing, base_first, camera_offset
 from octo_arm_model.experiment.recording import Count, Measured, MeasuredPoints, Stamped, assemble
 from octo_arm_model.experiment.steady_windows import reading_noise
-from octo_arm_model.wire.measurements import MeasuredArm, PoseOf
+from octo_arm_model.wire.measurements import MeasuredArm
 from octo_arm_model.wire.messages import Refusals
 
 _TIMES = 3.0  # standard deviations that the largest change of a tension may be
@@ -120,13 +120,21 @@ def read_recorded(
     own = {f'{PREFIX}cell_fault': 0.0, f'{PREFIX}sensor_fault': 0.0} | own
     settings = EstimatorSettings.from_parameters(own, config, recorded)
     models = settings.models(config, budget=PATIENT)
-    turned: set[str] = set()
-    arm = MeasuredArm(config, settings.noise, _pose_of(sources.alignment, turned))
+    turned: set[str] = set()  # frames that are not base_frame, which have the pose given
+
+    def pose_of(frame: str, stamp_ns: int) -> Pose:
+        turned.add(frame)
+        given = sources.alignment or Alignment.none()
+        return Pose(tuple(given.shift.tolist()), tuple(given.quaternion.tolist()))
+
+    arm = MeasuredArm(config, settings.noise, pose_of if sources.alignment else None)
     groups = read_measured(reader, sensors, tensions, arm, refusals, count.add)
     if not groups:
         where = ', '.join(sensors.all)
         raise BagError(f'{reader.path}: nothing measured on {where}{refusals.in_short}')
-    topic = _camera_topic(reader, sources.midlines)
+    topic, usual = sources.midlines, usual_topics(reader, MIDLINE, MIDLINES)
+    if topic is None and len(usual) == 1:
+        topic = usual[0]
     origin = int(tensions.stamps_ns.min()) if len(time) else groups[0][0].stamp_ns
     camera = None
     if topic is not None:
@@ -176,27 +184,6 @@ def tension_statistics(time: FloatArray, tensions: FloatArray) -> TensionStatist
     change = np.abs(np.diff(middle, axis=0))[is_later] / np.sqrt(apart[:, np.newaxis])
     rate = float(change.max(initial=0.0)) / _TIMES
     return TensionStatistics(reading_noise(tensions), rate)
-
-
-def _pose_of(alignment: Alignment | None, turned: set[str]) -> PoseOf | None:
-    """Pose of every frame that is not base_frame, which ``turned`` then has."""
-    if alignment is None:
-        return None
-    pose = Pose(tuple(alignment.shift.tolist()), tuple(alignment.quaternion.tolist()))
-
-    def pose_of(frame: str, stamp_ns: int) -> Pose:
-        turned.add(frame)
-        return pose
-
-    return pose_of
-
-
-def _camera_topic(reader: BagReader, wanted: str | None) -> str | None:
-    """The ``wanted`` topic, or the one of the usual name with midlines; None if there is none."""
-    if wanted is not None:
-        return wanted
-    found = usual_topics(reader, MIDLINE, MIDLINES)
-    return found[0] if len(found) == 1 else None
 
 
 def _camera(
