@@ -382,26 +382,21 @@ class McapFile:
         return stored
 
     def _in_chunk(self, chunk: _Chunk, topics: Collection[str]) -> Iterator[Found]:
-        found: list[Found] = []
-        for kind, data in _records_in(self._expanded(chunk)):
-            if kind == _MESSAGE and (one := self._message(data, topics)):
-                found.append(one)
-        found.sort(key=lambda one: one[1])
-        return iter(found)
+        records = _records_in(self._expanded(chunk))
+        messages = (data for kind, data in records if kind == _MESSAGE)
+        return iter(sorted(self._messages(messages, topics), key=lambda one: one[1]))
 
     def _outside(self, topics: Collection[str]) -> Iterator[Found]:
-        for kind, place, length in self._records():
-            if kind == _MESSAGE and (one := self._message(self._bytes(place, length), topics)):
-                yield one
+        records = (one for one in self._records() if one[0] == _MESSAGE)
+        return self._messages((self._bytes(*where) for _, *where in records), topics)
 
-    def _message(self, data: bytes, topics: Collection[str]) -> Found | None:
-        channel, _, time, _ = _MESSAGE_HEAD.unpack_from(data)
-        connection = self._channels.get(channel)
-        if connection is None:
-            raise ValueError('a message of a topic that it does not have')
-        return (
-            (connection, time, data[_MESSAGE_HEAD.size :]) if connection.topic in topics else None
-        )
+    def _messages(self, records: Iterator[bytes], topics: Collection[str]) -> Iterator[Found]:
+        for data in records:
+            channel, _, time, _ = _MESSAGE_HEAD.unpack_from(data)
+            if (connection := self._channels.get(channel)) is None:
+                raise ValueError('a message of a topic that it does not have')
+            if connection.topic in topics:
+                yield connection, time, data[_MESSAGE_HEAD.size :]
 
 
 def _records_in(data: bytes) -> Iterator[tuple[int, bytes]]:

@@ -111,12 +111,8 @@ class Problem:
         """
         return self._at(x).backbones[step]
 
-    def residuals(self, x: FloatArray, step: int) -> FloatArray:
-        """Measured points of a ``step`` less those of the model at ``x``, (m, 3) [m]."""
-        return self.all_residuals(x)[step]
-
-    def all_residuals(self, x: FloatArray) -> list[FloatArray]:
-        """The `residuals` of each step."""
+    def residuals(self, x: FloatArray) -> list[FloatArray]:
+        """Measured points of each step less those of the model at ``x``, (m, 3) [m]."""
         alignment, solved = self.unknowns.alignment(x), self._at(x)
         return [
             shape_residuals(shape, alignment.to_base(shape.points), backbone, curve)
@@ -131,7 +127,7 @@ class Problem:
         Those of encoders, of one coordinate each, come before the `residuals` of the camera and
         are weighed so that both are of one size.
         """
-        camera = self.all_residuals(x)
+        camera = self.residuals(x)
         if not self.unknowns.reads_encoders:
             return camera
         encoders = [np.outer(self._weight * read, (1.0, 0.0, 0.0)) for read in self._encoders(x)]
@@ -183,7 +179,7 @@ class Problem:
 
     def scale(self, x: FloatArray) -> float:
         """Scale of the robust loss, from the residuals at ``x`` [m]."""
-        return _scale_of(np.concatenate(self.all_residuals(x)), _FINEST * self.length)
+        return _scale_of(np.concatenate(self.residuals(x)), _FINEST * self.length)
 
     def minimise(
         self, x: FloatArray, scale: float | None, steps: Sequence[int] | None = None
@@ -322,9 +318,11 @@ def _first_alignment(shapes: Sequence[MeasuredShape], models: Sequence[Backbone]
         )
     base = np.concatenate(
         [
-            _along(model.position, len(shape.points))
-            if shape.s is None
-            else interpolated(shape.s, model.s, model.position)
+            interpolated(shape.s, model.s, model.position)
+            if shape.s is not None
+            else Curve(model.position).along(np.linspace(0.0, 1.0, len(shape.points)))
+            if len(shape.points) > 1
+            else model.position[-1:]
             for shape, model in zip(shapes, models, strict=True)
         ]
     )
@@ -335,11 +333,6 @@ def _first_alignment(shapes: Sequence[MeasuredShape], models: Sequence[Backbone]
         squares = (away**2).sum(axis=-1) / _scale_of(away, finest) ** 2
         alignment = align(camera, base, 1.0 / np.sqrt(1.0 + squares))
     return alignment
-
-
-def _along(model: FloatArray, count: int) -> FloatArray:
-    """So many points evenly along ``model``; a single one is the tip."""
-    return Curve(model).along(np.linspace(0.0, 1.0, count) if count > 1 else np.ones(1))
 
 
 def shape_residuals(

@@ -84,7 +84,7 @@ def unfitted(
         loss=loss,
         estimates={u.name: Estimate(None, None, None, u.unit) for u in unknowns.unknowns},
         undetermined=(),
-        before=misfit_of(problem.all_residuals(unknowns.start), problem.length),
+        before=misfit_of(problem.residuals(unknowns.start), problem.length),
         parameters=parameters,
         alignment=alignment,
         tensions=unknowns.readings.tensions,

@@ -145,7 +145,8 @@ def _with_intervals(
             progress(next(begun), total)
             others = [step for step in steps if step not in fold]
             found.append(problem.minimise(one.x, one.scale, others))
-            away |= {step: problem.residuals(found[-1], step) for step in fold}
+            left = problem.residuals(found[-1])
+            away |= {step: left[step] for step in fold}
         held_back.append(_HeldBack(np.array(found), tuple(away[step] for step in sorted(away))))
     best = 0
     if folds and len(tried) > 1:
@@ -184,7 +185,7 @@ def _with_fit(
         loss=fit.loss,
         estimates={**result.estimates, **found},
         correlations=uncertainty.correlations_of(problem, x),
-        after=misfit_of(problem.all_residuals(x), length),
+        after=misfit_of(problem.residuals(x), length),
         cross_validation=misfit_of(away, length) if folds else None,
         step_misfits=tuple(
             (tuple(step + 1 for step in fold), misfit_of([away[n] for n in fold], length))
@@ -246,7 +247,7 @@ def _on_branches(problem: Problem, x: FloatArray) -> list[str]:
     column = problem.unknowns.names.index('youngs_modulus')
     ways = directions(np.array([shape.window.tensions for shape in shapes]))
     # Residuals change opposite to the model's tip, which a softer arm moves as tensions do.
-    pairs = zip(problem.all_residuals(x), problem.camera_jacobian(x), strict=True)
+    pairs = zip(problem.residuals(x), problem.camera_jacobian(x), strict=True)
     bends = [part_along(away[-1], by[-1, :, column], least) for away, by in pairs]
     notes = remarks(
         [shape.tension for shape in shapes],

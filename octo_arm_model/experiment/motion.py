@@ -152,7 +152,7 @@ def identify_motion(
     found = uncertainty.determined(without, lambda problem: _fit(problem, loss, folds), left_out)
     if found is not None:
         fitted, (x, held_back) = found
-        away = fitted.all_residuals(x)
+        away = fitted.residuals(x)
         shift = np.zeros(x.size)
         estimates = uncertainty.estimates_of(fitted, x, held_back, folds, shift)
         correlations = uncertainty.correlations_of(fitted, x)
@@ -186,7 +186,7 @@ def _fit(
     unknowns = problem.unknowns.unknowns
     x, scale = problem.solve(loss)
     normal, score = [], []
-    for by, away in zip(problem.jacobian(x), problem.all_residuals(x), strict=True):
+    for by, away in zip(problem.jacobian(x), problem.residuals(x), strict=True):
         squares = (away**2).sum(axis=1)
         weight = np.ones(len(away)) if scale is None else 1.0 / np.sqrt(1.0 + squares / scale**2)
         normal.append(np.einsum('pci,p,pcj->ij', by, weight, by))
