@@ -100,12 +100,26 @@ class Answers:
         ]
 
     def _answer_alone(self, reading: Reading) -> Answer:
+        given = reading.stamp_ns, reading.tensions, reading.displacements
+        has_lengths, motion = TENDON_LENGTHS in self.topics, self._motion
+        lengths: FloatArray | None = None
         try:
-            found, lengths, are_wound = self._found(reading)
+            if motion is None:
+                found = self._winding.answer(self._solver, self._config, None, *given)
+                lengths = self._solver.tendon_lengths(found.backbone) if has_lengths else None
+                are_wound = bool(self._winding.displacements)
+            else:
+                motion.read(*given)
+                state, are_wound = motion.state, motion.is_wound
+                found = DrivenShape(motion.dynamics.backbone(state), _KNOWN)
+                if self._config.uncertainty.is_any:
+                    unknown = ConfigError('the covariance of an arm that moves is not known')
+                    found = found._replace(covariance=None, unknown=unknown)
+                lengths = motion.dynamics.tendon_lengths(state) if has_lengths else None
         except OctoArmError as error:
             # Displacements may be those of tendons that the arm does not have.
             return Answer((), str(error), is_failure=isinstance(error, SolveError))
-        backbone, covariance, unknown = found
+        backbone, covariance, why = found
         writer, stamp = self._writer, reading.stamp
         known = _KNOWN if covariance is None else covariance
         messages: list[bytes | None] = [*writer.all(backbone, known, *stamp)]
@@ -115,25 +129,8 @@ class Answers:
             messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
         if are_wound:
             messages.append(writer.tensions(backbone.tensions, *stamp))
-        reason = '' if unknown is None else f'{TIP_POSE} unknown: {unknown}'
+        reason = '' if why is None else f'{TIP_POSE} unknown: {why}'
         return Answer(messages, reason, backbone=backbone)
-
-    def _found(self, reading: Reading) -> tuple[DrivenShape, FloatArray | None, bool]:
-        """The shape, lengths of tendons where wanted, and whether some are driven by length."""
-        given = reading.stamp_ns, reading.tensions, reading.displacements
-        has_lengths, motion = TENDON_LENGTHS in self.topics, self._motion
-        if motion is None:
-            found = self._winding.answer(self._solver, self._config, None, *given)
-            lengths = self._solver.tendon_lengths(found.backbone) if has_lengths else None
-            return found, lengths, bool(self._winding.displacements)
-        motion.read(*given)
-        state = motion.state
-        found = DrivenShape(motion.dynamics.backbone(state), _KNOWN)
-        if self._config.uncertainty.is_any:
-            unknown = ConfigError('the covariance of an arm that moves is not known')
-            found = found._replace(covariance=None, unknown=unknown)
-        lengths = motion.dynamics.tendon_lengths(state) if has_lengths else None
-        return found, lengths, motion.is_wound
 
     def notes(self) -> list[str]:
         """What else there is to know."""

@@ -238,43 +238,35 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
     measured = np.where(measured > 0.0, np.maximum(measured + noise, 0.0), 0.0)
     tensions = np.zeros((measured.size, len(config.arm.tendons)))
     tensions[:, 0] = measured
-    for time, row in zip(sampled, tensions):
-        messages.add(TENSIONS, _nanoseconds(time), row)
+    messages.add_all(TENSIONS, _stamps(sampled), tensions)
 
     if experiment.sheath or experiment.axial_stiffness:
         reeled_in = true.reeled_in(np.interp(sampled, times, pulls))
         # Random numbers of their own: all else is the same with encoders and without.
         noise = np.random.default_rng([experiment.seed, 1]).standard_normal(reeled_in.shape)
         reeled_in += experiment.encoder_noise * noise
-        for time, displacements in zip(sampled, reeled_in):
-            messages.add(DISPLACEMENTS, _nanoseconds(time), displacements)
+        messages.add_all(DISPLACEMENTS, _stamps(sampled), reeled_in)
 
     seen = np.arange(0.0, times[-1], 1.0 / experiment.camera_rate)
     seen = seen[rng.random(seen.size) >= experiment.dropped]
     shapes = true.shapes(np.interp(seen, times, pulls), experiment.touches(seen, times))
-    midlines = _seen_by_camera(shapes)
+    at = np.linspace(0.0, shapes[0].s[-1], _POINTS)
+    points = np.array([interpolated(at, shape.s, shape.position) for shape in shapes])
+    # Row vectors times the matrix are rotated by its inverse: base_frame to the camera's.
+    midlines = (points - CAMERA_POSITION) @ axes_of(CAMERA_QUATERNION)
     midlines += experiment.midline_noise * rng.standard_normal(midlines.shape)
-    for time, midline in zip(seen, midlines):
+    for midline in midlines:
         if rng.random() < experiment.outliers:
             # From a random point on the tracking is lost, as at a reflection.
             lost = slice(int(rng.integers(_POINTS // 4, _POINTS)), None)
             midline[lost] += rng.normal(0.0, 0.05 * config.arm.length, 3)
-        ahead = round(1e9 * experiment.clock_offset)
-        messages.add(MIDLINE, _nanoseconds(time), midline, ahead_ns=ahead)
+    ahead = round(1e9 * experiment.clock_offset)
+    messages.add_all(MIDLINE, _stamps(seen), midlines, ahead_ns=ahead)
     if experiment.touch or experiment.markers:
         seen = np.arange(0.0, times[-1], 1.0 / experiment.marker_rate)
         shapes = true.shapes(np.interp(seen, times, pulls), experiment.touches(seen, times))
         _add_measured(messages, seen, shapes, experiment)
     messages.write()
-
-
-def _seen_by_camera(shapes: Sequence[Backbone]) -> FloatArray:
-    """Midlines in the camera's frame, base first, (shapes, points, 3) [m]."""
-    at = np.linspace(0.0, shapes[0].s[-1], _POINTS)
-    points = np.array([interpolated(at, shape.s, shape.position) for shape in shapes])
-    rotation = axes_of(CAMERA_QUATERNION)
-    # Row vectors times the matrix are rotated by its inverse: base_frame to the camera's.
-    return (points - CAMERA_POSITION) @ rotation
 
 
 def _add_measured(
@@ -284,21 +276,21 @@ def _add_measured(
     # Random numbers of their own: all else is the same with a touch and without.
     rng = np.random.default_rng([experiment.seed, 2])
     stddev = np.repeat([experiment.marker_noise, experiment.turn_noise], 3)
-    for time, shape in zip(times, shapes, strict=True):
+    for stamp, shape in zip(_stamps(times), shapes, strict=True):
         if experiment.touch:
             error = stddev * rng.standard_normal(6)
             turned = Rotation.from_rotvec(error[3:]) * Rotation.from_quat(shape.quaternion[-1])
             pose = shape.tip + error[:3], turned.as_quat(), np.diag(stddev**2)
-            messages.add(TIP_POSE, _nanoseconds(time), pose[0][np.newaxis], *pose[1:])
+            messages.add(TIP_POSE, stamp, pose[0][np.newaxis], *pose[1:])
         if experiment.markers:
             points = interpolated(np.array(experiment.markers), shape.s, shape.position)
             noise = experiment.marker_noise * rng.standard_normal(points.shape)
-            messages.add(MARKERS, _nanoseconds(time), points + noise)
+            messages.add(MARKERS, stamp, points + noise)
 
 
-def _nanoseconds(time: float) -> int:
-    """Stamp of a ``time`` from the start [s]."""
-    return START + round(time * 1e9)
+def _stamps(times: FloatArray) -> list[int]:
+    """Stamps [ns] of ``times`` from the start [s]."""
+    return [START + round(time * 1e9) for time in times.tolist()]
 
 
 def estimate_output(

@@ -28,18 +28,14 @@ def known_types() -> Typestore:
         BagError: if our definitions are not installed.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
-    for path in _definitions():
-        name = f'{PACKAGE}/msg/{path.stem}'
-        store.register(get_types_from_msg(path.read_text(encoding='utf-8'), name))
-    return store
-
-
-def _definitions() -> list[Path]:
-    """Files of our messages, in a checkout or installed."""
+    # In a checkout or installed.
     for parent in Path(__file__).resolve().parents:
         for folder in (parent / 'msg_defs' / 'msg', parent / 'share' / 'octo_arm_model' / 'msg'):
-            if paths := sorted(folder.glob('*.msg')):
-                return paths
+            for path in (paths := sorted(folder.glob('*.msg'))):
+                name = f'{PACKAGE}/msg/{path.stem}'
+                store.register(get_types_from_msg(path.read_text(encoding='utf-8'), name))
+            if paths:
+                return store
     raise BagError(f'the definitions of {PACKAGE} are not installed')
 
 

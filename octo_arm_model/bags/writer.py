@@ -26,6 +26,7 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from octo_arm_model.arm.errors import BagError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.topics import MIDLINE
 from octo_arm_model.bags.types import STRING, known_types
@@ -273,6 +274,13 @@ class SensorMessages:
         stamp = Stamp.from_ns(received_ns + ahead_ns)
         data = self._templates[key].write(*stamp, first, *more)
         self._messages.append((self._writer.add(f'/{topic}', _TYPES[topic]), received_ns, data))
+
+    def add_all(
+        self, topic: str, received_ns: Iterable[int], rows: Iterable[FloatArray], ahead_ns: int = 0
+    ) -> None:
+        """Add a message for each of ``rows``, see `add`."""
+        for received, row in zip(received_ns, rows, strict=True):
+            self.add(topic, received, row, ahead_ns=ahead_ns)
 
     def _layout(self, topic: str, names: tuple[str, ...], count: int) -> Layout:
         if topic == MIDLINE:

@@ -1,6 +1,7 @@
 """``octo-arm identify``: parameters of the arm from measured midlines."""
 
 import argparse
+import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -39,7 +40,10 @@ def as_dict(
         names = [name for name, one in best.estimates.items() if one.value is not None]
         table = best.correlations.tolist()
         correlations = {name: dict(zip(names, row)) for name, row in zip(names, table)}
-    cross_validation = _misfit(best.cross_validation)
+    left_out = [{'steps': list(steps), **(_misfit(one) or {})} for steps, one in best.step_misfits]
+    cross_validation: dict[str, Any] | None = None
+    if best.cross_validation is not None:
+        cross_validation = {**(_misfit(best.cross_validation) or {}), 'left_out': left_out}
     return {
         'model': best.model,
         'trustworthy': best.is_trustworthy,
@@ -48,34 +52,21 @@ def as_dict(
         'model_error_stddev': best.tip_stddev,
         'estimates': {
             name: {
-                'value': one.value,
-                'stddev': one.stddev,
-                'interval95': None if one.interval95 is None else list(one.interval95),
-                'model_stddev': one.model_stddev,
+                **dataclasses.asdict(one),
                 'interval95_near_models': identification.envelope_of(fitted, name),
-                'unit': one.unit,
             }
             for name, one in best.estimates.items()
         },
         'correlations': correlations,
         'undetermined': list(best.undetermined),
         'residuals': {'before': _misfit(best.before), 'after': _misfit(best.after)},
-        'cross_validation': None
-        if cross_validation is None
-        else {
-            **cross_validation,
-            'left_out': [
-                {'steps': list(steps), **(_misfit(one) or {})} for steps, one in best.step_misfits
-            ],
-        },
+        'cross_validation': cross_validation,
         'models': [
             {
                 'model': one.model,
                 'trustworthy': one.is_trustworthy,
-                'values': {name: estimate.value for name, estimate in one.estimates.items()},
-                'intervals95': {
-                    name: estimate.interval95 for name, estimate in one.estimates.items()
-                },
+                'values': {name: own.value for name, own in one.estimates.items()},
+                'intervals95': {name: own.interval95 for name, own in one.estimates.items()},
                 'residuals': _misfit(one.after),
                 'cross_validation': _misfit(one.cross_validation),
             }

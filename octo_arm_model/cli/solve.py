@@ -96,7 +96,10 @@ def run(options: argparse.Namespace) -> None:
         backbone, slack = wound.backbone, wound.slack
     elif options.tensions is not None:
         rows = arguments.read_json(options.tensions, '--tensions', _EXAMPLE)
-        if _depth(rows) > 2:
+        first = rows
+        for _ in range(2):
+            first = first[0] if isinstance(first, list) and first else None
+        if isinstance(first, list):
             raise TensionError('--tensions holds several sets, expected one row for each section')
         backbone = solver.solve(rows)
     else:
@@ -117,12 +120,3 @@ def _by_name(text: str, option: str, example: str) -> dict[str, float]:
     ):
         raise TensionError(f'{option} is {shown(values)}, expected numbers by name as {example}')
     return values
-
-
-def _depth(rows: object) -> int:
-    """How deep lists are nested in the first entries."""
-    depth = 0
-    while isinstance(rows, list):
-        depth += 1
-        rows = rows[0] if rows else None
-    return depth

@@ -328,12 +328,10 @@ def _write(
         writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(as_described(own)), first)
         messages = SensorMessages(writer, config)
         if has_cells:
-            for stamp, row in zip(*csv_recording.csv_readings(table, config)):
-                messages.add(TENSIONS, stamp, row)
+            messages.add_all(TENSIONS, *csv_recording.csv_readings(table, config))
         if has_encoders:
             found = csv_recording.csv_displacements(table, config, refusals)
-            for stamp, row in zip(found.stamps, found.rows):
-                messages.add(DISPLACEMENTS, stamp, row)
+            messages.add_all(DISPLACEMENTS, found.stamps, found.rows)
         if csv_recording.has_points(table, measured):
             points = MeasuredPoints(measured, config.arm.length)
             frames = csv_recording.csv_frames(table, measured, points, refusals)

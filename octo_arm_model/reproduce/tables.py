@@ -91,19 +91,12 @@ def out_of_plane(backbone: Backbone) -> float:
     return float(np.abs(centred @ normal).max())
 
 
-def headings(backbone: Backbone) -> FloatArray:
-    """Direction of the tangent of a shape in the plane of t and n of its base (stations,) [deg].
-
-    From t towards n: positive on the side of tendon 1.
-    """
-    axes = axes_of(backbone.quaternion)
-    along_t, along_n = axes[:, :2, 0].T @ axes[:, 0]
-    return np.rad2deg(np.unwrap(np.arctan2(along_n, along_t)))
-
-
 def turns(backbone: Backbone) -> dict[int, float]:
     """Angle each section of a plane shape bends by [deg], by section, base first."""
-    heading, ends = headings(backbone), {}
+    axes, ends = axes_of(backbone.quaternion), {}
+    # Of the tangent in the plane of t and n of the base, from t towards n, the side of tendon 1.
+    along_t, along_n = axes[:, :2, 0].T @ axes[:, 0]
+    heading = np.rad2deg(np.unwrap(np.arctan2(along_n, along_t)))
     for section in dict.fromkeys(backbone.section.tolist()):
         stations = np.flatnonzero(backbone.section == section)
         # A section begins where the one before it ends.
