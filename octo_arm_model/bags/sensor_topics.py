@@ -120,14 +120,8 @@ def find_sensors(
     if tensions is not None and tensions != NONE:
         cells = pick_tensions(reader, tensions)
     elif tensions is None:
-        there = [
-            topic
-            for topic in topics.measured_topics(reader, TYPES)
-            if topic not in found.values() and reader.count([topic])
-        ]
-        usual = [topic for topic in there if topics.names(topic, *TENSION_TOPICS)]
-        only = topics.only_one(reader, usual or there, 'tensions')
-        cells = None if only is None else Source(only)
+        only = topics.measured_topic(reader, TYPES, 'tensions', found.values())
+        cells = Source(only) if only and reader.count([only]) else None
     sensors = SensorTopics(cells, found, options)
     if not sensors.all:
         raise BagError(

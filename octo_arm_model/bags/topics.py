@@ -1,7 +1,7 @@
 """What is read of which topics of a bag, in whatever namespace: arms, tensions, displacements."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -77,27 +77,33 @@ def pick_topic(
             )
         reader.types_of(reader.topics[topic])
         return topic
-    found = [topic for topic in measured_topics(reader, types or ()) if topic != without]
-    for narrower in (
-        [topic for topic in found if reader.count([topic])],
-        [topic for topic in found if names(topic, *_USUAL)],
-    ):
-        if len(found) > 1 and narrower:
-            found = [topic for topic in found if topic in narrower]
-    only = only_one(reader, found, what)
+    only = measured_topic(reader, types or (), what, () if without is None else (without,))
     if only is None:
         raise BagError(f'{reader.path}: no {what}, expected {expected}; {reader.listing}')
     reader.types_of(reader.topics[only])
     return only
 
 
-def measured_topics(reader: BagReader, types: Sequence[str]) -> list[str]:
-    """Topics of one of ``types`` that are none of the model's answers, nor displacements."""
-    return [
+def measured_topic(
+    reader: BagReader, types: Sequence[str], what: str, without: Collection[str] = ()
+) -> str | None:
+    """The only topic of one of ``types`` that ``what`` was measured on, see `pick_topic`.
+
+    None of none; BagError of several.
+    """
+    others = (*ANSWERS, *ESTIMATES, DISPLACEMENTS)
+    found = [
         topic
         for topic, type_name in reader.topics.items()
-        if type_name in types and not names(topic, *ANSWERS, *ESTIMATES, DISPLACEMENTS)
+        if type_name in types and topic not in without and not names(topic, *others)
     ]
+    for narrower in (
+        [topic for topic in found if reader.count([topic])],
+        [topic for topic in found if names(topic, *_USUAL)],
+    ):
+        if len(found) > 1 and narrower:
+            found = [topic for topic in found if topic in narrower]
+    return only_one(reader, found, what)
 
 
 def pick_usual(
