@@ -87,19 +87,16 @@ def reading_noise(tensions: FloatArray) -> float:
     """
     columns = [column[np.isfinite(column)] for column in tensions.T]
     most = _LARGEST * max((float(np.abs(one).max(initial=0.0)) for one in columns), default=0.0)
-    found = (MAD / np.sqrt(2.0) * _usual_change(column) for column in columns)
-    return max((noise for noise in found if noise <= most), default=0.0)
-
-
-def _usual_change(readings: FloatArray) -> float:
-    """Median change from one of ``readings`` (n,) to the next, 0 of no noise [N]."""
-    steps = np.diff(readings)
-    # Up to the rounding of whoever calculated or scaled them they are equal.
-    is_other = np.abs(steps) > _ROUNDING * np.abs(readings).max(initial=0.0)
-    turned = np.diff(np.signbit(steps[is_other]))
-    if not turned.size or is_other.mean() < _MOVED or turned.mean() < _TURNED:
-        return 0.0
-    return float(np.median(np.abs(steps[is_other])))
+    largest = 0.0
+    for readings in columns:
+        steps = np.diff(readings)
+        # Up to the rounding of whoever calculated or scaled them they are equal.
+        is_other = np.abs(steps) > _ROUNDING * np.abs(readings).max(initial=0.0)
+        turned = np.diff(np.signbit(steps[is_other]))
+        if turned.size and is_other.mean() >= _MOVED and turned.mean() >= _TURNED:
+            noise = MAD / np.sqrt(2.0) * float(np.median(np.abs(steps[is_other])))
+            largest = max(largest, noise if noise <= most else 0.0)
+    return largest
 
 
 def held_readings(rows: FloatArray) -> FloatArray:
@@ -353,41 +350,6 @@ def directions(tensions: FloatArray) -> list[str]:
     return found
 
 
-def difference(
-    tension: Sequence[float], error: Sequence[float], direction: Sequence[str], noise: float
-) -> tuple[float, float] | None:
-    """By how much errors while loading exceed those while unloading, and at what mean tension.
-
-    Args:
-        tension: of each step [N].
-        error: signed error of each step [m]; NaN for one that has none.
-        direction: of each step, of `directions`.
-        noise: standard deviation of an error by the noise of the camera [m].
-
-    Returns:
-        The mean difference [m] and the mean tension [N] of the steps where it is taken; None where
-        the branches share no tensions, or differ by no more than three times the noise.
-    """
-    at, off, way = np.array(tension), np.array(error), np.array(direction)
-    known = np.isfinite(off)
-    up, down = (known & (way == name) for name in (LOADING, UNLOADING))
-    if up.sum() < 2 or not down.any():
-        return None
-    order = np.argsort(at[up], kind='stable')
-    rising = at[up][order]
-    shared = down & (at >= rising[0] * (1.0 - _CHANGE)) & (at <= rising[-1] * (1.0 + _CHANGE))
-    if not shared.any():
-        return None
-    apart = np.interp(at[shared], rising, off[up][order]) - off[shared]
-    mean = float(apart.mean())
-    # Friction grows with tension, so that differences scatter beyond the noise.
-    scatter = apart.std(ddof=1) if len(apart) > 1 else 0.0
-    least = np.maximum(3.0 * np.sqrt(2.0) * noise, 2.0 * scatter) / np.sqrt(len(apart))
-    if abs(mean) <= least:
-        return None
-    return mean, float(at[shared].mean())
-
-
 def remarks(
     tension: Sequence[float],
     error: Sequence[float],
@@ -395,21 +357,43 @@ def remarks(
     noise: float,
     length: float,
 ) -> list[str]:
-    """Remarks on friction, of an arm of ``length`` [m]; see `difference`."""
+    """Remarks on friction: by how much errors differ between loading and unloading.
+
+    There are none where these share no tensions, or differ by no more than three times the noise.
+
+    Args:
+        tension: of each step [N].
+        error: signed error of each step [m]; NaN for one that has none.
+        direction: of each step, of `directions`.
+        noise: standard deviation of an error by the noise of the camera [m].
+        length: of the arm [m].
+    """
     if UNLOADING not in direction:
         return [
             'no step was reached by unloading: friction or a load cell that reads wrong in '
             'proportion would scale all tensions alike, which no interval holds and nothing here '
             'shows'
         ]
-    found = difference(tension, error, direction, noise)
-    if found is None:
+    at, off, way = np.array(tension), np.array(error), np.array(direction)
+    up, down = (np.isfinite(off) & (way == name) for name in (LOADING, UNLOADING))
+    if up.sum() < 2:
         return []
-    apart, at = found
+    order = np.argsort(at[up], kind='stable')
+    rising = at[up][order]
+    shared = down & (at >= rising[0] * (1.0 - _CHANGE)) & (at <= rising[-1] * (1.0 + _CHANGE))
+    if not shared.any():
+        return []
+    each = np.interp(at[shared], rising, off[up][order]) - off[shared]
+    apart = float(each.mean())
+    # Friction grows with tension, so that differences scatter beyond the noise.
+    scatter = each.std(ddof=1) if len(each) > 1 else 0.0
+    if abs(apart) <= max(3.0 * np.sqrt(2.0) * noise, 2.0 * scatter) / np.sqrt(len(each)):
+        return []
     return [
         f'loading and unloading differ by more than the noise: at the same tensions (on average '
-        f'{at:.3g} N) the tip is {abs(apart) * 1e3:.2f} mm ({100.0 * abs(apart) / length:.2f} % '
-        f'of the length) {"less" if apart < 0.0 else "farther"} bent while loading, as '
+        f'{at[shared].mean():.3g} N) the tip is {abs(apart) * 1e3:.2f} mm '
+        f'({100.0 * abs(apart) / length:.2f} % of the length) '
+        f'{"less" if apart < 0.0 else "farther"} bent while loading, as '
         f'{"friction or creep" if apart < 0.0 else "no friction"} does'
     ]
 

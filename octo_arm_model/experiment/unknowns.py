@@ -50,8 +50,6 @@ FITS = (
 )
 ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
 OFFSET, ZERO = 'tendon_offset.', 'encoder_zero.'  # and the name of a tendon
-_EXACT_ONLY = ('poisson_ratio', 'tendon_offsets', SHEATH)
-_NOT_IN_PAPER = ('friction', BENDING, REST_CURVATURE, REST_TORSION)
 _BY_LOAD_CELLS = ('tension_scale', 'tension_offset')
 _FARTHEST = 10.0  # bound of logarithms
 _ROUGHEST = 2.0  # largest coefficient of friction that is looked for [-]
@@ -122,21 +120,29 @@ def _check_fits(fits: Sequence[str], model: str, is_driven: bool, moves: bool) -
             f'without load cells tensions follow from lengths, which the model {model} does not '
             'know: choose --model exact'
         )
+    not_moving = ('alignment', *_BY_LOAD_CELLS, *OF_ENCODERS)
+    not_in_paper = ('friction', BENDING, REST_CURVATURE, REST_TORSION)
+    refused = (
+        (moves, not_moving, '{} is not fitted to an arm that moves, expected one at rest'),
+        (not moves, OF_MOTION, '{} shows in a motion alone: --dynamic is missing'),
+        (
+            model != 'exact',
+            ('poisson_ratio', 'tendon_offsets', SHEATH),
+            f'the model {model} has no derivative by {{}}: choose --model exact',
+        ),
+        (
+            model == 'renda2012',
+            not_in_paper,
+            'the model renda2012 has no {}: choose another --model',
+        ),
+        (is_driven, _BY_LOAD_CELLS, '{} is of load cells, and there are none in this recording'),
+    )
     for name in fits:
         if name not in FITS:
             raise ConfigError(f'cannot fit {name!r}, expected one of {", ".join(FITS)}')
-        if moves and name in ('alignment', *_BY_LOAD_CELLS, *OF_ENCODERS):
-            raise ConfigError(f'{name} is not fitted to an arm that moves, expected one at rest')
-        if name in OF_MOTION and not moves:
-            raise ConfigError(f'{name} shows in a motion alone: --dynamic is missing')
-        if name in _EXACT_ONLY and model != 'exact':
-            raise ConfigError(
-                f'the model {model} has no derivative by {name}: choose --model exact'
-            )
-        if name in _NOT_IN_PAPER and model == 'renda2012':
-            raise ConfigError(f'the model renda2012 has no {name}: choose another --model')
-        if name in _BY_LOAD_CELLS and is_driven:
-            raise ConfigError(f'{name} is of load cells, and there are none in this recording')
+        for holds, names, why in refused:
+            if holds and name in names:
+                raise ConfigError(why.format(name))
 
 
 def unknowns_of(

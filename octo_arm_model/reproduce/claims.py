@@ -77,14 +77,6 @@ def _worst_plane(model: str, sections: tuple[int, ...]) -> Finding:
     return (f'{_below(worst, 2)}° off at most', worst < _SAME_PLANE)
 
 
-def _distances(model: str, tensions: paper_data.Tensions) -> tuple[float, float]:
-    """Distances from the base of the tip, and of section 1 on average [mm]."""
-    shape = tables.solve('table4', model, tensions)
-    distal = shape.position[shape.section == 1] - shape.position[0]
-    mean = np.linalg.norm(distal, axis=1).mean()
-    return tables.tip_distance(shape) * 1e3, float(mean) * 1e3
-
-
 @_claim(
     'By pulling one cable the robot arm bends on the side of the cable.',
     'section 3; the plane of motion: section 5.2',
@@ -267,10 +259,13 @@ def _opposite(model: str) -> Finding:
     f'{np.sum(paper_data.FETCHING_IN_SPACE):g} N. Holds if tip and section 1 are nearer in space.',
 )
 def _nearer_in_space(model: str) -> Finding:
-    (plane, plane_mean), (space, space_mean) = (
-        _distances(model, tensions)
-        for tensions in (paper_data.FETCHING_IN_PLANE, paper_data.FETCHING_IN_SPACE)
-    )
+    found = []
+    for tensions in (paper_data.FETCHING_IN_PLANE, paper_data.FETCHING_IN_SPACE):
+        shape = tables.solve('table4', model, tensions)
+        distal = shape.position[shape.section == 1] - shape.position[0]
+        mean = float(np.linalg.norm(distal, axis=1).mean())
+        found.append((1e3 * tables.tip_distance(shape), 1e3 * mean))
+    (plane, plane_mean), (space, space_mean) = found
     return (
         f'tip {space:.0f} mm in space, {plane:.0f} mm in the plane; mean of section 1 '
         f'{space_mean:.0f} and {plane_mean:.0f} mm',

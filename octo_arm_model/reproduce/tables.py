@@ -1,6 +1,7 @@
 """The paper's arms and quantities of their shapes; its tables, beside the models' numbers."""
 
 import functools
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -234,22 +235,16 @@ def tensions() -> DataTable:
 
 def bending() -> DataTable:
     """Shapes of Figure 11, by model."""
+    rows = []
+    for panel, pulled in paper_data.BENDING.items():
+        shapes = [solve('table2', model, pulled) for model in MODELS]
+        cells = [(f'{bending_plane(shape):.2f}', _point(shape, 3)) for shape in shapes]
+        rows.append((f'({panel})', f'{law(pulled):.0f}', *itertools.chain(*cells)))
     return DataTable(
         'Figure 11 in numbers: plane [°] and tip x, y, z [mm].',
         ('', 'caption', *(f'{model}: {what}' for model in MODELS for what in ('plane', 'tip'))),
-        tuple(
-            (f'({panel})', f'{law(rows):.0f}', *_planes_and_tips(rows))
-            for panel, rows in paper_data.BENDING.items()
-        ),
+        tuple(rows),
     )
-
-
-def _planes_and_tips(rows: paper_data.Tensions) -> list[str]:
-    cells = []
-    for model in MODELS:
-        shape = solve('table2', model, rows)
-        cells += [f'{bending_plane(shape):.2f}', _point(shape, 3)]
-    return cells
 
 
 def fetching() -> DataTable:
