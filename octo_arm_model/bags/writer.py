@@ -32,7 +32,7 @@ from octo_arm_model.bags.topics import MIDLINE
 from octo_arm_model.bags.types import STRING, known_types
 from octo_arm_model.config.config import Config
 from octo_arm_model.wire.backbone import path, pose_array, pose_with_covariance, tendon_tensions
-from octo_arm_model.wire.cdr import Layout, Template, text_field
+from octo_arm_model.wire.cdr import Template, text_field
 from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS, TIP_POSE
 from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import DISPLACEMENT_TYPE, DISPLACEMENTS, TENSION_TOPICS
@@ -269,7 +269,15 @@ class SensorMessages:
             names, first = tuple(itertools.compress(names, read)), first[read]
         key = topic, names, len(first)
         if key not in self._templates:
-            self._templates[key] = Template(self._layout(*key))
+            layout = {
+                MIDLINE: lambda: path(self._camera, len(first)),
+                MARKERS: lambda: pose_array(self._frame, len(first)),
+                TIP_POSE: lambda: pose_with_covariance(self._frame),
+            }.get(topic, lambda: tendon_tensions(self._frame, names))()
+            if topic == DISPLACEMENTS:  # tensions but for velocities and efforts, which are none
+                layout.count(0)
+                layout.count(0)
+            self._templates[key] = Template(layout)
         more = (LEVEL,) if topic in (MIDLINE, MARKERS) else values[1:]
         stamp = Stamp.from_ns(received_ns + ahead_ns)
         data = self._templates[key].write(*stamp, first, *more)
@@ -281,19 +289,6 @@ class SensorMessages:
         """Add a message for each of ``rows``, see `add`."""
         for received, row in zip(received_ns, rows, strict=True):
             self.add(topic, received, row, ahead_ns=ahead_ns)
-
-    def _layout(self, topic: str, names: tuple[str, ...], count: int) -> Layout:
-        if topic == MIDLINE:
-            return path(self._camera, count)
-        if topic == MARKERS:
-            return pose_array(self._frame, count)
-        if topic == TIP_POSE:
-            return pose_with_covariance(self._frame)
-        layout = tendon_tensions(self._frame, names)
-        if topic == DISPLACEMENTS:  # the same but for velocities and efforts, of which are none
-            layout.count(0)
-            layout.count(0)
-        return layout
 
     def write(self) -> None:
         """Write all of them; BagError if the bag cannot be written."""

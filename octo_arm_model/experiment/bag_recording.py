@@ -156,14 +156,14 @@ class MeasuredTopics:
             target = self._base_frame if tree.connects(name, self._base_frame) else root
             self._points.check_frame(target)
 
-            def leave_out(reason: str, name: str = name) -> None:
+            def leave_out(reason: object, name: str = name) -> None:
                 refusals.count(topics, f'{name}: {reason}')
 
             for stamp, point in zip(*tree.origins(name, target, leave_out)):
                 try:
                     yield int(stamp), self._points.check(self._alone(number, point), False)
                 except MeasurementError as error:
-                    leave_out(str(error))
+                    leave_out(error)
 
     def _alone(self, number: int, point: FloatArray) -> FloatArray:
         """Markers of which that with a ``number`` alone is seen, at ``point``."""

@@ -15,14 +15,16 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, station_rows, tension_columns
 from octo_arm_model.experiment.camera import Alignment, undetermined
 from octo_arm_model.experiment.fit import fit_alignment, shape_residuals
-from octo_arm_model.experiment.midlines import Curve, MidlineErrors, marker_errors, midline_errors
+from octo_arm_model.experiment.midlines import Curve, MidlineErrors, midline_errors
 from octo_arm_model.experiment.motion import TensionTrajectory, moving_shapes
-from octo_arm_model.experiment.observations import MeasuredShape, is_at_tip
+from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.steady_windows import STILL, directions, part_along, remarks
 from octo_arm_model.experiment.uncertainty import misfit_of, noise_of
 from octo_arm_model.experiment.unknowns import FINE_STATIONS
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
+
+_TIP = 1e-3  # of the length: a marker so near to the tip is there
 
 
 @dataclass(frozen=True)
@@ -145,8 +147,10 @@ def compare(
             curve.fractions(measured, check=True)
             errors = midline_errors(measured, curve)
         else:
-            away = shape_residuals(shape, measured, backbone)
-            errors = marker_errors(away, is_at_tip(shape.s, solver.arm.length))
+            away = np.linalg.norm(shape_residuals(shape, measured, backbone), axis=1)
+            is_tip = shape.s[-1] >= (1.0 - _TIP) * solver.arm.length
+            tip = float(away[-1]) if is_tip else math.nan
+            errors = MidlineErrors(tip, float(away.mean()), float(away.max()))
         bend = math.nan
         if math.isfinite(errors.tip) and trajectory is None:
             bend = _bend(solver, backbone, measured[-1])

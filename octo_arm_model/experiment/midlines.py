@@ -156,13 +156,6 @@ def midline_errors(measured: FloatArray, model: Curve) -> MidlineErrors:
     return MidlineErrors(tip, float(distance.mean()), largest, max(largest, float(back.max())))
 
 
-def marker_errors(away: FloatArray, has_tip: bool) -> MidlineErrors:
-    """Errors of markers ``away`` (m, 3) from the model, the last of them the tip or not."""
-    distance = np.linalg.norm(away, axis=1)
-    tip = float(distance[-1]) if has_tip else np.nan
-    return MidlineErrors(tip, float(distance.mean()), float(distance.max()))
-
-
 def is_tip_first(midlines: Sequence[FloatArray], base: FloatArray | None) -> tuple[bool, str]:
     """Whether ``midlines`` begin at the tip, and the reason.
 

@@ -38,7 +38,6 @@ OUTLYING = 3.0
 FLOOR = 1e-6  # [m]: rounding is no outlier
 # With fewer frames outliers cannot be identified: their median is taken.
 FEW = 5
-_TIP = 1e-3  # of the length: a marker so near to the tip is there
 _FEW_STEADY = 0.2  # of the time: steps of a staircase take more
 MOST_FRAMES = 5000  # of an arm that moves
 STEPS, RAMP, POSES, MOMENTS = 'steady steps', 'windows of a ramp', 'poses', 'moments of a motion'
@@ -101,11 +100,6 @@ def mean_shape(window: Window, lines: Sequence[FloatArray]) -> MeasuredShape:
 def _frame_distances(stack: FloatArray, middle: FloatArray) -> FloatArray:
     """Root mean square distance of each midline of a stack (frames, n, 3) from one."""
     return np.sqrt(((stack - middle) ** 2).sum(axis=-1).mean(axis=-1))
-
-
-def is_at_tip(s: FloatArray, length: float) -> bool:
-    """Whether the last of markers at ``s`` is at the tip."""
-    return bool(s[-1] >= (1.0 - _TIP) * length)
 
 
 def _mean_markers(

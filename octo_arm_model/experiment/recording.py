@@ -110,11 +110,7 @@ class MeasuredPoints:
             # The diagonal of the bounding box, to which noise adds little.
             size = float(np.linalg.norm(np.ptp(points, axis=0)))
             low, high = (factor * self._length for factor in _LENGTHS)
-            if not low <= size <= high:
-                raise MeasurementError(
-                    f'it extends over {size:.4g} m, expected {low:.3g} to {high:.3g} m for an arm '
-                    f'of {self._length:.4g} m{self.hint(size, low, high)}'
-                )
+            self._check_size(size, low, high, f'it extends over {size:.4g} m')
         return points
 
     def _check_markers(self, points: FloatArray) -> FloatArray:
@@ -143,18 +139,18 @@ class MeasuredPoints:
         low, high = 0.0, _OF_TIPS * self._length
         if self.marker_s is not None:
             low = _LENGTHS[0] * float(np.ptp(self.marker_s))
-        if not low <= size <= high:
-            raise MeasurementError(
-                f'measured points are up to {size:.4g} m apart, expected {low:.3g} to {high:.3g} '
-                f'm for an arm of {self._length:.4g} m{self.hint(size, low, high)}'
-            )
+        self._check_size(size, low, high, f'measured points are up to {size:.4g} m apart')
 
-    def hint(self, size: float, low: float, high: float) -> str:
-        """A unit in which a ``size`` [m] would be from ``low`` to ``high``, as a question."""
-        for unit, factor in LENGTH_UNITS.items():
+    def _check_size(self, size: float, low: float, high: float, found: str) -> None:
+        if low <= size <= high:
+            return
+        hint = ''
+        for unit, factor in reversed(LENGTH_UNITS.items()):
             if unit != self._unit and low <= size / self._factor * factor <= high:
-                return f'; are they in {unit}? then say --length-unit {unit}'
-        return ''
+                hint = f'; are they in {unit}? then say --length-unit {unit}'
+        raise MeasurementError(
+            f'{found}, expected {low:.3g} to {high:.3g} m for an arm of {self._length:.4g} m{hint}'
+        )
 
 
 def check_marker_s(s: Sequence[float], length: float) -> FloatArray:

@@ -1,10 +1,10 @@
 """Claims of the paper's text, and whether the numbers of each model agree with them."""
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Claim:
     check: str
     judge: Callable[[str], Finding]
 
-    @cached_property
+    @functools.cached_property
     def findings(self) -> dict[str, Finding]:
         """Findings of all models, by model."""
         return {model: self.judge(model) for model in MODELS}
@@ -160,16 +160,14 @@ def _errors_grow(model: str) -> Finding:
     )
 
 
-@_claim(
+_claim(
     'This ratio corresponds to the ratio between the sine and the cosine of the desired '
     'inclination of the bending plane.',
     'section 6.1, Figure 10',
     f'{len(PLANES)} planes all around, {_PULL:g} N, against atan2(T13 − T11, '
     'T12 − T14), which is the paper’s arctangent with its quadrant. Holds if all are within '
     f'{_SAME_PLANE}°.',
-)
-def _plane_law(model: str) -> Finding:
-    return _worst_plane(model, (1,))
+)(functools.partial(_worst_plane, sections=(1,)))
 
 
 @_claim(
@@ -191,15 +189,13 @@ def _captions(model: str) -> Finding:
     )
 
 
-@_claim(
+_claim(
     'The bending can start arbitrarily from any anchorage cross section maintaining the same '
     'characteristic.',
     'section 6.1',
     f'As Figure 10, by the cables of section 2 and of section 3. Holds if all are within '
     f'{_SAME_PLANE}°.',
-)
-def _any_anchorage(model: str) -> Finding:
-    return _worst_plane(model, (2, 3))
+)(functools.partial(_worst_plane, sections=(2, 3)))
 
 
 @_claim(
