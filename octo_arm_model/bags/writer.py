@@ -21,9 +21,7 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
-from rosbags.rosbag2.storage_mcap import McapWriter
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.arm.hints import FloatArray
@@ -66,43 +64,6 @@ _OUTPUT = _qos(5, QosDurability.VOLATILE)
 _LATCHED = _qos(1, QosDurability.TRANSIENT_LOCAL)
 
 
-class _Numbered:
-    """Names the file as the recorder does and `ros2 bag reindex` expects: the first of its bag."""
-
-    path: Path
-
-    def __init__(self, path: Path, compression: CompressionMode) -> None:
-        super().__init__(path, compression)  # type: ignore[call-arg]
-        self._opened = self.path
-        self.path = path / f'{path.name}_0{self.path.suffix}'
-
-    def close(self, version: int, metadata: str) -> None:
-        super().close(version, metadata)  # type: ignore[misc]
-        self._opened.rename(self.path)
-
-
-class _McapWriter(_Numbered, McapWriter):
-    pass
-
-
-class _Sqlite3Writer(_Numbered, Sqlite3Writer):
-    """With pages of several messages, and no journal: what fails is discarded whole."""
-
-    SQLITE_SCHEMA = (
-        f'PRAGMA page_size = {2**16}; PRAGMA journal_mode = OFF; {Sqlite3Writer.SQLITE_SCHEMA}'
-    )
-
-
-class _Writer(Writer):
-    """The writer of rosbags, whose files are named as the recorder names them."""
-
-    STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {
-        **Writer.STORAGE_PLUGINS,
-        StoragePlugin.MCAP: _McapWriter,
-        StoragePlugin.SQLITE3: _Sqlite3Writer,
-    }
-
-
 class BagWriter(contextlib.AbstractContextManager['BagWriter']):
     """A bag being written.
 
@@ -132,9 +93,9 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
             )
         try:
             with self._failures():
-                # Its file is named after its folder, so that is named as it will be.
-                self._writer = _Writer(
-                    self._folder / self.path.name,
+                # Its file is named after this folder, as the recorder names the first of a bag.
+                self._writer = Writer(
+                    self._folder / f'{self.path.name}_0',
                     version=VERSION,
                     storage_plugin=StoragePlugin[storage.upper()],
                 )
@@ -155,7 +116,7 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
             if error is None:
                 with self._failures():
                     self._writer.close()
-                    (self._folder / self.path.name).rename(self.path)
+                    self._writer.path.rename(self.path)
         finally:
             self._discard()
 

@@ -78,17 +78,11 @@ def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> Stamped
     Raises:
         MeasurementError: if a column is missing or a cell holds no number.
     """
-    arm, (stamps, readings) = config.arm, csv_readings(table, config)
-    rows = readings.reshape(-1, *arm.tension_shape)
-    try:
-        tensions = config.load_cells.tensions(arm, rows).reshape(readings.shape)
-        return Stamped(str(table.path), stamps, list(tensions))
-    except TensionError:
-        pass
-    found = Stamped(str(table.path), [], [])
-    for stamp, row in zip(stamps, rows):
+    arm, found = config.arm, Stamped(str(table.path), [], [])
+    for stamp, row in zip(*csv_readings(table, config), strict=True):
         try:
-            found.rows.append(config.load_cells.tensions(arm, row).ravel())
+            tensions = config.load_cells.tensions(arm, row.reshape(arm.tension_shape))
+            found.rows.append(tensions.ravel())
             found.stamps.append(stamp)
         except TensionError as error:
             refusals.count(found.source, str(error))
