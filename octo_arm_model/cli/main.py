@@ -3,7 +3,7 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from typing import Protocol
+from types import ModuleType
 
 from octo_arm_model.arm.errors import OctoArmError, SolveError
 from octo_arm_model.cli import (
@@ -24,23 +24,9 @@ from octo_arm_model.cli import (
 from octo_arm_model.cli.files import folders_made
 from octo_arm_model.terminal import fail, make_parser, missing, on_signals, pipe_closed, show_logs
 
-
-class Command(Protocol):
-    """A module in this folder, named as its command."""
-
-    __name__: str
-    SUMMARY: str  # in the list of commands
-    DESCRIPTION: str
-    EPILOG: str
-
-    def add_options(self, parser: argparse.ArgumentParser) -> None:
-        """Add its options."""
-
-    def run(self, options: argparse.Namespace) -> int | None:
-        """Do it; the exit status, None for 0."""
-
-
-_COMMANDS: tuple[Command, ...] = (
+# Modules named as their commands: SUMMARY in the list of commands, DESCRIPTION and EPILOG of their
+# help, add_options(parser), and run(options), which returns the exit status or None for 0.
+_COMMANDS: tuple[ModuleType, ...] = (
     solve,
     compare,
     estimate,

@@ -296,7 +296,15 @@ def _headers(rows: list[list[str]]) -> tuple[tuple[_Column, ...], int]:
         return _of_motive(rows[:named], rows[named]), named + 1
     if first == 'Trajectories' and 1 < named < len(rows) - 1:
         return _of_vicon(rows, named), named + 2
-    count = next((n for n, row in enumerate(rows[:_MOST_HEADERS]) if _is_data(row, n)), len(rows))
+    count = len(rows)
+    for number, row in enumerate(rows[:_MOST_HEADERS]):
+        cells = [cell.strip() for cell in row]
+        numbers = [bool(NUMBER.match(one) or _ISO.match(one)) for one in cells]
+        missing = [one in _MISSING for one in cells]
+        # Of numbers; the first row is if it has nothing else.
+        if any(numbers) or all(missing) if number else all(map(max, numbers, missing)):
+            count = number
+            break
     if not count:
         return tuple(_Column('', '', '') for _ in rows[0]), 0
     headers = [[cell.strip() for cell in row] for row in rows[:count]]
@@ -309,16 +317,6 @@ def _headers(rows: list[list[str]]) -> tuple[tuple[_Column, ...], int]:
         name, unit = match.groups() if match else (text, '')
         columns.append(_Column(name, units[number] if units else unit, text))
     return tuple(columns), count
-
-
-def _is_data(row: Sequence[str], number: int) -> bool:
-    """Whether a row is of numbers; the first one is if it has nothing else."""
-    cells = [cell.strip() for cell in row]
-    numbers = [bool(NUMBER.match(one) or _ISO.match(one)) for one in cells]
-    missing = [one in _MISSING for one in cells]
-    if number:
-        return any(numbers) or all(missing)
-    return all(map(max, numbers, missing))
 
 
 def _of_motive(rows: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[_Column, ...]:

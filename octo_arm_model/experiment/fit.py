@@ -102,14 +102,14 @@ class Problem:
     def _at(self, x: FloatArray) -> SolvedSteps:
         return self._solved(tuple(x[self._of_arm].tolist()))
 
-    def backbone(self, x: FloatArray, step: int) -> Backbone:
-        """Solution for a ``step`` at ``x``.
+    def backbones(self, x: FloatArray) -> tuple[Backbone, ...]:
+        """Solutions for all steps at ``x``.
 
         Raises:
             SolveError: if one has none.
             ArmDefinitionError: if there can be no such arm.
         """
-        return self._at(x).backbones[step]
+        return self._at(x).backbones
 
     def residuals(self, x: FloatArray) -> list[FloatArray]:
         """Measured points of each step less those of the model at ``x``, (m, 3) [m]."""
@@ -300,8 +300,7 @@ def fit_alignment(
     readings = Readings.of(shapes)
     unknowns = Unknowns(parameters, model, ['alignment'], readings, Alignment.none())
     problem = Problem(shapes, unknowns)
-    found = [problem.backbone(unknowns.start, step) for step in range(len(shapes))]
-    begin = _first_alignment(shapes, found)
+    begin = _first_alignment(shapes, problem.backbones(unknowns.start))
     x, _ = problem.solve(start=np.concatenate([begin.shift, begin.turn]))
     return unknowns.alignment(x)
 

@@ -179,7 +179,7 @@ def _with_fit(
         tip_stddev = float(np.sqrt(max(square, 0.0) / 3.0)) / length
     shift = uncertainty.floor_of(problem, x, floor or 0.0)
     found = uncertainty.estimates_of(problem, x, held_back.found, folds, shift)
-    tensions = [problem.backbone(x, step).tensions.ravel() for step in range(len(problem.shapes))]
+    tensions = [backbone.tensions.ravel() for backbone in problem.backbones(x)]
     return dataclasses.replace(
         result,
         loss=fit.loss,

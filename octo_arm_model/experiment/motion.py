@@ -100,15 +100,6 @@ class MotionProblem(Problem):
         nothing = np.full(self.unknowns.readings.displacements.shape, np.nan)
         return SolvedSteps(tuple(found), tuple(Curve(one.position) for one in found), nothing)
 
-    def swing(self) -> float:
-        """Largest distance of the tip from where it would be in equilibrium [m]."""
-        x = self.unknowns.start
-        still = followed(self.unknowns.solver(x), self.unknowns.readings.tensions)
-        return max(
-            float(np.linalg.norm(self.backbone(x, step).tip - one.tip))
-            for step, one in enumerate(still)
-        )
-
 
 def identify_motion(
     shapes: Sequence[MeasuredShape],
@@ -139,7 +130,11 @@ def identify_motion(
 
     problem, left_out = without(()), dict[str, str]()
     least = _SWINGS * problem.length
-    if (swing := problem.swing()) < least:
+    start = problem.unknowns.start
+    still = followed(problem.unknowns.solver(start), readings.tensions)
+    pairs = zip(problem.backbones(start), still, strict=True)
+    swing = max(float(np.linalg.norm(moving.tip - one.tip)) for moving, one in pairs)
+    if swing < least:
         raise SolveError(
             f'the arm does not swing: it is within {1e3 * swing:.2g} mm of its equilibria all the '
             f'time, expected {1e3 * least:.2g} mm or more somewhere'
