@@ -107,6 +107,7 @@ def identify(
 
     nothing, left_out = unfitted(without(()), loss, parameters, start), dict[str, str]()
     while True:
+        progress(0, len(losses))
         found = uncertainty.determined(without, fit_all, left_out)
         result = dataclasses.replace(nothing, undetermined=tuple(left_out.values()))
         if found is None:
