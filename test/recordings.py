@@ -176,8 +176,7 @@ def tensions_in(
     reader: BagReader, config: Config, topic: str = '/tendon_tensions'
 ) -> list[Reading]:
     """Tensions in the messages of a topic."""
-    source = Source(topic)
-    return [source.read(reader, config, record) for record in reader.messages([topic])]
+    return [Source(topic).read(reader, config, one) for one in reader.messages([topic])]
 
 
 def assert_alike(found: Sequence[bytes], expected: Sequence[bytes]) -> None:
