@@ -199,8 +199,6 @@ class Judge:
                 is_far = shape.distance(found.x) > _FAR * self._model.arm.length
                 if len(bank.doubts) == 1:
                     judged = exact[best][1]
-                elif judged is None and not is_far:
-                    judged = self._judge(bank, rows, found)
                 elif is_far:
                     judged = judged or self._judge(bank, rows, shape)
                     judged.improve(self._judge(bank, rows, found))
