@@ -218,11 +218,10 @@ class ModelOverlay:
 
     def __init__(self, server: viser.ViserServer, config: Config, later: Later) -> None:
         """Add the choice among the models that the node does not use."""
-        self._server, self._config, self._later = server, config, later
+        self._server, self._config = server, config
         self.backbone: Backbone | None = None
         self._solver: Solver | None = None
         self._arm: ArmScene | None = None
-        self._label: viser.LabelHandle | None = None
         others = tuple(model for model in MODELS if model != config.model)
         server.gui.add_html(
             numbers.note(
@@ -236,10 +235,9 @@ class ModelOverlay:
 
     def choose(self, model: str) -> None:
         """Compare with ``model``, or with none."""
-        for part in (self._arm, self._label):
-            if part is not None:
-                part.remove()
-        self._arm = self._label = self._solver = self.backbone = None
+        if self._arm is not None:
+            self._arm.root.remove()
+        self._arm = self._solver = self.backbone = None
         self._text.content = ''
         if model == NONE:
             return
@@ -248,12 +246,10 @@ class ModelOverlay:
         except OctoArmError as error:
             self._text.content = numbers.failed(error)
             return
-        offset = beside(self._config)
-        self._arm = ArmScene(
-            self._server.scene, 'other', self._solver, colour=OTHER_COLOUR, offset=offset
-        )
+        scene, offset = self._server.scene, beside(self._config)
+        self._arm = ArmScene(scene, 'other', self._solver, colour=OTHER_COLOUR, offset=offset)
         above = np.array(self._config.base.position) + [0.0, 0.0, 0.06 * self._config.arm.length]
-        self._label = self._server.scene.add_label('/other_name', model, position=above + offset)
+        scene.add_label('/other/name', model, position=above)
 
     def show(self, tensions: FloatArray, pull: FloatArray, tip: FloatArray) -> None:
         """Solve and draw for ``tensions`` (tendons,) [N].
@@ -300,7 +296,12 @@ class MotionControls:
         self._handle = server.scene.add_transform_controls(
             '/pull', scale=0.18 * length, disable_rotations=True, depth_test=False, visible=False
         )
-        shown.on_update(lambda event: later(lambda: self._show(shown.value)))
+
+        def show() -> None:
+            self._handle.visible = shown.value
+            self._drag(self._is_dragged and shown.value)
+
+        shown.on_update(lambda event: later(show))
         self._step = step = gui.add_button('Step', disabled=True)
         reset = gui.add_button('Begin anew')
 
@@ -330,11 +331,6 @@ class MotionControls:
             self._is_told = is_paused
             self._paused.value = is_paused  # type: ignore[misc]
             self._step.disabled = not is_paused
-
-    def _show(self, is_shown: bool) -> None:
-        self._handle.visible = is_shown
-        if not is_shown:
-            self._drag(False)
 
     def _drag(self, is_dragged: bool) -> None:
         if self._is_dragged and not is_dragged:

@@ -179,7 +179,11 @@ OBSTACLES: dict[str, Any] = {'color': (150, 160, 172), 'opacity': 0.7, 'side': '
 
 
 class ArmScene:
-    """One arm in the scene, redrawn with every shape."""
+    """One arm in the scene, redrawn with every shape.
+
+    Attributes:
+        root: the frame that all of it is below, with which it is hidden and removed.
+    """
 
     def __init__(
         self,
@@ -261,10 +265,6 @@ class ArmScene:
             color=DISC_COLOUR,
             flat_shading=True,
         )
-
-    def remove(self) -> None:
-        """Remove the arm from the scene."""
-        self.root.remove()
 
 
 def show_mesh(
