@@ -125,11 +125,10 @@ def host(config_file: str, numbers: Sequence[int], is_moving: bool) -> None:
         arguments = ['--ros-args', '--params-file', config_file, *parameter_arguments(settings)]
         of_all: dict[str, Any] = {'namespace': f'arm_{number}', 'use_global_arguments': False}
         if is_moving:
-            nodes.append(OctoArmNode(cli_args=[*arguments, *hidden], **of_all))
-            arguments += [*parameter_arguments(simulated), *shown]
-            nodes.append(SimulatorNode(cli_args=arguments, **of_all))
-        else:
-            nodes.append(OctoArmNode(cli_args=arguments, **of_all))
+            of_simulator = [*arguments, *parameter_arguments(simulated), *shown]
+            nodes.append(SimulatorNode(cli_args=of_simulator, **of_all))
+            arguments += hidden
+        nodes.append(OctoArmNode(cli_args=arguments, **of_all))
     for node in nodes:
         executor.add_node(node)
     while not is_over():

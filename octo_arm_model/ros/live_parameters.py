@@ -88,13 +88,7 @@ class LiveParameters(Generic[Prepared]):
 
 
 def _declare(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
-    """Declare every parameter of ``table`` on ``node``; return the values given at its start.
-
-    Names that are not in the table are returned too, but not declared.
-
-    Raises:
-        ConfigError: if a value is of another type.
-    """
+    """Declare the ``table`` on ``node``; returns values given at its start, of others as well."""
     # Private in rclpy. Its automatic declaration fails for an empty list, whose type a file does
     # not say.
     overrides = node._parameter_overrides
@@ -141,10 +135,8 @@ def _ros_type(parameter: Parameter) -> RosParameter.Type:
 
 
 def _typed(change: RosParameter, parameter: Parameter | None) -> RosParameter:
-    """The ``change`` of a ``parameter``, an integer or an empty list with its declared type.
-
-    `ros2 param` takes 1 for an integer, and an empty list of a file for one of booleans.
-    """
+    """The ``change`` of a ``parameter``, an integer or an empty list with its declared type."""
+    # `ros2 param` takes 1 for an integer, and an empty list of a file for one of booleans.
     kind, is_list = change.type_, change.type_.name.endswith('_ARRAY')
     if parameter is None or parameter.is_array != is_list:
         return change

@@ -138,11 +138,7 @@ def strains_of(message: Any) -> PublishedStrains:
 
 
 def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
-    """``values`` of a message, as many as ``size`` if given.
-
-    Raises:
-        MessageError: if they are not so many, or one is not finite or beyond `LARGEST`.
-    """
+    """``values`` of a message; MessageError if not so many, or one is not finite or too large."""
     array = np.asarray(values, np.float64)
     if size is not None and array.size != size:
         raise MessageError(f'{name} has {array.size} numbers, expected {size}')
@@ -152,11 +148,7 @@ def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
 
 
 def _variances(name: str, covariance: Any) -> FloatArray:
-    """Diagonals (..., n) of the ``covariance`` (..., n, n) of a message.
-
-    Raises:
-        MessageError: if a number is not finite, or a variance below zero.
-    """
+    """Diagonals (..., n) of a ``covariance`` (..., n, n); MessageError if one is below zero."""
     found = np.diagonal(_finite(name, covariance), axis1=-2, axis2=-1)
     if (found < 0.0).any():
         raise MessageError(f'{name} has variances below zero')

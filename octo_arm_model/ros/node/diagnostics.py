@@ -42,13 +42,8 @@ class SteppedClock:
         self._step = step if 1e-9 * self.now_ns > step else 0.0
 
     @property
-    def now(self) -> Stamp:
-        """The time; zero while it is simulated and not known yet."""
-        return Stamp.from_ns(self.now_ns)
-
-    @property
     def now_ns(self) -> int:
-        """The same [ns]."""
+        """The time [ns]; zero while it is simulated and not known yet."""
         # For every message: the clock's own `now` takes five times as long.
         return int(self._clock.handle.get_now().nanoseconds)
 
@@ -58,7 +53,7 @@ class SteppedClock:
         Raises:
             MessageError: if it is no time.
         """
-        return time_of(stamp) or self.now
+        return time_of(stamp) or Stamp.from_ns(self.now_ns)
 
     def ahead(self, stamp: Stamp, now_ns: int) -> float:
         """How far ``stamp`` is ahead of ``now_ns`` by more than the clock's steps explain [s].

@@ -92,11 +92,7 @@ class SimulatorNode(CheckedNode):
         steady_timer(self, diagnostics.PERIOD, self._report)
 
     def _prepare(self, values: dict[str, Any]) -> SimulatorConfig:
-        """Check the parameters: over the network services get no other folder to write to.
-
-        Raises:
-            OctoArmError: as `SimulatorConfig.from_parameters`.
-        """
+        """Check the parameters: over the network services get no other folder to write to."""
         config = SimulatorConfig.from_parameters(values)
         file = config.course.state_file
         if self._configured is None:

@@ -172,13 +172,12 @@ class Commanders:
         topics, self._topics = sorted(self._topics), Counter()
         if switches < _SWITCHES or not topics:
             return ''
-        named = [f'{topic} of {", ".join(self._publishers(topic))}' for topic in topics]
+        named = []
+        for topic in topics:
+            found = self._node.get_publishers_info_by_topic(topic)
+            names = {f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found}
+            named.append(f'{topic} of {", ".join(sorted(names)) or "nobody any more"}')
         return f'commanders contradict each other: {"; ".join(named)}'
-
-    def _publishers(self, topic: str) -> list[str]:
-        found = self._node.get_publishers_info_by_topic(topic)
-        names = {f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found}
-        return sorted(names) or ['nobody any more']
 
 
 def _distance(one: Command, other: Command) -> float:
