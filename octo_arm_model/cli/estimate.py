@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from octo_arm_model.arm.hints import FloatArray
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.experiment.estimates import Moment, Result, Touch
-    from octo_arm_model.experiment.sensor_recording import Recorded, Sources
+    from octo_arm_model.experiment.sensor_recording import SensorRecording, Sources
 
 
 # Parameters that say how exact sensors are; the others say what is unknown.
@@ -380,7 +380,7 @@ def run(options: argparse.Namespace) -> int:
     from octo_arm_model.experiment.bag_recording import as_described
     from octo_arm_model.experiment.bag_recording import opened as open_bag
     from octo_arm_model.experiment.estimates import EstimateTables, estimate
-    from octo_arm_model.experiment.sensor_recording import read_recorded
+    from octo_arm_model.experiment.sensor_recording import read_sensor_recording
 
     refuse_inside(options.bag, options.out, options.csv, options.plot)
     check_out(options, '--csv', folder=True)
@@ -405,7 +405,7 @@ def run(options: argparse.Namespace) -> int:
                 sources = dataclasses.replace(
                     sources, parameters=described, calibration={}, marker_names=()
                 )
-            recorded = read_recorded(reader, sources, bar.on_terminal)
+            recorded = read_sensor_recording(reader, sources, bar.on_terminal)
         sensors = ([TENSIONS] if recorded.sensors.tensions else []) + list(recorded.sensors.others)
         _refuse_idle(options, sensors, recorded.settings.unknowns)
         if recorded.camera is None:
@@ -457,7 +457,7 @@ def _bag_output(
     options: argparse.Namespace,
     opened: contextlib.ExitStack,
     reader: BagReader,
-    recorded: Recorded,
+    recorded: SensorRecording,
 ) -> Callable[[Moment, Estimated], None]:
     """A function that writes estimates to the bag --out, at most --rate of them a second."""
     from octo_arm_model.bags.outputs import copy_bag, estimate_output

@@ -25,7 +25,7 @@ from octo_arm_model.experiment.observations import (
     observe,
 )
 from octo_arm_model.experiment.read_recording import read_recording
-from octo_arm_model.experiment.recording import LENGTH_UNITS, Measured, Recording
+from octo_arm_model.experiment.recording import LENGTH_UNITS, MarkerSources, Recording
 from octo_arm_model.experiment.steady_windows import SteadyRule
 from octo_arm_model.experiment.unknowns import OF_ENCODERS
 from octo_arm_model.rod.solver import MODELS
@@ -236,7 +236,7 @@ def read_options(
     """
     pairing, step = _read_pairing(options)
     alignment = None if options.align is None else read_alignment(options.align)
-    measured = Measured(
+    measured = MarkerSources(
         tuple(options.midlines),
         tuple(options.marker_s),
         tuple(options.marker_frames),

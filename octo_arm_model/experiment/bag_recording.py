@@ -29,7 +29,7 @@ from octo_arm_model.estimation.settings import PREFIX
 from octo_arm_model.experiment import csv_recording
 from octo_arm_model.experiment.csv_recording import DISPLACEMENT, NO_READING, CsvSources
 from octo_arm_model.experiment.csv_table import check_columns, read_csv
-from octo_arm_model.experiment.recording import Count, Measured, MeasuredPoints, Stamped
+from octo_arm_model.experiment.recording import Count, MarkerSources, MeasuredPoints, StampedRows
 from octo_arm_model.experiment.transform_tree import TransformTree
 from octo_arm_model.wire.measurements import MARKERS, MIDLINES, ONE, POSITIONS, TIP_POSE, points_of
 from octo_arm_model.wire.messages import Refusals
@@ -48,7 +48,7 @@ class MeasuredTopics:
     def __init__(
         self,
         reader: BagReader,
-        measured: Measured,
+        measured: MarkerSources,
         points: MeasuredPoints,
         base_frame: str,
         count: Count,
@@ -84,7 +84,7 @@ class MeasuredTopics:
                 raise MeasurementError('--midlines names a topic twice, expected each once')
         count.expect(reader.count(list(dict.fromkeys(self.topics))))
 
-    def read(self, refusals: Refusals) -> Stamped:
+    def read(self, refusals: Refusals) -> StampedRows:
         """All frames; ``refusals`` count the messages left out.
 
         Markers of several topics, or of TF, with the same stamp are one frame.
@@ -96,12 +96,14 @@ class MeasuredTopics:
         is_tf = bool(self._measured.marker_frames)
         if not is_tf and len(self.topics) == 1:
             found = list(self._messages(refusals, self._read))
-            return Stamped(source, [stamp for stamp, _ in found], [points for _, points in found])
+            return StampedRows(
+                source, [stamp for stamp, _ in found], [points for _, points in found]
+            )
         read = self._of_tf if is_tf else partial(self._messages, read=self._read)
         for stamp, points in read(refusals):
             seen = np.isfinite(points)
             frames.setdefault(stamp, points)[seen] = points[seen]
-        return Stamped(source, sorted(frames), [frames[stamp] for stamp in sorted(frames)])
+        return StampedRows(source, sorted(frames), [frames[stamp] for stamp in sorted(frames)])
 
     def _messages(
         self, refusals: Refusals, read: Callable[[Record, Any], T]
@@ -214,18 +216,18 @@ class BagRecording:
         return describe(self.reader, namespace(topic, (*TENSION_TOPICS, DISPLACEMENTS)))
 
     def measured(
-        self, measured: Measured, points: MeasuredPoints, base_frame: str
+        self, measured: MarkerSources, points: MeasuredPoints, base_frame: str
     ) -> MeasuredTopics:
         """The topics of what was ``measured``, see `MeasuredTopics`."""
         return MeasuredTopics(self.reader, measured, points, base_frame, self.count)
 
     def readings(
         self, source: Source | None, config: Config, refusals: Refusals
-    ) -> Stamped | None:
+    ) -> StampedRows | None:
         """Tensions, or encoder readings, NaN of tendons without one; None of no ``source``."""
         if source is None:
             return None
-        stamped, names = Stamped(source.topic, [], []), config.arm.tendon_names
+        stamped, names = StampedRows(source.topic, [], []), config.arm.tendon_names
         self.count.expect(self.reader.count([source.topic]))
         for record in self.reader.messages([source.topic]):
             self.count.add()
@@ -311,7 +313,7 @@ def _write(
     config, refusals = Config.from_parameters(own), Refusals()
     table = read_csv(path, CsvSources(columns=columns).columns_of(''), has_time=False)
     marker_s = tuple(parameters.get(f'{PREFIX}marker_s', ()))
-    measured = Measured(marker_s=marker_s, marker_names=marker_names)
+    measured = MarkerSources(marker_s=marker_s, marker_names=marker_names)
     has_cells, has_encoders = (
         csv_recording.has_tensions(table, config),
         csv_recording.has_displacements(table, config),

@@ -11,7 +11,12 @@ from octo_arm_model.arm.errors import MeasurementError, TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.csv_table import FORCE, KINDS, CsvTable, read_csv
-from octo_arm_model.experiment.recording import LENGTH_UNITS, Measured, MeasuredPoints, Stamped
+from octo_arm_model.experiment.recording import (
+    LENGTH_UNITS,
+    MarkerSources,
+    MeasuredPoints,
+    StampedRows,
+)
 from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import NONE
 
@@ -72,13 +77,13 @@ def csv_readings(table: CsvTable, config: Config) -> tuple[list[int], FloatArray
     return stamps, np.stack(columns, axis=1)
 
 
-def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> Stamped:
+def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> StampedRows:
     """Tensions of the rows of a table; ``refusals`` count those left out.
 
     Raises:
         MeasurementError: if a column is missing or a cell holds no number.
     """
-    arm, found = config.arm, Stamped(str(table.path), [], [])
+    arm, found = config.arm, StampedRows(str(table.path), [], [])
     for stamp, row in zip(*csv_readings(table, config), strict=True):
         try:
             tensions = config.load_cells.tensions(arm, row.reshape(arm.tension_shape))
@@ -105,7 +110,7 @@ def _encoder_names(config: Config) -> tuple[str, ...]:
     return tuple(config.encoders.names) or own
 
 
-def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> Stamped:
+def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> StampedRows:
     """Encoder readings of the rows of a table, NaN of tendons without an encoder.
 
     ``refusals`` count the rows that have none.
@@ -128,12 +133,12 @@ def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> St
     kept = np.flatnonzero(np.isfinite(rows).any(axis=1)).tolist()
     for _ in range(len(rows) - len(kept)):
         refusals.count(str(table.path), NO_READING)
-    return Stamped(str(table.path), [stamps[row] for row in kept], list(rows[kept]))
+    return StampedRows(str(table.path), [stamps[row] for row in kept], list(rows[kept]))
 
 
 def csv_frames(
-    table: CsvTable, measured: Measured, points: MeasuredPoints, refusals: Refusals
-) -> Stamped:
+    table: CsvTable, measured: MarkerSources, points: MeasuredPoints, refusals: Refusals
+) -> StampedRows:
     """Frames of a table: a row for each, or one for each point, those of one time together.
 
     A row for each frame has columns x1, y1, z1, x2 ... or x_1 ...; a row for each point x, y, z.
@@ -158,7 +163,7 @@ def csv_frames(
         names = [[f'{name}_{axis}' for axis in 'xyz'] for name in meant]
     columns = [table.find(name) for point in names for name in point]
     own = [table.columns[number].unit for number in columns if isinstance(number, int)]
-    if measured.unit != Measured.unit and own and all(own):
+    if measured.unit != MarkerSources.unit and own and all(own):
         raise MeasurementError(
             f'--length-unit has no effect on {table.path}: its header says {" and ".join({*own})}'
         )
@@ -169,7 +174,7 @@ def csv_frames(
         parts = np.split(order, np.flatnonzero(np.diff(np.take(stamps, order))) + 1)
         grouped = [(stamps[part[0]], places[part, 0]) for part in parts]
     is_midline = max(len(one) for _, one in grouped) > 1
-    frames = Stamped(str(table.path), [], [])
+    frames = StampedRows(str(table.path), [], [])
     for stamp, place in grouped:
         try:
             frames.rows.append(points.check(place, is_midline))
@@ -179,7 +184,7 @@ def csv_frames(
     return frames
 
 
-def has_points(table: CsvTable, measured: Measured) -> bool:
+def has_points(table: CsvTable, measured: MarkerSources) -> bool:
     """Whether a table has columns of what was measured, see `csv_frames`."""
     names = [column.name for column in table.columns]
     wide = any(map(_POINT.match, (*names, *table.given)))

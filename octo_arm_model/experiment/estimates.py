@@ -20,7 +20,7 @@ from octo_arm_model.estimation.smoother import check_count, smooth_steps
 from octo_arm_model.estimation.step import Step
 from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.camera import CameraErrors
-from octo_arm_model.experiment.sensor_recording import Recorded
+from octo_arm_model.experiment.sensor_recording import SensorRecording
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.wire.messages import Refusals
 
@@ -28,7 +28,7 @@ Group = Sequence[StampedMeasurement]  # what has the same stamp
 
 
 def _filtered(
-    recorded: Recorded, failures: Refusals, progress: Callable[[int, int], None]
+    recorded: SensorRecording, failures: Refusals, progress: Callable[[int, int], None]
 ) -> Iterator[tuple[Group, Estimated]]:
     """Estimates by the recursive filter, of what was measured up to each time.
 
@@ -107,7 +107,7 @@ class Moment(NamedTuple):
     is_significant: bool
 
 
-def _moment_of(group: Group, one: Estimated, recorded: Recorded) -> Moment:
+def _moment_of(group: Group, one: Estimated, recorded: SensorRecording) -> Moment:
     """Tip, contact and their deviations by ``one`` estimate, of what a ``group`` measured."""
     estimate, stamp = one.estimate, group[0].stamp_ns
     tip_stddev = np.sqrt(np.diag(estimate.pose_covariance[-1]))[:3]
@@ -200,7 +200,7 @@ class Result:
         suspects: times [s] at which one of some sensors may lie, by their names; see `Estimate`.
     """
 
-    recorded: Recorded
+    recorded: SensorRecording
     moments: Sequence[Moment]
     touches: Sequence[Touch]
     consistency: Mapping[str, Consistency]
@@ -213,7 +213,7 @@ class Result:
 
 
 def estimate(
-    recorded: Recorded,
+    recorded: SensorRecording,
     is_smooth: bool = False,
     write: Callable[[Moment, Estimated], None] = lambda moment, one: None,
     progress: Callable[[int, int], None] = lambda done, total: None,

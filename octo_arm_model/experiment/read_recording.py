@@ -20,7 +20,7 @@ from octo_arm_model.experiment.csv_recording import (
 from octo_arm_model.experiment.csv_table import CsvTable, check_columns
 from octo_arm_model.experiment.recording import (
     Count,
-    Measured,
+    MarkerSources,
     MeasuredPoints,
     Recording,
     assemble,
@@ -35,7 +35,7 @@ def read_recording(  # noqa: PLR0913 - options of a command
     path: Path | str | None,
     config: str | None = None,
     tensions: str | None = None,
-    measured: Measured = Measured(),
+    measured: MarkerSources = MarkerSources(),
     files: CsvSources = CsvSources(),
     calibration: Mapping[str, Any] = MappingProxyType({}),
     displacements: str | None = None,
@@ -83,7 +83,7 @@ def _check_sources(
     path: Path | str | None,
     tensions: str | None,
     displacements: str | None,
-    measured: Measured,
+    measured: MarkerSources,
     files: CsvSources,
 ) -> None:
     """Check that each thing comes from one place; MeasurementError if not."""
@@ -112,7 +112,7 @@ def _check_sources(
 def _gather(
     bag: BagRecording | None,
     parameters: dict[str, Any],
-    measured: Measured,
+    measured: MarkerSources,
     files: CsvSources,
     calibration: Mapping[str, Any],
 ) -> Recording:

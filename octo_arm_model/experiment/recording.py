@@ -23,7 +23,7 @@ _OF_TIPS = 4.0  # so many times the length tips and markers may be apart, in all
 
 
 @dataclass(frozen=True)
-class Measured:
+class MarkerSources:
     """Sources and unit of measured points, and the markers that they are.
 
     Attributes:
@@ -71,7 +71,7 @@ class MeasuredPoints:
         marker_s: arc coordinates of the markers [m]; None of midlines and tips.
     """
 
-    def __init__(self, measured: Measured, length: float) -> None:
+    def __init__(self, measured: MarkerSources, length: float) -> None:
         """Check points of an arm of ``length`` [m].
 
         Raises:
@@ -252,7 +252,7 @@ class Recording:
         return self.marker_s is None and all(len(points) == 1 for points in self.frames)
 
 
-class Stamped(NamedTuple):
+class StampedRows(NamedTuple):
     """Sets of tensions or of encoder readings, or frames of measured points, and their stamps.
 
     Attributes:
@@ -280,9 +280,9 @@ class Stamped(NamedTuple):
 
 def assemble(
     parameters: dict[str, Any],
-    tensions: Stamped | None,
-    encoders: Stamped | None,
-    frames: Stamped,
+    tensions: StampedRows | None,
+    encoders: StampedRows | None,
+    frames: StampedRows,
     points: MeasuredPoints,
     refusals: Refusals,
     notes: list[str],

@@ -25,7 +25,13 @@ from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics, no
 from octo_arm_model.experiment.camera import Alignment, CameraCheck
 from octo_arm_model.experiment.midlines import without_spikes
 from octo_arm_model.experiment.observations import Pairing, base_first, camera_offset
-from octo_arm_model.experiment.recording import Count, Measured, MeasuredPoints, Stamped, assemble
+from octo_arm_model.experiment.recording import (
+    Count,
+    MarkerSources,
+    MeasuredPoints,
+    StampedRows,
+    assemble,
+)
 from octo_arm_model.experiment.steady_windows import reading_noise
 from octo_arm_model.wire.measurements import MeasuredArm
 from octo_arm_model.wire.messages import Refusals
@@ -61,7 +67,7 @@ class Sources:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class SensorRecording:
     """A recording, ready for an estimator.
 
     Attributes:
@@ -91,11 +97,11 @@ class Recorded:
     notes: list[str]
 
 
-def read_recorded(
+def read_sensor_recording(
     reader: BagReader,
     sources: Sources,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Recorded:
+) -> SensorRecording:
     """Read a bag.
 
     Raises:
@@ -144,13 +150,13 @@ def read_recorded(
                     'there are no tensions to tell a shape without the estimator'
                 )
             pulled = tensions.stamps_ns.tolist(), list(tensions.rows)
-            stamped = Stamped(sensors.tensions.topic, *pulled)
+            stamped = StampedRows(sensors.tensions.topic, *pulled)
             camera = _camera(reader, topic, config, stamped, sources, refusals, notes)
         except MeasurementError as error:
             notes.append(f'{topic} is not compared with: {error}')
     if sources.alignment is not None and not turned and camera is None:
         raise BagError('--align has no effect: all that is measured is in base_frame')
-    return Recorded(
+    return SensorRecording(
         given,
         config,
         sensors,
@@ -190,7 +196,7 @@ def _camera(
     reader: BagReader,
     topic: str,
     config: Config,
-    stamped: Stamped,
+    stamped: StampedRows,
     sources: Sources,
     refusals: Refusals,
     notes: list[str],
@@ -200,7 +206,7 @@ def _camera(
     The tensions are ``stamped``. ``refusals`` count messages left out; ``notes`` get decisions.
     MeasurementError if there is nothing to compare, or neither end is clearly the base.
     """
-    measured = Measured((topic,))
+    measured = MarkerSources((topic,))
     points = MeasuredPoints(measured, config.arm.length)
     seen = MeasuredTopics(reader, measured, points, config.base_frame, Count()).read(refusals)
     recording = assemble({}, stamped, None, seen, points, refusals, notes)

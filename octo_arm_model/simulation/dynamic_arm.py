@@ -118,7 +118,7 @@ _MOST_BYTES = 2**20
 _STEP = 5e-3  # of the integration, at most [s]
 
 
-class Reeled(NamedTuple):
+class HeldLengths(NamedTuple):
     """What winches hold at a length, each (tendons,) or a row of these.
 
     Attributes:
@@ -191,7 +191,11 @@ class DynamicArm(SimulatedArm):
         self._dynamics.checked(Inputs(np.zeros(self._config.arm.tension_shape), lengths))
 
     def advance(
-        self, tensions: FloatArray, force: FloatArray, elapsed: float, reeled: Reeled | None = None
+        self,
+        tensions: FloatArray,
+        force: FloatArray,
+        elapsed: float,
+        reeled: HeldLengths | None = None,
     ) -> None:
         """Move on by ``elapsed`` [s] to ``tensions`` (tendons,) and a ``force`` of the push (3,).
 
@@ -218,7 +222,7 @@ class DynamicArm(SimulatedArm):
         self.surroundings.values = around
 
     def _moved(
-        self, state: MotionState, inputs: Inputs, elapsed: float, reeled: Reeled | None
+        self, state: MotionState, inputs: Inputs, elapsed: float, reeled: HeldLengths | None
     ) -> tuple[MotionState, FloatArray]:
         """The state after that, and lengths that winches hold."""
         if reeled is None:

@@ -25,7 +25,7 @@ from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import Wound, displacements_of, solve_displacements
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.simulation.dynamic_arm import SUFFIX, DynamicArm, Reeled
+from octo_arm_model.simulation.dynamic_arm import SUFFIX, DynamicArm, HeldLengths
 from octo_arm_model.simulation.hardware import (
     Hardware,
     LoadCells,
@@ -346,7 +346,7 @@ class TendonDrive:
         arm, is_moving = self._config.model.arm, self._config.course.dynamics
         return np.array([is_moving and name in self.held for name in arm.tendon_names])
 
-    def _reeled(self, elapsed: float) -> Reeled | None:
+    def _reeled(self, elapsed: float) -> HeldLengths | None:
         if not self.held:
             return None
         config, (tension, _, crept, now) = self._config, self.hardware.state
@@ -360,7 +360,7 @@ class TendonDrive:
         low &= (effective[0] > 0.0) & (goal <= now)
         at = np.where(high & (goal > now), 1.0, -1.0 * low)
         direction, taut = np.nan_to_num(np.sign(goal - now)), bool(bounds[0, 0])
-        return Reeled(winches.reel(now, goal, elapsed), effective, direction, at, taut)
+        return HeldLengths(winches.reel(now, goal, elapsed), effective, direction, at, taut)
 
     def _at_rest(self, lengths: Mapping[str, float], tensions: FloatArray) -> Wound:
         names = self._config.model.arm.tendon_names

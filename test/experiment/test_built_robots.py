@@ -33,7 +33,7 @@ from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.experiment.csv_recording import CsvSources
 from octo_arm_model.experiment.read_recording import read_recording
-from octo_arm_model.experiment.recording import Measured
+from octo_arm_model.experiment.recording import MarkerSources
 
 TURNS = ((0.0,) * 6, (0.4, 0.0, 0.2, 0.3, -0.3, 0.2), (-0.3, 0.4, 0.3, -0.2, 0.2, 0.4))
 PER_COUNT = 2.0 * np.pi * SPOOL / COUNTS
@@ -263,7 +263,7 @@ def test_a_table_is_estimated_as_a_bag_is(tmp_path, cli, poses):
 
 
 PLACES = np.array([[0.0, 0.0, 0.1], [0.01, 0.0, 0.19], [0.03, 0.01, 0.25]])
-NAMED = Measured(marker_s=(0.1, 0.2, 0.27), marker_names=('a', 'b', 'c'))
+NAMED = MarkerSources(marker_s=(0.1, 0.2, 0.27), marker_names=('a', 'b', 'c'))
 
 
 def test_trajectories_of_vicon_are_read_in_their_units_at_their_rate(tmp_path):
@@ -311,7 +311,7 @@ def test_a_cloud_of_points_is_markers_by_their_numbers(tmp_path):
         samples.append(message('/points', kind, stamp, **one))
     config = tmp_path / 'arm.yaml'
     config.write_text(parameters_as_yaml(PARAMETERS))
-    measured = Measured(marker_s=NAMED.marker_s, marker_names=('2', '1', '0'))
+    measured = MarkerSources(marker_s=NAMED.marker_s, marker_names=('2', '1', '0'))
     found = read_recording(bag_of(tmp_path / 'bag', samples), str(config), measured=measured)
     assert_allclose(found.frames, [PLACES], atol=1e-8)
     said = ' '.join(found.refusals.lines())

@@ -48,7 +48,7 @@ from octo_arm_model.experiment.midlines import (
 )
 from octo_arm_model.experiment.observations import POINTS, Pairing, mean_shape, observe
 from octo_arm_model.experiment.read_recording import read_recording
-from octo_arm_model.experiment.recording import Measured, Recording
+from octo_arm_model.experiment.recording import MarkerSources, Recording
 from octo_arm_model.experiment.sensor_recording import tension_statistics
 from octo_arm_model.experiment.steady_windows import (
     SteadyRule,
@@ -350,7 +350,7 @@ def test_what_the_model_says_itself_is_no_measurement_unless_asked_for(tmp_path)
     bag = bag_of(tmp_path / 'bag', [description(), *others, *answers])
     with pytest.raises(BagError, match='no midlines or tips'):
         read_recording(bag)
-    assert len(read_recording(bag, measured=Measured(('backbone/path',))).frames) == 2
+    assert len(read_recording(bag, measured=MarkerSources(('backbone/path',))).frames) == 2
 
 
 RNG = np.random.default_rng(5)

@@ -15,15 +15,21 @@ from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.estimate import summary
 from octo_arm_model.estimation.measurements import Tensions
 from octo_arm_model.experiment.estimates import Result, estimate
-from octo_arm_model.experiment.sensor_recording import Recorded, Sources, read_recorded
+from octo_arm_model.experiment.sensor_recording import (
+    SensorRecording,
+    Sources,
+    read_sensor_recording,
+)
 
 MARKED = {'estimator.marker_s': list(MARKERS)}
 
 
-def read(path: Path, start: float = -np.inf, stop: float = np.inf, **sources: Any) -> Recorded:
+def read(
+    path: Path, start: float = -np.inf, stop: float = np.inf, **sources: Any
+) -> SensorRecording:
     """What was measured between ``start`` and ``stop`` [s]."""
     with BagReader(path) as reader:
-        recorded = read_recorded(reader, Sources(**sources))
+        recorded = read_sensor_recording(reader, Sources(**sources))
     some = [
         group
         for group in recorded.groups
