@@ -270,22 +270,11 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
 
 
 NAME = 'octo_arm_estimator'
-# Publishes the estimate of the arm for the measurements it receives.
+# Publish the estimate of the arm for the measurements they receive.
 EstimatorNode = partial(ServedNode, NAME, EstimatorServer)
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Run the node; returns the exit status."""
-    return run(NAME, EstimatorNode, arguments)
-
-
-# `EstimatorNode` as a managed node.
 ManagedEstimatorNode = partial(ManagedNode, NAME, EstimatorServer)
-
-
-def managed(arguments: list[str] | None = None) -> int:
-    """Run the managed node; returns the exit status."""
-    return run('octo_arm_lifecycle_estimator', ManagedEstimatorNode, arguments)
+main = partial(run, NAME, EstimatorNode)
+managed = partial(run, 'octo_arm_lifecycle_estimator', ManagedEstimatorNode)
 
 
 if __name__ == '__main__':
