@@ -1,6 +1,7 @@
 """Start and end ROS, and a node that checks /clock, parameters and messages before rclpy does."""
 
 import contextlib
+import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -29,6 +30,9 @@ from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.config import parameter_files
 from octo_arm_model.config.files import load_yaml, read_text
 from octo_arm_model.ros.work import interruptible
+
+# NAME, or NODE:NAME, of a parameter of all nodes or one.
+_TARGET = re.compile(r'(?:([\w/*]+):)?([\w./]+)', re.ASCII)
 
 
 def start_ros(
@@ -92,14 +96,17 @@ def _parameters_of(option: str, text: str) -> parameter_files.Nodes | None:
         path = parameter_files.find_path(text)
         with parameter_files.naming(path):
             return parameter_files.nodes_of(read_text(path, MAX_YAML_BYTES))
-    name, _, value = text.partition(':=')
-    if option not in ('-p', '--param') or ':' in name:  # of one node
+    target, _, value = text.partition(':=')
+    named = _TARGET.fullmatch(target)
+    if option not in ('-p', '--param') or named is None:
         return None
+    node, name = named[1] or '/**', named[2]
     with parameter_files.naming(text):
         found = load_yaml(value)
         if found is None or isinstance(found, dict):
             return None
-        return [('/**', {name: parameter_files.value_of_one_type(name, found)})]
+        own = {name: parameter_files.value_of_one_type(name, found)}
+        return [(f'/{node.removeprefix("/")}', own)]
 
 
 @contextlib.contextmanager

@@ -160,7 +160,7 @@ def test_the_node_reads_a_file_as_the_command_does(tmp_path, old, new, name, val
     path = live_nodes.file_with(tmp_path, old, new)
     others = 'camera: {ros__parameters: {rate: 30, gains: [1, 0.5]}}\nversion: 2\n'
     path.write_text(path.read_text() + others)
-    given = ('-p', 'loads.fluid_density:=0', '-p', 'loads.gravity:=[0, 0, 0.0]')
+    given = ('-p', 'loads.fluid_density:=0', '-p', 'octo_arm:loads.gravity:=[0, 0, 0.0]')
     with live_nodes.hosting(node.OctoArmNode, *given, files=[path]) as client:
         dumped = client.dump()
         assert dumped[name] == value
