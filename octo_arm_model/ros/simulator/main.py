@@ -297,7 +297,8 @@ class SimulatorNode(CheckedNode):
             return
         header = Header(stamp=stamp, frame_id=model.base_frame)
         names = list(model.arm.tendon_names)
-        self._encoders.publish(JointState(header=header, name=names, position=reeled_in))
+        message = JointState(header=header, name=names, position=reeled_in.tolist())
+        self._encoders.publish(message)
 
     def _readings_message(self, readings: FloatArray, stamp: Time) -> TendonTensions:
         model = self._config.model

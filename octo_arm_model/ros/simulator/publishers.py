@@ -113,12 +113,10 @@ class ArmPublishers:
         if self._last is not None and self._last[0] < time:  # another arm begins at 0
             rate = (reeled_in - self._last[1]) / (time - self._last[0])
         self._last = time, reeled_in
-        names, tensions = list(config.arm.tendon_names), arm.state.tensions
-        self._states.publish(
-            JointState(
-                header=header, name=names, position=reeled_in, velocity=rate, effort=tensions
-            )
-        )
+        message = JointState(header=header, name=list(config.arm.tendon_names))
+        message.position, message.velocity = reeled_in.tolist(), rate.tolist()
+        message.effort = arm.state.tensions.tolist()
+        self._states.publish(message)
 
 
 def _wrench(header: Header, values: FloatArray) -> WrenchStamped:
