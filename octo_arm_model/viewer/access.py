@@ -177,12 +177,12 @@ class Requests:
         if self._server is None:
             return None
         clients = self._server.get_clients().values()
-        # viser has no public lookup of a control by its uuid.
+        # viser has no public lookup of a control by its uuid; another thread may remove it.
         controls = (
-            gui._gui_input_handle_from_uuid
+            gui._gui_input_handle_from_uuid.get(uuid)
             for gui in (self._server.gui, *(c.gui for c in clients))
         )
-        return next((known[uuid] for known in controls if uuid in known), None)
+        return next((control for control in controls if control is not None), None)
 
     def _drag_objection(self, request: _Drag | _DragStart | _DragEnd) -> str:
         handle = self._server and self._server.scene.get_handle_by_name(request.name)

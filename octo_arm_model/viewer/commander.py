@@ -147,7 +147,8 @@ class TargetSearch:
         """Search tensions for the tip at ``tip`` (3,) [m], from ``start`` (tendons,) [N]."""
         self._last = one = object()
         start = np.clip(start.reshape(self._highest.shape), 0.0, self._highest)
-        self._pool.submit(self._search, one, np.array(tip), start)
+        done = self._pool.submit(self._search, one, np.array(tip), start)
+        done.add_done_callback(futures.Future.result)  # what is raised nevertheless is logged
 
     def close(self) -> None:
         """Search no more."""
