@@ -2,7 +2,7 @@
 
 import hashlib
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -138,11 +138,17 @@ def text_sample(topic: str, text: str, received_ns: int = START) -> Sample:
 
 
 def write_bag(
-    path: Path, content: Iterable[Sample], storage: str = 'mcap', version: int = 9
+    path: Path,
+    content: Iterable[Sample],
+    storage: str = 'mcap',
+    version: int = 9,
+    silent: Mapping[str, str] = {},
 ) -> Path:
-    """Write a bag."""
+    """Write a bag, with topics that are ``silent`` by their type as well."""
     with Writer(path, version=version, storage_plugin=StoragePlugin[storage.upper()]) as writer:
         topics: dict[str, Any] = {}
+        for topic, type_name in silent.items():
+            writer.add_connection(topic, type_name, typestore=TYPES)
         for topic, type_name, received_ns, data in content:
             if topic not in topics:
                 topics[topic] = writer.add_connection(topic, type_name, typestore=TYPES)

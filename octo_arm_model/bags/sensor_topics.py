@@ -120,8 +120,9 @@ def find_sensors(
     if tensions is not None and tensions != NONE:
         cells = pick_tensions(reader, tensions)
     elif tensions is None:
-        only = topics.measured_topic(reader, TYPES, 'tensions', found.values())
-        cells = Source(only) if only and reader.count([only]) else None
+        silent = [topic for topic in reader.topics if not reader.count([topic])]
+        only = topics.measured_topic(reader, TYPES, 'tensions', {*found.values(), *silent})
+        cells = None if only is None else Source(only)
     sensors = SensorTopics(cells, found, options)
     if not sensors.all:
         raise BagError(

@@ -281,6 +281,13 @@ def test_a_robot_with_encoders_alone_has_no_tensions(tmp_path):
     assert not len(rows.rows) and len(groups) == 1
 
 
+def test_topics_of_tensions_without_a_message_are_none(tmp_path):
+    silent = dict.fromkeys(('/tendon_tensions', '/cells'), 'std_msgs/msg/Float64MultiArray')
+    path = recordings.write_bag(tmp_path / 'bag', [encoders(0)], silent=silent)
+    with BagReader(path) as reader:
+        assert find_sensors(reader).tensions is None
+
+
 def test_topics_are_named_or_left_out(tmp_path):
     content = [
         tensions(0, [0.1, 0, 0, 0]),
