@@ -120,11 +120,8 @@ class WorkQueue:
         self._do = interruptible(self._do_next)
 
     def add(self, piece: Piece) -> None:
-        """Do ``piece`` in its turn, and again behind all others as long as it returns True.
-
-        One that is due already stays in its place.
-        """
-        if piece not in self._due:
+        """Do ``piece`` in its turn, and again behind all others as long as it returns True."""
+        if piece not in self._due:  # else it stays in its place
             self._due.append(piece)
         self._queue()
 

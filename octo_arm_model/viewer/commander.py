@@ -3,10 +3,10 @@
 import contextlib
 import math
 import os
+import queue
 import shlex
 import threading
 from collections.abc import Callable
-from concurrent import futures
 
 import numpy as np
 import yaml
@@ -125,6 +125,7 @@ def as_shell_line(arm: Arm, tensions: FloatArray, topic: str) -> str:
 
 
 Answer = Inverse | OctoArmError
+Request = tuple[FloatArray, FloatArray]  # tip [m] and tensions to begin from [N]
 
 
 class _Superseded(Exception):
@@ -140,34 +141,37 @@ class TargetSearch:
         """Search with ``solver`` up to ``highest`` [N]; ``deliver`` is called in its thread."""
         self._solver, self._deliver = solver, deliver
         self._highest = highest.reshape(solver.arm.tension_shape)
-        self._pool = futures.ThreadPoolExecutor(1, 'search')
-        self._last: object = None
+        self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
+        self._last: Request | None = None
+        # A daemon: the end of a program does not wait for a search, as it would for a pool.
+        threading.Thread(target=self._work, name='search', daemon=True).start()
 
     def request(self, tip: FloatArray, start: FloatArray) -> None:
         """Search tensions for the tip at ``tip`` (3,) [m], from ``start`` (tendons,) [N]."""
-        self._last = one = object()
         start = np.clip(start.reshape(self._highest.shape), 0.0, self._highest)
-        done = self._pool.submit(self._search, one, np.array(tip), start)
-        done.add_done_callback(futures.Future.result)  # what is raised nevertheless is logged
+        self._last = np.array(tip), start
+        self._requests.put(self._last)
 
     def close(self) -> None:
         """Search no more."""
         self._last = None
-        self._pool.shutdown(wait=False)
+        self._requests.put(None)
 
-    def _search(self, one: object, tip: FloatArray, start: FloatArray) -> None:
+    def _work(self) -> None:
+        while (request := self._requests.get()) is not None:
+            with contextlib.suppress(_Superseded):
+                self._search(request)
+
+    def _search(self, request: Request) -> None:
         def check() -> None:
-            # The end of a program does not wait for a search.
-            if one is not self._last or not threading.main_thread().is_alive():
+            if request is not self._last:
                 raise _Superseded
 
-        with contextlib.suppress(_Superseded):
-            check()
-            try:
-                answer: Answer = find_tensions(
-                    self._solver, TipPosition(tip), self._highest, start=start, pause=check
-                )
-            except OctoArmError as error:
-                answer = error
-            check()
-            self._deliver(answer)
+        check()
+        given = self._solver, TipPosition(request[0]), self._highest
+        try:
+            answer: Answer = find_tensions(*given, start=request[1], pause=check)
+        except OctoArmError as error:
+            answer = error
+        check()
+        self._deliver(answer)

@@ -3,6 +3,7 @@
 import dataclasses
 import queue
 import shlex
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -92,6 +93,8 @@ def answer_to(*targets):
     for target in targets:
         search.request(target, np.zeros(12))
     found = answers.get(timeout=DEADLINE)
+    # The end of a program does not wait for a search.
+    assert all(one.daemon for one in threading.enumerate() if one.name.startswith('search'))
     search.close()
     assert answers.empty()
     return found
