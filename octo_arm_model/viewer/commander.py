@@ -168,8 +168,8 @@ class TargetSearch:
                 raise _Superseded
 
         check()
-        given = self._solver, TipPosition(request[0]), self._highest
         try:
+            given = self._solver, TipPosition(request[0]), self._highest
             answer: Answer = find_tensions(*given, start=request[1], pause=check)
         except OctoArmError as error:
             answer = error
