@@ -100,7 +100,7 @@ def _check_sources(
         raise MeasurementError('--columns is given, and no CSV file that it could be of')
     for given, other, file in (
         (path and has_all, f'a bag, {path}', '--tension-csv and --midline-csv'),
-        (tensions and files.tensions, '--tensions', '--tension-csv'),
+        (tensions is not None and files.tensions, '--tensions', '--tension-csv'),
         (displacements and files.displacements, '--displacements', '--displacement-csv'),
         (measured.sources and files.midlines, '--midlines', '--midline-csv'),
         (measured.marker_frames and files.midlines, '--marker-frames', '--midline-csv'),
