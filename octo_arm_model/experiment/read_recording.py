@@ -101,7 +101,11 @@ def _check_sources(
     for given, other, file in (
         (path and has_all, f'a bag, {path}', '--tension-csv and --midline-csv'),
         (tensions is not None and files.tensions, '--tensions', '--tension-csv'),
-        (displacements and files.displacements, '--displacements', '--displacement-csv'),
+        (
+            displacements is not None and files.displacements,
+            '--displacements',
+            '--displacement-csv',
+        ),
         (measured.sources and files.midlines, '--midlines', '--midline-csv'),
         (measured.marker_frames and files.midlines, '--marker-frames', '--midline-csv'),
     ):
