@@ -1,11 +1,11 @@
 """Sensors that lie: how soon the estimator names them, and how wrong what it publishes is.
 
 Simulated arms, still and moving, whose load cells, tip and markers have noise as told, and one of
-which lies from `BEGIN` to `END`. A row has after how long the liar was named, alone or with those
-that are as suspect, and for which part of the rest of its lie, the worst error of any station over
-its stated deviation, the share of estimates that are off by more than five of them, the longest
-that an honest sensor was refused, how long the liar was refused after its end, the estimates
-published, and the processor time of the worst message.
+which lies from `BEGIN`, or from the first message, to `END`. A row has after how long the liar was
+named, alone or with those that are as suspect, and for which part of the rest of its lie, the
+worst error of any station over its stated deviation, the share of estimates that are off by more
+than five of them, the longest that an honest sensor was refused, how long the liar was refused
+after its end, the estimates published, and the processor time of the worst message.
 
     python benchmarks/faults.py [--full] [--arm NAME] [--only TEXT] [--brief]
 """
@@ -58,6 +58,7 @@ class Case(NamedTuple):
     is_moving: bool = True
     cells_first: bool = True
     seed: int = 0
+    begin: float = BEGIN  # [s]
 
 
 class Row(NamedTuple):
@@ -143,8 +144,8 @@ class Bench:
             x[state.tip_force] = force
             at = Prediction(self.true, x, None if at is None else at.solved)
             shape, reading = at.solved, x[state.tension].copy()
-            lies = BEGIN <= now < END
-            stuck = reading if now < BEGIN else stuck
+            lies = case.begin <= now < END
+            stuck = reading if now <= case.begin else stuck
             marked = np.array([round(part * (len(shape.s) - 1)) for part in MARKED])
             seen, tip = shape.position[marked].copy(), shape.tip.copy()
             if lies:
@@ -177,7 +178,7 @@ class Bench:
         elif case.fault == 'stuck' and stuck is not None:
             reading[tendon] = stuck[tendon]
         elif case.fault == 'drift':
-            reading[tendon] += 0.05 * (now - BEGIN)
+            reading[tendon] += 0.05 * (now - case.begin)
         elif case.fault == 'all cells x 1000':
             reading *= 1000.0
         elif case.fault == 'marker jumps':
@@ -221,7 +222,7 @@ class _Record:
         if not last:
             return
         refused = {name: 1e-9 * ns for name, ns in own.refused_since.items()}
-        lies = BEGIN <= now < END
+        lies = self._case.begin <= now < END
         for name, since in refused.items():
             if name not in self._liars:
                 self._honest = max(self._honest, now - since + 1.0 / self._case.rate)
@@ -229,7 +230,7 @@ class _Record:
                 self._after = max(self._after, now - END + 1.0 / self._case.rate)
         if lies:
             named = refused.keys() | set(own.suspects)
-            self._named.append((now - BEGIN, bool(self._liars & named)))
+            self._named.append((now - self._case.begin, bool(self._liars & named)))
 
     def error(
         self, now: float, away: NDArray[np.float64], covariance: NDArray[np.float64]

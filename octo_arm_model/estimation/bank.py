@@ -11,6 +11,10 @@ it is not.
 
 All hypotheses are updated about shapes that are known already. The most probable one then has its
 own shape solved, which may make it less so; then the next one has, and so on while `Work` is left.
+
+Where a load cell is doubted whose tension nothing has told yet, as at the start, the arm may be
+far from all shapes that are known, where a linear update tells neither for nor against. Such a
+hypothesis is open: it keeps its prior, which the covariance holds, until its shape was looked for.
 """
 
 from __future__ import annotations
@@ -41,6 +45,8 @@ from octo_arm_model.estimation.rules import CONTRADICTED, MEMORY, MOST, Doubts, 
 _STAYS = 1.0  # by which another hypothesis has to be more probable than the present one [nat]
 _SHARE = 4  # evaluations for one hypothesis among several
 _FAR = 0.02  # of the length, by which a station moves, to linearise others anew
+_LOOKED_FROM = 0.1, 0.3, 0.7  # of the prior's deviation, tensions that nothing tells
+_SEARCH = 5  # evaluations that a search from there takes at least
 _BETTER = 0.01  # nat for a normalised square
 _UNSURE = 2.0  # times the gate, for a square that is not exact
 _HALFWAY = 0.25  # part of the squares of noise and change, that is left where it led somewhere
@@ -59,6 +65,7 @@ class Bank(NamedTuple):
         leader: number of the most probable one, which is published.
         heard: sensors other than load cells that were heard so far.
         agreement: of the leader.
+        is_open: which doubt a load cell, and have not been judged near their own shape yet.
     """
 
     doubts: tuple[Doubts, ...]
@@ -68,6 +75,7 @@ class Bank(NamedTuple):
     leader: int
     heard: Doubts
     agreement: Agreement
+    is_open: NDArray[np.bool_]
 
     @property
     def leading(self) -> Gaussian:
@@ -94,7 +102,8 @@ def new_bank(model: ArmModel) -> Bank:
     """Of one hypothesis, that believes everything and knows the prior of ``model``."""
     stddev = model.state.prior_stddev()
     mean, covariance = np.zeros((1, stddev.size)), np.diag(stddev**2)[np.newaxis]
-    return Bank((_NOBODY,), mean, covariance, np.zeros(1), 0, _NOBODY, Agreement())
+    none = np.zeros(1, dtype=bool)
+    return Bank((_NOBODY,), mean, covariance, np.zeros(1), 0, _NOBODY, Agreement(), none)
 
 
 class Judged(NamedTuple):
@@ -160,6 +169,7 @@ class Judge:
     def led(self, bank: Bank, at: Prediction) -> tuple[Bank, Prediction]:
         """With the most probable leader, whose tensions are possible, and its shape."""
         total = bank.contradiction + self.improbability(bank)
+        total[bank.is_open] = np.inf  # their means were not looked for
         total[bank.leader] -= _STAYS
         leader = int(total.argmin())
         known = bank.one(leader)
@@ -187,9 +197,12 @@ class Judge:
         # The leader comes first, and no sensor is doubted before its shape is known: far from what
         # was expected, as after a sudden touch, a linear guess of it is much too bad.
         best, judged, total = bank.leader, None, stays
+        # Where it is contradicted, and others were not looked for yet, most work is left for them.
+        is_lost = bank.contradiction[best] >= CONTRADICTED and bool(bank.is_open.any())
+        spare = _SEARCH + 1 if is_lost else 1
         while best not in exact:
             try:
-                exact[best] = self._fit(bank, best, rows, at, is_new=is_new)
+                exact[best] = self._fit(bank, best, rows, at, spare, is_new=is_new)
             except SolveError:
                 stays[best] = np.inf
                 if not np.isfinite(stays).any() or not (exact or self._work.is_left):
@@ -208,13 +221,74 @@ class Judge:
                 judged.put([number], one)
             total = bank.contradiction + judged.cost + stays
             best = int(total.argmin())
-            if exact and not self._work.is_left:
+            if exact and (is_lost or not self._work.is_left):
                 break
-        best = min(exact, key=lambda number: float(total[number]))
         assert judged is not None
+        is_open = self._search(bank, judged, rows, shape, exact)
+        total = bank.contradiction + judged.cost + stays
+        best = min(exact, key=lambda number: float(total[number]))
         fit = exact[best][0]
-        bank = _charged(bank, judged)._replace(leader=best, agreement=fit.agreement)
+        bank = _charged(bank, judged)._replace(
+            leader=best, agreement=fit.agreement, is_open=is_open
+        )
         return bank, judged, fit.at
+
+    def _search(
+        self,
+        bank: Bank,
+        judged: Judged,
+        rows: Rows,
+        at: Prediction,
+        exact: dict[int, tuple[Fit, Judged]],
+    ) -> NDArray[np.bool_]:
+        """Look for the shapes of open hypotheses that ``at`` is far from, into ``exact``.
+
+        Those that no work is left for stay open, as they were, so that the covariance holds them.
+        """
+        if not bank.is_open.any():
+            return bank.is_open
+        moved = (judged.mean - at.x) @ at.change.tip[:3].T
+        is_far = np.linalg.norm(moved, axis=1) > _FAR * self._model.arm.length
+        is_open = bank.is_open & (is_far | (judged.cost >= CONTRADICTED))
+        is_open[list(exact)] = False
+        waiting = np.flatnonzero(is_open).tolist()
+        for number in waiting:
+            if self._work.evaluations < _SEARCH:
+                break
+            is_open[number] = False
+            try:
+                start = self._nearest(bank, number, rows, at)
+                exact[number] = self._fit(bank, number, rows, start, 0, is_new=False)
+            except SolveError:
+                continue
+            fit, one = exact[number]
+            if one.cost[0] < CONTRADICTED:
+                judged.improve(self._judge(bank, rows, fit.at))
+        for number, (_, one) in exact.items():
+            judged.put([number], one)
+        left = [number for number in waiting if number not in exact]
+        judged.mean[left], judged.covariance[left] = bank.mean[left], bank.covariance[left]
+        judged.is_used[left], judged.cost[left] = False, 0.0
+        return is_open
+
+    def _nearest(self, bank: Bank, number: int, rows: Rows, at: Prediction) -> Prediction:
+        """What explains ``rows`` best, of ``at`` and some tensions that one doubts."""
+        names, tension = self._model.arm.tendon_names, self._model.state.tension
+        doubts, known = bank.doubts[number], bank.one(number)
+        is_doubted = np.array([f'{LOAD_CELL} {name}' in doubts for name in names])
+        mean = nearest_possible(self._model, known.root, known.mean)
+        best, least = at, square_of(rows.left(at), rows.noise_root)
+        for part in _LOOKED_FROM:
+            x = mean.copy()
+            x[tension][is_doubted] = part * self._prior[tension][is_doubted]
+            try:
+                at = reached(at, x, self._work)
+                square = square_of(rows.left(at), rows.noise_root)
+            except SolveError:
+                break
+            if square < least:
+                best, least = at, square
+        return best
 
     def opened(self, bank: Bank, heard: Sequence[str]) -> tuple[Bank, list[int]]:
         """With a hypothesis for each sensor that may lie, and from which each of them is.
@@ -232,7 +306,8 @@ class Judge:
             return bank
         doubts, cells = bank.doubts[bank.leader], self._cells
         is_lost = bank.contradiction >= CONTRADICTED
-        if is_lost[bank.leader] and len(doubts & cells) == len(doubts) == 1:
+        is_single = len(doubts & cells) == len(doubts) == 1
+        if is_lost[bank.leader] and is_single and not bank.is_open.any():
             # One load cell that lies does not explain what is measured: two of them may.
             bank, _ = self._about(bank, doubts)
             is_lost = bank.contradiction >= CONTRADICTED
@@ -307,7 +382,7 @@ class Judge:
         return Judged(mean, covariance, is_used, cost, innovation, expected, square, volume)
 
     def _fit(
-        self, bank: Bank, number: int, rows: Rows, at: Prediction, *, is_new: bool
+        self, bank: Bank, number: int, rows: Rows, at: Prediction, spare: int, *, is_new: bool
     ) -> tuple[Fit, Judged]:
         """One hypothesis after ``rows``, about the shape that it agrees with them on."""
         before, channels = bank.one(number), channels_of(rows.channels(at))
@@ -316,7 +391,7 @@ class Judge:
         first, share = at, self._work
         while True:
             if len(bank.doubts) > 1:  # something is left for the others
-                share = self._work.share(min(_SHARE, max(self._work.evaluations - 1, 1)))
+                share = self._work.share(min(_SHARE, max(self._work.evaluations - spare, 1)))
             some = rows.only(np.flatnonzero(is_used))
             fit = agree(before, some, bank.agreement, at, share, is_new=is_new)
             at, is_new = fit.at, False
@@ -377,12 +452,14 @@ class Judge:
         known = {one: number for number, one in enumerate(bank.doubts)}
         sources = [known.get(one, bank.leader) for one in doubts]
         is_new = np.array([one not in known for one in doubts])
+        is_cell = np.array([len(one) == len(one & self._cells) == 1 for one in doubts])
         made = bank._replace(
             doubts=doubts,
             mean=bank.mean[sources],
             covariance=bank.covariance[sources],
             contradiction=bank.contradiction[sources],
             leader=doubts.index(leading),
+            is_open=np.where(is_new, is_cell & (not root), bank.is_open[sources]),
         )
         return self._widened(made, is_new), sources
 

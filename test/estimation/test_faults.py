@@ -24,6 +24,10 @@ bench_of = functools.cache(Bench)
         Case(ARM, '0', 4, 'both', 10.0, is_moving=False),
         Case(ARM, '0', 4, 'tip', 10.0, is_moving=True, cells_first=False),
         Case(ARM, 'x 5', 8, 'markers', 10.0),
+        # From the first message on: no shape that is known is near that of the arm.
+        Case(ARM, 'x 5', 0, 'markers', begin=0.0),
+        Case('rao2021', '0', 0, 'tip', begin=0.0),
+        pytest.param(Case('rao2021', 'x 5', 4, 'both', begin=0.0), marks=pytest.mark.endurance),
         pytest.param(Case(ARM, 'x 0.3', 5, 'markers', 4.0), marks=pytest.mark.endurance),
         pytest.param(Case(ARM, 'x 5', 4, 'both', 50.0), marks=pytest.mark.endurance),
         pytest.param(Case(ARM, 'base offset', 0, 'both', 20.0), marks=pytest.mark.endurance),
