@@ -106,7 +106,7 @@ def new_bank(model: ArmModel) -> Bank:
     return Bank((_NOBODY,), mean, covariance, np.zeros(1), 0, _NOBODY, Agreement(), none)
 
 
-class Judged(NamedTuple):
+class BankUpdate(NamedTuple):
     """What measurements make of every hypothesis, the first axis.
 
     Attributes:
@@ -129,17 +129,17 @@ class Judged(NamedTuple):
     square: FloatArray
     volume: FloatArray
 
-    def improve(self, others: Judged) -> None:
+    def improve(self, others: BankUpdate) -> None:
         """Write ``others`` where they contradict less, linearised about another shape."""
         # Where neither does the one that explains more of it.
         better = others.cost + _BETTER * others.square < self.cost + _BETTER * self.square
         self.put(np.flatnonzero(better), others.of(np.flatnonzero(better)))
 
-    def of(self, numbers: IntArray | list[int]) -> Judged:
+    def of(self, numbers: IntArray | list[int]) -> BankUpdate:
         """Some hypotheses alone, in this order."""
-        return Judged._make(one[numbers] for one in self)
+        return BankUpdate._make(one[numbers] for one in self)
 
-    def put(self, numbers: IntArray | list[int], others: Judged) -> None:
+    def put(self, numbers: IntArray | list[int], others: BankUpdate) -> None:
         """Write ``others`` in the place of some."""
         for whole, part in zip(self, others, strict=True):
             whole[numbers] = part
@@ -158,7 +158,7 @@ class Judge:
         """Of every hypothesis before anything is measured [nat]."""
         return np.array([self._rules.improbability(one, self._cells) for one in bank.doubts])
 
-    def linear(self, bank: Bank, rows: Rows, at: Prediction) -> tuple[Bank, Judged]:
+    def linear(self, bank: Bank, rows: Rows, at: Prediction) -> tuple[Bank, BankUpdate]:
         """All hypotheses after ``rows``, linearised about ``at``."""
         judged = self._judge(bank, rows, at)
         expected = judged.expected[bank.leader].diagonal()
@@ -183,7 +183,7 @@ class Judge:
 
     def shaped(
         self, bank: Bank, rows: Rows, at: Prediction, *, is_new: bool
-    ) -> tuple[Bank, Judged, Prediction]:
+    ) -> tuple[Bank, BankUpdate, Prediction]:
         """All hypotheses after ``rows``, the most probable one about its own shape.
 
         Where it ``is_new`` nothing leads to this shape but the prior.
@@ -191,7 +191,7 @@ class Judge:
         Raises:
             SolveError: if there is none.
         """
-        exact: dict[int, tuple[Fit, Judged]] = {}
+        exact: dict[int, tuple[Fit, BankUpdate]] = {}
         shape, stays = at, self.improbability(bank)
         stays[bank.leader] -= _STAYS
         # The leader comes first, and no sensor is doubted before its shape is known: far from what
@@ -236,10 +236,10 @@ class Judge:
     def _search(
         self,
         bank: Bank,
-        judged: Judged,
+        judged: BankUpdate,
         rows: Rows,
         at: Prediction,
-        exact: dict[int, tuple[Fit, Judged]],
+        exact: dict[int, tuple[Fit, BankUpdate]],
     ) -> NDArray[np.bool_]:
         """Look for the shapes of open hypotheses that ``at`` is far from, into ``exact``.
 
@@ -353,7 +353,7 @@ class Judge:
         covariance = np.tensordot(weight, bank.covariance, axes=1) + (weight * away.T) @ away
         return Gaussian.of(mean, covariance)
 
-    def _judge(self, bank: Bank, rows: Rows, at: Prediction) -> Judged:
+    def _judge(self, bank: Bank, rows: Rows, at: Prediction) -> BankUpdate:
         """All hypotheses after ``rows``, linearised about ``at``."""
         jacobian, channels = rows.jacobian(at), channels_of(rows.channels(at))
         innovation = rows.left(at) + (at.x - bank.mean) @ jacobian.T
@@ -379,11 +379,11 @@ class Judge:
         cost = channels.cost(is_used, ~is_used & ~is_doubted, squares, square, self._rules.gate)
         volume = 2.0 * np.log(np.einsum('hii->hi', root)).sum(axis=-1)
         volume += len(rows) * math.log(2.0 * math.pi)
-        return Judged(mean, covariance, is_used, cost, innovation, expected, square, volume)
+        return BankUpdate(mean, covariance, is_used, cost, innovation, expected, square, volume)
 
     def _fit(
         self, bank: Bank, number: int, rows: Rows, at: Prediction, spare: int, *, is_new: bool
-    ) -> tuple[Fit, Judged]:
+    ) -> tuple[Fit, BankUpdate]:
         """One hypothesis after ``rows``, about the shape that it agrees with them on."""
         before, channels = bank.one(number), channels_of(rows.channels(at))
         is_doubted = channels.is_in(bank.doubts[number])
@@ -422,7 +422,7 @@ class Judge:
             square,
             self._rules.gate,
         )
-        return fit, Judged(
+        return fit, BankUpdate(
             fit.known.mean[np.newaxis],
             (fit.known.root @ fit.known.root.T)[np.newaxis],
             is_used[np.newaxis],
@@ -491,7 +491,7 @@ class Judge:
         return found
 
 
-def _charged(bank: Bank, judged: Judged) -> Bank:
+def _charged(bank: Bank, judged: BankUpdate) -> Bank:
     """``bank`` after measurements as they are ``judged``."""
     contradiction = np.minimum(bank.contradiction + judged.cost, MOST)
     return bank._replace(

@@ -11,7 +11,7 @@ import numpy as np
 
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.estimation.bank import Bank, Judge, Judged, new_bank
+from octo_arm_model.estimation.bank import Bank, BankUpdate, Judge, new_bank
 from octo_arm_model.estimation.gaussian import Gaussian
 from octo_arm_model.estimation.measurement import Measurement, Rows
 from octo_arm_model.estimation.measurements import LOAD_CELL
@@ -237,7 +237,7 @@ class _Update:
         mean = bank.mean[bank.leader]
         start_at = Prediction(model, mean, None) if start is None else start.at
         at = Prediction(model, mean, start_at.shape)
-        parts: list[tuple[Rows, Judged]] = []
+        parts: list[tuple[Rows, BankUpdate]] = []
         if self._linear is not None:
             bank, judged = judge.linear(bank, self._linear, at)
             parts.append((self._linear, judged))
@@ -293,7 +293,7 @@ class _Update:
         )
 
     def _innovations(
-        self, parts: Sequence[tuple[Rows, Judged]], leader: int, at: Prediction
+        self, parts: Sequence[tuple[Rows, BankUpdate]], leader: int, at: Prediction
     ) -> list[Innovation]:
         """Of every measurement, and by itself of every load cell that was not used."""
         whole, cells = {}, []
