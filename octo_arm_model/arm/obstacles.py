@@ -201,7 +201,7 @@ def _from_axis(offset: FloatArray, across: FloatArray, radius: float) -> Nearest
 
 
 def _pass(before: FloatArray, after: FloatArray, reach: FloatArray) -> BoolArray:
-    """Whether the ways (n, 3) pass the origin within half of ``reach`` (n,)."""
+    """Whether motions (n, 3) pass the origin within half of ``reach`` (n,)."""
     motion = after - before
     squared = np.maximum((motion * motion).sum(axis=1), _LEAST**2)
     part = np.clip(-(before * motion).sum(axis=1) / squared, 0.0, 1.0)

@@ -139,7 +139,7 @@ def compare(
         ).rms
         notes += undetermined(np.concatenate([shape.points for _, shape, _ in answered]), left)
     steps = []
-    ways = directions(np.array([shape.window.tensions for shape in shapes]))
+    branches = directions(np.array([shape.window.tensions for shape in shapes]))
     for number, shape, backbone in answered:
         measured = alignment.to_base(shape.points)
         if shape.s is None:
@@ -155,7 +155,7 @@ def compare(
         if math.isfinite(errors.tip) and trajectory is None:
             bend = _bend(solver, backbone, measured[-1])
         steps.append(
-            StepComparison(number, shape, measured, backbone, errors, ways[number - 1], bend)
+            StepComparison(number, shape, measured, backbone, errors, branches[number - 1], bend)
         )
     if trajectory is None:
         notes += remarks(

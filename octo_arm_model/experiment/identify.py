@@ -246,18 +246,18 @@ def _on_branches(problem: Problem, x: FloatArray) -> list[str]:
         return []
     shapes, least = problem.shapes, STILL * problem.length
     column = problem.unknowns.names.index('youngs_modulus')
-    ways = directions(np.array([shape.window.tensions for shape in shapes]))
+    branches = directions(np.array([shape.window.tensions for shape in shapes]))
     # Residuals change opposite to the model's tip, which a softer arm moves as tensions do.
     pairs = zip(problem.residuals(x), problem.camera_jacobian(x), strict=True)
     bends = [part_along(away[-1], by[-1, :, column], least) for away, by in pairs]
     notes = remarks(
         [shape.tension for shape in shapes],
         bends,
-        ways,
+        branches,
         noise_of(shapes) / 3.0**0.5,
         problem.length,
     )
-    if UNLOADING in ways and notes:
+    if UNLOADING in branches and notes:
         notes.append(
             'intervals take this difference for scatter from load to load, so they are wider than '
             '95 %: the branches cancel where each load is reached from both sides'

@@ -235,10 +235,10 @@ def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
         style: dict[str, Any] = {'color': LINES[comparison.model]['color'], 'linewidth': width}
         bend, sized = comparison.bend_percent, {**style, 'markersize': 5.0 + width}
         signed.plot(tension, bend, '-', **style, alpha=0.6)
-        ways = np.array([step.direction for step in comparison.steps])
-        for way in dict.fromkeys(ways[np.isfinite(bend)]):
-            marker, is_full, label = _MARKERS.get(way, ('o', True, str(way)))
-            at, face = ways == way, style['color'] if is_full else 'white'
+        branches = np.array([step.direction for step in comparison.steps])
+        for branch in dict.fromkeys(branches[np.isfinite(bend)]):
+            marker, is_full, label = _MARKERS.get(branch, ('o', True, str(branch)))
+            at, face = branches == branch, style['color'] if is_full else 'white'
             text = f'{comparison.model}, {label}'
             signed.plot(tension[at], bend[at], marker, **sized, markerfacecolor=face, label=text)
         for name, line, label in (('tip', 'o-', 'tip'), ('mean', 'x--', 'mean of midline')):
@@ -246,8 +246,8 @@ def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
             if not np.isfinite(percent).any():
                 continue
             text = f'{comparison.model}, {label}'
-            for at in _branches(ways, tension):
-                face = 'white' if ways[at[-1]] == UNLOADING else style['color']
+            for at in _branches(branches, tension):
+                face = 'white' if branches[at[-1]] == UNLOADING else style['color']
                 plain.plot(
                     tension[at], percent[at], line, **sized, markerfacecolor=face, label=text
                 )
@@ -264,11 +264,11 @@ def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
     return figure
 
 
-def _branches(ways: Any, tension: FloatArray) -> Iterator[Any]:
+def _branches(branches: Any, tension: FloatArray) -> Iterator[Any]:
     """Numbers of the steps of each direction, by tension; those at rest are of loading."""
-    ways = np.where(ways == REST, LOADING, ways)
-    for way in dict.fromkeys(ways):
-        at = np.flatnonzero(ways == way)
+    branches = np.where(branches == REST, LOADING, branches)
+    for branch in dict.fromkeys(branches):
+        at = np.flatnonzero(branches == branch)
         yield at[np.argsort(tension[at], kind='stable')]
 
 

@@ -374,8 +374,8 @@ def remarks(
             'proportion would scale all tensions alike, which no interval holds and nothing here '
             'shows'
         ]
-    at, off, way = np.array(tension), np.array(error), np.array(direction)
-    up, down = (np.isfinite(off) & (way == name) for name in (LOADING, UNLOADING))
+    at, off, branch = np.array(tension), np.array(error), np.array(direction)
+    up, down = (np.isfinite(off) & (branch == name) for name in (LOADING, UNLOADING))
     if up.sum() < 2:
         return []
     order = np.argsort(at[up], kind='stable')

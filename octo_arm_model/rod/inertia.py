@@ -52,7 +52,8 @@ class MovingProblem(Problem):
     Attributes:
         rule: velocities and accelerations, of a rod at rest at first.
         reference: moment and force that residuals are measured by besides `Work.scale`, (m,).
-        base: position [m] and quaternion w, x, y, z of the base, (7,).
+        origin: where positions count from [m], (3,): rounding of large ones would accelerate it.
+        base: position from there [m] and quaternion w, x, y, z of the base, (7,).
         is_viscous: whether viscosity damps it.
     """
 
@@ -106,7 +107,7 @@ class MovingProblem(Problem):
             _viscosities(arm, elements.s, strains, properties),
         )
         self.is_viscous = bool(self.moving.viscous.any())
-        self.base = np.array([*np.zeros(3), *tables.base])
+        self.origin, self.base = np.zeros(3), np.array([*np.zeros(3), *tables.base])
         self.rest = TimeRule(
             0.0,
             0.0,
@@ -121,7 +122,8 @@ class MovingProblem(Problem):
         self.motion = Motion(place, velocity, acceleration, np.zeros((2, nodes, 3)))
 
     def place_base(self, base: FloatArray) -> None:
-        """Move the base to a position [m] and quaternion w, x, y, z, (7,)."""
+        """Move the base to a position in base_frame [m] and quaternion w, x, y, z, (7,)."""
+        base = np.concatenate([base[:3] - self.origin, base[3:]])
         if not (base == self.base).all():
             self.base, self.others.base = base, base[3:]
             self.tables = self.tables._replace(base=base[3:])

@@ -133,19 +133,17 @@ class Dynamics:
             raise ConfigError(f'model is {solver.model!r}, which does not move: choose exact')
         self.solver, self.properties, arm = solver, properties, solver.arm
         self._alpha = Alpha.of(within('rho_inf', rho_inf, 0.0, 1.0, '-'))
-        # As of an equilibrium, the rod begins at the origin: places far from it would be rounded.
-        self._origin = np.array([*solver.base.position, *np.zeros(4)])
-        loads = solver.loads.moved(-self._origin[:3])
+        base = base_of(solver.base)
+        loads = solver.loads.moved(-base[:3])
         if level not in range(len(LEVELS)):
             raise ConfigError(f'level is {level!r}, expected 0 to {len(LEVELS) - 1}')
         elements = build_elements(arm, loads.breaks, loads.knots, level, _FEWER_POINTS)
-        base = base_of(solver.base)
         tables = tabulate(arm, elements, base[3:], law=solver.law.number)
         form = choose_form(solver.is_compiled)
         self.problem = MovingProblem(
             arm, elements, tables, loads, form, solver.strains, properties
         )
-        self.problem.place_base(base - self._origin)
+        self.problem.origin = base[:3]
         self._base, self.places = base, places_at(elements, solver.grid.s)
         # At rest obstacles have no friction: it grows with the speed.
         smooth = solver.loads.without_friction()
@@ -190,7 +188,7 @@ class Dynamics:
         level, z = start.equilibrium.level, start.equilibrium.state.z
         problem = self.problem
         z = moved(z, solver.elements(level), problem.elements)
-        problem.place_base(given.base - self._origin)
+        problem.place_base(given.base)
         problem.reference = np.zeros(z.shape[1])
         at_nodes = problem.at_nodes(Condition(given.tensions, given.tip_wrench))
         found = self._in_current(at_nodes, z, given.current)
@@ -379,7 +377,7 @@ class Dynamics:
         problem, (m, f, gamma, beta) = self.problem, self._alpha
         z, (_, rate, bend, last_bend) = state.z, state.twist
         place, velocity, acceleration, own = state.place
-        problem.place_base(state.base - self._origin)
+        problem.place_base(state.base)
         if state.dt != dt and (given.base == state.base).all():
             # Rates of places and twists differ by the square of a step, much for a shorter one.
             problem.orient(z)
@@ -407,7 +405,7 @@ class Dynamics:
             to_rate(rate, a_z, bend),
             water[:2],
         )
-        problem.place_base(given.base - self._origin)
+        problem.place_base(given.base)
         problem.reference = state.wrench.copy()  # a copy, as `MotionState.z` is
         guess, factors = z + dt * rate + 0.5 * dt * dt * bend, None
         if state.dt == dt:
@@ -496,7 +494,7 @@ class Dynamics:
         self._require_own(state)
         problem = self.problem
         problem.rule = problem.rest._replace(water=np.array([state.water[0], np.zeros(3)]))
-        problem.place_base(state.base - self._origin)
+        problem.place_base(state.base)
         condition = Condition(state.tensions, state.tip_wrench, 1.0, state.history)
         return problem.evaluate(problem.at_nodes(condition), state.z)
 
@@ -504,7 +502,7 @@ class Dynamics:
         """The shape at the stations of the solver."""
         self._require_own(state)
         problem, places = self.problem, self.places
-        problem.place_base(state.base - self._origin)
+        problem.place_base(state.base)
         z = state.z
         problem.orient(z)
         position, quaternion, _ = problem.form.poses(problem.tables, z, places, problem.work)

@@ -86,12 +86,8 @@ class _Search:
         spending: Spending,
     ) -> None:
         """For ``wanted`` on a ``rod`` with its equations of each level."""
-        self._rod, self._equations, self._wanted, self._spending = (
-            rod,
-            equations,
-            wanted,
-            spending,
-        )
+        self._rod, self._equations = rod, equations
+        self._wanted, self._spending = wanted, spending
 
     def is_free(self, condition: Condition) -> bool:
         """Whether nothing but tendons acts, so that there is one equilibrium."""

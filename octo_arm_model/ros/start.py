@@ -48,7 +48,7 @@ def start_ros(
             rclpy.init(args=given, signal_handler_options=signals)
         except RuntimeError as error:  # what rcl raises
             reason = str(error).split(', at /')[0]
-            if 'ogging' in reason:
+            if 'logging' in reason.lower():
                 reason += (
                     '; logs are written to ROS_LOG_DIR, else below ROS_HOME or HOME: set one to a '
                     'folder that can be written'

@@ -93,7 +93,7 @@ class TipWrench:
         wrench, frame = wrench_values(message.wrench), str(message.header.frame_id)
         config, stamp = prepared.config, Stamp.of(message.header.stamp).ns
         tip, is_following = config.frame_prefix + TIP_FRAME, False
-        # Before its frame is looked for: what is no number would be refused as such.
+        # First, so that a wrench that is no number is refused for that, whatever its frame.
         prepared.solver.check_tip_wrench(wrench)
         if frame == tip:
             is_following = True

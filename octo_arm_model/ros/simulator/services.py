@@ -48,16 +48,15 @@ class SimulationClock:
         self.is_paused = False
         self.period, self._is_own, self._slice = 0.0, False, 0.0
         self._timer: Timer | None = None
-        self._course: Course | None = None
+        self._pace: tuple[float, ...] = ()
         self._last, self._time_ns = 0, 0
         self._publisher: Publisher | None = None
 
     def use(self, course: Course) -> None:
         """Step as ``course`` says from now on."""
-        before, self._course = self._course, course
         is_own, factor = course.publish_clock, course.real_time_factor
-        pace = course.rate, is_own, factor
-        if before and pace == (before.rate, before.publish_clock, before.real_time_factor):
+        before, self._pace = self._pace, (course.rate, is_own, factor)
+        if before == self._pace:
             return
         self.period, self._is_own = 1.0 / course.rate, is_own
         self._slice = 0.0 if factor else SLICE
