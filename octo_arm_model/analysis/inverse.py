@@ -7,6 +7,7 @@ quadratic programming minimises the effort among them.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import NoneType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +16,7 @@ from scipy.optimize import least_squares, minimize
 from octo_arm_model.analysis.targets import Stiffness, Target
 from octo_arm_model.arm.errors import SolveError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.validation import real_numbers
+from octo_arm_model.arm.validation import check_class, real_numbers
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.checks import check_highest
 from octo_arm_model.rod.sensitivity import Sensitivity
@@ -87,8 +88,12 @@ def find_tensions(
 
     Raises:
         TensionError: if ``highest`` or ``start`` do not fit the arm.
+        ArmDefinitionError: if another argument is of another class.
         SolveError: if the model has no solution for any of the tensions tried.
     """
+    check_class('solver', solver, Solver)
+    check_class('target', target, Target)
+    check_class('stiffness', stiffness, Stiffness, NoneType)
     arm = solver.arm
     limit = check_highest(arm, highest)
     search = _Search(solver, target, limit, stiffness, pause or (lambda: None))

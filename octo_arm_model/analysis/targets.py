@@ -4,7 +4,7 @@ Errors are in metres; angles are multiplied by `length_per_radian`.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,7 @@ _LARGEST = 1e9  # number of a target; squares of larger ones may overflow
 _OPPOSITE, _NO_DIRECTION = -0.999999, 1e-4
 
 
+@runtime_checkable
 class Target(Protocol):
     """A target: an error that is zero where it is reached."""
 
@@ -93,6 +94,7 @@ class TipPose:
     def __post_init__(self) -> None:
         """Validate."""
         object.__setattr__(self, 'position', _numbers('tip position', self.position, (3,)))
+        _numbers('length_per_radian', self.length_per_radian, ())
         quaternion = _numbers('tip quaternion', self.quaternion, (4,))
         if abs(np.linalg.norm(quaternion) - 1.0) > 1e-3:
             raise TargetError(f'tip quaternion is {shown(self.quaternion)}, expected length 1')
@@ -134,6 +136,7 @@ class Bending:
 
     def __post_init__(self) -> None:
         """Validate."""
+        _numbers('length_per_radian', self.length_per_radian, ())
         _numbers('bending plane', self.plane, ())
         if not 0.0 <= float(_numbers('bending angle', self.angle, ())) <= np.pi:
             raise TargetError(f'bending angle is {shown(self.angle)}, expected 0 to pi [rad]')

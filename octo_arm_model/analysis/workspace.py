@@ -20,6 +20,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_SAMPLES
+from octo_arm_model.arm.validation import check_class
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.checks import check_tensions
 from octo_arm_model.rod.solver import Solver
@@ -78,6 +79,7 @@ def sample_workspace(
             not cover the arm, processes end before their work does, or Dask is missing, does not
             answer or fails.
     """
+    check_class('config', config, Config)
     most = min(MAX_SAMPLES, MAX_SAMPLED_TENSIONS // len(config.arm.tendons))
     count = _whole('samples', samples, 1, most)
     number = _whole('seed', seed, 0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,14 @@ from octo_arm_model.arm.limits import MAX_FRICTION, MAX_NAME, MAX_SECTIONS, MAX_
 from octo_arm_model.arm.material import Material
 from octo_arm_model.arm.profile import as_profile
 from octo_arm_model.arm.tendon import Discs, RoutedSection, Section, Tendon
-from octo_arm_model.arm.validation import LARGEST, SMALLEST, is_text, not_negative, set_fields
+from octo_arm_model.arm.validation import (
+    LARGEST,
+    SMALLEST,
+    check_class,
+    is_text,
+    not_negative,
+    set_fields,
+)
 
 _CHECKED = 257  # arc coordinates at which profiles are checked, besides their knots
 # Rounding by which a tendon on the surface may lie outside the body, over the radius of the base.
@@ -75,10 +82,15 @@ class Arm:
 
     def __post_init__(self) -> None:
         given, kinds = self.sections, (Section, RoutedSection)
-        if not isinstance(given, Sequence) or not all(isinstance(one, kinds) for one in given):
-            raise ArmDefinitionError('sections', given, 'a sequence of sections')
-        if not given:
-            raise ArmDefinitionError('sections', given, 'at least one section')
+        check_class('material', self.material, Material)
+        check_class('body', self.body, Body, ProfiledBody, RectangularBody)
+        check_class('stiffness', self.stiffness, GivenStiffness)
+        check_class('rest', self.rest, RestShape)
+        check_class('discs', self.discs, Discs)
+        check_class('tendon_names', self.tendon_names, Iterable)
+        are_sections = isinstance(given, Sequence) and all(isinstance(one, kinds) for one in given)
+        if not (are_sections and given):
+            raise ArmDefinitionError('sections', given, 'a sequence of at least one section')
         set_fields(self, sections=tuple(given))
         check_size(len(self.sections), sum(len(section.tendons) for section in self.sections))
         self._check_profiles()

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.profile import Linear, Profile, as_profile
-from octo_arm_model.arm.validation import finite, not_negative, positive, set_fields
+from octo_arm_model.arm.validation import check_class, finite, not_negative, positive, set_fields
 
 _TERMS = np.arange(1.0, 40.0, 2.0)  # of the torsion constant of a rectangle, to rounding
 
@@ -286,6 +286,7 @@ class ProfiledBody(_Round):
 
     def __post_init__(self) -> None:
         self._check_common()
+        check_class('body.profile', self.profile, Profile)
         self.profile.cover('body.profile', self.length)
 
     @property

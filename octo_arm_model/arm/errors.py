@@ -38,7 +38,7 @@ class OctoArmError(Exception):
 
 
 class ArmDefinitionError(OctoArmError, ValueError):
-    """An arm cannot exist as described.
+    """An arm cannot exist as described, or an argument is of another class than expected.
 
     Attributes:
         field: name of the offending field, as written in the configuration.

@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_TABLE_POINTS
-from octo_arm_model.arm.validation import positive, real_numbers, set_fields
+from octo_arm_model.arm.validation import finite, positive, real_numbers, set_fields
 
 # Five points of a difference formula, and their spacing over the length of the profile: its
 # truncation error, of fourth order, and rounding are both about 1e-12.
@@ -28,7 +28,7 @@ PCHIP, LINEAR = BETWEEN = 'pchip', 'linear'  # what tables do between their poin
 
 
 class Profile(ABC):
-    """A smooth function of the arc coordinate s [m]."""
+    """A smooth function of the arc coordinate s [m], of finite numbers."""
 
     @abstractmethod
     def value(self, s: ArrayLike) -> FloatArray:
@@ -73,6 +73,10 @@ class Linear(Profile):
     stop: float
     length: float
 
+    def __post_init__(self) -> None:
+        numbers = {name: finite(f'linear.{name}', one) for name, one in vars(self).items()}
+        set_fields(self, **numbers)
+
     def value(self, s: ArrayLike) -> FloatArray:
         """Value at ``s``."""
         # Interpolated from the nearer end: exact at both ends, and between two values >= 0 never
@@ -95,6 +99,9 @@ class Constant(Profile):
     """
 
     level: float
+
+    def __post_init__(self) -> None:
+        set_fields(self, level=finite('constant', self.level))
 
     def value(self, s: ArrayLike) -> FloatArray:
         """Value at ``s``."""

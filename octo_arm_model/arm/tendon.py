@@ -14,7 +14,14 @@ from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import BoolArray, FloatArray
 from octo_arm_model.arm.limits import MAX_DISCS
 from octo_arm_model.arm.profile import Constant, Linear, Profile
-from octo_arm_model.arm.validation import finite, not_negative, positive, set_fields, whole
+from octo_arm_model.arm.validation import (
+    check_class,
+    finite,
+    not_negative,
+    positive,
+    set_fields,
+    whole,
+)
 
 QUARTERS = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
 _MOST_QUARTERS = 2**20  # beyond 2**53 every number is a multiple of pi / 2, up to rounding
@@ -32,6 +39,10 @@ class Tendon:
 
     offset: Profile
     angle: Profile
+
+    def __post_init__(self) -> None:
+        for name, given in vars(self).items():
+            check_class(f'tendon.{name}', given, Profile)
 
     def path(self, s: FloatArray) -> FloatArray:
         """Offsets along n and b at ``s`` (n,) [m] and their derivatives by s [-], (4, n)."""
@@ -91,6 +102,8 @@ class Section:
             ),
         )
         expected = 'a finite angle [rad]'
+        check_class('section.angles', self.angles, Iterable)
+        check_class('section.twist', self.twist, Iterable)
         angles = tuple(finite('section.angles', angle, expected) for angle in self.angles)
         if not angles:
             raise ArmDefinitionError('section.angles', angles, 'at least one tendon')
@@ -141,10 +154,12 @@ class RoutedSection:
 
     def __post_init__(self) -> None:
         anchorage = positive('section.anchorage', self.anchorage, 'm')
+        check_class('section.tendons', self.tendons, Iterable)
         set_fields(self, anchorage=anchorage, tendons=tuple(self.tendons))
         if not self.tendons:
             raise ArmDefinitionError('section.tendons', self.tendons, 'at least one tendon')
         for number, tendon in enumerate(self.tendons, start=1):
+            check_class(f'section.tendons[{number}]', tendon, Tendon)
             tendon.offset.cover(f'section.tendons[{number}].offset', anchorage)
             tendon.angle.cover(f'section.tendons[{number}].angle', anchorage)
 
@@ -172,6 +187,7 @@ class Discs:
     mass: float = 0.0
 
     def __post_init__(self) -> None:
+        check_class('tendons.discs', self.s, Iterable)
         s = tuple(positive('tendons.discs', one, 'm') for one in self.s)
         thickness = not_negative('tendons.disc_thickness', self.thickness, 'thickness', 'm')
         mass = not_negative('tendons.disc_mass', self.mass, 'mass', 'kg')

@@ -20,6 +20,12 @@ def set_fields(instance: object, **values: object) -> None:
         object.__setattr__(instance, name, value)
 
 
+def check_class(name: str, value: object, kind: type, *others: type) -> None:
+    """Check that ``value`` is an instance of one of these; ArmDefinitionError if it is not."""
+    if not isinstance(value, (kind, *others)):
+        raise ArmDefinitionError(name, value, f'an instance of {kind.__name__}')
+
+
 def finite(
     name: str,
     value: object,
@@ -110,6 +116,8 @@ def real_numbers(value: object) -> FloatArray | None:
     """
     if isinstance(value, MaskedArray) and np.any(value.mask):
         return None
+    if isinstance(value, np.ndarray) and value.dtype == object:  # as of a table with texts
+        value = value.tolist()
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different length

@@ -12,7 +12,7 @@ from octo_arm_model.arm.limits import MIN_RATE, Budget
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import DEFAULT_LAW, MotionProperties
 from octo_arm_model.arm.pose import Pose
-from octo_arm_model.arm.validation import not_negative
+from octo_arm_model.arm.validation import check_class, not_negative
 from octo_arm_model.config import build
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
@@ -85,6 +85,7 @@ class Config:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
             ArmDefinitionError: if the arm cannot exist.
         """
+        check_class('values', values, Mapping)
         refuse_unknown(values, [parameter.name for parameter in PARAMETERS], 'the arm')
         given = {}
         for parameter in PARAMETERS:

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 
 from octo_arm_model.arm.errors import ConfigError, OctoArmError, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
+from octo_arm_model.arm.validation import check_class
 from octo_arm_model.config.files import dump_numbers, dump_yaml, load_yaml, read_text, reading
 
 
@@ -19,7 +20,9 @@ def find_path(name: str | Path) -> Path:
 
     Raises:
         ConfigError: if there is no such preset.
+        ArmDefinitionError: if ``name`` is neither text nor path.
     """
+    check_class('name of a file or preset', name, str, os.PathLike)
     path = Path(name)
     is_path = path.suffix or len(path.parts) > 1 or os.path.exists(name)
     return path if is_path else preset_path(str(name))

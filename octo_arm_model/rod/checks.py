@@ -57,7 +57,8 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
     expected = f'(..., {", ".join(str(count) for count in shape)})'
     if array is None:
         raise TensionError(
-            f'tensions must be numbers in rows of equal length, expected shape {expected}'
+            f'tensions are {shown(tensions)}, expected numbers in rows of equal length, of shape '
+            f'{expected}'
         )
     if array.shape[-len(shape) :] != shape:
         meaning = f'{len(arm.tendons)} tendons, section by section from the tip'

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ArmDefinitionError, TensionError, listed, shown
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.validation import LARGEST, finite
+from octo_arm_model.arm.validation import LARGEST, check_class, finite
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.solver import Solver
@@ -79,6 +79,7 @@ def solve_displacements(
             if that would take more time than the budget of one solve.
         OctoArmError: as `Solver.solve`.
     """
+    check_class('solver', solver, Solver)
     arm, given = solver.arm, {} if tensions is None else tensions
     check_displacements(arm, displacements, given)
     driven = np.array([name in displacements for name in arm.tendon_names])
@@ -97,7 +98,7 @@ def solve_displacements(
 def check_displacements(
     arm: Arm, displacements: Mapping[str, float], tensions: Mapping[str, float]
 ) -> None:
-    """Check that both are of different tendons of ``arm``, and displacements finite.
+    """Check that both are finite, and of different tendons of ``arm``.
 
     Raises:
         TensionError: if not; the message names the tendon.
@@ -109,18 +110,19 @@ def check_displacements(
     for name in [*displacements, *tensions]:
         if name not in names:
             known = listed(arm.tendon_names)
-            raise TensionError(f'unknown tendon {listed([name])}; this arm has {known}')
-    for name, value in displacements.items():
-        if name in tensions:
-            raise TensionError(f'tendon {name} has both a displacement and a tension')
-        # Of larger ones the squares are beyond the range of floats.
-        try:
-            finite(name, value)
-        except ArmDefinitionError:
-            raise TensionError(
-                f'displacement of {name} is {shown(value)} m, expected a finite number of at most '
-                f'{LARGEST:g}'
-            ) from None
+            raise TensionError(f'unknown tendon {listed([str(name)])}; this arm has {known}')
+    if both := sorted(displacements.keys() & tensions.keys()):
+        raise TensionError(f'tendon {both[0]} has both a displacement and a tension')
+    for what, given, unit in (('displacement', displacements, 'm'), ('tension', tensions, 'N')):
+        for name, value in given.items():
+            # Of larger ones the squares are beyond the range of floats.
+            try:
+                finite(name, value)
+            except ArmDefinitionError:
+                raise TensionError(
+                    f'{what} of {name} is {shown(value)} {unit}, expected a finite number of at '
+                    f'most {LARGEST:g}'
+                ) from None
 
 
 # Of a known shape -------------------------------------------------------------------------------
@@ -128,6 +130,7 @@ def check_displacements(
 
 def displacements_of(solver: Solver, backbone: Backbone) -> FloatArray:
     """See `Solver.displacements`."""
+    check_class('solver', solver, Solver)
     return solver.displacements(backbone)
 
 
@@ -168,6 +171,8 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
     Raises:
         OctoArmError: as `Solver.sensitivity`.
     """
+    check_class('solver', solver, Solver)
+    check_class('wound', wound, Wound)
     found = solver.sensitivity(wound.backbone)
     tensions = wound.backbone.tensions.ravel()
     taut = np.flatnonzero(wound.driven & (tensions > 0.0))

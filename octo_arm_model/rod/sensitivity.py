@@ -22,7 +22,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
-from octo_arm_model.arm.validation import not_negative
+from octo_arm_model.arm.validation import check_class, not_negative
 from octo_arm_model.rod.equilibrium import Equilibrium, Problem
 from octo_arm_model.rod.factors import LazyFactors
 from octo_arm_model.rod.loads import along, in_sections
@@ -202,6 +202,7 @@ class Sensitivity:
         Raises:
             ConfigError: if the model has no derivative by something that is uncertain.
         """
+        check_class('uncertainty', uncertainty, Uncertainty)
         changes: list[Change | None] = [
             getattr(self, f'by_{name}') for name in uncertainty.quantities
         ]

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from types import NoneType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,7 @@ from octo_arm_model.arm.limits import Allowance, Budget
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
 from octo_arm_model.arm.pose import Pose
+from octo_arm_model.arm.validation import check_class
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.checks import LoadLimits, check_tensions, tip_wrench_of
 from octo_arm_model.rod.contact import Contacts
@@ -91,16 +93,22 @@ class Solver:
             ConfigError: if there is no such model or material, they do not go together, the model
                 does not cover the arm or the loads, the stations are too few, or there is no such
                 accuracy.
-            ArmDefinitionError: if a load does not fit the arm, or is larger than `LoadLimits`
-                allow.
+            ArmDefinitionError: if an argument is of another class, or a load does not fit the arm
+                or is larger than `LoadLimits` allow.
             ModuleNotFoundError: if ``compiled`` but numba is not installed; if it does not work,
                 any error of numba.
         """
-        if model not in STATICS:
-            raise ConfigError(f'model is {model!r}, expected one of {", ".join(STATICS)}')
-        if material not in LAWS:
-            raise ConfigError(f'material.law is {material!r}, expected one of {", ".join(LAWS)}')
-        if not _FINEST <= accuracy <= _COARSEST:  # nor NaN
+        _check(arm, model, base)
+        if not (isinstance(material, str) and material in LAWS):
+            expected = f'one of {", ".join(LAWS)}'
+            raise ConfigError(f'material.law is {shown(material)}, expected {expected}')
+        check_class('material.shear', shear, bool, np.bool_)
+        check_class('loads', loads, Loads)
+        check_class('compiled', compiled, bool, np.bool_, NoneType)
+        check_class('budget', budget, Budget)
+        if not (
+            isinstance(accuracy, (float, np.floating)) and _FINEST <= accuracy <= _COARSEST
+        ):  # nor NaN
             expected = f'a number from {_FINEST:g} to {_COARSEST:g}'
             raise ConfigError(f'accuracy is {shown(accuracy)}, expected {expected}')
         self.arm, self.model, self.base, self.loads = arm, model, base, loads
@@ -350,6 +358,7 @@ class Solver:
         Raises:
             OctoArmError: as `solve`.
         """
+        check_class('last', last, Backbone, NoneType)
         before = None if last is None else last.point_tensions
         began = time.monotonic()
         try:
@@ -389,7 +398,10 @@ class Solver:
         """
         found = self._own(backbone)
         self._require_loads()
+        if not (isinstance(loads, Sequence) and loads):
+            raise ConfigError(f'loads are {shown(loads)}, expected a list of Loads')
         for one in loads:
+            check_class('one of loads', one, Loads)
             one.check_inside(self.arm.length)
             given = {'others': one.others, 'scaled': one.scaled, 'obstacles': one.obstacles}
             if what := next((name for name, value in given.items() if value), ''):
@@ -404,6 +416,7 @@ class Solver:
         Raises:
             ConfigError: if the model has no derivative by something that is uncertain.
         """
+        check_class('uncertainty', uncertainty, Uncertainty)
         if not uncertainty.is_any:
             return np.zeros((6, 6))
         return self._statics.tip_covariance(self._own(backbone), uncertainty)
@@ -519,6 +532,7 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
+        check_class('backbone', backbone, Backbone)
         found = backbone.equilibrium
         if found is None:
             raise ConfigError('the backbone is that of a batch, expected a single solution')
@@ -536,7 +550,16 @@ def solve(
     base: Pose = Pose(),
 ) -> Backbone:
     """Shape of ``arm`` under ``tensions`` in one call; see `Solver`. Solvers are cached."""
+    _check(arm, model, base)
+    check_class('stations', stations, int, np.integer)
     return _cached_solver(arm, model, stations, base).solve(tensions)
+
+
+def _check(arm: object, model: object, base: object) -> None:
+    check_class('arm', arm, Arm)
+    check_class('base', base, Pose)
+    if not (isinstance(model, str) and model in MODELS):
+        raise ConfigError(f'model is {shown(model)}, expected one of {", ".join(MODELS)}')
 
 
 @functools.lru_cache(maxsize=16)

@@ -73,10 +73,10 @@ REEL = (*SOLVE[:2], '--displacements')
         ),
         (
             ('workspace', 'renda2012_table4', '--json', '--highest', '[[1,1,1,true],[1],[1]]'),
-            'highest: tensions must be numbers',
+            'highest: tensions are ',
         ),
         (('play', 'rotating', '--csv', 'x.csv', '--highest', 'true'), 'highest is True, expected'),
-        ((*SOLVE, '{"a": 1}'), 'tensions must be numbers in rows of equal length'),
+        ((*SOLVE, '{"a": 1}'), 'expected numbers in rows of equal length'),
         ((*SOLVE, f'[{TENSIONS}]'), '--tensions holds several sets, expected one row for each'),
         (('reproduce', __file__), f'outdir is {__file__!r}, a file, expected a folder'),
         (('play', 'rotating', '--csv', '/proc/x.csv'), "--csv is '/proc/x.csv', cannot be writt"),

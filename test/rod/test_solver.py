@@ -27,10 +27,14 @@ from octo_arm_model import (
     SolveError,
     Solver,
     TensionError,
+    TipPose,
+    load_config,
     solve,
+    solve_displacements,
 )
 from octo_arm_model.analysis.inverse import find_tensions
 from octo_arm_model.analysis.targets import Stiffness, TipPosition
+from octo_arm_model.analysis.workspace import sample_workspace
 from octo_arm_model.arm.limits import MAX_STATIONS
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_SPACE
 
@@ -319,6 +323,94 @@ def test_booleans_are_no_numbers(table4):
     ):
         with pytest.raises(OctoArmError, match=r'is .*True|is .*False'):
             build()
+
+
+def test_arguments_of_another_class_are_refused_by_name_and_value(table4):
+    arm, solver = table4.arm, table4.solver('exact', 11)
+    found = solver.solve(MIXED)
+    for build, message in (
+        (lambda: Solver(table4), r'arm is Config\(.*, expected an instance of Arm'),
+        (lambda: Solver(arm, ['exact']), r"model is \['exact'\], expected one of renda2012"),
+        (
+            lambda: Solver(arm, base=(0, 0, 0)),
+            r'base is \(0, 0, 0\), expected an instance of Pose',
+        ),
+        (lambda: Solver(arm, 'exact', loads=5), 'loads is 5, expected an instance of Loads'),
+        (
+            lambda: Solver(arm, 'exact', shear='no'),
+            "material.shear is 'no', expected an inst.*bool",
+        ),
+        (
+            lambda: Solver(arm, compiled='numba'),
+            "compiled is 'numba', expected an instance of bool",
+        ),
+        (lambda: Solver(arm, budget=5.0), 'budget is 5.0, expected an instance of Budget'),
+        (lambda: Solver(arm, material=['linear']), r"law is \['linear'\], expected one of"),
+        (lambda: Solver(arm, accuracy='1e-8'), "accuracy is '1e-8', expected a number from"),
+        (lambda: solve(arm, MIXED, base=[0, 0, 0]), r'base is \[0, 0, 0\], expected an instance'),
+        (
+            lambda: solve(arm, MIXED, stations=[11]),
+            r'stations is \[11\], expected an instance of in',
+        ),
+        (lambda: solver.solve(None), 'tensions are None, expected numbers in rows'),
+        (lambda: solver.solve(MIXED, start=5), 'backbone is 5, expected an instance of Backbone'),
+        (
+            lambda: solver.follow(MIXED, found.tip),
+            r'last is \[.*\], expected an instance of Backbo',
+        ),
+        (lambda: solver.sensitivity(None), 'backbone is None, expected an instance of Backbone'),
+        (lambda: solver.sensitivity(found).tip_covariance(0.1), 'uncertainty is 0.1, expected'),
+        (
+            lambda: solver.tip_covariance(found, {}),
+            r'uncertainty is \{\}, expected an instance of',
+        ),
+        (
+            lambda: solver.sensitivity_to_loads(found, []),
+            r'loads are \[\], expected a list of Loads',
+        ),
+        (
+            lambda: find_tensions(arm, TipPosition(found.tip), 1.0),
+            r'solver is Arm\(.*, expected an',
+        ),
+        (
+            lambda: find_tensions(solver, found.tip, 1.0),
+            r'target is \[.*\], expected an instance of',
+        ),
+        (
+            lambda: find_tensions(solver, TipPosition(found.tip), 1.0, stiffness=1),
+            'stiffness is 1,',
+        ),
+        (lambda: TipPose(found.tip, found.quaternion[-1], '0.1'), "per_radian is '0.1', expected"),
+        (
+            lambda: sample_workspace('table4', 1.0),
+            "config is 'table4', expected an instance of Con",
+        ),
+        (lambda: solve_displacements(arm, {}), 'solver is Arm.*, expected an instance of Solver'),
+        (
+            lambda: solve_displacements(solver, {5: 0.1}),
+            'unknown tendon 5; this arm has tendon_1_1',
+        ),
+        (
+            lambda: solve_displacements(solver, {}, {'tendon_1_1': True}),
+            'tension of tendon_1_1 is True N, expected a finite number',
+        ),
+        (lambda: load_config(5), 'file or preset is 5, expected an instance of str'),
+        (lambda: Config.from_parameters([]), r'values is \[\], expected an instance of Mapping'),
+    ):
+        with pytest.raises(OctoArmError, match=message):
+            build()
+
+
+def test_arrays_of_any_layout_give_the_same_shape(table4):
+    solver, wide = table4.solver('exact', 11), np.repeat(MIXED, 2, axis=1)
+    wide.setflags(write=False)
+    for same in (
+        wide[:, ::2],
+        np.asfortranarray(MIXED),
+        MIXED.astype('>f8'),
+        MIXED.astype(object),
+    ):
+        assert_array_equal(solver.solve(same).tip, solver.solve(MIXED).tip)
 
 
 def test_the_most_stations_are_solved(table4, model):
