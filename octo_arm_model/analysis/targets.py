@@ -232,22 +232,12 @@ class Stiffness:
 
     def __post_init__(self) -> None:
         """Validate."""
-        direction = real_numbers(self.direction)
-        if (
-            direction is None
-            or direction.shape != (3,)
-            or not 0.0 < (size := np.abs(direction).max()) < np.inf
-        ):
-            raise TargetError(
-                f'stiffness direction is {shown(self.direction)}, expected three finite numbers, '
-                'not all zero'
-            )
-        value = real_numbers(self.value)
-        if value is None or value.shape or not 0.0 < value < np.inf:
-            raise TargetError(
-                f'stiffness is {shown(self.value)}, expected a finite number > 0 [N/m]'
-            )
-        direction = direction / size  # whose squares are within the range of floats
+        direction = _numbers('stiffness direction', self.direction, (3,))
+        if not direction.any():
+            raise TargetError(f'stiffness direction is {shown(self.direction)}, expected not zero')
+        if not float(_numbers('stiffness', self.value, ())) > 0.0:
+            raise TargetError(f'stiffness is {shown(self.value)}, expected a number > 0 [N/m]')
+        direction /= np.abs(direction).max()  # whose squares are within the range of floats
         object.__setattr__(self, 'direction', direction / np.linalg.norm(direction))
 
     def of(self, sensitivity: Sensitivity) -> float:

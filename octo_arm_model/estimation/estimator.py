@@ -17,6 +17,7 @@ import numpy as np
 
 from octo_arm_model.arm.errors import MeasurementError, SolveError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import check_class
 from octo_arm_model.estimation.estimate import Estimate, estimate_of
 from octo_arm_model.estimation.measurement import Measurement
 from octo_arm_model.estimation.model import ArmModel
@@ -92,6 +93,10 @@ class Estimator:
         Raises:
             MeasurementError: if a number is outside its range, or there is no model.
         """
+        check_class('rules', rules, Rules)
+        check_class('models', models, Mapping)
+        for name, model in models.items():
+            check_class(f'models[{name!r}]', model, ArmModel)
         if not models:
             raise MeasurementError('models are none, expected at least one')
         if not change_time > 0.0:
@@ -233,6 +238,8 @@ class Filter:
         Raises:
             MeasurementError: if a number is outside its range.
         """
+        check_class('model', model, ArmModel)
+        check_class('rules', rules, Rules)
         self.model = model
         self.refused: dict[str, int] = {}
         self.innovations: tuple[Innovation, ...] = ()

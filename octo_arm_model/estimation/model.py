@@ -19,7 +19,7 @@ from octo_arm_model.arm.errors import ConfigError, LoadError, SolveError, Tensio
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import Budget
 from octo_arm_model.arm.loads import ZERO, Loads, ScaledLoads
-from octo_arm_model.arm.validation import LARGEST
+from octo_arm_model.arm.validation import LARGEST, check_class
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.tip_curvature import CurvedTip
 from octo_arm_model.estimation.unknowns import State, Unknowns, unit_loads
@@ -74,6 +74,7 @@ class ArmModel:
                 have friction and the loss of tension by it is not unknown.
             MeasurementError: if a point force is not on the arm.
         """
+        check_class('loads', loads, Loads)
         self.arm, self.loads = arm, loads
         self.state = state = State(unknowns, arm)
         self.curved_tip = CurvedTip(state)
@@ -124,6 +125,7 @@ class ArmModel:
         Raises:
             OctoArmError: as the constructor.
         """
+        check_class('config', config, Config)
         given = config.solver_options | ({} if stations is None else {'stations': stations})
         return cls(config.arm, unknowns, model, **given, **options)
 

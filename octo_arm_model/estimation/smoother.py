@@ -9,12 +9,14 @@ most probable course, where measurements tell their second derivatives; see `pos
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from octo_arm_model.arm.errors import ConvergenceError, MeasurementError, SolveError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import check_class
 from octo_arm_model.estimation.estimate import Estimate, estimate_at
 from octo_arm_model.estimation.gaussian import (
     Gaussian,
@@ -60,12 +62,12 @@ def smooth(
             fit the arm.
         SolveError: if the arm has no trustworthy shape, or the iteration does not converge.
     """
+    check_class('model', model, ArmModel)
     steps: list[Step] = []
     for time, measurements in recording:
-        if steps and not time >= steps[-1].time:
-            raise MeasurementError(
-                f'time {time} s comes after {steps[-1].time} s, expected them in order'
-            )
+        before = steps[-1].time if steps else -math.inf
+        if not before <= time < math.inf:
+            raise MeasurementError(f'time {time} s comes after {before} s, expected them in order')
         check_count(len(steps) + 1)
         last = steps[-1] if steps else None
         steps.append(next_step(model, last, time, tuple(measurements), rules))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import NoneType
 
 import numpy as np
 from scipy.integrate import trapezoid
@@ -14,7 +15,7 @@ from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import DistributedLoad, Loads, PointLoad
 from octo_arm_model.arm.profile import Constant, Linear
-from octo_arm_model.arm.validation import LARGEST, SMALLEST
+from octo_arm_model.arm.validation import LARGEST, SMALLEST, check_class
 
 _AXES = ('x', 'y', 'z')
 _ALONG: tuple[tuple[float, float, float], ...] = (
@@ -134,6 +135,8 @@ class State:
             MeasurementError: if a point force is not on the arm, or there is not one prior of the
                 tension for each tendon.
         """
+        check_class('unknowns', unknowns, Unknowns)
+        check_class('arm', arm, Arm)
         self.unknowns = unknowns
         self.names: list[str] = []
         self._walks: list[Walk] = []
@@ -142,6 +145,8 @@ class State:
         self.tip_force = self._add('tip_force', unknowns.tip_force, _AXES)
         self.tip_moment = self._add('tip_moment', unknowns.tip_moment, _AXES)
         start = len(self.names)
+        for point in unknowns.point_forces:
+            check_class('one of point_forces', point, PointForce)
         places = place_names([point.s for point in unknowns.point_forces])
         for point, place in zip(unknowns.point_forces, places, strict=True):
             if not 0.0 < point.s <= arm.length:
@@ -170,11 +175,14 @@ class State:
         self, what: str, walk: Walk | tuple[Walk, ...] | None, parts: tuple[str, ...]
     ) -> slice:
         start = len(self.names)
+        check_class(what, walk, Walk, Sequence, NoneType)
         if walk is not None:
             walks = len(parts) * (walk,) if isinstance(walk, Walk) else walk
             if len(walks) != len(parts):
                 expected = f'one or {len(parts)}: {", ".join(parts)}'
                 raise MeasurementError(f'{what} has {len(walks)} priors, expected {expected}')
+            for one in walks:
+                check_class(what, one, Walk)
             self.names += [f'{what} {part}' for part in parts]
             self._walks += walks
         return slice(start, len(self.names))

@@ -9,6 +9,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.validation import check_class
 from octo_arm_model.estimation.measurement import Measurement
 
 MAX_STEPS = 1000  # that a window holds
@@ -74,6 +75,8 @@ class Window(Generic[S]):
         if not np.isfinite(time):
             raise MeasurementError(f'time is {time}, expected a finite number [s]')
         steps, taken = self._steps, tuple(measurements)
+        for one in taken:
+            check_class('a measurement', one, Measurement)
         index = bisect.bisect_right([step.time for step in steps], time)
         # Of two sensors the one measured first may be heard second: it begins the window then.
         if steps and not index and (self._is_cut or time < steps[-1].time - self._length):

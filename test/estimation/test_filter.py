@@ -19,11 +19,11 @@ from octo_arm_model import (
     Solver,
     Uncertainty,
 )
-from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError, OctoArmError
 from octo_arm_model.arm.loads import ZERO, DistributedLoad, PointLoad
 from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.estimate import Estimate, contact_of
-from octo_arm_model.estimation.estimator import Filter
+from octo_arm_model.estimation.estimator import Estimator, Filter
 from octo_arm_model.estimation.measurements import (
     Markers,
     TendonDisplacements,
@@ -33,6 +33,7 @@ from octo_arm_model.estimation.measurements import (
 )
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.rules import Rules
+from octo_arm_model.estimation.smoother import smooth
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 
 AT_TIP = Unknowns(Walk(10.0, 5.0), tip_force=LIKELY, tip_moment=Walk(2e-4))
@@ -319,6 +320,26 @@ def test_a_failing_step_leaves_the_filter_as_it_was():
     for name, wrong in (('gate', 1.0), ('cell_fault', -0.1), ('recover_after', -1.0)):
         with pytest.raises(MeasurementError, match=f'{name} is {wrong}, expected'):
             Rules(**{name: wrong})
+
+
+def test_arguments_of_another_class_are_refused_by_name_and_value():
+    model = rubber(FORCE_AT_TIP)
+    for build, message in (
+        (lambda: ArmModel(RUBBER, None), 'unknowns is None, expected an instance of Unknowns'),
+        (lambda: ArmModel(RUBBER, Unknowns(5.0)), 'tension is 5.0, expected an instance of Walk'),
+        (lambda: ArmModel(RUBBER, FORCE_AT_TIP, loads=5), 'loads is 5, expected an instance of L'),
+        (lambda: ArmModel.of('arm.yaml', FORCE_AT_TIP), "config is 'arm.yaml', expected an inst"),
+        (lambda: Filter(RUBBER), r'model is Arm\(.*, expected an instance of ArmModel'),
+        (lambda: Filter(model, rules=0.99), 'rules is 0.99, expected an instance of Rules'),
+        (
+            lambda: Filter(model).add(0.0, [TENSIONS]),
+            r'a measurement is \[.*, expected an instance',
+        ),
+        (lambda: Estimator([model]), r'models is \[.*, expected an instance of Mapping'),
+        (lambda: smooth(model, [(math.nan, [])]), 'time nan s comes after -inf s, expected them'),
+    ):
+        with pytest.raises(OctoArmError, match=message):
+            build()
 
 
 # The external wrench -----------------------------------------------------------------------------
