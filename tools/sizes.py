@@ -16,22 +16,22 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Lines of Python, docstrings and comments included.
 MOST = {
-    'octo_arm_model': 45_750,
+    'octo_arm_model': 45_850,
     'octo_arm_model/analysis': 1_610,
     'octo_arm_model/apps': 460,
-    'octo_arm_model/arm': 2_500,
+    'octo_arm_model/arm': 2_540,
     'octo_arm_model/bags': 2_690,
     'octo_arm_model/cli': 2_960,
-    'octo_arm_model/config': 2_100,
-    'octo_arm_model/estimation': 4_080,
+    'octo_arm_model/config': 2_110,
+    'octo_arm_model/estimation': 4_110,
     'octo_arm_model/experiment': 6_000,
     'octo_arm_model/reproduce': 1_050,
-    'octo_arm_model/rod': 11_380,
+    'octo_arm_model/rod': 11_410,
     'octo_arm_model/ros': 4_800,
     'octo_arm_model/simulation': 2_300,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_410,
-    'test': 25_260,
+    'test': 25_390,
 }
 
 
